@@ -1,0 +1,68 @@
+//! Time as a parameter: the only module that reads a clock.
+//!
+//! Everything that needs the time takes a [`Clock`], so that tests can move it by hand.
+
+use jiff::Timestamp;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// A source of wall-clock time.
+#[derive(Clone, Debug, Default)]
+pub enum Clock {
+    /// The operating system's clock.
+    #[default]
+    System,
+    /// A clock that stands still until a test moves it.
+    Manual(Arc<Mutex<Timestamp>>),
+}
+
+impl Clock {
+    /// A clock that shows `start` until [`Clock::advance`] moves it.
+    #[must_use]
+    pub fn manual(start: Timestamp) -> Self {
+        Self::Manual(Arc::new(Mutex::new(start)))
+    }
+
+    /// The present moment.
+    #[must_use]
+    pub fn now(&self) -> Timestamp {
+        match self {
+            #[expect(clippy::disallowed_methods, reason = "the one place that reads the wall clock")]
+            Self::System => Timestamp::now(),
+            Self::Manual(at) => *at.lock().unwrap_or_else(std::sync::PoisonError::into_inner),
+        }
+    }
+
+    /// Moves a manual clock forward; the system clock moves by itself and is left alone.
+    pub fn advance(&self, by: Duration) {
+        if let Self::Manual(at) = self {
+            let mut at = at.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+            *at = at.saturating_add(by).unwrap_or(Timestamp::MAX);
+        }
+    }
+}
+
+/// Measures how long something takes; never used for decisions that change results.
+#[derive(Clone, Copy, Debug)]
+pub struct Stopwatch(Instant);
+
+impl Stopwatch {
+    /// Starts measuring.
+    #[must_use]
+    pub fn start() -> Self {
+        #[expect(clippy::disallowed_methods, reason = "the one place that reads the monotonic clock")]
+        Self(Instant::now())
+    }
+
+    /// Time since the start.
+    #[must_use]
+    pub fn elapsed(&self) -> Duration {
+        self.0.elapsed()
+    }
+
+    /// Seconds since the start.
+    #[must_use]
+    pub fn seconds(&self) -> f64 {
+        self.elapsed().as_secs_f64()
+    }
+}

@@ -1,0 +1,1 @@
+//! Files of models, through object_store (the only user of it).

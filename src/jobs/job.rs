@@ -1,0 +1,168 @@
+//! The record of a job.
+
+use crate::generate::{Backend, Output, Progress};
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Identity of a job and of the model that it makes: a UUIDv7.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct JobId(pub uuid::Uuid);
+
+impl std::fmt::Display for JobId {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.0.hyphenated().fmt(f)
+    }
+}
+
+/// Where a job stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Status {
+    /// Waiting for a worker.
+    Queued,
+    /// A worker holds its lease.
+    Running,
+    /// Ended with a certified model.
+    Succeeded,
+    /// Ended with a problem.
+    Failed,
+    /// Ended by request.
+    Cancelled,
+}
+
+impl Status {
+    /// Whether it can still change.
+    #[must_use]
+    pub fn is_ended(self) -> bool {
+        !matches!(self, Self::Queued | Self::Running)
+    }
+}
+
+/// Why a job failed; becomes an RFC 9457 problem over HTTP.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Problem {
+    /// Short kebab-case kind: `certificate`, `panic`, `memory`, `attempts-exhausted`, `storage`, …
+    pub kind: String,
+    /// One line.
+    pub title: String,
+    /// What happened and where.
+    pub detail: String,
+}
+
+/// What computed, or computes, a model.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct BackendReport {
+    /// As asked for.
+    pub requested: Backend,
+    /// What runs or ran it; null while queued.
+    pub used: Option<Backend>,
+    /// Device in words.
+    pub device: Option<String>,
+    /// Why it is not what one would expect; null where it is.
+    pub fallback: Option<String>,
+}
+
+/// A stored file of a model.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct File {
+    /// Name, such as `model.glb`.
+    pub name: String,
+    /// Media type.
+    pub media_type: String,
+    /// Size.
+    pub bytes: u64,
+    /// SHA-256, lower-case hex.
+    pub sha256: String,
+    /// Key in the artifact store (never shown to clients). Several jobs may name the same key (reuse).
+    pub key: String,
+}
+
+/// A thinned contour of the last section, at most 512 points a ring, so that a page can draw the growing tube.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct LiveSection {
+    /// Index among the recorded sections.
+    pub index: u32,
+    /// Time step.
+    pub step: u32,
+    /// Place along the tube, micrometres.
+    pub z_um: f64,
+    /// Inner contour, micrometres.
+    pub inner: Vec<[f32; 2]>,
+    /// Outer contour, micrometres.
+    pub outer: Vec<[f32; 2]>,
+}
+
+/// A job to be queued.
+#[derive(Clone, Debug)]
+pub struct NewJob {
+    /// Preset name.
+    pub preset: String,
+    /// Seed.
+    pub seed: u64,
+    /// The resolved spec in canonical form.
+    pub spec: serde_json::Value,
+    /// Formats.
+    pub outputs: Vec<Output>,
+    /// Backend asked for.
+    pub backend: Backend,
+    /// Labels.
+    pub labels: BTreeMap<String, String>,
+    /// Digest of spec, seed and engine version.
+    pub digest: String,
+    /// Whether a finished model with the same digest may be reused (it must have all `outputs`, and have been
+    /// made by the backend asked for: `cpu` and `cpu-single` give the same bytes; `auto` takes either).
+    pub reuse: bool,
+    /// Idempotency key, with a hash of the canonical request body.
+    pub idempotency: Option<(String, String)>,
+}
+
+/// The whole record of a job.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Job {
+    /// Identity.
+    pub id: JobId,
+    /// State.
+    pub status: Status,
+    /// Grows by at least one with every change of the record.
+    pub version: u64,
+    /// Preset name.
+    pub preset: String,
+    /// Seed.
+    pub seed: u64,
+    /// The resolved spec in canonical form.
+    pub spec: serde_json::Value,
+    /// Formats asked for.
+    pub outputs: Vec<Output>,
+    /// Labels.
+    pub labels: BTreeMap<String, String>,
+    /// What computes it.
+    pub backend: BackendReport,
+    /// Position in the queue from 0, while queued.
+    pub queue_position: Option<u64>,
+    /// Last progress, once it has started.
+    pub progress: Option<Progress>,
+    /// Last live section.
+    pub section: Option<LiveSection>,
+    /// Attempts so far.
+    pub attempts: u32,
+    /// Whether a running job was asked to stop.
+    pub cancel_requested: bool,
+    /// When it was accepted.
+    pub created_at: Timestamp,
+    /// When the first attempt began.
+    pub started_at: Option<Timestamp>,
+    /// When it ended.
+    pub finished_at: Option<Timestamp>,
+    /// Its files, once succeeded.
+    pub files: Vec<File>,
+    /// Counts and measures in short, once succeeded.
+    pub summary: Option<serde_json::Value>,
+    /// Why it failed.
+    pub problem: Option<Problem>,
+    /// Digest of spec, seed and engine version.
+    pub digest: String,
+    /// The model whose files it shares.
+    pub reused_from: Option<JobId>,
+}

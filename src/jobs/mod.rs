@@ -1,0 +1,13 @@
+//! Jobs: what was asked for, how far it is, what came of it; and where the records and files are kept.
+//!
+//! HTTP and workers meet only here. A job's states are `queued → running → succeeded | failed |
+//! cancelled`; an ended job never changes. Every write of a worker is fenced with the attempt number that
+//! it claimed, so that a worker that lost its lease cannot change a job that another has taken.
+
+pub mod artifacts;
+mod job;
+pub mod sqlite;
+mod store;
+
+pub use job::{BackendReport, File, Job, JobId, LiveSection, NewJob, Problem, Status};
+pub use store::{Change, ClaimedJob, Directive, Finished, ListFilter, Page, Store, StoreError, Submitted, WorkerInfo};

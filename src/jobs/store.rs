@@ -1,0 +1,201 @@
+//! The contract of a job store. One test suite runs over every implementation.
+
+use super::job::{BackendReport, File, Job, JobId, LiveSection, NewJob, Problem, Status};
+use crate::generate::{Backend, Progress};
+use async_trait::async_trait;
+use jiff::Timestamp;
+use std::time::Duration;
+use tokio::sync::broadcast;
+
+/// What became of a submission.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Submitted {
+    /// Queued.
+    Queued(Job),
+    /// Already succeeded, with the files of a finished model of the same digest.
+    Reused(Job),
+    /// The same idempotency key and body were seen before: the job made then.
+    Replayed(Job),
+}
+
+impl Submitted {
+    /// The job.
+    #[must_use]
+    pub fn job(&self) -> &Job {
+        match self {
+            Self::Queued(job) | Self::Reused(job) | Self::Replayed(job) => job,
+        }
+    }
+}
+
+/// Which jobs to list; newest first.
+#[derive(Clone, Debug, Default)]
+pub struct ListFilter {
+    /// Only of this status.
+    pub status: Option<Status>,
+    /// Only of this preset.
+    pub preset: Option<String>,
+    /// Only with all of these labels.
+    pub labels: Vec<(String, String)>,
+    /// Only those older than this one (the cursor).
+    pub before: Option<JobId>,
+    /// At most so many.
+    pub limit: u32,
+}
+
+/// A page of jobs.
+#[derive(Clone, Debug)]
+pub struct Page {
+    /// The jobs.
+    pub jobs: Vec<Job>,
+    /// Where the next page begins.
+    pub next: Option<JobId>,
+}
+
+/// A job that a worker holds the lease of. Only [`Store::claim`] makes one; [`Store::finish`],
+/// [`Store::fail`], [`Store::cancelled`] and [`Store::release`] consume it.
+#[derive(Debug)]
+pub struct ClaimedJob {
+    pub(super) job: Job,
+    pub(super) worker: String,
+    pub(super) attempt: u32,
+}
+
+impl ClaimedJob {
+    /// The record as it was when claimed.
+    #[must_use]
+    pub fn job(&self) -> &Job {
+        &self.job
+    }
+
+    /// Number of this attempt, from 1.
+    #[must_use]
+    pub fn attempt(&self) -> u32 {
+        self.attempt
+    }
+}
+
+/// What a heartbeat tells the worker.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Directive {
+    /// Go on; the lease was renewed.
+    Continue,
+    /// The job was asked to stop.
+    Cancel,
+    /// The lease is another's, or the job has ended or gone: stop, write nothing.
+    Lost,
+}
+
+/// A success to be recorded.
+#[derive(Clone, Debug)]
+pub struct Finished {
+    /// What computed it.
+    pub backend: BackendReport,
+    /// Files, already in the artifact store.
+    pub files: Vec<File>,
+    /// Counts and measures in short.
+    pub summary: serde_json::Value,
+}
+
+/// A worker as others see it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WorkerInfo {
+    /// Name, unique in the installation: host, process and ordinal.
+    pub id: String,
+    /// Host name.
+    pub host: String,
+    /// What it computes with.
+    pub backend: Backend,
+    /// Device in words.
+    pub device: String,
+    /// The job that it runs.
+    pub job: Option<JobId>,
+    /// Jobs it has ended.
+    pub jobs_done: u64,
+    /// Last sign of life.
+    pub heartbeat_at: Timestamp,
+}
+
+/// Something about a job changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Change {
+    /// Which job.
+    pub id: JobId,
+    /// Its version now; `None` where it was deleted.
+    pub version: Option<u64>,
+}
+
+/// Why the store refused or failed.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// The idempotency key was used with another body.
+    #[error("the idempotency key was used before with another request body")]
+    IdempotencyConflict,
+    /// No more jobs are taken until the queue is shorter.
+    #[error("the queue is full ({limit} jobs)")]
+    QueueFull {
+        /// The limit.
+        limit: u64,
+    },
+    /// The worker's lease was lost; nothing was written.
+    #[error("the lease was lost to another attempt")]
+    Fenced,
+    /// The database is away or failed.
+    #[error("the job store failed: {0}")]
+    Database(String),
+}
+
+/// Where jobs are kept. All calls are atomic and durable when they return.
+#[async_trait]
+pub trait Store: Send + Sync + 'static {
+    /// Queues a job, or answers with an earlier one.
+    async fn submit(&self, new: NewJob) -> Result<Submitted, StoreError>;
+    /// A job by id.
+    async fn get(&self, id: JobId) -> Result<Option<Job>, StoreError>;
+    /// A page of jobs, newest first.
+    async fn list(&self, filter: &ListFilter) -> Result<Page, StoreError>;
+    /// Cancels: a queued job ends at once, a running one is asked to stop; an ended one stays as it is.
+    async fn cancel(&self, id: JobId) -> Result<Option<Job>, StoreError>;
+    /// Removes the record (a running attempt is thereby fenced out). Returns the keys of files that no
+    /// other job names any more, for removal from the artifact store; `None` where there is no such job.
+    async fn delete(&self, id: JobId) -> Result<Option<Vec<String>>, StoreError>;
+
+    /// Claims up to `limit` jobs that `backend` may run: queued ones in order, then those whose lease has
+    /// expired. A job whose attempts are used up fails instead.
+    async fn claim(
+        &self,
+        worker: &str,
+        backend: Backend,
+        lease: Duration,
+        limit: u32,
+    ) -> Result<Vec<ClaimedJob>, StoreError>;
+    /// Renews the lease and records progress.
+    async fn heartbeat(
+        &self,
+        claimed: &ClaimedJob,
+        lease: Duration,
+        backend: &BackendReport,
+        progress: Option<&Progress>,
+        section: Option<&LiveSection>,
+    ) -> Result<Directive, StoreError>;
+    /// Ends the job as succeeded. Files and state become visible together.
+    async fn finish(&self, claimed: ClaimedJob, finished: Finished) -> Result<Job, StoreError>;
+    /// Ends the job as failed.
+    async fn fail(&self, claimed: ClaimedJob, backend: BackendReport, problem: Problem) -> Result<Job, StoreError>;
+    /// Ends the job as cancelled.
+    async fn cancelled(&self, claimed: ClaimedJob) -> Result<Job, StoreError>;
+    /// Gives the job back to the queue, at the same place.
+    async fn release(&self, claimed: ClaimedJob) -> Result<(), StoreError>;
+
+    /// Records a worker's sign of life.
+    async fn worker_seen(&self, worker: &WorkerInfo) -> Result<(), StoreError>;
+    /// Workers seen in the last minutes.
+    async fn workers(&self) -> Result<Vec<WorkerInfo>, StoreError>;
+    /// Whether an artifact key is named by any job (for the sweep of orphans).
+    async fn names_key(&self, key: &str) -> Result<bool, StoreError>;
+
+    /// Changes as they happen; a receiver that lags is told so and reads the records again.
+    fn changes(&self) -> broadcast::Receiver<Change>;
+    /// Fails where the store is away.
+    async fn ready(&self) -> Result<(), StoreError>;
+}

@@ -1,0 +1,103 @@
+//! Counter-based random numbers: a value is a pure function of (seed, stream, index).
+//!
+//! Integers only and 32 bits wide, so that the same function can be written in WGSL word for word and
+//! results depend on neither thread count nor order of evaluation. The mixer is PCG4D (Jarzynski and
+//! Olano, *Hash Functions for GPU Rendering*, JCGT 9(3), 2020).
+
+/// What a stream of random numbers is used for; numbers of different streams are independent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Stream {
+    /// Phase of the fluctuation of a scheduled parameter; index: ordinal of the parameter.
+    SchedulePhase = 1,
+    /// Whether and which way a particle is contorted; index: id of the particle.
+    Contortion = 2,
+    /// Candidates of the growth tournaments; index: growth event and candidate.
+    Growth = 3,
+    /// Directions and phases of the thickness field; index: component.
+    Thickness = 4,
+    /// Lobes of the outer wall; index: lobe.
+    Lobes = 5,
+    /// Starting displacement of a particle; index: id of the particle.
+    Start = 6,
+}
+
+fn pcg4d(mut v: [u32; 4]) -> [u32; 4] {
+    for x in &mut v {
+        *x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+    }
+    let round = |v: &mut [u32; 4]| {
+        v[0] = v[0].wrapping_add(v[1].wrapping_mul(v[3]));
+        v[1] = v[1].wrapping_add(v[2].wrapping_mul(v[0]));
+        v[2] = v[2].wrapping_add(v[0].wrapping_mul(v[1]));
+        v[3] = v[3].wrapping_add(v[1].wrapping_mul(v[2]));
+    };
+    round(&mut v);
+    for x in &mut v {
+        *x ^= *x >> 16;
+    }
+    round(&mut v);
+    v
+}
+
+/// Four random words for `(seed, stream, a, b)`; `b` gives a second counter.
+#[must_use]
+pub fn words(seed: u64, stream: Stream, a: u32, b: u32) -> [u32; 4] {
+    // The upper seed bits (at most 21 are used) are spread before they meet the stream number.
+    let high = ((seed >> 32) as u32).wrapping_mul(0x9E37_79B9) ^ (stream as u32).wrapping_mul(0x85EB_CA6B);
+    pcg4d([seed as u32, high, a, b])
+}
+
+/// One random word.
+#[must_use]
+pub fn word(seed: u64, stream: Stream, a: u32, b: u32) -> u32 {
+    words(seed, stream, a, b)[0]
+}
+
+/// Maps a word to `[0, 1)` with 24 bits, exactly representable in f32.
+#[must_use]
+pub fn unit(word: u32) -> f32 {
+    (word >> 8) as f32 * (1.0 / 16_777_216.0)
+}
+
+/// Maps a word to `0..n` without division by the multiply-high method; `n` at most 65,536.
+#[must_use]
+pub fn below(word: u32, n: u32) -> u32 {
+    debug_assert!(n <= 65_536);
+    ((word >> 16) * n) >> 16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_a_pure_function_of_their_counters() {
+        assert_eq!(words(7, Stream::Growth, 3, 4), words(7, Stream::Growth, 3, 4));
+        assert_ne!(word(7, Stream::Growth, 3, 4), word(8, Stream::Growth, 3, 4));
+        assert_ne!(word(7, Stream::Growth, 3, 4), word(7, Stream::Lobes, 3, 4));
+        assert_ne!(word(7, Stream::Growth, 3, 4), word(7 + (1 << 40), Stream::Growth, 3, 4));
+    }
+
+    #[test]
+    fn units_are_uniform() {
+        let n = 40_000u32;
+        let mut bins = [0u32; 20];
+        for i in 0..n {
+            let u = unit(word(42, Stream::Growth, i, 0));
+            assert!((0.0..1.0).contains(&u));
+            bins[(u * 20.0) as usize] += 1;
+        }
+        let expected = f64::from(n) / 20.0;
+        let chi2: f64 = bins.iter().map(|&b| (f64::from(b) - expected).powi(2) / expected).sum();
+        assert!(chi2 < 43.8, "chi-square {chi2} is beyond the 0.999 quantile of 19 degrees of freedom");
+    }
+
+    #[test]
+    fn below_stays_below() {
+        for i in 0..1000 {
+            assert!(below(word(1, Stream::Growth, i, 0), 7) < 7);
+        }
+        assert_eq!(below(u32::MAX, 65_536), 65_535);
+    }
+}
