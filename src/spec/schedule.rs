@@ -37,6 +37,12 @@ impl Schedule {
         Self { keys: vec![[0.0, value]], ease: Ease::Linear, fluctuation: None }
     }
 
+    /// Keys `[u, value]`, ascending in u.
+    #[must_use]
+    pub fn keyed(keys: Vec<[f64; 2]>, ease: Ease) -> Self {
+        Self { keys, ease, fluctuation: None }
+    }
+
     /// The keyed value at `u`, the fraction of steps (clamped to [0, 1]), without the fluctuation.
     #[must_use]
     pub fn at(&self, u: f64) -> f64 {
