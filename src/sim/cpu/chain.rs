@@ -16,7 +16,8 @@ pub(super) struct Block {
 }
 
 impl Block {
-    const EMPTY: Self = Self { x: [FAR; LANES], y: [FAR; LANES], dx: [0.0; LANES], dy: [0.0; LANES], inverse: [0.0; LANES] };
+    const EMPTY: Self =
+        Self { x: [FAR; LANES], y: [FAR; LANES], dx: [0.0; LANES], dy: [0.0; LANES], inverse: [0.0; LANES] };
 }
 
 /// Positions and velocities of an evaluation, with what follows from them.

@@ -8,6 +8,7 @@ use super::chain::Chain;
 use super::local;
 use super::neighbours::{Neighbours, Part};
 use super::pairs::{CLEARANCE_CAP, PairTerms, Sums, add_block, greatest, reduce};
+use super::vectorize::vectorize;
 use crate::sim::Statistics;
 use crate::sim::layout::{LANES, StepRow};
 use crate::sim::maths::{max, min};
@@ -68,11 +69,10 @@ pub(super) fn step(
     chain.y[1..=n].copy_from_slice(&s.y);
     chain.vx[1..=n].copy_from_slice(&s.vx);
     chain.vy[1..=n].copy_from_slice(&s.vy);
-    let arch = pulp::Arch::new();
     evaluate(row, row.contortion[0], s, chain, neighbours, work, 0, true);
     gather_clearance(neighbours, work);
     match plan.integrator {
-        Integrator::Euler => arch.dispatch(
+        Integrator::Euler => vectorize(
             #[inline(always)]
             || {
                 for i in 0..n {
@@ -90,7 +90,7 @@ pub(super) fn step(
             for (stage, h, modifier, weight) in
                 [(1, 0.5, row.contortion[1], 2.0), (2, 0.5, row.contortion[1], 2.0), (3, 1.0, row.contortion[2], 1.0)]
             {
-                arch.dispatch(
+                vectorize(
                     #[inline(always)]
                     || {
                         advance(h, weight, &s.x, &s.vx, &work.ax[stage - 1], &mut chain.x, &mut chain.vx, &mut work.sx);
@@ -99,7 +99,7 @@ pub(super) fn step(
                 );
                 evaluate(row, modifier, s, chain, neighbours, work, stage, false);
             }
-            arch.dispatch(
+            vectorize(
                 #[inline(always)]
                 || {
                     conclude(&mut s.vx, &mut work.sx, &work.ax);
@@ -153,8 +153,7 @@ fn evaluate(
     stage: usize,
     clearance: bool,
 ) {
-    let arch = pulp::Arch::new();
-    arch.dispatch(
+    vectorize(
         #[inline(always)]
         || {
             chain.close();
@@ -175,7 +174,7 @@ fn evaluate(
         outputs.push((part, fx1, fy1, near1));
     }
     let work_on = |(part, fx, fy, near): (&mut Part, &mut [f32], &mut [f32], &mut [f32])| {
-        arch.dispatch(
+        vectorize(
             #[inline(always)]
             || {
                 if clearance {
@@ -271,7 +270,7 @@ fn guard(plan: &Plan, s: &mut InnerLoop, work: &Work) -> u64 {
     let n = s.len();
     let (x, y, vx, vy) = (&mut s.x[..n], &mut s.y[..n], &mut s.vx[..n], &mut s.vy[..n]);
     let (sx, sy, clearance) = (&work.sx[..n], &work.sy[..n], &work.clearance[..n]);
-    pulp::Arch::new().dispatch(
+    vectorize(
         #[inline(always)]
         || {
             let mut shortened = 0u32;

@@ -12,6 +12,7 @@ mod neighbours;
 mod outer;
 mod pairs;
 mod thickness;
+mod vectorize;
 
 use super::layout::StepRow;
 use super::plan::Plan;

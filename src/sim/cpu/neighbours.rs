@@ -6,6 +6,7 @@
 
 use super::chain::Chain;
 use super::pairs::CLEARANCE_CAP;
+use super::vectorize::vectorize;
 use crate::sim::layout::{LANES, StepRow};
 use crate::sim::maths::{max, min};
 use crate::sim::state::InnerLoop;
@@ -92,7 +93,7 @@ impl Neighbours {
 
     fn still_holds(&self, chain: &Chain, state: &InnerLoop, row: &StepRow) -> bool {
         let n = chain.len();
-        let moved = pulp::Arch::new().dispatch(
+        let moved = vectorize(
             #[inline(always)]
             || {
                 let (x, y) = (&chain.x[1..=n], &chain.y[1..=n]);
@@ -178,10 +179,12 @@ fn segment_bounds(chain: &Chain, block: usize) -> Bounds {
     let first = block * LANES + 1;
     let end = (first + LANES).min(chain.len() + 1);
     // Segments run to the next particle: one point more.
-    chain.x[first..=end].iter().zip(&chain.y[first..=end]).fold(
-        [f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY],
-        |b, (&x, &y)| [min(b[0], x), min(b[1], y), max(b[2], x), max(b[3], y)],
-    )
+    chain.x[first..=end]
+        .iter()
+        .zip(&chain.y[first..=end])
+        .fold([f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY], |b, (&x, &y)| {
+            [min(b[0], x), min(b[1], y), max(b[2], x), max(b[3], y)]
+        })
 }
 
 #[inline(always)]
@@ -254,10 +257,10 @@ impl Grid {
     const CELL: f32 = 96.0;
 
     fn new(built: &Built<'_>) -> Self {
-        let all = built.bounds.iter().fold(
-            [f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY],
-            |a, b| [min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])],
-        );
+        let all =
+            built.bounds.iter().fold([f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY], |a, b| {
+                [min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])]
+            });
         let cells = |low: f32, high: f32| ((high - low) / Self::CELL) as usize + 1;
         let size = [cells(all[0], all[2]), cells(all[1], all[3])];
         let mut grid =
