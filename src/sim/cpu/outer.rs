@@ -13,6 +13,8 @@ use crate::sim::state::{InnerLoop, OuterLoop};
 const MARGIN: f32 = 20.0;
 /// Greatest move in a step, µm, where the inner loop does not demand more.
 const MOVE: f32 = 5.0;
+/// Rest length of the edges over their mean length: the wall is kept taut, so that it never buckles.
+const TAUT: f32 = 0.8;
 /// Pull toward the target per µm of distance.
 const PULL: f32 = 0.1;
 
@@ -49,7 +51,7 @@ pub(super) fn step(plan: &Plan, time: i64, row: &StepRow, inner: &InnerLoop, s: 
     let phases = phases(plan, time + 1);
     let at = |i: usize| s.p[i % n];
     let perimeter: f32 = (0..n).map(|i| distance(at(i), at(i + 1))).sum();
-    let rest = perimeter / n as f32;
+    let rest = TAUT * perimeter / n as f32;
     let pulls: Vec<[f32; 2]> = (0..n)
         .map(|i| {
             let (a, b) = (at(i), at(i + 1));
