@@ -1,1 +1,3 @@
-//! Placeholder header: see the house.
+//! Exact plane and space geometry: predicates, segments, polygons, constrained triangulation.
+
+pub mod predicates;
