@@ -139,6 +139,7 @@ fn view(corners: [[f64; 3]; 3]) -> impl Fn([f64; 3]) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
 
     fn triangle(ids: [usize; 3], corners: [[f64; 3]; 3]) -> Triangle {
         Triangle { ids, corners }
@@ -183,5 +184,80 @@ mod tests {
         assert!(!in_contact(&base(), &t([0.0, 1e-300, 1.0])));
         assert!(!in_contact(&base(), &t([1.0, 0.0, -1.0])));
         assert!(in_contact(&base(), &t([3.0, 0.0, 5.0])));
+    }
+
+    type Integer = [i64; 3];
+
+    fn minus(a: Integer, b: Integer) -> Integer {
+        [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+    }
+
+    fn cross(a: Integer, b: Integer) -> Integer {
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    }
+
+    /// Separating axes in integers: a second, unrelated answer to whether convex hulls meet.
+    fn hulls_meet(s: &[Integer; 3], t: &[Integer; 3]) -> bool {
+        let edges = |t: &[Integer; 3]| [0, 1, 2].map(|k| minus(t[(k + 1) % 3], t[k]));
+        let (es, et) = (edges(s), edges(t));
+        let normals = [cross(es[0], es[1]), cross(et[0], et[1])];
+        let mut axes = normals.to_vec();
+        for &e in &es {
+            axes.extend(et.iter().map(|&f| cross(e, f)));
+        }
+        for &n in &normals {
+            axes.extend(es.iter().chain(&et).map(|&e| cross(n, e)));
+        }
+        axes.extend(es.iter().chain(&et));
+        let span = |axis: &Integer, t: &[Integer; 3]| {
+            let at = t.map(|p| (0..3).map(|k| axis[k] * p[k]).sum::<i64>());
+            (*at.iter().min().unwrap(), *at.iter().max().unwrap())
+        };
+        axes.iter().all(|axis| {
+            let ((low_s, high_s), (low_t, high_t)) = (span(axis, s), span(axis, t));
+            low_s <= high_t && low_t <= high_s
+        })
+    }
+
+    fn real(p: Integer) -> [f64; 3] {
+        p.map(|x| x as f64)
+    }
+
+    fn flat(t: &[Integer; 3]) -> bool {
+        cross(minus(t[1], t[0]), minus(t[2], t[0])) == [0; 3]
+    }
+
+    fn lattice() -> impl Strategy<Value = [Integer; 3]> {
+        prop::array::uniform3((0i64..5, 0i64..5, 0i64..3).prop_map(|(x, y, z)| [x, y, z]))
+            .prop_filter("has an area", |t| !flat(t))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(4000))]
+        #[test]
+        fn separating_axes_agree(s in lattice(), t in lattice()) {
+            let found = in_contact(
+                &triangle([0, 1, 2], s.map(real)),
+                &triangle([3, 4, 5], t.map(real)),
+            );
+            prop_assert_eq!(found, hulls_meet(&s, &t));
+        }
+
+        /// Beyond a common corner triangles meet where the far edge of one meets the cone of the other.
+        #[test]
+        fn separating_axes_agree_at_a_common_corner(s in lattice(), t in lattice()) {
+            let t = [s[0], t[1], t[2]];
+            prop_assume!(!flat(&t));
+            let cone = |t: &[Integer; 3]| {
+                let far = |p: Integer| [0, 1, 2].map(|k| t[0][k] + 10_000 * (p[k] - t[0][k]));
+                [t[0], far(t[1]), far(t[2])]
+            };
+            let expected = hulls_meet(&[s[1], s[2], s[2]], &cone(&t));
+            let found = in_contact(
+                &triangle([0, 1, 2], s.map(real)),
+                &triangle([4, 5, 0], [t[1], t[2], t[0]].map(real)),
+            );
+            prop_assert_eq!(found, expected);
+        }
     }
 }

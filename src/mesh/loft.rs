@@ -9,7 +9,7 @@ use super::align::{self, Alignment};
 use super::error::{LoftError, Wall};
 use super::mend::settle;
 use super::slab::{Rim, Slab};
-use crate::geometry::polygon::{check_contour, check_nested};
+use crate::geometry::polygon::{ContourError, check_contour, check_nested};
 use crate::geometry::triangulate::annulus;
 use crate::model::{BodyKind, Mesh, Patch, PatchKind, Ring, Section};
 
@@ -90,7 +90,7 @@ impl Lofter {
     /// # Errors
     /// The section is not sound: see [`LoftError::Ids`], [`LoftError::Contour`], [`LoftError::Nesting`].
     pub fn new(first: Section) -> Result<Self, LoftError> {
-        check_ids(&first)?;
+        check_form(&first)?;
         let (inner, outer) = (exported(&first.inner, 0), exported(&first.outer, 0));
         check_section(&first, &inner, &outer)?;
         let rim = joined(inner, &outer);
@@ -177,13 +177,18 @@ impl Lofter {
             Err(Refusal::Contact(point)) => point,
             Err(Refusal::Error(error)) => return Err(error),
         };
-        check_section(target, &exported(&target.inner, 0), &exported(&target.outer, 0))?;
+        let (inner, outer) = (exported(&target.inner, 0), exported(&target.outer, 0));
+        let sound = check_section(target, &inner, &outer);
+        if depth == DEEPEST {
+            sound.clone()?;
+        }
         if history.len() > 1 {
             let middle = history.len() / 2;
             self.climb(&history[..middle], true, depth, accepted)?;
             return self.climb(&history[middle..], added, depth, accepted);
         }
-        if depth == 0 {
+        // A section half way that is not sound: the straight paths themselves meet.
+        if depth == 0 || sound.is_err() {
             return Err(LoftError::Unmendable {
                 from_step: self.section.step,
                 to_step: target.step,
@@ -199,7 +204,7 @@ impl Lofter {
 
     /// Builds and tests the slab up to `target`.
     fn attempt(&self, target: &Section) -> Result<Attempt, Refusal> {
-        check_ids(target)?;
+        check_form(target)?;
         let z = metres(target.z_um);
         if z <= self.front.z || !z.is_finite() {
             return Err(Refusal::Error(LoftError::Order { step: target.step, z_um: target.z_um }));
@@ -274,10 +279,15 @@ impl Lofter {
     }
 }
 
-fn check_ids(section: &Section) -> Result<(), LoftError> {
+/// Tests what the slab tests take for granted of every section.
+fn check_form(section: &Section) -> Result<(), LoftError> {
     for (wall, ring) in [(Wall::Inner, &section.inner), (Wall::Outer, &section.outer)] {
         if ring.ids.len() != ring.points.len() || ring.is_empty() {
             return Err(LoftError::Ids { step: section.step, wall, points: ring.points.len(), ids: ring.ids.len() });
+        }
+        if ring.points.iter().flatten().any(|x| !x.is_finite()) {
+            let source = ContourError::Malformed;
+            return Err(LoftError::Contour { step: section.step, z_um: section.z_um, wall, source });
         }
     }
     Ok(())

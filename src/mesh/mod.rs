@@ -17,6 +17,11 @@ mod mend;
 mod slab;
 mod strips;
 
+#[cfg(test)]
+mod synthetic;
+#[cfg(test)]
+mod tests;
+
 pub use error::{LoftError, Wall};
 pub use loft::{Accepted, Lofter};
 pub use strips::{strip_triangles, strips};
