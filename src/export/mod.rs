@@ -2,7 +2,9 @@
 //!
 //! No writer reads a clock or draws a random number: the same input gives the same bytes.
 
+pub mod glb;
 pub mod hashing;
+pub mod obj;
 
 use serde::{Deserialize, Serialize};
 
@@ -27,3 +29,6 @@ pub struct Metadata {
     /// Number of sections, those added to mend slabs included.
     pub sections: usize,
 }
+
+#[cfg(test)]
+mod tests;
