@@ -5,6 +5,8 @@
 pub mod glb;
 pub mod hashing;
 pub mod obj;
+pub mod sections_bin;
+pub mod svg;
 
 use serde::{Deserialize, Serialize};
 
