@@ -3,7 +3,9 @@
 //! Stability with time step 1 (project notes on the physics): the highest mode of a chain with spring k and
 //! bending kb has the frequency sqrt(4k + 16kb), its damping is kf + 4c; classical Runge–Kutta needs
 //! the first below 2.83 and the second below 2.79, whatever the number of particles. Semi-implicit Euler needs
-//! ω² + 2γ < 4 of each mode: 4k + 2(kf + 4c) along the loop and 16kb + 2kf across it.
+//! ω² + 2γ < 4 of each mode (from the roots of λ² − (2 − γ − ω²)λ + 1 − γ): 4k + 2(kf + 4c) along the loop and
+//! 16kb + 2kf across it. Containment and regulation pull like springs of strength/ramp and strength/softening,
+//! which are held to the same bound. What acts between strands is left to the guard, which bounds each step.
 
 use super::canonical::number;
 use super::fault::Fault;
@@ -56,6 +58,17 @@ impl Checks<'_> {
                  (stiffness {k}, bending {kb}) and must stay below 2.83"
             )
         });
+        let field = stiffness(&p.containment.strength, &p.containment.ramp_um)
+            + stiffness(&p.regulatory.strength, &p.regulatory.softening_um);
+        let pull = field.sqrt();
+        let about =
+            ["/containment/strength", "/containment/ramp_um", "/regulatory/strength", "/regulatory/softening_um"];
+        self.require(pull < 2.83, "/containment/strength", &about, || {
+            format!(
+                "is unstable together with /containment/ramp_um and /regulatory: sqrt(strength/ramp_um + regulatory \
+                 strength/softening_um) reaches {pull:.3} 1/step and must stay below 2.83"
+            )
+        });
         let damping = kf + 4.0 * c;
         self.require(damping < 2.79, "/spring/damping", &["/spring/damping", "/friction"], || {
             format!(
@@ -65,18 +78,20 @@ impl Checks<'_> {
         });
         if p.solver.integrator == Integrator::Euler {
             let at = "/solver/integrator";
-            let along = 4.0 * k + 2.0 * damping;
+            let along = 4.0 * k + field + 2.0 * damping;
             let about = [at, "/spring/stiffness", "/spring/damping", "/friction"];
             self.require(along < 4.0, at, &about, || {
                 format!(
-                    "\"euler\" is unstable here: 4·stiffness + 2·friction + 8·damping reaches {along:.3} and must stay \
+                    "\"euler\" is unstable here: 4·stiffness + 2·friction + 8·damping (with the pull \
+                     of containment and regulation, {field:.3}) reaches {along:.3} and must stay \
                      below 4; \"rk4\" bears more"
                 )
             });
-            let across = 16.0 * kb + 2.0 * kf;
+            let across = 16.0 * kb + field + 2.0 * kf;
             self.require(across < 4.0, at, &[at, "/bending", "/friction"], || {
                 format!(
-                    "\"euler\" is unstable here: 16·bending + 2·friction reaches {across:.3} and must stay below 4; \
+                    "\"euler\" is unstable here: 16·bending + 2·friction (with the pull of containment and \
+                     regulation, {field:.3}) reaches {across:.3} and must stay below 4; \
                      \"rk4\" bears more"
                 )
             });
@@ -197,6 +212,11 @@ impl Checks<'_> {
             });
         }
     }
+}
+
+/// Greatest stiffness of a force of this strength that sets in over this distance, 1/step².
+fn stiffness(strength: &Schedule, over: &Schedule) -> f64 {
+    strength.range().1 / over.range().0
 }
 
 /// Fractions of the steps, in order, at which to compare schedules: an even spread and all their keys.

@@ -68,14 +68,26 @@ impl ModelSpec {
     /// # Errors
     /// Every fault, in the order of their pointers.
     pub fn resolve(preset: &Preset, patch: &Value) -> Result<Self, Vec<Fault>> {
+        Self::build(&preset.spec, patch)
+    }
+
+    /// Reads a whole specification, such as [`ModelSpec::to_json`] wrote, without a preset.
+    ///
+    /// # Errors
+    /// Every fault; a missing parameter is one.
+    pub fn from_json(whole: &Value) -> Result<Self, Vec<Fault>> {
+        Self::build(&Value::Null, whole)
+    }
+
+    fn build(base: &Value, patch: &Value) -> Result<Self, Vec<Fault>> {
         let mut faults = Vec::new();
-        let mut values = merge::merge(table(), &preset.spec, patch, "", &mut faults);
+        let mut values = merge::merge(table(), base, patch, "", &mut faults);
         let mut reader = read::Reader::default();
         let mut parameters = read(&mut reader, &values);
         if parameters.is_none() {
-            // The preset's values stand in for those that cannot be read, so that the rest is checked too.
+            // The values of the base stand in for those that cannot be read, so that the rest is checked too.
             for pointer in &reader.bad {
-                if let (Some(value), Some(own)) = (values.pointer_mut(pointer), preset.spec.pointer(pointer)) {
+                if let (Some(value), Some(own)) = (values.pointer_mut(pointer), base.pointer(pointer)) {
                     *value = own.clone();
                 }
             }

@@ -82,6 +82,19 @@ fn a_preset_that_is_not_complete_is_refused_with_what_is_missing() {
 }
 
 #[test]
+fn a_whole_specification_is_read_without_a_preset() {
+    let spec = resolved(&json!({ "friction": 0.2 }));
+    assert_eq!(ModelSpec::from_json(&spec.to_json()), Ok(spec.clone()));
+    let mut part = spec.to_json();
+    part.as_object_mut().unwrap().remove("wall");
+    part["spring"]["damping"] = Value::Null;
+    part["stepz"] = json!(1);
+    let found: Vec<String> = ModelSpec::from_json(&part).unwrap_err().into_iter().map(|f| f.pointer).collect();
+    assert_eq!(found, ["/spring/damping", "/stepz", "/wall"]);
+    assert!(ModelSpec::from_json(&json!(null)).is_err());
+}
+
+#[test]
 fn null_puts_back_the_value_of_the_preset() {
     let spec = resolved(&json!({
         "length_mm": null, "spring": null, "collision": { "gap_um": null, "barrier": 2.5 },
@@ -284,6 +297,8 @@ fn what_must_hold_between_parameters_is_checked() {
         let faults = resolve(&patch).expect_err(&patch.to_string());
         assert!(faults.iter().any(|f| f.pointer == pointer && f.detail.contains(detail)), "{patch}: {faults:?}");
     }
+    let patch = json!({ "containment": { "strength": 9, "ramp_um": 1 } });
+    assert_eq!(fault(&patch).pointer, "/containment/strength");
     resolved(&json!({ "solver": { "integrator": "euler" } }));
     resolved(&json!({ "spring": { "stiffness": 2 }, "bending": 0 }));
 }
