@@ -29,6 +29,7 @@ pub fn mesh_png(mesh: &Mesh, view: &View) -> Result<Vec<u8>, RenderError> {
     let samples = rasterize(&scene.view, &scene.camera, &scene.positions, &mesh.triangles, [width, height]);
     let shades: Vec<Shade> =
         samples.par_iter().enumerate().map(|(i, s)| scene.shade(i % width, i / width, *s)).collect();
+    let rim_color = linear(OUTLINE);
     let at = |x: usize, y: usize| &shades[y * width + x];
     let n = SAMPLES as usize;
     let pixels = pixmap.pixels_mut();
@@ -37,14 +38,8 @@ pub fn mesh_png(mesh: &Mesh, view: &View) -> Result<Vec<u8>, RenderError> {
             let mut sum = Vec3::ZERO;
             for y in row * n..row * n + n {
                 for x in column * n..column * n + n {
-                    let beside = [
-                        (x.saturating_sub(1), y),
-                        (x, y.saturating_sub(1)),
-                        ((x + 1).min(width - 1), y),
-                        (x, (y + 1).min(height - 1)),
-                    ];
-                    let rim = at(x, y).cut && beside.iter().any(|&(x, y)| at(x, y).mucosa);
-                    sum += if rim { linear(OUTLINE) } else { at(x, y).color };
+                    let rim = at(x, y).face && beside(x, y, [width, height]).any(|(x, y)| at(x, y).mucosa);
+                    sum += if rim { rim_color } else { at(x, y).color };
                 }
             }
             let [r, g, b] = srgb(sum / (n * n) as f32);
@@ -54,13 +49,21 @@ pub fn mesh_png(mesh: &Mesh, view: &View) -> Result<Vec<u8>, RenderError> {
     encode(&pixmap)
 }
 
+/// Samples one and two steps away, in the four directions: a rim is as wide as a pixel.
+fn beside(x: usize, y: usize, [width, height]: [usize; 2]) -> impl Iterator<Item = (usize, usize)> {
+    (1..=2).flat_map(move |d| {
+        let (right, below) = ((x + d).min(width - 1), (y + d).min(height - 1));
+        [(x.saturating_sub(d), y), (right, y), (x, y.saturating_sub(d)), (x, below)]
+    })
+}
+
 /// What a sample looks like.
 #[derive(Clone, Copy)]
 struct Shade {
     /// Linear light.
     color: Vec3,
-    /// On a cut face.
-    cut: bool,
+    /// On a cross section of the tissue: a cut face or an end.
+    face: bool,
     /// On the boundary of the lumen.
     mucosa: bool,
 }
@@ -74,6 +77,12 @@ struct Scene<'a> {
     positions: Vec<DVec3>,
     /// For each patch the normals of its triangles' corners, in scaled space.
     normals: Vec<Vec<[Vec3; 3]>>,
+    /// Linear light of each patch.
+    colors: Vec<Vec3>,
+    background: Vec3,
+    tissue: Vec3,
+    /// Direction towards the key light.
+    key: Vec3,
 }
 
 impl<'a> Scene<'a> {
@@ -95,12 +104,23 @@ impl<'a> Scene<'a> {
             geometry.triangles.iter().map(|t| t.map(normal)).collect()
         };
         let normals = mesh.patches.iter().map(of_patch).collect();
-        Self { mesh, view, camera, positions, normals }
+        let key = (camera.up * 0.8 - camera.right * 0.5 - camera.forward * 0.6).as_vec3().normalize();
+        Self {
+            mesh,
+            view,
+            camera,
+            positions,
+            normals,
+            colors: mesh.patches.iter().map(|patch| linear(paint(patch.kind))).collect(),
+            background: linear(BACKGROUND),
+            tissue: linear(TISSUE),
+            key,
+        }
     }
 
     fn shade(&self, x: usize, y: usize, sample: Sample) -> Shade {
         if sample.triangle == NONE {
-            return Shade { color: linear(BACKGROUND), cut: false, mucosa: false };
+            return Shade { color: self.background, face: false, mucosa: false };
         }
         let t = sample.triangle as usize;
         let ray = self.camera.ray(x as f64 + 0.5, y as f64 + 0.5);
@@ -110,17 +130,28 @@ impl<'a> Scene<'a> {
         if facet.dot(ray) > 0.0
             && let Some(normal) = self.cut_normal(ray, depth)
         {
-            return Shade { color: self.light(linear(TISSUE), normal.as_vec3(), ray), cut: true, mucosa: false };
+            return Shade {
+                color: self.light(self.tissue, normal.normalize_or(DVec3::Z).as_vec3(), ray),
+                face: true,
+                mucosa: false,
+            };
         }
-        let patch = self.mesh.patches.iter().position(|patch| patch.triangles.contains(&t));
-        let kind = patch.map(|p| self.mesh.patches[p].kind);
-        let point = self.camera.eye + ray * depth;
-        let weights = barycentric(corners, point, facet);
-        let corner_normals =
-            patch.map_or([facet.as_vec3(); 3], |p| self.normals[p][t - self.mesh.patches[p].triangles.start]);
-        let mixed = corner_normals[0] * weights[0] + corner_normals[1] * weights[1] + corner_normals[2] * weights[2];
-        let mucosa = matches!(kind, Some(PatchKind::InnerWall | PatchKind::Wall));
-        Shade { color: self.light(linear(paint(kind)), mixed.normalize_or(Vec3::Z), ray), cut: false, mucosa }
+        let Some(p) = self.mesh.patches.iter().position(|patch| patch.triangles.contains(&t)) else {
+            return Shade {
+                color: self.light(self.tissue, facet.normalize_or(DVec3::Z).as_vec3(), ray),
+                face: false,
+                mucosa: false,
+            };
+        };
+        let patch = &self.mesh.patches[p];
+        let weights = barycentric(corners, self.camera.eye + ray * depth, facet);
+        let [a, b, c] = self.normals[p][t - patch.triangles.start];
+        let normal = (a * weights[0] + b * weights[1] + c * weights[2]).normalize_or(Vec3::Z);
+        Shade {
+            color: self.light(self.colors[p], normal, ray),
+            face: matches!(patch.kind, PatchKind::CapIsthmus | PatchKind::CapAmpulla),
+            mucosa: matches!(patch.kind, PatchKind::InnerWall | PatchKind::Wall),
+        }
     }
 
     /// Normal of the cut that the line of sight passes last before `depth`, where it leaves the part cut away.
@@ -140,8 +171,7 @@ impl<'a> Scene<'a> {
     fn light(&self, color: Vec3, normal: Vec3, ray: DVec3) -> Vec3 {
         let toward = -ray.as_vec3().normalize();
         let normal = if normal.dot(toward) < 0.0 { -normal } else { normal };
-        let key = (self.camera.up * 0.8 - self.camera.right * 0.5 - self.camera.forward * 0.6).as_vec3().normalize();
-        let lambert = 0.22 + 0.50 * normal.dot(key).max(0.0) + 0.38 * normal.dot(toward).max(0.0);
+        let lambert = 0.28 + 0.50 * normal.dot(self.key).max(0.0) + 0.42 * normal.dot(toward).max(0.0);
         color * lambert
     }
 }
@@ -157,12 +187,12 @@ fn barycentric([a, b, c]: [DVec3; 3], point: DVec3, facet: DVec3) -> [f32; 3] {
     [u as f32, v as f32, (1.0 - u - v) as f32]
 }
 
-fn paint(kind: Option<PatchKind>) -> Rgb {
+fn paint(kind: PatchKind) -> Rgb {
     match kind {
-        Some(PatchKind::InnerWall | PatchKind::Wall) => [0xc8, 0x6a, 0x86],
-        Some(PatchKind::OuterWall) => [0xf0, 0xcf, 0xc4],
-        Some(PatchKind::CapIsthmus | PatchKind::CapAmpulla) | None => TISSUE,
-        Some(PatchKind::Inlet | PatchKind::Outlet) => [0xf2, 0xe6, 0xd8],
+        PatchKind::InnerWall | PatchKind::Wall => [0xc8, 0x6a, 0x86],
+        PatchKind::OuterWall => [0xf0, 0xcf, 0xc4],
+        PatchKind::CapIsthmus | PatchKind::CapAmpulla => TISSUE,
+        PatchKind::Inlet | PatchKind::Outlet => [0xf2, 0xe6, 0xd8],
     }
 }
 

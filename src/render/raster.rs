@@ -5,12 +5,13 @@
 use super::view::{Camera, Projected, View};
 use glam::DVec3;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// No triangle.
 pub(super) const NONE: u32 = u32::MAX;
 
 /// Rows of samples that one task fills.
-const BAND: usize = 64;
+const BAND: usize = 128;
 
 /// What a sample shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,27 +32,30 @@ pub(super) fn rasterize(
 ) -> Vec<Sample> {
     let projected: Vec<Projected> = positions.par_iter().map(|p| camera.project(*p)).collect();
     let removed: Vec<bool> = positions.par_iter().map(|p| view.is_cut(*p)).collect();
+    let corners_of = |t: u32| triangles[t as usize].map(|v| projected[v as usize]);
+    // The part cut away is convex: with three corners in it, a triangle is in it.
+    let visible = |t: &u32| triangles[*t as usize].map(|v| removed[v as usize]) != [true; 3];
+    let candidates: Vec<(u32, Range<usize>)> = (0..triangles.len() as u32)
+        .into_par_iter()
+        .filter(visible)
+        .filter_map(|t| Some((t, Setup::new(corners_of(t), [width, height])?.rows)))
+        .collect();
     let mut samples = vec![Sample { triangle: NONE, inverse_depth: 0.0 }; width * height];
-    samples.par_chunks_mut(BAND * width).enumerate().for_each(|(band, rows)| {
-        let first_row = band * BAND;
-        for (t, corners) in triangles.iter().enumerate() {
-            let [a, b, c] = corners.map(|v| projected[v as usize]);
-            let parts = corners.map(|v| removed[v as usize]);
-            // The part cut away is convex: three corners in it, and the triangle is.
-            let gone = parts == [true; 3];
-            let behind = !(a.inverse_depth > 0.0 && b.inverse_depth > 0.0 && c.inverse_depth > 0.0);
-            if gone || behind {
+    samples.par_chunks_mut(BAND * width).enumerate().for_each(|(band, samples)| {
+        let band = band * BAND..band * BAND + samples.len() / width;
+        for (t, rows) in &candidates {
+            if rows.end <= band.start || rows.start >= band.end {
                 continue;
             }
+            let Some(setup) = Setup::new(corners_of(*t), [width, height]) else { continue };
             // A wedge can reach into a triangle without holding any of its corners.
             let straddles = match view.cut.len() {
                 0 => false,
-                1 => parts != [false; 3],
+                1 => triangles[*t as usize].iter().any(|&v| removed[v as usize]),
                 _ => true,
             };
-            let Some(setup) = Setup::new([a, b, c], width, first_row, first_row + rows.len() / width) else { continue };
-            setup.visit(|x, y, inverse_depth| {
-                let sample = &mut rows[(y - first_row) * width + x];
+            setup.visit(&band, |x, y, inverse_depth| {
+                let sample = &mut samples[(y - band.start) * width + x];
                 if inverse_depth <= sample.inverse_depth {
                     return;
                 }
@@ -61,7 +65,7 @@ pub(super) fn rasterize(
                         return;
                     }
                 }
-                *sample = Sample { triangle: t as u32, inverse_depth };
+                *sample = Sample { triangle: *t, inverse_depth };
             });
         }
     });
@@ -72,28 +76,26 @@ pub(super) fn rasterize(
 struct Setup {
     corners: [Projected; 3],
     doubled_area: f32,
-    columns: std::ops::Range<usize>,
-    rows: std::ops::Range<usize>,
+    columns: Range<usize>,
+    rows: Range<usize>,
 }
 
 impl Setup {
-    /// None where it covers no sample centre of the rows or has no area.
-    fn new(corners: [Projected; 3], width: usize, first_row: usize, end_row: usize) -> Option<Self> {
+    /// None where it covers no centre of a sample, has no area or lies behind the camera.
+    fn new(corners: [Projected; 3], [width, height]: [usize; 2]) -> Option<Self> {
         let [a, b, c] = corners;
-        let rows = centres(a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y), first_row, end_row);
-        if rows.is_empty() {
-            return None;
-        }
-        let columns = centres(a.x.min(b.x).min(c.x), a.x.max(b.x).max(c.x), 0, width);
+        let rows = centres(a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y), height);
+        let columns = centres(a.x.min(b.x).min(c.x), a.x.max(b.x).max(c.x), width);
         let doubled_area = edge(a, b, c.x, c.y);
-        let sound = !columns.is_empty() && doubled_area != 0.0 && doubled_area.is_finite();
-        sound.then_some(Self { corners, doubled_area, columns, rows })
+        let before = corners.iter().all(|corner| corner.inverse_depth > 0.0);
+        let covers = !rows.is_empty() && !columns.is_empty() && doubled_area != 0.0 && doubled_area.is_finite();
+        (before && covers).then_some(Self { corners, doubled_area, columns, rows })
     }
 
-    /// Calls with column, row and 1/depth of each sample covered, borders included.
-    fn visit(&self, mut found: impl FnMut(usize, usize, f32)) {
+    /// Calls with column, row and 1/depth of each sample covered in a band of rows, borders included.
+    fn visit(&self, band: &Range<usize>, mut found: impl FnMut(usize, usize, f32)) {
         let [a, b, c] = self.corners;
-        for row in self.rows.clone() {
+        for row in self.rows.start.max(band.start)..self.rows.end.min(band.end) {
             let y = row as f32 + 0.5;
             for column in self.columns.clone() {
                 let x = column as f32 + 0.5;
@@ -108,16 +110,21 @@ impl Setup {
     }
 }
 
-/// Indices whose centres (i + ½) lie from `low` to `high`, within `start..end`.
-fn centres(low: f32, high: f32, start: usize, end: usize) -> std::ops::Range<usize> {
+/// Indices below `end` whose centres (i + ½) lie from `low` to `high`.
+fn centres(low: f32, high: f32, end: usize) -> Range<usize> {
     // Casts of floats saturate, and take what is not a number to 0.
     let first = (low - 0.5).ceil().max(0.0) as usize;
     let last = (high + 0.5).floor().max(0.0) as usize;
-    first.max(start)..last.min(end)
+    first..last.min(end)
 }
 
 /// Twice the signed area of a, b and (x, y).
+///
+/// Exactly opposite for b, a: triangles that share an edge leave no sample between them.
 fn edge(a: Projected, b: Projected, x: f32, y: f32) -> f32 {
+    if (b.x, b.y) < (a.x, a.y) {
+        return -edge(b, a, x, y);
+    }
     (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x)
 }
 
