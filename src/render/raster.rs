@@ -75,7 +75,7 @@ pub(super) fn rasterize(
 /// A triangle in the picture: where it may lie, and its edge functions.
 struct Setup {
     corners: [Projected; 3],
-    doubled_area: f32,
+    doubled_area: f64,
     columns: Range<usize>,
     rows: Range<usize>,
 }
@@ -99,10 +99,9 @@ impl Setup {
             let y = row as f32 + 0.5;
             for column in self.columns.clone() {
                 let x = column as f32 + 0.5;
-                let u = edge(b, c, x, y) / self.doubled_area;
-                let v = edge(c, a, x, y) / self.doubled_area;
-                let w = edge(a, b, x, y) / self.doubled_area;
-                if u >= 0.0 && v >= 0.0 && w >= 0.0 {
+                let weights = [edge(b, c, x, y), edge(c, a, x, y), edge(a, b, x, y)].map(|e| e / self.doubled_area);
+                if weights.iter().all(|&weight| weight >= 0.0) {
+                    let [u, v, w] = weights.map(|weight| weight as f32);
                     found(column, row, u * a.inverse_depth + v * b.inverse_depth + w * c.inverse_depth);
                 }
             }
@@ -120,12 +119,13 @@ fn centres(low: f32, high: f32, end: usize) -> Range<usize> {
 
 /// Twice the signed area of a, b and (x, y).
 ///
-/// Exactly opposite for b, a: triangles that share an edge leave no sample between them.
-fn edge(a: Projected, b: Projected, x: f32, y: f32) -> f32 {
+/// Exactly opposite for b, a, and so precise that triangles that share an edge leave no sample between them.
+fn edge(a: Projected, b: Projected, x: f32, y: f32) -> f64 {
     if (b.x, b.y) < (a.x, a.y) {
         return -edge(b, a, x, y);
     }
-    (b.x - a.x) * (y - a.y) - (b.y - a.y) * (x - a.x)
+    let [ax, ay, bx, by, x, y] = [a.x, a.y, b.x, b.y, x, y].map(f64::from);
+    (bx - ax) * (y - ay) - (by - ay) * (x - ax)
 }
 
 #[cfg(test)]
@@ -162,5 +162,24 @@ mod tests {
         let samples = rasterize(&view, &camera, &positions, &triangles, [100, 100]);
         assert!(samples[50 * 100 + 25].triangle >= 2);
         assert!(samples[50 * 100 + 75].triangle < 2);
+    }
+
+    #[test]
+    fn no_sample_falls_between_the_triangles_of_a_closed_body() {
+        let mesh = crate::model::sample::tube(90, 30, 0.4);
+        let positions: Vec<DVec3> = mesh.positions.iter().map(|p| glam::Vec3::from(*p).as_dvec3()).collect();
+        for turn in 0..6 {
+            let view = View { azimuth_deg: 17.0 + 60.0 * f64::from(turn), ..View::whole(300, 200) };
+            let camera = Camera::framing(&view, &positions, 300, 200);
+            let samples = rasterize(&view, &camera, &positions, &mesh.triangles, [300, 200]);
+            assert!(samples.iter().filter(|s| s.triangle != NONE).count() > 10_000);
+            for (i, sample) in samples.iter().enumerate().filter(|(_, s)| s.triangle != NONE) {
+                let [a, b, c] = mesh.triangles[sample.triangle as usize].map(|v| positions[v as usize]);
+                let ray = camera.ray((i % 300) as f64 + 0.5, (i / 300) as f64 + 0.5);
+                let cosine = (b - a).cross(c - a).normalize().dot(ray.normalize());
+                // At a silhouette front and back meet at one depth.
+                assert!(cosine < 0.05, "the back shows through: turn {turn}, sample {i}, {cosine}");
+            }
+        }
     }
 }
