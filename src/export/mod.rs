@@ -1,1 +1,3 @@
-//! Placeholder header: see the house.
+//! Files: readers of surfaces in the usual formats.
+
+pub mod read;
