@@ -1,0 +1,199 @@
+//! Constrained Delaunay triangulation of the inside of a contour and of the annulus between two: the
+//! caps of a surface (the paper, section 3.1, used FIST). The only module that names `spade`.
+//!
+//! Invariant: the triangles cover exactly the region, are counter-clockwise, use only the points given,
+//! and every edge of the contours is an edge of exactly one triangle.
+
+use spade::handles::FixedVertexHandle;
+use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation};
+
+use super::predicates::{orient2d, widen2};
+
+/// Why a region could not be triangulated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum TriangulateError {
+    /// A coordinate is not finite, or too small or large to be handled exactly.
+    #[error("a coordinate cannot be handled exactly")]
+    Coordinate,
+    /// Two points are the same.
+    #[error("two points of the contours are the same")]
+    Duplicate,
+    /// Two contour edges cross.
+    #[error("two edges of the contours cross")]
+    Crossing,
+    /// The triangles found do not fill a region of this kind: contours turned or not nested.
+    #[error("{found} triangles where the region has {expected}")]
+    Count {
+        /// Triangles found.
+        found: usize,
+        /// Triangles that the region has by Euler's formula.
+        expected: usize,
+    },
+}
+
+type Cdt = ConstrainedDelaunayTriangulation<Point2<f64>>;
+
+/// Triangulates the inside of a simple, counter-clockwise contour of n points into n − 2 triangles.
+///
+/// # Errors
+/// [`TriangulateError`] where the contour is not what it should be.
+pub fn disc(contour: &[[f32; 2]]) -> Result<Vec<[u32; 3]>, TriangulateError> {
+    let n = contour.len();
+    region(&[contour], &[true], n.saturating_sub(2))
+}
+
+/// Triangulates the annulus between two nested, simple, counter-clockwise contours into as many
+/// triangles as there are points. Indices count the points of `inner` first, then those of `outer`.
+///
+/// # Errors
+/// [`TriangulateError`] where the contours are not what they should be.
+pub fn annulus(inner: &[[f32; 2]], outer: &[[f32; 2]]) -> Result<Vec<[u32; 3]>, TriangulateError> {
+    region(&[inner, outer], &[false, true], inner.len() + outer.len())
+}
+
+/// Triangulates the region that lies left of the edges of every contour marked `left` and right of the
+/// others.
+fn region(contours: &[&[[f32; 2]]], left: &[bool], expected: usize) -> Result<Vec<[u32; 3]>, TriangulateError> {
+    let points: Vec<[f64; 2]> = contours.iter().copied().flatten().copied().map(widen2).collect();
+    let mut edges = Vec::with_capacity(points.len());
+    let mut inside_left = Vec::with_capacity(points.len());
+    for (contour, &left) in contours.iter().zip(left) {
+        let base = edges.len();
+        let n = contour.len();
+        edges.extend((0..n).map(|i| [base + i, base + (i + 1) % n]));
+        inside_left.extend(std::iter::repeat_n(left, n));
+    }
+    let mut conflict = false;
+    let vertices = points.iter().map(|p| Point2::new(p[0], p[1])).collect();
+    let cdt = Cdt::try_bulk_load_cdt(vertices, edges.clone(), |_| conflict = true)
+        .map_err(|_| TriangulateError::Coordinate)?;
+    if cdt.num_vertices() != points.len() {
+        return Err(TriangulateError::Duplicate);
+    }
+    if conflict || cdt.num_constraints() != edges.len() {
+        return Err(TriangulateError::Crossing);
+    }
+    let triangles = flood(&cdt, &edges, &inside_left)?;
+    let sound = triangles.iter().all(|t| {
+        let [a, b, c] = t.map(|i| points[i as usize]);
+        orient2d(a, b, c) > 0.0
+    });
+    if triangles.len() == expected && sound {
+        Ok(triangles)
+    } else {
+        Err(TriangulateError::Count { found: triangles.len(), expected })
+    }
+}
+
+/// Collects the faces reached from the inner side of the contour edges without crossing one, in the
+/// order of the triangulation.
+fn flood(cdt: &Cdt, edges: &[[usize; 2]], inside_left: &[bool]) -> Result<Vec<[u32; 3]>, TriangulateError> {
+    let handle = FixedVertexHandle::from_index;
+    let mut inside = vec![false; cdt.num_all_faces()];
+    let mut queue = Vec::new();
+    for (&[a, b], &left) in edges.iter().zip(inside_left) {
+        let edge = cdt
+            .get_edge_from_neighbors(handle(a), handle(b))
+            .filter(|edge| edge.is_constraint_edge())
+            .ok_or(TriangulateError::Crossing)?;
+        let edge = if left { edge } else { edge.rev() };
+        // A contour the wrong way round may have no triangle there.
+        if let Some(face) = edge.face().as_inner()
+            && !std::mem::replace(&mut inside[face.index()], true)
+        {
+            queue.push(face);
+        }
+    }
+    while let Some(face) = queue.pop() {
+        for edge in face.adjacent_edges() {
+            if edge.is_constraint_edge() {
+                continue;
+            }
+            if let Some(next) = edge.rev().face().as_inner()
+                && !std::mem::replace(&mut inside[next.index()], true)
+            {
+                queue.push(next);
+            }
+        }
+    }
+    Ok(cdt
+        .inner_faces()
+        .filter(|face| inside[face.index()])
+        .map(|face| face.vertices().map(|v| v.index() as u32))
+        .collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::HashMap;
+
+    fn circle(n: usize, radius: f32, lobes: f32) -> Vec<[f32; 2]> {
+        (0..n)
+            .map(|i| {
+                let angle = std::f32::consts::TAU * i as f32 / n as f32;
+                let r = radius * (1.0 + 0.4 * (lobes * angle).sin());
+                [r * angle.cos() * 1e-6, r * angle.sin() * 1e-6]
+            })
+            .collect()
+    }
+
+    fn area(points: &[[f32; 2]], triangles: &[[u32; 3]]) -> f64 {
+        let corners = triangles.iter().map(|t| t.map(|i| widen2(points[i as usize])));
+        corners.map(|[a, b, c]| 0.5 * orient2d(a, b, c)).sum()
+    }
+
+    /// Every contour edge once forward (or, for holes, once backward), all others both ways.
+    fn check_edges(triangles: &[[u32; 3]], boundary: &[[u32; 2]]) {
+        let mut count: HashMap<[u32; 2], i32> = HashMap::new();
+        for t in triangles {
+            for k in 0..3 {
+                *count.entry([t[k], t[(k + 1) % 3]]).or_default() += 1;
+            }
+        }
+        assert!(count.values().all(|&c| c == 1));
+        let mut open: Vec<[u32; 2]> = count.keys().copied().filter(|&[a, b]| !count.contains_key(&[b, a])).collect();
+        open.sort_unstable();
+        let mut boundary = boundary.to_vec();
+        boundary.sort_unstable();
+        assert_eq!(open, boundary);
+    }
+
+    #[test]
+    fn a_lobed_annulus() {
+        let (inner, outer) = (circle(160, 500.0, 9.0), circle(40, 1200.0, 0.0));
+        let triangles = annulus(&inner, &outer).unwrap();
+        assert_eq!(triangles.len(), 200);
+        let mut boundary: Vec<[u32; 2]> = (0..160).map(|i| [(i + 1) % 160, i]).collect();
+        boundary.extend((0..40).map(|i| [160 + i, 160 + (i + 1) % 40]));
+        check_edges(&triangles, &boundary);
+        let all: Vec<[f32; 2]> = inner.iter().chain(&outer).copied().collect();
+        let expected = super::super::polygon::signed_area(&outer) - super::super::polygon::signed_area(&inner);
+        assert!((area(&all, &triangles) / expected - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_lobed_disc() {
+        let contour = circle(160, 500.0, 9.0);
+        let triangles = disc(&contour).unwrap();
+        assert_eq!(triangles.len(), 158);
+        let boundary: Vec<[u32; 2]> = (0..160).map(|i| [i, (i + 1) % 160]).collect();
+        check_edges(&triangles, &boundary);
+    }
+
+    #[test]
+    fn unsound_contours_are_refused() {
+        let mut contour = circle(12, 500.0, 0.0);
+        contour.swap(3, 7);
+        assert_eq!(disc(&contour), Err(TriangulateError::Crossing));
+        let mut contour = circle(12, 500.0, 0.0);
+        contour[3] = contour[7];
+        assert_eq!(disc(&contour), Err(TriangulateError::Duplicate));
+        let mut contour = circle(12, 500.0, 0.0);
+        contour.reverse();
+        assert!(disc(&contour).is_err());
+        let contour = circle(12, 500.0, 0.0);
+        assert!(annulus(&circle(12, 900.0, 0.0), &contour).is_err());
+        assert!(disc(&[[f32::NAN, 0.0], [1.0, 0.0], [0.0, 1.0]]).is_err());
+    }
+}

@@ -1,0 +1,145 @@
+//! Finds where the walls of a slab meet, and parts them by flipping diagonals where that helps.
+//!
+//! Invariant: after [`settle`] has succeeded on all cells, no two triangles of the slab meet but in
+//! shared vertices and edges. Boxes seen along the tube say which cells can meet; a line between two
+//! cells clears most of those; exact tests decide the rest.
+
+use super::contact::in_contact;
+use super::slab::{Diagonal, Slab};
+use crate::geometry::blocks::{Blocks, Rect};
+
+/// Cells of one contact that are tried in all combinations of diagonals; more call for a new section.
+const MOST_CELLS: usize = 6;
+
+/// Tests a slab (all of it, or what touches the `changed` cells, which ascend) and flips diagonals
+/// where walls meet. Returns the number of diagonals flipped, or a point near a contact that no flip
+/// removes, in metres; the slab is then of no further use.
+pub(super) fn settle(slab: &mut Slab, changed: Option<&[usize]>) -> Result<usize, [f32; 2]> {
+    if changed.is_some_and(<[usize]>::is_empty) {
+        return Ok(0);
+    }
+    let rects: Vec<Rect> = (0..slab.len()).map(|cell| slab.rect(cell)).collect();
+    let blocks = Blocks::new(&rects);
+    let contacts = match changed {
+        None => all_contacts(slab, &blocks),
+        Some(changed) => contacts_of(slab, &blocks, &rects, changed),
+    };
+    let mut flipped = 0;
+    for cells in groups(&contacts) {
+        flipped += part(slab, &blocks, &rects, &cells).ok_or_else(|| slab.lower.points[cells[0]])?;
+    }
+    Ok(flipped)
+}
+
+/// All pairs of cells in contact; a cell with itself where its own triangles fold onto each other.
+fn all_contacts(slab: &Slab, blocks: &Blocks) -> Vec<(usize, usize)> {
+    let mut contacts: Vec<(usize, usize)> =
+        (0..slab.len()).filter(|&cell| folded(slab, cell)).map(|cell| (cell, cell)).collect();
+    blocks.pairs(|i, j| {
+        if cells_meet(slab, i, j) {
+            contacts.push((i, j));
+        }
+    });
+    contacts
+}
+
+/// The pairs in contact of which at least one is in `changed`.
+fn contacts_of(slab: &Slab, blocks: &Blocks, rects: &[Rect], changed: &[usize]) -> Vec<(usize, usize)> {
+    let mut contacts = Vec::new();
+    for &i in changed {
+        if folded(slab, i) {
+            contacts.push((i, i));
+        }
+        blocks.query(&rects[i], |j| {
+            let once = j > i || changed.binary_search(&j).is_err();
+            if j != i && once && cells_meet(slab, i, j) {
+                contacts.push((i, j));
+            }
+        });
+    }
+    contacts
+}
+
+/// Whether triangles of one cell fold onto each other, or one has no area.
+fn folded(slab: &Slab, cell: usize) -> bool {
+    if slab.degenerate(cell) {
+        return true;
+    }
+    let diagonal = slab.diagonals[cell];
+    let count = slab.edges(cell) + 1;
+    (0..count).any(|k| {
+        let first = slab.corners(cell, k, diagonal);
+        (k + 1..count).any(|l| in_contact(&first, &slab.corners(cell, l, diagonal)))
+    })
+}
+
+/// Whether triangles of two cells meet where they should not.
+fn cells_meet(slab: &Slab, i: usize, j: usize) -> bool {
+    let neighbours = slab.lower.next(i) == j || slab.lower.next(j) == i;
+    if !neighbours && slab.apart(i, j) {
+        return false;
+    }
+    (0..=slab.edges(i)).any(|k| {
+        let first = slab.corners(i, k, slab.diagonals[i]);
+        (0..=slab.edges(j)).any(|l| in_contact(&first, &slab.corners(j, l, slab.diagonals[j])))
+    })
+}
+
+/// The cells in contact, gathered so that cells of different groups are not in contact; ascending.
+fn groups(contacts: &[(usize, usize)]) -> Vec<Vec<usize>> {
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for &(i, j) in contacts {
+        let mut merged = if i == j { vec![i] } else { vec![i, j] };
+        groups.retain(|group| {
+            let touches = group.contains(&i) || group.contains(&j);
+            if touches {
+                merged.extend(group);
+            }
+            !touches
+        });
+        merged.sort_unstable();
+        merged.dedup();
+        groups.push(merged);
+    }
+    groups
+}
+
+/// Tries the combinations of diagonals of `cells`, fewest flips first, until none of them is in contact
+/// with anything. Returns the number of flips.
+fn part(slab: &mut Slab, blocks: &Blocks, rects: &[Rect], cells: &[usize]) -> Option<usize> {
+    if cells.len() > MOST_CELLS {
+        return None;
+    }
+    let mut pairs = Vec::new();
+    for &i in cells {
+        blocks.query(&rects[i], |j| {
+            if i < j || (i != j && !cells.contains(&j)) {
+                pairs.push((i, j));
+            }
+        });
+    }
+    let before: Vec<Diagonal> = cells.iter().map(|&cell| slab.diagonals[cell]).collect();
+    let mut choices: Vec<u32> = (0..1u32 << cells.len()).collect();
+    choices.sort_by_key(|choice| choice.count_ones());
+    for choice in choices {
+        for (bit, (&cell, &diagonal)) in cells.iter().zip(&before).enumerate() {
+            slab.diagonals[cell] = if choice >> bit & 1 == 1 { diagonal.other() } else { diagonal };
+        }
+        let free = !cells.iter().any(|&cell| folded(slab, cell)) && !pairs.iter().any(|&(i, j)| cells_meet(slab, i, j));
+        if free {
+            return Some(choice.count_ones() as usize);
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::groups;
+
+    #[test]
+    fn contacts_gather_into_groups() {
+        let found = groups(&[(1, 2), (5, 9), (7, 7), (2, 9), (11, 12)]);
+        assert_eq!(found, [vec![7], vec![1, 2, 5, 9], vec![11, 12]]);
+    }
+}

@@ -1,0 +1,211 @@
+//! The surface between two neighbouring sections: both walls, one cell an edge of the lower section.
+//!
+//! A cell joins the lower edge a–a′ to a chain of upper vertices u₀ … uₘ (m = 1, a quad, until the slab
+//! above inserts vertices into the upper edge). Its diagonal is a–uₘ ([`Diagonal::Forward`]) or a′–u₀;
+//! the upper edges fan from the lower end of the diagonal. A cell so has m + 1 triangles.
+//!
+//! For the tests heights are 0 and 1: scaling z along the slab changes no answer. Points are widened
+//! exports, so the tests speak of what is exported.
+
+use super::contact::Triangle;
+use crate::geometry::blocks::Rect;
+use crate::geometry::predicates::widen2;
+
+/// Which way a cell is split.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Diagonal {
+    /// From the lower start to the upper end of the cell.
+    Forward,
+    /// From the lower end to the upper start of the cell.
+    Backward,
+}
+
+impl Diagonal {
+    pub(super) fn other(self) -> Self {
+        match self {
+            Self::Forward => Self::Backward,
+            Self::Backward => Self::Forward,
+        }
+    }
+}
+
+/// The points of a section as exported (metres): the inner ring, then the outer one.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Rim {
+    /// All points.
+    pub(super) points: Vec<[f32; 2]>,
+    /// How many of them are of the inner ring.
+    pub(super) inner: usize,
+}
+
+impl Rim {
+    /// Number of points.
+    pub(super) fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// The point after `i` on its ring.
+    #[inline]
+    pub(super) fn next(&self, i: usize) -> usize {
+        if i + 1 == self.inner {
+            0
+        } else if i + 1 == self.points.len() {
+            self.inner
+        } else {
+            i + 1
+        }
+    }
+}
+
+/// A slab.
+#[derive(Clone, Debug)]
+pub(super) struct Slab {
+    pub(super) lower: Rim,
+    pub(super) upper: Rim,
+    /// For each cell the upper vertex above its start; one more entry than cells: the number of upper vertices.
+    start: Vec<u32>,
+    pub(super) diagonals: Vec<Diagonal>,
+}
+
+impl Slab {
+    /// Joins two rims of the same number of points, point to point, along the shorter diagonals
+    /// (measured in the plane: both span the same height).
+    pub(super) fn new(lower: Rim, upper: Rim) -> Self {
+        debug_assert_eq!((lower.len(), lower.inner), (upper.len(), upper.inner));
+        let squared = |p: [f32; 2], q: [f32; 2]| {
+            let (p, q) = (widen2(p), widen2(q));
+            let (dx, dy) = (p[0] - q[0], p[1] - q[1]);
+            dx * dx + dy * dy
+        };
+        let diagonals = (0..lower.len())
+            .map(|i| {
+                let j = lower.next(i);
+                let forward = squared(lower.points[i], upper.points[j]);
+                let backward = squared(lower.points[j], upper.points[i]);
+                if forward <= backward { Diagonal::Forward } else { Diagonal::Backward }
+            })
+            .collect();
+        let start = (0..=lower.len() as u32).collect();
+        Self { lower, upper, start, diagonals }
+    }
+
+    /// Number of cells.
+    pub(super) fn len(&self) -> usize {
+        self.diagonals.len()
+    }
+
+    /// The same slab with its upper rim refined: `new_after[i]` vertices follow upper vertex `i`. Also
+    /// returns the cells that changed. The slab must not have been refined before.
+    pub(super) fn refined(&self, upper: Rim, new_after: &[u32]) -> (Self, Vec<usize>) {
+        let mut start = Vec::with_capacity(self.start.len());
+        let mut sum = 0;
+        for &count in new_after {
+            start.push(sum);
+            sum += 1 + count;
+        }
+        start.push(sum);
+        let changed = (0..self.len()).filter(|&i| new_after[i] > 0).collect();
+        let slab = Self { lower: self.lower.clone(), upper, start, diagonals: self.diagonals.clone() };
+        (slab, changed)
+    }
+
+    /// The upper vertex `k` of the chain of `cell`.
+    #[inline]
+    fn chain(&self, cell: usize, k: usize) -> usize {
+        let vertex = self.start[cell] as usize + k;
+        if vertex == self.start[cell + 1] as usize { self.start[self.lower.next(cell)] as usize } else { vertex }
+    }
+
+    /// Number of upper edges of `cell`; it has one more triangle.
+    #[inline]
+    pub(super) fn edges(&self, cell: usize) -> usize {
+        (self.start[cell + 1] - self.start[cell]) as usize
+    }
+
+    /// Vertices of triangle `k` of `cell`, split by `diagonal`: lower vertices as they are, upper ones
+    /// counted on from the number of lower ones. Counter-clockwise seen from outside the ring; in an
+    /// order in which neighbours in a cell, and cells split alike, share an edge.
+    #[inline]
+    pub(super) fn triangle(&self, cell: usize, k: usize, diagonal: Diagonal) -> [usize; 3] {
+        let n = self.lower.len();
+        let (a, b) = (cell, self.lower.next(cell));
+        let upper = |k: usize| n + self.chain(cell, k);
+        let m = self.edges(cell);
+        match diagonal {
+            Diagonal::Forward if k < m => [a, upper(k + 1), upper(k)],
+            Diagonal::Forward => [a, b, upper(m)],
+            Diagonal::Backward if k == 0 => [a, b, upper(0)],
+            Diagonal::Backward => [b, upper(k), upper(k - 1)],
+        }
+    }
+
+    /// Triangle `k` of `cell` with its corners in space.
+    #[inline]
+    pub(super) fn corners(&self, cell: usize, k: usize, diagonal: Diagonal) -> Triangle {
+        let ids = self.triangle(cell, k, diagonal);
+        Triangle { ids, corners: ids.map(|id| self.corner(id)) }
+    }
+
+    #[inline]
+    fn corner(&self, id: usize) -> [f64; 3] {
+        let n = self.lower.len();
+        let (p, z) = if id < n { (self.lower.points[id], 0.0) } else { (self.upper.points[id - n], 1.0) };
+        [f64::from(p[0]), f64::from(p[1]), z]
+    }
+
+    /// Calls `each` with every point of `cell`.
+    #[inline]
+    fn for_points(&self, cell: usize, mut each: impl FnMut([f32; 2])) {
+        each(self.lower.points[cell]);
+        each(self.lower.points[self.lower.next(cell)]);
+        for k in 0..=self.edges(cell) {
+            each(self.upper.points[self.chain(cell, k)]);
+        }
+    }
+
+    /// The box around `cell` seen along the tube.
+    pub(super) fn rect(&self, cell: usize) -> Rect {
+        let mut rect = Rect::EMPTY;
+        self.for_points(cell, |p| rect = rect.joined(&Rect { min: p, max: p }));
+        rect
+    }
+
+    /// Whether an edge of `cell` has no length.
+    pub(super) fn degenerate(&self, cell: usize) -> bool {
+        let upper = |k: usize| self.upper.points[self.chain(cell, k)];
+        self.lower.points[cell] == self.lower.points[self.lower.next(cell)]
+            || (0..self.edges(cell)).any(|k| upper(k) == upper(k + 1))
+    }
+
+    /// Whether two cells lie apart on either side of a line across one of them, seen along the tube: then
+    /// they cannot meet. May say no where they do.
+    pub(super) fn apart(&self, i: usize, j: usize) -> bool {
+        self.apart_across(i, i, j) || self.apart_across(j, i, j)
+    }
+
+    /// Tests the direction across cell `along`. The margin is far above what rounding does to a sum of
+    /// two products.
+    #[inline]
+    fn apart_across(&self, along: usize, i: usize, j: usize) -> bool {
+        let next = self.lower.next(along);
+        let m = self.edges(along);
+        let (a, b) = (self.lower.points[along], self.lower.points[next]);
+        let (c, d) = (self.upper.points[self.chain(along, 0)], self.upper.points[self.chain(along, m)]);
+        let across = |axis: usize| f64::from(b[axis]) - f64::from(a[axis]) + f64::from(d[axis]) - f64::from(c[axis]);
+        let normal = [-across(1), across(0)];
+        let mut size = 0.0f64;
+        let mut span = |cell: usize| {
+            let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+            self.for_points(cell, |p| {
+                let (x, y) = (normal[0] * f64::from(p[0]), normal[1] * f64::from(p[1]));
+                size = size.max(x.abs() + y.abs());
+                low = low.min(x + y);
+                high = high.max(x + y);
+            });
+            (low, high)
+        };
+        let ((low_i, high_i), (low_j, high_j)) = (span(i), span(j));
+        let margin = 1e-14 * size;
+        low_i - high_j > margin || low_j - high_i > margin
+    }
+}

@@ -1,0 +1,275 @@
+use std::collections::HashMap;
+
+use super::contact::{Triangle, in_contact};
+use super::mend::settle;
+use super::slab::{Diagonal, Rim, Slab};
+use super::synthetic::{Dice, Folds, Jostle};
+use super::*;
+use crate::geometry::predicates::widen3;
+use crate::geometry::strips::{strips, triangles_of_strip};
+use crate::model::{Mesh, PatchKind, Ring, Section};
+
+/// Every directed edge once and its reverse once: closed, oriented, without T-junctions; χ = 0; all
+/// positions used; patches cover the triangles in order.
+fn check_topology(mesh: &Mesh) {
+    let mut edges: HashMap<(u32, u32), u32> = HashMap::new();
+    let mut used = vec![false; mesh.positions.len()];
+    for t in &mesh.triangles {
+        for k in 0..3 {
+            used[t[k] as usize] = true;
+            *edges.entry((t[k], t[(k + 1) % 3])).or_default() += 1;
+        }
+    }
+    for (&(a, b), &count) in &edges {
+        assert_eq!(count, 1, "edge {a}-{b}");
+        assert!(edges.contains_key(&(b, a)), "edge {a}-{b} is open");
+    }
+    assert!(used.iter().all(|&u| u));
+    let (v, e, f) = (mesh.positions.len(), edges.len() / 2, mesh.triangles.len());
+    assert_eq!(v as i64 - e as i64 + f as i64, 0);
+    let kinds: Vec<PatchKind> = mesh.patches.iter().map(|p| p.kind).collect();
+    let expected = [PatchKind::InnerWall, PatchKind::OuterWall, PatchKind::CapIsthmus, PatchKind::CapAmpulla];
+    assert_eq!(kinds, expected);
+    let mut from = 0;
+    for patch in &mesh.patches {
+        assert_eq!(patch.triangles.start, from);
+        from = patch.triangles.end;
+    }
+    assert_eq!(from, f);
+}
+
+/// Six times the volume.
+fn volume(mesh: &Mesh) -> f64 {
+    mesh.triangles
+        .iter()
+        .map(|t| {
+            let [a, b, c] = t.map(|i| widen3(mesh.positions[i as usize]));
+            a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+        })
+        .sum()
+}
+
+/// Number of pairs of triangles that meet where they should not, over all pairs, in exported positions.
+fn contacts(mesh: &Mesh) -> usize {
+    let triangles: Vec<(Triangle, [[f64; 2]; 3])> = mesh
+        .triangles
+        .iter()
+        .map(|t| {
+            let corners = t.map(|i| widen3(mesh.positions[i as usize]));
+            let span = [0, 1, 2].map(|k| {
+                let values = corners.map(|p| p[k]);
+                [values.into_iter().fold(f64::INFINITY, f64::min), values.into_iter().fold(f64::NEG_INFINITY, f64::max)]
+            });
+            let ids = t.map(|i| i as usize);
+            (Triangle { ids, corners }, span)
+        })
+        .collect();
+    let mut count = 0;
+    for (i, (s, span_s)) in triangles.iter().enumerate() {
+        for (t, span_t) in &triangles[i + 1..] {
+            let boxes = (0..3).all(|k| span_s[k][0] <= span_t[k][1] && span_t[k][0] <= span_s[k][1]);
+            count += usize::from(boxes && in_contact(s, t));
+        }
+    }
+    count
+}
+
+fn folds(inner: usize, outer: usize, lobes: f64, grow: (usize, usize), slabs: usize) -> Vec<Section> {
+    let mut folds = Folds::new(inner, outer, lobes, slabs as f64);
+    let mut dice = Dice(7);
+    let mut sections = vec![folds.section(0.0)];
+    for step in 1..=slabs {
+        folds.grow(grow.0, grow.1, &mut dice);
+        sections.push(folds.section(step as f64));
+    }
+    sections
+}
+
+#[test]
+fn a_growing_folded_tube_becomes_a_sound_surface() {
+    let sections = folds(60, 24, 5.0, (12, 3), 10);
+    let mut lofter = Lofter::new(sections[0].clone()).unwrap();
+    for section in &sections[1..] {
+        let accepted = lofter.advance(std::slice::from_ref(section)).unwrap();
+        assert_eq!(accepted.sections, [section.clone()]);
+    }
+    let mesh = lofter.finish().unwrap();
+    check_topology(&mesh);
+    assert_eq!(contacts(&mesh), 0);
+    assert!(volume(&mesh) > 0.0);
+    // Each new vertex stands in two sections: where it appears and, inserted, in the one before.
+    let recorded: usize = sections.iter().map(Section::particles).sum();
+    let first = sections[0].particles();
+    let last = sections[10].particles();
+    assert_eq!(mesh.positions.len(), recorded + last - first);
+}
+
+#[test]
+fn positions_are_metres_rounded_once() {
+    let sections = folds(60, 24, 5.0, (0, 0), 1);
+    let mut lofter = Lofter::new(sections[0].clone()).unwrap();
+    lofter.advance(&sections[1..]).unwrap();
+    let mesh = lofter.finish().unwrap();
+    let points = sections.iter().flat_map(|s| s.inner.points.iter().chain(&s.outer.points).map(|p| (p, s.z_um)));
+    for (position, (p, z_um)) in mesh.positions.iter().zip(points) {
+        let metres = [f64::from(p[0]), f64::from(p[1]), z_um].map(|x| (x * 1e-6) as f32);
+        assert_eq!(*position, metres);
+    }
+}
+
+#[test]
+fn rings_may_begin_anywhere() {
+    let sections = folds(60, 24, 5.0, (12, 3), 4);
+    let turned = |s: &Section, k: usize| {
+        let mut s = s.clone();
+        for ring in [&mut s.inner, &mut s.outer] {
+            ring.ids.rotate_left(k);
+            ring.points.rotate_left(k);
+        }
+        s
+    };
+    let mut lofter = Lofter::new(sections[0].clone()).unwrap();
+    for (k, section) in sections[1..].iter().enumerate() {
+        lofter.advance(&[turned(section, 5 * k + 3)]).unwrap();
+    }
+    let mesh = lofter.finish().unwrap();
+    check_topology(&mesh);
+    assert_eq!(contacts(&mesh), 0);
+}
+
+#[test]
+fn strips_cover_the_walls() {
+    let sections = folds(60, 24, 5.0, (12, 3), 6);
+    let mut lofter = Lofter::new(sections[0].clone()).unwrap();
+    for section in &sections[1..] {
+        lofter.advance(std::slice::from_ref(section)).unwrap();
+    }
+    let mesh = lofter.finish().unwrap();
+    for patch in &mesh.patches[..2] {
+        let triangles = &mesh.triangles[patch.triangles.clone()];
+        let strips = strips(triangles);
+        let turned_least_first = |t: [u32; 3]| {
+            let least = (0..3).min_by_key(|&k| t[k]).unwrap();
+            [0, 1, 2].map(|k| t[(least + k) % 3])
+        };
+        let unrolled: Vec<[u32; 3]> =
+            strips.iter().flat_map(|strip| triangles_of_strip(strip)).map(turned_least_first).collect();
+        let mut expected: Vec<[u32; 3]> = triangles.iter().copied().map(turned_least_first).collect();
+        let mut unrolled = unrolled;
+        unrolled.sort_unstable();
+        expected.sort_unstable();
+        assert_eq!(unrolled, expected);
+        assert!(3 * strips.len() < triangles.len(), "{} strips", strips.len());
+    }
+}
+
+/// The moving edge turns by a right angle over (0, 0); something else passes on the inner side of the
+/// turn, where the shorter diagonal would cut through it.
+#[test]
+fn a_diagonal_is_flipped_where_the_shorter_one_cuts() {
+    let around = |x: f32, y: f32| [[x + 0.2, y], [x - 0.1, y + 0.1], [x - 0.1, y - 0.1]];
+    let rim = |ring: [[f32; 2]; 3], other: [[f32; 2]; 3]| Rim { points: [ring, other].concat(), inner: 3 };
+    let lower = rim([[0.0, 0.0], [10.0, 0.0], [-20.0, 20.0]], around(6.0, -2.0));
+    let upper = rim([[0.5, 0.0], [0.0, 10.0], [-20.0, 20.0]], around(2.0, 4.0));
+    let mut slab = Slab::new(lower, upper);
+    assert_eq!(slab.diagonals[0], Diagonal::Backward);
+    assert_eq!(settle(&mut slab, None), Ok(1));
+    assert_eq!(slab.diagonals[0], Diagonal::Forward);
+    assert_eq!(settle(&mut slab, None), Ok(0));
+}
+
+/// A small triangle at `degrees` on a circle around the tip of a spike of the outer ring; the way from
+/// 40 to −220 degrees leads around the tip, the straight way through the spike.
+fn around_a_spike(step: f64, degrees: f64) -> Section {
+    let (sin, cos) = degrees.to_radians().sin_cos();
+    let corners = [[10.0, 0.0], [-5.0, 8.0], [-5.0, -8.0]];
+    let inner = Ring {
+        ids: vec![4, 2, 7],
+        points: corners.map(|[x, y]| [(80.0 * cos + x) as f32, (80.0 * sin + y) as f32]).to_vec(),
+    };
+    let outer = Ring {
+        ids: (0..7).collect(),
+        points: vec![
+            [200.0, -200.0],
+            [200.0, 200.0],
+            [5.0, 200.0],
+            [0.0, 0.0],
+            [-5.0, 200.0],
+            [-200.0, 200.0],
+            [-200.0, -200.0],
+        ],
+    };
+    Section { step, z_um: 20.0 * step, added: false, inner, outer }
+}
+
+#[test]
+fn sections_between_are_added_where_flips_do_not_help() {
+    let history: Vec<Section> = (1..=10).map(|k| around_a_spike(f64::from(k), 40.0 - 26.0 * f64::from(k))).collect();
+    let mut lofter = Lofter::new(around_a_spike(0.0, 40.0)).unwrap();
+    let accepted = lofter.advance(&history).unwrap();
+    let (last, added) = accepted.sections.split_last().unwrap();
+    assert_eq!(*last, history[9]);
+    assert!(!added.is_empty() && added.len() < 9);
+    assert!(added.iter().all(|s| s.added));
+    assert!(added.windows(2).all(|w| w[0].step < w[1].step));
+    for section in added {
+        let kept = &history[section.step as usize - 1];
+        assert_eq!(section.inner, kept.inner);
+    }
+    let mesh = lofter.finish().unwrap();
+    check_topology(&mesh);
+    assert_eq!(contacts(&mesh), 0);
+}
+
+#[test]
+fn walls_that_truly_meet_are_named() {
+    let mut lofter = Lofter::new(around_a_spike(0.0, 40.0)).unwrap();
+    let error = lofter.advance(&[around_a_spike(1.0, -220.0)]).unwrap_err();
+    let LoftError::Unmendable { from_step, to_step, z_um, x_um, y_um } = error else {
+        panic!("{error}");
+    };
+    assert!(from_step < 0.5 && 0.5 <= to_step, "{from_step} to {to_step}");
+    assert!((z_um - 20.0 * to_step).abs() < 1e-9);
+    assert!(x_um.abs() < 201.0 && y_um.abs() < 201.0);
+}
+
+#[test]
+fn unsound_sections_are_named() {
+    let sound = around_a_spike(0.0, 40.0);
+    let mut crossing = around_a_spike(1.0, 35.0);
+    crossing.outer.points.swap(1, 4);
+    assert!(matches!(Lofter::new(crossing.clone()), Err(LoftError::Contour { wall: Wall::Outer, .. })));
+    let mut lofter = Lofter::new(sound.clone()).unwrap();
+    assert!(matches!(lofter.advance(&[crossing]), Err(LoftError::Contour { step: 1.0, wall: Wall::Outer, .. })));
+    let mut outside = around_a_spike(1.0, 35.0);
+    outside.outer.points.iter_mut().flatten().for_each(|x| *x *= 0.3);
+    assert!(matches!(Lofter::new(outside), Err(LoftError::Nesting { .. })));
+    let mut lofter = Lofter::new(sound.clone()).unwrap();
+    assert!(matches!(lofter.advance(&[around_a_spike(0.0, 39.0)]), Err(LoftError::Order { .. })));
+    let mut wild = around_a_spike(1.0, 39.0);
+    wild.inner.points[2][0] = f32::NAN;
+    assert!(matches!(lofter.advance(&[wild]), Err(LoftError::Contour { .. })));
+    assert_eq!(lofter.advance(&[]), Err(LoftError::NoSection));
+    assert!(matches!(lofter.finish(), Err(LoftError::NoSlab)));
+}
+
+/// Random motions, as far in every step as the guard lets them: every slab must be mended, by flips in
+/// some, by sections in others, and the surface must bear a test of all pairs.
+#[test]
+fn random_motions_free_of_contact_are_always_lofted() {
+    let (mut flipped, mut added) = (0, 0);
+    for seed in 0..16 {
+        let mut jostle = Jostle::new(12, 8, seed);
+        let mut lofter = Lofter::new(jostle.section()).unwrap();
+        for every in [1, 2, 4, 8, 16, 16] {
+            let history: Vec<Section> = (0..every).map(|_| jostle.step()).collect();
+            let accepted = lofter.advance(&history).unwrap_or_else(|e| panic!("seed {seed}: {e}"));
+            flipped += accepted.flipped;
+            added += accepted.sections.len() - 1;
+        }
+        let mesh = lofter.finish().unwrap();
+        check_topology(&mesh);
+        assert_eq!(contacts(&mesh), 0, "seed {seed}");
+    }
+    assert!(flipped > 0 && added > 0, "{flipped} flips, {added} sections");
+}
