@@ -1,10 +1,11 @@
-//! Files: writers of models and sections over [`std::io::Write`].
+//! Files: writers of models and sections over [`std::io::Write`], readers of surfaces in the usual formats.
 //!
 //! No writer reads a clock or draws a random number: the same input gives the same bytes.
 
 pub mod glb;
 pub mod hashing;
 pub mod obj;
+pub mod read;
 pub mod sections_bin;
 pub mod svg;
 

@@ -14,7 +14,7 @@ mod types;
 pub use types::{Certificate, CheckOptions, Component, Failure, FailureKind, Place};
 
 use crate::model::{Mesh, Section};
-use std::collections::HashMap;
+use rayon::prelude::*;
 use types::{Failures, METRE_UM, PLACES};
 
 /// A coordinate of a surface: f32 or f64.
@@ -25,6 +25,8 @@ impl<T: Copy + Send + Sync + Into<f64>> Coordinate for T {}
 struct Surface<'a, C> {
     positions: &'a [[C; 3]],
     triangles: &'a [[u32; 3]],
+    /// Micrometres in a unit of the positions.
+    unit_um: f64,
 }
 
 impl<C: Coordinate> Surface<'_, C> {
@@ -39,12 +41,12 @@ impl<C: Coordinate> Surface<'_, C> {
     }
 
     fn place_of_vertex(&self, vertex: u32) -> Place {
-        Place::at(self.point(vertex).map(|x| x * METRE_UM))
+        Place::at(self.point(vertex).map(|x| x * self.unit_um))
     }
 
     fn place_of_triangles(&self, triangles: &[u32]) -> Place {
         let corners = self.corners(triangles[0] as usize);
-        let centre = std::array::from_fn(|axis| corners.iter().map(|p| p[axis]).sum::<f64>() / 3.0 * METRE_UM);
+        let centre = std::array::from_fn(|axis| corners.iter().map(|p| p[axis]).sum::<f64>() / 3.0 * self.unit_um);
         Place { triangles: triangles.to_vec(), ..Place::at(centre) }
     }
 }
@@ -55,7 +57,7 @@ impl<C: Coordinate> Surface<'_, C> {
 pub fn certify(mesh: &Mesh, sections: &[Section]) -> Certificate {
     let mut failures = Failures::default();
     let contours = sections::examine(sections, &mut failures);
-    let mut certificate = surface(&mesh.positions, &mesh.triangles, failures);
+    let mut certificate = surface(&mesh.positions, &mesh.triangles, METRE_UM, failures);
     certificate.section_crossings = contours.crossings;
     certificate.min_gap_um = contours.min_gap_um;
     let mut failures = Failures(std::mem::take(&mut certificate.failures));
@@ -71,18 +73,15 @@ pub fn certify(mesh: &Mesh, sections: &[Section]) -> Certificate {
 /// same position count as one. The surface may have several components.
 #[must_use]
 pub fn certify_soup(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Certificate {
-    if triangles.iter().flatten().any(|&v| v as usize >= positions.len()) {
-        return surface(positions, triangles, Failures::default());
-    }
-    let first = first_at_position(positions);
-    let welded: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(|v| first[v as usize])).collect();
-    surface(positions, &welded, Failures::default())
+    check_surface(positions, triangles, &CheckOptions::default())
 }
 
-/// The certificate of a file as `oviduct check` gives it: [`certify_soup`] and what the options demand besides.
+/// The certificate of a file as `oviduct check` gives it: as [`certify_soup`], with what the options demand besides.
 #[must_use]
 pub fn check_surface(positions: &[[f64; 3]], triangles: &[[u32; 3]], options: &CheckOptions) -> Certificate {
-    let mut certificate = certify_soup(positions, triangles);
+    let unit_um = options.unit_metres * METRE_UM;
+    let welded = weld(positions, triangles);
+    let mut certificate = surface(positions, welded.as_deref().unwrap_or(triangles), unit_um, Failures::default());
     let mut failures = Failures(std::mem::take(&mut certificate.failures));
     if let Some(euler) = options.euler {
         demand_euler(&certificate, euler, &mut failures);
@@ -98,25 +97,44 @@ fn demand_euler(certificate: &Certificate, euler: i64, failures: &mut Failures) 
     }
 }
 
-/// For each vertex the least one at exactly the same position.
-fn first_at_position(positions: &[[f64; 3]]) -> Vec<u32> {
-    let mut first: HashMap<[u64; 3], u32> = HashMap::with_capacity(positions.len());
+/// The triangles with each vertex replaced by the least one at exactly the same position; none where nothing is to
+/// be replaced or an index is out of range.
+fn weld(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Option<Vec<[u32; 3]>> {
     // Adding zero makes one of the two zeros.
-    let key = |p: &[f64; 3]| p.map(|x| (x + 0.0).to_bits());
-    positions.iter().zip(0u32..).map(|(p, i)| *first.entry(key(p)).or_insert(i)).collect()
+    let key = |v: u32| positions[v as usize].map(|x| (x + 0.0).to_bits());
+    let mut order: Vec<u32> = (0..u32::try_from(positions.len()).ok()?).collect();
+    order.par_sort_unstable_by_key(|&v| (key(v), v));
+    let mut first: Vec<u32> = (0..order.len() as u32).collect();
+    let mut welded = false;
+    for same in order.chunk_by(|&a, &b| key(a) == key(b)) {
+        for &v in &same[1..] {
+            first[v as usize] = same[0];
+            welded = true;
+        }
+    }
+    if !welded || triangles.iter().flatten().any(|&v| v as usize >= first.len()) {
+        return None;
+    }
+    Some(triangles.iter().map(|t| t.map(|v| first[v as usize])).collect())
 }
 
-fn surface<C: Coordinate>(positions: &[[C; 3]], triangles: &[[u32; 3]], mut failures: Failures) -> Certificate {
+fn surface<C: Coordinate>(
+    positions: &[[C; 3]],
+    triangles: &[[u32; 3]],
+    unit_um: f64,
+    mut failures: Failures,
+) -> Certificate {
     if let Err(failure) = admissible(positions, triangles) {
         failures.0.push(failure);
         return Certificate::without_surface(failures);
     }
-    let surface = Surface { positions, triangles };
+    let surface = Surface { positions, triangles, unit_um };
     let topology = topology::examine(&surface, &mut failures);
     let shape = shape::examine(&surface, &topology, &mut failures);
     let meetings = collide::examine(&surface, &shape.degenerate, &mut failures);
     nesting::examine(&surface, &topology, &shape.volumes, &mut failures);
     let volume: f64 = shape.volumes.iter().sum();
+    let unit_mm = unit_um / 1e3;
     let bodies = topology.bodies.iter().zip(&shape.volumes).take(types::BODIES);
     Certificate {
         passed: false,
@@ -125,7 +143,7 @@ fn surface<C: Coordinate>(positions: &[[C; 3]], triangles: &[[u32; 3]], mut fail
         oriented: topology.disoriented_edges == 0,
         euler: topology.bodies.iter().map(|body| body.euler()).sum(),
         components: topology.bodies.len() as u64,
-        bodies: bodies.map(|(body, volume)| body.report(*volume)).collect(),
+        bodies: bodies.map(|(body, volume)| body.report(volume * unit_mm.powi(3))).collect(),
         vertices: topology.bodies.iter().map(|body| body.vertices).sum(),
         triangles: triangles.len() as u64,
         open_edges: topology.open_edges,
@@ -137,11 +155,11 @@ fn surface<C: Coordinate>(positions: &[[C; 3]], triangles: &[[u32; 3]], mut fail
         section_crossings: 0,
         triangle_intersections: meetings.count,
         min_gap_um: None,
-        min_edge_um: shape.min_edge * METRE_UM,
+        min_edge_um: shape.min_edge * unit_um,
         min_angle_deg: shape.min_angle_deg,
-        volume_mm3: volume * 1e9,
-        area_mm2: shape.area * 1e6,
-        bounds_um: shape.bounds.map(|corner| corner.map(|x| x * METRE_UM)),
+        volume_mm3: volume * unit_mm.powi(3),
+        area_mm2: shape.area * unit_mm.powi(2),
+        bounds_um: shape.bounds.map(|corner| corner.map(|x| x * unit_um)),
         failures: Vec::new(),
     }
     .conclude(failures)
@@ -167,7 +185,7 @@ fn admissible<C: Coordinate>(positions: &[[C; 3]], triangles: &[[u32; 3]]) -> Re
     };
     let count = positions.iter().filter(bad).count();
     if count > 0 {
-        let at = positions.iter().position(|p| bad(&p)).map_or(0, |i| i);
+        let at = positions.iter().position(|p| bad(&p)).unwrap_or(0);
         let detail = format!("{count} vertices (first: {at}) have coordinates that are not finite or beyond 1e±60");
         return Err(failure(FailureKind::Coordinates, count, detail, Vec::new()));
     }

@@ -35,6 +35,10 @@ fn sound_bodies_pass_with_their_measures() {
     assert!((c.min_edge_um - 1e3).abs() < 1e-9 && (c.min_angle_deg - 45.0).abs() < 1e-9);
     assert_eq!(c.bounds_um[0], [0.0; 3]);
     assert_eq!(c.min_gap_um, None);
+    let (positions, triangles) = cube(1.0, [0.0; 3]);
+    let millimetres = check_surface(&positions, &triangles, &CheckOptions { unit_metres: 1e-3, ..Default::default() });
+    assert!((millimetres.volume_mm3 - 1.0).abs() < 1e-12 && (millimetres.bounds_um[1][0] - 1e3).abs() < 1e-9);
+    assert!((millimetres.area_mm2 - 6.0).abs() < 1e-12 && (millimetres.bodies[0].volume_mm3 - 1.0).abs() < 1e-12);
     let t = assert_passes(&torus(40, 20));
     assert_eq!((t.euler, t.components), (0, 1));
     let t = assert_passes(&tetrahedron(1.0, [5.0; 3]));
@@ -158,8 +162,8 @@ fn what_is_no_surface_is_named() {
 #[test]
 fn check_demands_the_euler_number_of_each_component() {
     let (positions, triangles) = torus(12, 8);
-    assert!(check_surface(&positions, &triangles, &CheckOptions { euler: Some(0) }).passed);
-    let c = check_surface(&positions, &triangles, &CheckOptions { euler: Some(2) });
+    assert!(check_surface(&positions, &triangles, &CheckOptions { euler: Some(0), unit_metres: 1e-3 }).passed);
+    let c = check_surface(&positions, &triangles, &CheckOptions { euler: Some(2), ..Default::default() });
     assert_eq!(c.failures.iter().map(|f| f.kind).collect::<Vec<_>>(), [FailureKind::Euler]);
 }
 

@@ -42,13 +42,8 @@ impl Body {
         self.vertices as i64 - self.edges as i64 + self.triangles as i64
     }
 
-    pub(super) fn report(&self, volume_m3: f64) -> Component {
-        Component {
-            vertices: self.vertices,
-            triangles: self.triangles,
-            euler: self.euler(),
-            volume_mm3: volume_m3 * 1e9,
-        }
+    pub(super) fn report(&self, volume_mm3: f64) -> Component {
+        Component { vertices: self.vertices, triangles: self.triangles, euler: self.euler(), volume_mm3 }
     }
 }
 

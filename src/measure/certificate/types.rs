@@ -209,10 +209,18 @@ impl Place {
 }
 
 /// What `oviduct check` demands besides soundness.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CheckOptions {
     /// The Euler number that each component must have.
     pub euler: Option<i64>,
+    /// Metres in a unit of the positions; for measures only, decisions are taken on the positions as they are.
+    pub unit_metres: f64,
+}
+
+impl Default for CheckOptions {
+    fn default() -> Self {
+        Self { euler: None, unit_metres: 1.0 }
+    }
 }
 
 /// Failures found so far.

@@ -1,0 +1,304 @@
+//! Readers on files written by hand, and on broken ones.
+
+use super::*;
+use proptest::prelude::*;
+use serde_json::{Value, json};
+
+const CORNERS: [[f32; 3]; 4] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.5, 0.0], [0.1, 0.2, 1e-7]];
+const FACES: [[u32; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
+
+fn wide() -> Vec<[f64; 3]> {
+    CORNERS.iter().map(|p| p.map(f64::from)).collect()
+}
+
+fn flat(bytes: impl IntoIterator<Item = impl AsRef<[u8]>>) -> Vec<u8> {
+    bytes.into_iter().flat_map(|b| b.as_ref().to_vec()).collect()
+}
+
+fn glb(document: &Value, data: &[u8]) -> Vec<u8> {
+    let mut text = document.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let mut data = data.to_vec();
+    data.resize(data.len().next_multiple_of(4), 0);
+    let word = |n: usize| (n as u32).to_le_bytes();
+    let length = 12 + 8 + text.len() + 8 + data.len();
+    flat([&b"glTF"[..], &word(2), &word(length), &word(text.len()), b"JSON", &text, &word(data.len()), b"BIN\0", &data])
+}
+
+/// A document of one mesh: positions, and indices of `size` bytes each.
+fn document(mode: u32, count: usize, size: usize, node: Value) -> Value {
+    let kind = [5121, 5123, 0, 5125][size - 1];
+    let mut node = node;
+    node["mesh"] = json!(0);
+    json!({
+        "asset": { "version": "2.0" }, "scene": 0, "scenes": [{ "nodes": [0] }], "nodes": [node],
+        "meshes": [{ "primitives": [{ "attributes": { "POSITION": 0 }, "indices": 1, "mode": mode }] }],
+        "buffers": [{ "byteLength": 48 + count * size }],
+        "bufferViews": [
+            { "buffer": 0, "byteLength": 48 }, { "buffer": 0, "byteOffset": 48, "byteLength": count * size }],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5126, "type": "VEC3", "count": 4, "min": [0, 0, 0], "max": [1, 1.5, 1] },
+            { "bufferView": 1, "componentType": kind, "type": "SCALAR", "count": count }]
+    })
+}
+
+fn data(indices: &[u32], size: usize) -> Vec<u8> {
+    let mut data = flat(CORNERS.iter().flatten().map(|x| x.to_le_bytes()));
+    data.extend(indices.iter().flat_map(|i| i.to_le_bytes()[..size].to_vec()));
+    data
+}
+
+fn read(bytes: &[u8], format: Format) -> Surface {
+    parse(bytes, format, None).unwrap()
+}
+
+fn refusal(bytes: &[u8], format: Format) -> String {
+    parse(bytes, format, None).unwrap_err().to_string()
+}
+
+#[test]
+fn glb_with_indices_of_every_size() {
+    for size in [1, 2, 4] {
+        let bytes = glb(&document(4, 12, size, json!({ "name": "tissue" })), &data(FACES.as_flattened(), size));
+        let surface = read(&bytes, Format::Gltf);
+        assert_eq!((surface.positions, surface.triangles), (wide(), FACES.to_vec()));
+        assert_eq!(surface.groups, [Group { name: "tissue".to_owned(), triangles: 0..4 }]);
+        assert_eq!(surface.unit, Unit::Stated(1.0));
+    }
+}
+
+#[test]
+fn strips_and_fans_keep_their_orientation() {
+    // Two strips, stitched by repeated vertices.
+    let strip = [0, 1, 2, 3, 3, 0, 0, 1, 2];
+    let surface = read(&glb(&document(5, 9, 1, json!({})), &data(&strip, 1)), Format::Gltf);
+    assert_eq!(surface.triangles, [[0, 1, 2], [1, 3, 2], [0, 1, 2]]);
+    let surface = read(&glb(&document(6, 4, 2, json!({})), &data(&[0, 1, 2, 3], 2)), Format::Gltf);
+    assert_eq!(surface.triangles, [[1, 2, 0], [2, 3, 0]]);
+}
+
+#[test]
+fn nodes_move_and_mirror() {
+    let mut document = document(4, 12, 1, json!({ "translation": [0, 0, 5], "scale": [2, 2, -2] }));
+    let parent = json!({ "translation": [10, 0, 0], "children": [0] });
+    document["nodes"].as_array_mut().unwrap().push(parent);
+    document["scenes"][0]["nodes"] = json!([1]);
+    let surface = read(&glb(&document, &data(FACES.as_flattened(), 1)), Format::Gltf);
+    assert_eq!(surface.positions[1], [12.0, 0.0, 5.0]);
+    assert_eq!(surface.positions[2], [10.0, 3.0, 5.0]);
+    assert_eq!(surface.triangles[0], [0, 1, 2]);
+}
+
+#[test]
+fn gltf_with_its_data_within_and_beside() {
+    let data = data(FACES.as_flattened(), 1);
+    let alphabet = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let text: String = data
+        .chunks(3)
+        .flat_map(|c| {
+            let word = c.iter().fold(0u32, |w, &b| (w << 8) | u32::from(b)) << (8 * (3 - c.len()));
+            (0..4).map(move |k| if k <= c.len() { alphabet[(word >> (18 - 6 * k)) as usize & 63] as char } else { '=' })
+        })
+        .collect();
+    let mut document = document(4, 12, 1, json!({}));
+    document["buffers"][0]["uri"] = json!(format!("data:application/octet-stream;base64,{text}"));
+    let within = read(document.to_string().as_bytes(), Format::Gltf);
+    assert_eq!(within.triangles, FACES);
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("the data.bin"), &data).unwrap();
+    document["buffers"][0]["uri"] = json!("the%20data.bin");
+    std::fs::write(folder.path().join("model.gltf"), document.to_string()).unwrap();
+    assert_eq!(read_surface(&folder.path().join("model.gltf")).unwrap(), within);
+    document["buffers"][0]["uri"] = json!("../secret.bin");
+    assert!(refusal(document.to_string().as_bytes(), Format::Gltf).contains("beside the document"));
+}
+
+#[test]
+fn broken_gltf_is_refused_with_the_part_named() {
+    let sound = document(4, 12, 1, json!({}));
+    let data = data(FACES.as_flattened(), 1);
+    let broken = |pointer: &str, value: Value| {
+        let mut document = sound.clone();
+        *document.pointer_mut(pointer).unwrap() = value;
+        refusal(&glb(&document, &data), Format::Gltf)
+    };
+    assert!(broken("/accessors/0/count", json!(5)).contains("accessors[0]"));
+    assert!(broken("/accessors/1/bufferView", json!(7)).contains("bufferView"));
+    assert!(broken("/bufferViews/1/byteLength", json!(4_000_000_000u32)).contains("accessors[1]"));
+    assert!(broken("/accessors/1/componentType", json!(5126)).contains("accessors[1]"));
+    assert!(broken("/nodes/0", json!({ "mesh": 0, "children": [0] })).contains("nodes[0]"));
+    let mut far = data.clone();
+    far[48] = 9;
+    assert_eq!(refusal(&glb(&sound, &far), Format::Gltf), "meshes[0].primitives[0]: there is no vertex 9");
+    let whole = glb(&sound, &data);
+    for length in 4..whole.len() {
+        assert!(parse(&whole[..length], Format::Gltf, None).is_err(), "cut at {length}");
+    }
+}
+
+#[test]
+fn obj_with_all_kinds_of_corners() {
+    let text = "# grown by hand, units: mm\no body\nv 0 0 0\nv 1 0 0 1.0\nvt 0 0\nv 0 1.5 0\r\ng side \\\n one\n\
+                f 1/1 3//2 2/1/1\nv 0.25 .5 1e-7 # tip\nf -4 -3 -1\ng rest\nf 1 2 3 4\n";
+    let surface = read(text.as_bytes(), Format::Obj);
+    assert_eq!(surface.positions[3], [0.25, 0.5, 1e-7]);
+    assert_eq!(surface.triangles, [[0, 2, 1], [0, 1, 3], [0, 1, 2], [0, 2, 3]]);
+    let groups: Vec<_> = surface.groups.iter().map(|g| (g.name.as_str(), g.triangles.clone())).collect();
+    assert_eq!(groups, [("side one", 0..2), ("rest", 2..4)]);
+    assert_eq!(surface.unit, Unit::Stated(1e-3));
+}
+
+#[test]
+fn broken_obj_is_refused_with_the_line_named() {
+    for (text, message) in [
+        ("v 0 0\n", "line 1: a coordinate is missing"),
+        ("v 0 0 x\n", "line 1: \"x\" is not a number"),
+        ("v 0 0 0\nf 1 1\n", "line 2: a face has fewer than three corners"),
+        ("v 0 0 0\nf 1 1 2\nf 1 1 1\n", "line 2: there is no vertex 2"),
+        ("v 0 0 0\nf 1 1 0\n", "line 2: there is no vertex 0"),
+        ("v 0 0 0\nf 1 1 -2\n", "line 2: there is no vertex -2"),
+        ("v 0 0 0\nf 1 1 a/1\n", "line 2: \"a/1\" is not a corner of a face"),
+    ] {
+        assert_eq!(refusal(text.as_bytes(), Format::Obj), message);
+    }
+}
+
+fn binary_stl() -> Vec<u8> {
+    let mut bytes = b"solid but binary".to_vec();
+    bytes.resize(80, 0);
+    bytes.extend(4u32.to_le_bytes());
+    for face in FACES {
+        bytes.extend([0; 12]);
+        bytes.extend(face.iter().flat_map(|&v| CORNERS[v as usize]).flat_map(f32::to_le_bytes));
+        bytes.extend([0; 2]);
+    }
+    bytes
+}
+
+fn text_stl() -> String {
+    let mut text = "solid body\n".to_owned();
+    for face in FACES {
+        text += "facet normal 0 0 0\n outer loop\n";
+        for [x, y, z] in face.map(|v| CORNERS[v as usize].map(f64::from)) {
+            text += &format!("  vertex {x} {y} {z}\n");
+        }
+        text += " endloop\nendfacet\n";
+    }
+    text + "endsolid body\n"
+}
+
+#[test]
+fn stl_in_both_forms() {
+    let binary = read(&binary_stl(), Format::Stl);
+    assert_eq!(binary.triangles.len(), 4);
+    assert_eq!(binary.positions[1], wide()[2]);
+    let text = read(text_stl().as_bytes(), Format::Stl);
+    assert_eq!((&text.positions, &text.triangles), (&binary.positions, &binary.triangles));
+    assert_eq!(text.groups, [Group { name: "body".to_owned(), triangles: 0..4 }]);
+    let bytes = binary_stl();
+    assert!(refusal(&bytes[..bytes.len() - 1], Format::Stl).starts_with("line 1:"));
+    assert!(refusal(b"", Format::Stl).starts_with("byte 0:"));
+    assert_eq!(refusal(b"solid\nvertex 1 2\n", Format::Stl), "line 2: a coordinate is missing");
+}
+
+fn ply(format: &str) -> Vec<u8> {
+    let mut bytes = format!(
+        "ply\nformat {format} 1.0\ncomment units: um\nelement vertex 4\nproperty float x\nproperty uchar tag\n\
+         property float y\nproperty float z\nelement face 4\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    .into_bytes();
+    let big = format.contains("big");
+    let float = |x: f32| if big { x.to_be_bytes() } else { x.to_le_bytes() };
+    let int = |x: u32| if big { x.to_be_bytes() } else { x.to_le_bytes() };
+    if format == "ascii" {
+        for [x, y, z] in wide() {
+            bytes.extend(format!("{x} 7 {y} {z}\n").bytes());
+        }
+        for [a, b, c] in FACES {
+            bytes.extend(format!("3 {a} {b} {c}\n").bytes());
+        }
+    } else {
+        for [x, y, z] in CORNERS {
+            bytes.extend(flat([&float(x)[..], &[7], &float(y), &float(z)]));
+        }
+        for [a, b, c] in FACES {
+            bytes.extend(flat([&[3][..], &int(a), &int(b), &int(c)]));
+        }
+    }
+    bytes
+}
+
+#[test]
+fn ply_in_all_forms() {
+    for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
+        let bytes = ply(format);
+        let surface = read(&bytes, Format::Ply);
+        assert_eq!((surface.positions, surface.triangles), (wide(), FACES.to_vec()), "{format}");
+        assert_eq!(surface.unit, Unit::Stated(1e-6));
+        assert!(parse(&bytes[..bytes.len() - 2], Format::Ply, None).is_err());
+    }
+    let text = String::from_utf8(ply("ascii")).unwrap();
+    assert_eq!(refusal(text.replace("3 0 2 1", "3 0 2 4").as_bytes(), Format::Ply), "line 16: there is no vertex 4");
+    assert!(refusal(text.replace("property float z\n", "").as_bytes(), Format::Ply).contains("x, y or z"));
+    assert!(refusal(b"ply\nformat ascii 1.0\nelement vertex many\n", Format::Ply).starts_with("line 3:"));
+}
+
+#[test]
+fn a_format_is_known_by_content_or_name() {
+    let of = |name: &str, bytes: &[u8]| format_of(Path::new(name), bytes);
+    assert_eq!(of("a.bin", b"glTF"), Some(Format::Gltf));
+    assert_eq!(of("a", b"ply\n"), Some(Format::Ply));
+    assert_eq!(of("A.OBJ", b""), Some(Format::Obj));
+    assert_eq!(of("a.txt", b"v 0 0 0"), None);
+    assert!(matches!(read_surface(Path::new("/nowhere/a.obj")), Err(ReadError::Io { .. })));
+}
+
+fn sane(surface: &Surface) -> bool {
+    surface.triangles.iter().flatten().all(|&v| (v as usize) < surface.positions.len())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    #[test]
+    fn random_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+        for format in [Format::Gltf, Format::Obj, Format::Stl, Format::Ply] {
+            let _ = parse(&bytes, format, None);
+        }
+    }
+
+    #[test]
+    fn spoilt_files_never_panic(which in 0usize..7, spoils in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)) {
+        let (mut bytes, format) = match which {
+            0 => (glb(&document(4, 12, 2, json!({ "scale": [1, 2, 3] })), &data(FACES.as_flattened(), 2)), Format::Gltf),
+            1 => (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf -1/2 -2//3 -3\n".to_vec(), Format::Obj),
+            2 => (binary_stl(), Format::Stl),
+            3 => (text_stl().into_bytes(), Format::Stl),
+            4 => (ply("ascii"), Format::Ply),
+            5 => (ply("binary_little_endian"), Format::Ply),
+            _ => (document(5, 12, 1, json!({})).to_string().into_bytes(), Format::Gltf),
+        };
+        for (at, value) in spoils {
+            let at = at.index(bytes.len());
+            bytes[at] = value;
+        }
+        if let Ok(surface) = parse(&bytes, format, None) {
+            prop_assert!(sane(&surface));
+        }
+    }
+
+    #[test]
+    fn words_of_the_formats_never_panic(words in prop::collection::vec(prop::sample::select(vec![
+        "v", "f", "g", "1", "-1", "0", "2/1", "1e400", "nan", "\\", "\n", "\n", "#", "units: mm", "solid", "vertex",
+        "endloop", "facet", "ply\n", "format ascii 1.0\n", "element vertex 2\n", "element face 1\n", "property float x\n",
+        "property float y\n", "property float z\n", "property list uchar int vertex_index\n", "end_header\n", "99999999999",
+    ]), 0..40)) {
+        let text = words.join(" ");
+        for format in [Format::Obj, Format::Stl, Format::Ply] {
+            if let Ok(surface) = parse(text.as_bytes(), format, None) {
+                prop_assert!(sane(&surface));
+            }
+            let _ = parse(format!("ply\n{text}").replace("\n ", "\n").as_bytes(), Format::Ply, None);
+        }
+    }
+}

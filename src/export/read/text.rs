@@ -1,0 +1,43 @@
+//! What the text formats have in common: lines, numbers, units in comments.
+
+use super::{ReadError, Unit};
+use std::borrow::Cow;
+
+/// The lines of a file with their numbers from 1, without line ends, bytes that are not UTF-8 replaced.
+pub(super) fn lines(bytes: &[u8]) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
+    bytes.split(|&b| b == b'\n').enumerate().map(|(i, line)| {
+        let line = line.strip_suffix(b"\r").unwrap_or(line);
+        (i + 1, String::from_utf8_lossy(line))
+    })
+}
+
+pub(super) fn wrong(line: usize, detail: impl Into<String>) -> ReadError {
+    ReadError::Line { line, detail: detail.into() }
+}
+
+/// The next word as a coordinate.
+pub(super) fn coordinate<'a>(line: usize, words: &mut impl Iterator<Item = &'a str>) -> Result<f64, ReadError> {
+    let word = words.next().ok_or_else(|| wrong(line, "a coordinate is missing"))?;
+    word.parse().map_err(|_| wrong(line, format!("{word:?} is not a number")))
+}
+
+/// The next three words as a point.
+pub(super) fn point<'a>(line: usize, words: &mut impl Iterator<Item = &'a str>) -> Result<[f64; 3], ReadError> {
+    Ok([coordinate(line, words)?, coordinate(line, words)?, coordinate(line, words)?])
+}
+
+/// The unit that a comment states, as `unit: mm`, `units = metres` or `UNITS=um`.
+pub(super) fn unit(comment: &str) -> Option<Unit> {
+    let mut words = comment.split(|c: char| c.is_whitespace() || "=:,;()".contains(c)).filter(|w| !w.is_empty());
+    words.find(|word| word.eq_ignore_ascii_case("unit") || word.eq_ignore_ascii_case("units"))?;
+    let metres = match words.next()?.to_lowercase().trim_end_matches(['.', '\0']) {
+        "m" | "metre" | "metres" | "meter" | "meters" => 1.0,
+        "cm" | "centimetre" | "centimetres" | "centimeter" | "centimeters" => 1e-2,
+        "mm" | "millimetre" | "millimetres" | "millimeter" | "millimeters" => 1e-3,
+        "um" | "µm" | "μm" | "micrometre" | "micrometres" | "micrometer" | "micrometers" | "micron" | "microns" => {
+            1e-6
+        }
+        _ => return None,
+    };
+    Some(Unit::Stated(metres))
+}
