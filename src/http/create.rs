@@ -73,20 +73,22 @@ async fn gpu_alive(state: &AppState) -> Result<bool, Problem> {
     Ok(state.store.workers().await?.iter().any(|w| w.backend == Backend::Gpu && w.heartbeat_at >= oldest))
 }
 
-/// Ask for a model. It is queued and grown in the background; follow it by `GET /models/{id}` or its events.
+/// Ask for a model.
+///
+/// It is queued and grown in the background; follow it by `GET /models/{id}` or its events.
 #[utoipa::path(
-    post, path = "/models", tag = "models",
+    post, path = "/models", operation_id = "create_model", tag = "models",
     params(
         ("prefer" = Option<String>, Header, description = "`wait=N`: hold the answer until the model has ended, at most N seconds (1 to 60)"),
-        ("idempotency-key" = Option<String>, Header, description = "1 to 255 visible ASCII characters: the same key with the same body gives the same model"),
+        ("idempotency-key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "1 to 255 visible ASCII characters: the same key with the same body gives the same model"),
     ),
     request_body(content = ModelRequestDoc, content_type = "application/json"),
     responses(
         (status = 202, description = "Accepted: queued or running", body = Model, headers(
             ("location" = String, description = "Address of the model"),
             ("retry-after" = u32, description = "Seconds after which to look again"),
-            ("preference-applied" = Option<String>, description = "`wait=N`, where it was asked for"),
-            ("idempotency-replayed" = Option<String>, description = "`true` where the key had made the model before"))),
+            ("preference-applied" = String, description = "`wait=N`, where it was asked for"),
+            ("idempotency-replayed" = String, description = "`true` where the key had made the model before"))),
         (status = 201, description = "A finished model with the same digest was taken: succeeded already", body = Model, headers(
             ("location" = String, description = "Address of the model"))),
         (status = 200, description = "Ended within the wait asked for", body = Model, headers(
@@ -196,7 +198,7 @@ pub(super) struct Validation {
 
 /// Check a request and predict its cost; queues nothing.
 #[utoipa::path(
-    post, path = "/models/validate", tag = "models",
+    post, path = "/models/validate", operation_id = "validate_model", tag = "models",
     request_body(content = ModelRequestDoc, content_type = "application/json"),
     responses((status = 200, description = "The request is valid", body = Validation), BodyProblems, StoreAway)
 )]

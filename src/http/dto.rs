@@ -167,7 +167,7 @@ pub struct ModelEvent {
 
 /// The data of the `end` event of a deleted model.
 #[derive(Clone, Copy, Debug, Serialize, ToSchema)]
-pub struct DeletedEvent {
+pub(super) struct DeletedEvent {
     /// Which model.
     pub id: Uuid,
     /// `deleted`.
@@ -177,7 +177,7 @@ pub struct DeletedEvent {
 /// The status that a model has only in the last event of its stream.
 #[derive(Clone, Copy, Debug, Serialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Deleted {
+pub(super) enum Deleted {
     /// It is no more.
     Deleted,
 }

@@ -39,13 +39,13 @@ pub(super) fn retry_after(job: &Job) -> HeaderValue {
 
 /// List models, newest first.
 #[utoipa::path(
-    get, path = "/models", tag = "models",
+    get, path = "/models", operation_id = "list_models", tag = "models",
     params(
         ("status" = Option<Status>, Query, description = "Only of this status"),
         ("preset" = Option<String>, Query, description = "Only of this preset"),
-        ("label" = Option<Vec<String>>, Query, description = "Only with this label, `key:value`; may stand several times: all must fit"),
+        ("label" = Option<Vec<String>>, Query, pattern = "^[^:]+:", description = "Only with this label, `key:value`; may stand several times: all must fit"),
         ("limit" = Option<u32>, Query, minimum = 1, maximum = 100, description = "Most models on the page; 20 where it is left out"),
-        ("cursor" = Option<String>, Query, description = "`next` of the page before"),
+        ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the page before"),
     ),
     responses((status = 200, description = "A page of models", body = ModelList), BadParameters, StoreAway)
 )]
@@ -101,7 +101,7 @@ fn filter(parameters: &Parameters) -> Result<ListFilter, Problem> {
 
 /// Read one model.
 #[utoipa::path(
-    get, path = "/models/{id}", tag = "models",
+    get, path = "/models/{id}", operation_id = "get_model", tag = "models",
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
         ("if-none-match" = Option<String>, Header, description = "Tags that the client has"),
@@ -134,9 +134,11 @@ pub(super) async fn get(
     Ok(response)
 }
 
-/// Stop a model. A queued one ends at once, a running one within a second; an ended one stays as it is.
+/// Stop a model.
+///
+/// A queued one ends at once, a running one within a second; an ended one stays as it is.
 #[utoipa::path(
-    post, path = "/models/{id}/cancel", tag = "models",
+    post, path = "/models/{id}/cancel", operation_id = "cancel_model", tag = "models",
     params(("id" = Uuid, Path, description = "Id of the model")),
     responses((status = 200, description = "The model", body = Model), ModelMissing, StoreAway)
 )]
@@ -145,9 +147,11 @@ pub(super) async fn cancel(State(state): State<AppState>, ModelId(id): ModelId) 
     answer(StatusCode::OK, &job)
 }
 
-/// Remove a model and its files; it is stopped where needed. Files that another model shares stay.
+/// Remove a model and its files; it is stopped where needed.
+///
+/// Files that another model shares stay.
 #[utoipa::path(
-    delete, path = "/models/{id}", tag = "models",
+    delete, path = "/models/{id}", operation_id = "delete_model", tag = "models",
     params(("id" = Uuid, Path, description = "Id of the model")),
     responses((status = 204, description = "It is gone"), ModelMissing, StoreAway)
 )]

@@ -12,11 +12,11 @@ use std::collections::BTreeMap;
 /// Greatest seed: 2^53 − 1, the greatest integer that every JSON reader keeps exactly.
 pub const SEED_MAX: u64 = (1 << 53) - 1;
 /// Most labels of a model.
-pub const LABELS_MAX: usize = 16;
+pub(super) const LABELS_MAX: usize = 16;
 /// Longest key of a label, in characters.
-pub const LABEL_KEY_MAX: usize = 64;
+pub(super) const LABEL_KEY_MAX: usize = 64;
 /// Longest value of a label, in characters.
-pub const LABEL_VALUE_MAX: usize = 256;
+pub(super) const LABEL_VALUE_MAX: usize = 256;
 
 const MEMBERS: [&str; 7] = ["preset", "seed", "spec", "outputs", "backend", "labels", "reuse"];
 

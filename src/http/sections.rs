@@ -146,7 +146,8 @@ fn no_section(detail: &str) -> Problem {
 async fn read(state: &AppState, file: &File, k: u64) -> Result<(u64, Section), Problem> {
     let end = file.bytes.saturating_sub(TRAILER_LEN as u64);
     let tail = part(state, file, end..file.bytes).await?;
-    let trailer = Trailer::parse(&tail, file.bytes).map_err(|error| damaged(&error))?;
+    let tail = tail[..].try_into().map_err(|_| damaged(&SectionsError::NotSections))?;
+    let trailer = Trailer::parse(tail, file.bytes).map_err(|error| damaged(&error))?;
     if k >= trailer.count {
         return Err(no_section(&format!("The model has {} sections, numbered from 0.", trailer.count)));
     }
