@@ -1,1 +1,4 @@
-//! Placeholder header: see the house.
+//! Geometry without knowledge of organs: patches of a mesh, triangle strips.
+
+pub mod patch;
+pub mod strips;
