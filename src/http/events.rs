@@ -7,7 +7,7 @@
 use super::dto::ModelEvent;
 use super::extract::{ModelId, no_model};
 use super::headers::last_event_id;
-use super::openapi::{ModelMissing, StoreAway, StreamsFull};
+use super::openapi::{ModelMissing, StreamAway};
 use super::problem::{Kind, Problem};
 use super::sse::{self, Name, Track};
 use super::AppState;
@@ -87,18 +87,20 @@ where
     Ok((headers, Sse::new(ReceiverStream::new(receiver)).keep_alive(comment)).into_response())
 }
 
-/// Follow one model: its state at once, then every change. Event names are `status`, `progress`, `section` and `end`;
+/// Follow one model: its state at once, then every change.
+///
+/// Event names are `status`, `progress`, `section` and `end`;
 /// the id is the model's version; the data is the whole Model, in `section` events with its last contour. After
 /// `end` the stream closes. A deleted model ends its stream with `end`, whose data is `{"id", "status": "deleted"}`.
 #[utoipa::path(
-    get, path = "/models/{id}/events", tag = "events",
+    get, path = "/models/{id}/events", operation_id = "follow_model", tag = "events",
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
         ("last-event-id" = Option<String>, Header, description = "Version that the client knows; newer is sent at once"),
     ),
     responses(
         (status = 200, description = "Events", content_type = "text/event-stream", body = ModelEvent),
-        ModelMissing, StoreAway, StreamsFull,
+        ModelMissing, StreamAway,
     )
 )]
 pub(super) async fn of_model(
@@ -164,15 +166,16 @@ async fn store_failed(out: &Out, error: &StoreError) -> Result<(), Closed> {
     out.pause(std::future::pending(), out.state.limits.event_poll).await
 }
 
-/// Follow all models: at once the state of each that has not ended, then every change, as in the stream of one model
-/// but without closing. The id is a cursor; sent back as `Last-Event-ID` it brings at once what changed since, and
+/// Follow all models: at once the state of each that has not ended, then every change.
+///
+/// Events are as in the stream of one model, but the stream does not close. The id is a cursor; sent back as `Last-Event-ID` it brings at once what changed since, and
 /// where that is no longer known, the state of the newest models.
 #[utoipa::path(
-    get, path = "/events", tag = "events",
+    get, path = "/events", operation_id = "follow_all", tag = "events",
     params(("last-event-id" = Option<String>, Header, description = "Cursor of the last event that the client has")),
     responses(
         (status = 200, description = "Events", content_type = "text/event-stream", body = ModelEvent),
-        StoreAway, StreamsFull,
+        StreamAway,
     )
 )]
 pub(super) async fn of_all(State(state): State<AppState>, headers: HeaderMap) -> Result<Response, Problem> {

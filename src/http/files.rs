@@ -21,7 +21,7 @@ pub(super) const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max
 
 /// Download a file.
 #[utoipa::path(
-    get, path = "/models/{id}/files/{name}", tag = "files",
+    get, path = "/models/{id}/files/{name}", operation_id = "download_file", tag = "files",
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
         ("name" = String, Path, description = "Name of one of the model's files, such as `model.glb`"),
@@ -58,7 +58,7 @@ pub(super) async fn download(
 
 /// Read the report of a model: its certificate.
 #[utoipa::path(
-    get, path = "/models/{id}/report", tag = "files",
+    get, path = "/models/{id}/report", operation_id = "get_report", tag = "files",
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
         ("if-none-match" = Option<String>, Header, description = "Tags that the client has"),

@@ -21,7 +21,7 @@ const OK: Health = Health { status: "ok", version: crate::ENGINE_VERSION };
 
 /// Whether the service is alive.
 #[utoipa::path(
-    get, path = "/healthz", tag = "service",
+    get, path = "/healthz", operation_id = "get_health", tag = "service",
     responses((status = 200, description = "It is alive", body = Health))
 )]
 pub(super) async fn alive() -> Json<Health> {
@@ -30,7 +30,7 @@ pub(super) async fn alive() -> Json<Health> {
 
 /// Whether the service can take work: the job store answers.
 #[utoipa::path(
-    get, path = "/readyz", tag = "service",
+    get, path = "/readyz", operation_id = "get_readiness", tag = "service",
     responses((status = 200, description = "It can", body = Health), StoreAway)
 )]
 pub(super) async fn ready(State(state): State<AppState>) -> Result<Json<Health>, Problem> {

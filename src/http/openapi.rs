@@ -75,8 +75,8 @@ problems! {
     QueueFull: QueueFull;
     /// One of the stores is away.
     StoreAway: StoreUnavailable, StorageUnavailable;
-    /// Too many streams are open.
-    StreamsFull: TooManyStreams;
+    /// The store is away, or too many streams are open.
+    StreamAway: StoreUnavailable, TooManyStreams;
 }
 
 /// One response for each status among `kinds`.
@@ -95,7 +95,7 @@ fn problem_responses(kinds: &[Kind]) -> BTreeMap<String, RefOr<ResponseDoc>> {
 
 /// Describe the service.
 #[utoipa::path(
-    get, path = "/openapi.yaml", tag = "service",
+    get, path = "/openapi.yaml", operation_id = "get_openapi", tag = "service",
     responses((status = 200, description = "This description", content_type = "application/yaml", body = String))
 )]
 pub(super) async fn document() -> Response {
@@ -119,6 +119,7 @@ pub fn openapi_yaml() -> String {
             complete(operation);
         }
     }
+    plain_integers(&mut document);
     let mut yaml = String::from("# Made from the code: cargo run -- openapi > openapi.yaml\n");
     for part in ["openapi", "info", "tags", "paths", "components"] {
         let text = yaml_serde::to_string(&json!({ part: document[part] })).expect("JSON is YAML");
@@ -139,6 +140,12 @@ fn info() -> Value {
 
 /// What every operation may answer besides.
 fn complete(operation: &mut Value) {
+    for parameter in operation["parameters"].as_array_mut().into_iter().flatten() {
+        // A header or a parameter may be absent, never null.
+        if let Some(kinds) = parameter["schema"]["type"].as_array().cloned() {
+            parameter["schema"]["type"] = kinds.into_iter().find(|kind| kind != "null").unwrap_or_default();
+        }
+    }
     let Some(responses) = operation["responses"].as_object_mut() else { return };
     for (status, response) in problem_responses(&[Kind::Internal]) {
         responses.entry(status).or_insert_with(|| serde_json::to_value(response).unwrap_or_default());
@@ -151,6 +158,20 @@ fn complete(operation: &mut Value) {
     if let Some(response) = responses.get_mut("416") {
         response["headers"]["content-range"] =
             json!({ "description": "`bytes */` and the size of the file", "schema": { "type": "string" } });
+    }
+}
+
+/// Removes the formats `int32` and `int64`, which utoipa gives to unsigned integers too.
+fn plain_integers(value: &mut Value) {
+    match value {
+        Value::Object(members) => {
+            if matches!(members.get("format").and_then(Value::as_str), Some("int32" | "int64")) {
+                members.remove("format");
+            }
+            members.values_mut().for_each(plain_integers);
+        }
+        Value::Array(items) => items.iter_mut().for_each(plain_integers),
+        _ => {}
     }
 }
 

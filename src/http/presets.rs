@@ -21,7 +21,7 @@ pub(super) struct PresetList {
 
 /// List what can be grown.
 #[utoipa::path(
-    get, path = "/presets", tag = "presets",
+    get, path = "/presets", operation_id = "list_presets", tag = "presets",
     responses((status = 200, description = "The presets", body = PresetList))
 )]
 pub(super) async fn list() -> Json<PresetList> {
@@ -30,7 +30,7 @@ pub(super) async fn list() -> Json<PresetList> {
 
 /// Read one preset: each value with its unit and its source.
 #[utoipa::path(
-    get, path = "/presets/{name}", tag = "presets",
+    get, path = "/presets/{name}", operation_id = "get_preset", tag = "presets",
     params(("name" = String, Path, description = "Name of the preset")),
     responses((status = 200, description = "The preset", body = Object, content_type = "application/json"), PresetMissing)
 )]
@@ -44,7 +44,7 @@ pub(super) async fn get(path: PathTexts) -> Result<Json<Value>, Problem> {
 
 /// Read the JSON Schema of the spec: titles, units, bounds, defaults.
 #[utoipa::path(
-    get, path = "/schema", tag = "presets",
+    get, path = "/schema", operation_id = "get_schema", tag = "presets",
     responses((status = 200, description = "JSON Schema, draft 2020-12", content_type = "application/schema+json", body = Object))
 )]
 pub(super) async fn spec_schema() -> Response {

@@ -27,6 +27,16 @@ use uuid::Uuid;
 const JSON: &str = "application/json";
 const SVG: &str = "image/svg+xml";
 
+/// Representations of a section.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ToSchema)]
+#[schema(rename_all = "lowercase")]
+pub(super) enum Format {
+    /// `application/json`.
+    Json,
+    /// `image/svg+xml`.
+    Svg,
+}
+
 /// A cross section; lengths in micrometres.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct SectionAnswer {
@@ -69,11 +79,11 @@ impl From<Ring> for RingAnswer {
 
 /// Read one cross section of a finished model.
 #[utoipa::path(
-    get, path = "/models/{id}/sections/{k}", tag = "files",
+    get, path = "/models/{id}/sections/{k}", operation_id = "get_section", tag = "files",
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
         ("k" = u32, Path, minimum = 0, description = "Number of the section, from 0 at the isthmus end"),
-        ("format" = Option<String>, Query, description = "`json` or `svg`; goes before `Accept`"),
+        ("format" = Option<Format>, Query, description = "`json` or `svg`; goes before `Accept`"),
         ("if-none-match" = Option<String>, Header, description = "Tags that the client has"),
     ),
     responses(
@@ -95,14 +105,14 @@ pub(super) async fn section(
     let (_, file) = find(&state, id, "sections.bin").await?;
     let k = path.get("k");
     let k = k.parse::<u64>().map_err(|_| no_section(&format!("`{k}` is not the number of a section")))?;
-    let tag = ETag::strong(format_args!("{}-{k}-{}", file.sha256, if format == SVG { "svg" } else { "json" }));
+    let tag = ETag::strong(format_args!("{}-{k}-{}", file.sha256, if format == Format::Svg { "svg" } else { "json" }));
     let (count, section) = read(&state, &file, k).await?;
     let vary = (header::VARY, HeaderValue::from_static("accept"));
     if tag.matches_none(&headers) {
         return Ok(([vary], tag.not_modified(IMMUTABLE)?).into_response());
     }
     let headers = [(header::ETAG, tag.header()?), (header::CACHE_CONTROL, IMMUTABLE), vary];
-    if format == SVG {
+    if format == Format::Svg {
         let kind = (header::CONTENT_TYPE, HeaderValue::from_static(SVG));
         return Ok((headers, [kind], section_svg(&section)).into_response());
     }
@@ -120,17 +130,17 @@ pub(super) async fn section(
     Ok((headers, Json(answer)).into_response())
 }
 
-fn format(parameters: &Parameters, headers: &HeaderMap) -> Result<&'static str, Problem> {
+fn format(parameters: &Parameters, headers: &HeaderMap) -> Result<Format, Problem> {
     let mut faults = parameters.faults(&["format"], &[]);
     let asked = parameters.0.iter().find(|(name, _)| name == "format").map(|(_, value)| value.as_str());
     let format = match asked {
-        Some("json") => Some(JSON),
-        Some("svg") => Some(SVG),
+        Some("json") => Some(Format::Json),
+        Some("svg") => Some(Format::Svg),
         Some(_) => {
             faults.push(Fault::parameter("format", "must be json or svg"));
             None
         }
-        None => accept(headers, &[JSON, SVG]),
+        None => accept(headers, &[JSON, SVG]).map(|best| if best == SVG { Format::Svg } else { Format::Json }),
     };
     if !faults.is_empty() {
         return Err(Problem::invalid(faults));

@@ -9,7 +9,7 @@ use axum::extract::State;
 
 /// List the workers seen in the last minutes.
 #[utoipa::path(
-    get, path = "/workers", tag = "service",
+    get, path = "/workers", operation_id = "list_workers", tag = "service",
     responses((status = 200, description = "The workers", body = WorkerList), StoreAway)
 )]
 pub(super) async fn list(State(state): State<AppState>) -> Result<Json<WorkerList>, Problem> {
