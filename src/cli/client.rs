@@ -88,8 +88,18 @@ pub(super) struct Problem {
 /// A fault of the request.
 #[derive(Clone, Debug, Deserialize)]
 struct Fault {
-    pointer: String,
+    pointer: Option<String>,
+    header: Option<String>,
     detail: String,
+}
+
+impl std::fmt::Display for Fault {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.pointer.as_ref().or(self.header.as_ref()) {
+            Some(place) if !place.is_empty() => write!(f, "{place}: {}", self.detail),
+            _ => self.detail.fmt(f),
+        }
+    }
 }
 
 impl Problem {
@@ -298,7 +308,7 @@ fn refusal(status: StatusCode, problem: &Problem) -> Failure {
     if problem.errors.is_empty() {
         return anyhow!("the service answered {status}{}{text}", if text.is_empty() { "" } else { ": " }).into();
     }
-    Failure::Usage(problem.errors.iter().map(|fault| format!("{}: {}", fault.pointer, fault.detail)).collect())
+    Failure::Usage(problem.errors.iter().map(Fault::to_string).collect())
 }
 
 #[cfg(test)]

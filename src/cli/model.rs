@@ -2,6 +2,7 @@
 
 use super::args::ModelArgs;
 use super::exit::Failure;
+use crate::spec::{self, ModelSpec, Preset};
 use serde_json::{Map, Value};
 use std::io::Read;
 
@@ -50,6 +51,22 @@ fn assign(patch: &mut Value, assignment: &str) -> Result<(), String> {
     }
     *place = serde_json::from_str(value).unwrap_or_else(|_| Value::from(value));
     Ok(())
+}
+
+/// The preset asked for, and the spec that comes of it.
+///
+/// # Errors
+/// [`Failure::Usage`] with every fault, named as over HTTP.
+pub(super) fn resolve(args: &ModelArgs) -> Result<(&'static Preset, ModelSpec), Failure> {
+    let preset = spec::preset(&args.preset).ok_or_else(|| {
+        let names: Vec<&str> = spec::presets().iter().map(|preset| preset.name.as_str()).collect();
+        Failure::usage(format!("/preset: there is no preset `{}`; there are {}", args.preset, names.join(", ")))
+    })?;
+    let faults = match ModelSpec::resolve(preset, &patch(args)?) {
+        Ok(spec) => return Ok((preset, spec)),
+        Err(faults) => faults,
+    };
+    Err(Failure::Usage(faults.iter().map(|fault| format!("/spec{}: {}", fault.pointer, fault.detail)).collect()))
 }
 
 /// The seed asked for, or one that nobody asked for.
