@@ -1,1 +1,5 @@
-//! Placeholder header: see the house.
+//! Exact predicates, bounding-volume hierarchies and triangle contact: geometry that knows nothing of organs.
+
+pub mod bvh;
+pub mod predicates;
+pub mod tri_tri;
