@@ -80,7 +80,8 @@ impl Sink for Shown {
 /// What `--json` prints.
 fn report(request: &Request, outcome: &Outcome) -> Value {
     let count = |name: &str| outcome.summary.get(name).cloned().unwrap_or_default();
-    let file = |file: &crate::generate::FileOutput| json!({ "name": file.name, "bytes": file.bytes, "sha256": file.sha256 });
+    let file =
+        |file: &crate::generate::FileOutput| json!({ "name": file.name, "bytes": file.bytes, "sha256": file.sha256 });
     json!({
         "digest": request.spec.digest(request.seed),
         "preset": request.preset,

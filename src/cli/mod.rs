@@ -4,12 +4,18 @@
 //! usage or an invalid spec) or 130 (interrupted).
 
 mod args;
+mod check;
 mod client;
 mod config;
+mod demo;
 mod exit;
+mod generate;
 mod interrupt;
 mod model;
+mod print;
 mod scratch;
+mod serve;
+mod service;
 mod sse;
 mod submit;
 mod term;
@@ -52,9 +58,15 @@ fn start(cli: Cli) -> Ended {
 
 async fn dispatch(command: Command) -> Ended {
     match command {
+        Command::Serve(args) => serve::run(args).await,
+        Command::Generate(args) => generate::run(args).await,
+        Command::Demo(args) => demo::run(args).await,
         Command::Submit(args) => submit::run(args).await,
+        Command::Check(args) => check::run(args).await,
+        Command::Presets(args) => print::presets(&args),
+        Command::Schema => print::schema(),
+        Command::Openapi => print::openapi(),
         Command::Healthcheck(args) => client::Client::new(&args.url)?.get("/healthz").await.map(|_| ()),
-        _ => Ok(()),
     }
 }
 

@@ -70,7 +70,8 @@ mod tests {
                           event: end\r\nid: 3\r\ndata: bye\r\n\r\ndata: unfinished\n";
 
     fn expected() -> Vec<Event> {
-        let event = |kind: &str, id: &str, data: &str| Event { kind: kind.into(), id: Some(id.into()), data: data.into() };
+        let event =
+            |kind: &str, id: &str, data: &str| Event { kind: kind.into(), id: Some(id.into()), data: data.into() };
         vec![event("status", "1", "{\"a\":\n\"ü\"}"), event("message", "2", "x"), event("end", "3", "bye")]
     }
 

@@ -65,7 +65,8 @@ pub(super) fn request(args: &ModelArgs) -> Result<Value, Failure> {
 fn labels(labels: &[String]) -> Result<Value, Failure> {
     let mut map = Map::new();
     for label in labels {
-        let (name, value) = label.split_once(':').ok_or_else(|| Failure::usage(format!("--label {label}: no colon")))?;
+        let (name, value) =
+            label.split_once(':').ok_or_else(|| Failure::usage(format!("--label {label}: no colon")))?;
         map.insert(name.to_owned(), value.into());
     }
     Ok(Value::Object(map))
