@@ -99,7 +99,7 @@ pub(super) struct ServiceArgs {
     pub(super) artifacts: Option<String>,
     /// Models grown at the same time; each may use every core [0: grow none here]
     #[arg(long, value_name = "N", default_value_t = 1)]
-    pub(super) cpu_workers: usize,
+    pub(super) cpu_workers: u32,
     /// Time between a worker's signs of life
     #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "2s")]
     pub(super) heartbeat: Duration,

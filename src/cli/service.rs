@@ -3,12 +3,14 @@
 use super::args::ServiceArgs;
 use super::exit::Failure;
 use crate::clock::Clock;
+use crate::generate::{CancelToken, Outcome, Request, Sink, generate};
 use crate::http::{AppState, Limits, router};
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
 use crate::jobs::sqlite::SqliteStore;
 use crate::jobs::{Store, StoreOptions};
-use crate::worker::{WorkerOptions, WorkerPool};
+use crate::spec::{self, ModelSpec};
+use crate::worker::{PoolOptions, Work, WorkError, WorkerPool};
 use anyhow::Context;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -22,7 +24,7 @@ use tokio_util::sync::CancellationToken;
 pub(super) struct Service {
     address: SocketAddr,
     store: SqliteStore,
-    pool: Option<WorkerPool>,
+    pool: WorkerPool,
     server: JoinHandle<std::io::Result<()>>,
     shutdown: CancellationToken,
     grace: Duration,
@@ -39,7 +41,6 @@ impl Service {
         }
         let database = local_path("--database", args.database.as_deref(), "sqlite", &args.data, "oviduct.db")?;
         let files = local_path("--artifacts", args.artifacts.as_deref(), "file", &args.data, "artifacts")?;
-        let faults = Faults::from_env().map_err(|error| Failure::usage(error.to_string()))?;
 
         let clock = Clock::System;
         let options =
@@ -53,20 +54,16 @@ impl Service {
         let shared: Arc<dyn Store> = Arc::new(store.clone());
         sweep(shared.clone(), artifacts.clone(), &clock);
 
-        let pool = if args.cpu_workers == 0 {
-            None
-        } else {
-            let options = WorkerOptions {
-                workers: args.cpu_workers,
-                heartbeat: args.heartbeat,
-                lease: args.lease,
-                memory_limit: args.memory_limit,
-                scratch: args.data.join("scratch"),
-                ..WorkerOptions::default()
-            };
-            let pool = WorkerPool::start(shared.clone(), artifacts.clone(), clock.clone(), faults, options);
-            Some(pool.context("the workers could not be started")?)
+        let options = PoolOptions {
+            workers: args.cpu_workers,
+            heartbeat: args.heartbeat,
+            lease: args.lease,
+            memory_limit_bytes: args.memory_limit,
+            faults: Faults::from_env().map_err(|error| Failure::usage(error.to_string()))?,
+            ..PoolOptions::new(args.data.join("scratch"))
         };
+        let pool = WorkerPool::start(shared.clone(), artifacts.clone(), Arc::new(grow), options, clock.clone())
+            .context("the workers could not be started")?;
 
         let address = listener.local_addr().context("the listening socket has no address")?;
         let shutdown = CancellationToken::new();
@@ -97,9 +94,7 @@ impl Service {
     /// `failed`, or that of the server.
     pub(super) async fn stop(mut self, failed: Option<anyhow::Error>) -> Result<(), Failure> {
         self.shutdown.cancel();
-        if let Some(pool) = self.pool.take() {
-            pool.shutdown(self.grace).await;
-        }
+        self.pool.shutdown(self.grace).await;
         let ended = match failed {
             Some(error) => Err(error.into()),
             // Requests have had the grace too; those that still hang are cut off with the runtime.
@@ -115,6 +110,27 @@ impl Service {
         self.store.close().await;
         ended
     }
+}
+
+/// What workers run: the stored spec, resolved again, to files.
+fn grow(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, WorkError> {
+    let job = work.job;
+    // A canonical spec names every parameter, so it means the same on whichever preset it is laid.
+    let preset = spec::preset(&job.preset).unwrap_or(&spec::presets()[0]);
+    let spec = ModelSpec::resolve(preset, &job.spec).map_err(|faults| {
+        let faults: Vec<String> = faults.iter().map(ToString::to_string).collect();
+        WorkError::Spec { detail: faults.join("; ") }
+    })?;
+    let request = Request {
+        preset: job.preset.clone(),
+        spec,
+        seed: job.seed,
+        backend: job.backend.requested,
+        outputs: job.outputs.clone(),
+        dir: work.dir.to_owned(),
+        memory_limit_bytes: work.memory_limit_bytes,
+    };
+    Ok(generate(&request, sink, cancel)?)
 }
 
 /// Time for the last answers to leave once the workers have stopped.
