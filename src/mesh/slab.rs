@@ -8,8 +8,7 @@
 //! exports, so the tests speak of what is exported.
 
 use super::contact::Triangle;
-use crate::geometry::blocks::Rect;
-use crate::geometry::predicates::widen2;
+use crate::geometry::blocks::{Blocks, Rect};
 
 /// Which way a cell is split.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -73,9 +72,8 @@ impl Slab {
     pub(super) fn new(lower: Rim, upper: Rim) -> Self {
         debug_assert_eq!((lower.len(), lower.inner), (upper.len(), upper.inner));
         let squared = |p: [f32; 2], q: [f32; 2]| {
-            let (p, q) = (widen2(p), widen2(q));
-            let (dx, dy) = (p[0] - q[0], p[1] - q[1]);
-            dx * dx + dy * dy
+            let d = difference(p, q);
+            d[0] * d[0] + d[1] * d[1]
         };
         let diagonals = (0..lower.len())
             .map(|i| {
@@ -163,11 +161,15 @@ impl Slab {
         }
     }
 
-    /// The box around `cell` seen along the tube.
-    pub(super) fn rect(&self, cell: usize) -> Rect {
-        let mut rect = Rect::EMPTY;
-        self.for_points(cell, |p| rect = rect.joined(&Rect { min: p, max: p }));
-        rect
+    /// The boxes around the cells seen along the tube. Refining the upper rim does not change them:
+    /// rounding never takes a point of an edge out of the box of its ends.
+    pub(super) fn blocks(&self) -> Blocks {
+        let rect = |cell| {
+            let mut rect = Rect::EMPTY;
+            self.for_points(cell, |p| rect = rect.joined(&Rect { min: p, max: p }));
+            rect
+        };
+        Blocks::new(&(0..self.len()).map(rect).collect::<Vec<_>>())
     }
 
     /// Whether an edge of `cell` has no length.
@@ -177,35 +179,76 @@ impl Slab {
             || (0..self.edges(cell)).any(|k| upper(k) == upper(k + 1))
     }
 
-    /// Whether two cells lie apart on either side of a line across one of them, seen along the tube: then
-    /// they cannot meet. May say no where they do.
-    pub(super) fn apart(&self, i: usize, j: usize) -> bool {
-        self.apart_across(i, i, j) || self.apart_across(j, i, j)
+    /// For each cell of a slab that is not refined, whether a plane through the edge that it shares with
+    /// the next cell parts the two. Then they meet in that edge only, and neither is folded.
+    ///
+    /// A plane through that edge whose trace in either rim has the normal d parts them if d points along
+    /// the lower and the upper edges of both cells; d is the sum of these. The differences and the sum
+    /// of two products are off by a few units of rounding; the margin is above that.
+    pub(super) fn parted_from_next(&self) -> Vec<bool> {
+        let edges: Vec<[[f64; 2]; 2]> = (0..self.len())
+            .map(|cell| {
+                let next = self.lower.next(cell);
+                [&self.lower, &self.upper].map(|rim| difference(rim.points[cell], rim.points[next]))
+            })
+            .collect();
+        let sum = |[e, f]: [[f64; 2]; 2]| [e[0] + f[0], e[1] + f[1]];
+        (0..self.len())
+            .map(|cell| {
+                let (here, next) = (edges[cell], edges[self.lower.next(cell)]);
+                let d = sum([sum(here), sum(next)]);
+                let along = |e: [f64; 2]| {
+                    let (x, y) = (d[0] * e[0], d[1] * e[1]);
+                    x + y > 1e-14 * (x.abs() + y.abs())
+                };
+                along(here[0]) & along(here[1]) & along(next[0]) & along(next[1])
+            })
+            .collect()
     }
 
-    /// Tests the direction across cell `along`. The margin is far above what rounding does to a sum of
-    /// two products.
+    /// Whether a line parts two cells, seen along the tube: then they do not meet. Tries the directions
+    /// along and across the cells; may say no where another would do.
+    pub(super) fn apart(&self, i: usize, j: usize) -> bool {
+        let ([x, y], [u, v]) = (self.course(i), self.course(j));
+        let across_both = || self.parted_along([-y, x], i, j) || self.parted_along([-v, u], i, j);
+        let along_both = || self.parted_along([x + u, y + v], i, j);
+        // Near cells of one wall follow each other; others lie side by side.
+        if i.abs_diff(j) < 16 { along_both() || across_both() } else { across_both() || along_both() }
+    }
+
+    /// The direction of a cell: the sum of its lower and its upper edge.
     #[inline]
-    fn apart_across(&self, along: usize, i: usize, j: usize) -> bool {
-        let next = self.lower.next(along);
-        let m = self.edges(along);
-        let (a, b) = (self.lower.points[along], self.lower.points[next]);
-        let (c, d) = (self.upper.points[self.chain(along, 0)], self.upper.points[self.chain(along, m)]);
-        let across = |axis: usize| f64::from(b[axis]) - f64::from(a[axis]) + f64::from(d[axis]) - f64::from(c[axis]);
-        let normal = [-across(1), across(0)];
+    fn course(&self, cell: usize) -> [f64; 2] {
+        let next = self.lower.next(cell);
+        let e = difference(self.lower.points[cell], self.lower.points[next]);
+        let [c, d] = [0, self.edges(cell)].map(|k| self.upper.points[self.chain(cell, k)]);
+        let f = difference(c, d);
+        [e[0] + f[0], e[1] + f[1]]
+    }
+
+    /// Whether the shadows of two cells on the direction `axis` lie apart. The margin is far above what
+    /// rounding does to a sum of two products.
+    #[inline]
+    fn parted_along(&self, axis: [f64; 2], i: usize, j: usize) -> bool {
         let mut size = 0.0f64;
-        let mut span = |cell: usize| {
+        let mut shadow = |cell: usize| {
             let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
             self.for_points(cell, |p| {
-                let (x, y) = (normal[0] * f64::from(p[0]), normal[1] * f64::from(p[1]));
+                let (x, y) = (axis[0] * f64::from(p[0]), axis[1] * f64::from(p[1]));
                 size = size.max(x.abs() + y.abs());
                 low = low.min(x + y);
                 high = high.max(x + y);
             });
             (low, high)
         };
-        let ((low_i, high_i), (low_j, high_j)) = (span(i), span(j));
+        let ((low_i, high_i), (low_j, high_j)) = (shadow(i), shadow(j));
         let margin = 1e-14 * size;
         low_i - high_j > margin || low_j - high_i > margin
     }
+}
+
+/// From `a` to `b`.
+#[inline]
+fn difference(a: [f32; 2], b: [f32; 2]) -> [f64; 2] {
+    [f64::from(b[0]) - f64::from(a[0]), f64::from(b[1]) - f64::from(a[1])]
 }
