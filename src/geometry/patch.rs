@@ -17,7 +17,9 @@ pub struct PatchGeometry {
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Takes a patch out of a mesh, with vertex normals weighted by the angle of each triangle at the vertex.
+/// Takes a patch out of a mesh, with vertex normals weighted as in N. Max, *Weights for computing vertex
+/// normals from facet normals* (1999): each triangle by the sine of its angle at the vertex over the
+/// lengths of the two edges there, so that how flat regions are split does not matter.
 #[must_use]
 pub fn patch_geometry(mesh: &Mesh, patch: &Patch) -> PatchGeometry {
     const UNUSED: u32 = u32::MAX;
@@ -39,16 +41,16 @@ pub fn patch_geometry(mesh: &Mesh, patch: &Patch) -> PatchGeometry {
     let mut sums = vec![[0.0f64; 3]; vertices.len()];
     for triangle in &triangles {
         let corners = triangle.map(|v| widen3(mesh.positions[vertices[v as usize] as usize]));
-        let Some(normal) = unit(cross(minus(corners[1], corners[0]), minus(corners[2], corners[0]))) else {
-            continue;
-        };
+        let edges = [0, 1, 2].map(|k| minus(corners[(k + 1) % 3], corners[k]));
+        let lengths = edges.map(|e| dot(e, e));
+        let normal = cross(edges[0], edges[1]);
         for k in 0..3 {
-            let to_next = minus(corners[(k + 1) % 3], corners[k]);
-            let to_last = minus(corners[(k + 2) % 3], corners[k]);
-            let weight = norm(cross(to_next, to_last)).atan2(dot(to_next, to_last));
-            let sum = &mut sums[triangle[k] as usize];
-            for axis in 0..3 {
-                sum[axis] += weight * normal[axis];
+            let weight = 1.0 / (lengths[k] * lengths[(k + 2) % 3]);
+            if weight.is_finite() {
+                let sum = &mut sums[triangle[k] as usize];
+                for axis in 0..3 {
+                    sum[axis] += weight * normal[axis];
+                }
             }
         }
     }
@@ -69,13 +71,9 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-fn norm(a: [f64; 3]) -> f64 {
-    dot(a, a).sqrt()
-}
-
 /// The vector at unit length, unless it is too short to have a direction.
 fn unit(a: [f64; 3]) -> Option<[f64; 3]> {
-    let length = norm(a);
+    let length = dot(a, a).sqrt();
     (length > 1e-60).then(|| a.map(|x| x / length))
 }
 

@@ -9,6 +9,7 @@
 
 use super::contact::Triangle;
 use crate::geometry::blocks::{Blocks, Rect};
+use crate::geometry::predicates::widen2;
 
 /// Which way a cell is split.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -206,39 +207,57 @@ impl Slab {
             .collect()
     }
 
-    /// Whether a line parts two cells, seen along the tube: then they do not meet. Tries the directions
-    /// along and across the cells; may say no where another would do.
+    /// Whether two cells cast shadows that a line parts; then they do not meet. The light falls along
+    /// their mean motion, so that sliding together does not smear the shadows; the lines tried run along
+    /// and across the cells. May say no where another light or line would do.
     pub(super) fn apart(&self, i: usize, j: usize) -> bool {
-        let ([x, y], [u, v]) = (self.course(i), self.course(j));
-        let across_both = || self.parted_along([-y, x], i, j) || self.parted_along([-v, u], i, j);
-        let along_both = || self.parted_along([x + u, y + v], i, j);
+        let (s, t) = (self.ends(i), self.ends(j));
+        let motion = [0, 1].map(|axis| {
+            let of = |[a, b, c, d]: [[f64; 2]; 4]| c[axis] - a[axis] + d[axis] - b[axis];
+            0.25 * (of(s) + of(t))
+        });
+        let course = |[a, b, c, d]: [[f64; 2]; 4]| [b[0] - a[0] + d[0] - c[0], b[1] - a[1] + d[1] - c[1]];
+        let ([x, y], [u, v]) = (course(s), course(t));
+        let parted = |axis| self.parted_along(axis, motion, i, j);
         // Near cells of one wall follow each other; others lie side by side.
-        if i.abs_diff(j) < 16 { along_both() || across_both() } else { across_both() || along_both() }
+        if i.abs_diff(j) < 16 {
+            parted([x + u, y + v]) || parted([-y, x]) || parted([-v, u])
+        } else {
+            parted([-y, x]) || parted([-v, u]) || parted([x + u, y + v])
+        }
     }
 
-    /// The direction of a cell: the sum of its lower and its upper edge.
+    /// The ends of the lower and of the upper side of a cell.
     #[inline]
-    fn course(&self, cell: usize) -> [f64; 2] {
-        let next = self.lower.next(cell);
-        let e = difference(self.lower.points[cell], self.lower.points[next]);
-        let [c, d] = [0, self.edges(cell)].map(|k| self.upper.points[self.chain(cell, k)]);
-        let f = difference(c, d);
-        [e[0] + f[0], e[1] + f[1]]
+    fn ends(&self, cell: usize) -> [[f64; 2]; 4] {
+        [
+            self.lower.points[cell],
+            self.lower.points[self.lower.next(cell)],
+            self.upper.points[self.chain(cell, 0)],
+            self.upper.points[self.chain(cell, self.edges(cell))],
+        ]
+        .map(widen2)
     }
 
-    /// Whether the shadows of two cells on the direction `axis` lie apart. The margin is far above what
-    /// rounding does to a sum of two products.
+    /// Whether the shadows of two cells, in light along `motion`, lie apart on the direction `axis`. The
+    /// margin is far above what rounding does to a difference and a sum of two products.
     #[inline]
-    fn parted_along(&self, axis: [f64; 2], i: usize, j: usize) -> bool {
+    fn parted_along(&self, axis: [f64; 2], motion: [f64; 2], i: usize, j: usize) -> bool {
         let mut size = 0.0f64;
         let mut shadow = |cell: usize| {
             let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-            self.for_points(cell, |p| {
-                let (x, y) = (axis[0] * f64::from(p[0]), axis[1] * f64::from(p[1]));
+            let mut cast = |[x, y]: [f64; 2]| {
+                let (x, y) = (axis[0] * x, axis[1] * y);
                 size = size.max(x.abs() + y.abs());
                 low = low.min(x + y);
                 high = high.max(x + y);
-            });
+            };
+            cast(widen2(self.lower.points[cell]));
+            cast(widen2(self.lower.points[self.lower.next(cell)]));
+            for k in 0..=self.edges(cell) {
+                let p = widen2(self.upper.points[self.chain(cell, k)]);
+                cast([p[0] - motion[0], p[1] - motion[1]]);
+            }
             (low, high)
         };
         let ((low_i, high_i), (low_j, high_j)) = (shadow(i), shadow(j));
