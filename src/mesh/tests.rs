@@ -90,7 +90,7 @@ fn a_growing_folded_tube_becomes_a_sound_surface() {
     let mut lofter = Lofter::new(sections[0].clone()).unwrap();
     for section in &sections[1..] {
         let accepted = lofter.advance(std::slice::from_ref(section)).unwrap();
-        assert_eq!(accepted.sections, [section.clone()]);
+        assert_eq!(accepted.sections, std::slice::from_ref(section));
     }
     let mesh = lofter.finish().unwrap();
     check_topology(&mesh);
