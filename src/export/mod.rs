@@ -1,1 +1,36 @@
-//! Placeholder header: see the house.
+//! Files: writers of models and sections over [`std::io::Write`].
+//!
+//! No writer reads a clock or draws a random number: the same input gives the same bytes.
+
+pub mod glb;
+pub mod hashing;
+pub mod obj;
+pub mod sections_bin;
+pub mod svg;
+
+use serde::{Deserialize, Serialize};
+
+/// Citation of the method, carried in files.
+pub const CITATION: &str =
+    "Burkitt, Romano, Walker, Fazeli: 3D Modelling of Complex Biological Structures: The Oviduct (2010)";
+
+/// Where a model comes from: written into every file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Metadata {
+    /// Name of the preset.
+    pub preset: String,
+    /// Seed.
+    pub seed: u64,
+    /// Digest of the model: SHA-256 of resolved spec, seed and engine version, hex.
+    pub digest: String,
+    /// Version of the engine that grew it.
+    pub engine: String,
+    /// Length of the tube in millimetres.
+    pub length_mm: f64,
+    /// Number of sections, those added to mend slabs included.
+    pub sections: usize,
+}
+
+#[cfg(test)]
+mod tests;

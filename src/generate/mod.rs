@@ -1,9 +1,110 @@
 //! Spec → everything, synchronous: simulate, loft, certify, export; with a progress sink and a cancel token.
 //!
-//! Knows nothing of jobs or HTTP; the worker and the command line both call [`generate`].
+//! Knows nothing of jobs or HTTP; the worker and the command line both call [`generate`]. A model leaves this
+//! module only with a certificate that it passed.
 
+mod files;
+mod grow;
+mod pace;
 mod types;
 
 pub use types::{
     Backend, CancelToken, FileOutput, GenerateError, Outcome, Output, Progress, Request, Seconds, Sink, Stage,
 };
+
+use crate::clock::Stopwatch;
+use crate::measure;
+use pace::Pace;
+use serde_json::json;
+
+/// Grows, proves and writes one model.
+///
+/// Runs in the rayon pool that it is called in, with as many threads as that has; with
+/// [`Backend::CpuSingle`] on one thread. The files are the same, byte for byte, either way.
+///
+/// # Errors
+/// See [`GenerateError`]; files already written to the folder are then left for the caller to remove.
+pub fn generate(request: &Request, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, GenerateError> {
+    match request.backend {
+        Backend::Gpu => Err(GenerateError::Backend { detail: "this build has no GPU backend".into() }),
+        Backend::Auto | Backend::Cpu => run(request, sink, cancel),
+        Backend::CpuSingle => rayon::ThreadPoolBuilder::new()
+            .num_threads(1)
+            .build()
+            .map_err(|e| GenerateError::Backend { detail: e.to_string() })?
+            .install(|| run(request, sink, cancel)),
+    }
+}
+
+fn run(request: &Request, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, GenerateError> {
+    check_memory(request)?;
+    let total = Stopwatch::start();
+    let mut seconds = Seconds::default();
+    let mut pace = Pace::new(&request.spec, sink);
+
+    let watch = Stopwatch::start();
+    let grown = grow::grow(request, &mut pace, cancel)?;
+    seconds.simulate = watch.seconds() - grown.loft_seconds;
+
+    pace.stage(Stage::Mesh);
+    let watch = Stopwatch::start();
+    let mesh = grown.lofter.finish().map_err(grow::unsound)?;
+    seconds.mesh = grown.loft_seconds + watch.seconds();
+    stop_if_cancelled(cancel)?;
+
+    pace.stage(Stage::Certify);
+    let watch = Stopwatch::start();
+    let certificate = measure::certify(&mesh, &grown.sections);
+    seconds.certify = watch.seconds();
+    if let Some(detail) = certificate.first_failure() {
+        return Err(GenerateError::Certificate { detail });
+    }
+    stop_if_cancelled(cancel)?;
+
+    pace.stage(Stage::Export);
+    let watch = Stopwatch::start();
+    let added = grown.sections.iter().filter(|s| s.added).count();
+    let ends = [&grown.sections[0], &grown.sections[grown.sections.len() - 1]].map(crate::model::Section::particles);
+    let summary = json!({
+        "sections": grown.sections.len() - added,
+        "sections_added": added,
+        "diagonals_flipped": grown.flipped,
+        "particles": { "start": ends[0], "end": ends[1] },
+        "splits_deferred": grown.statistics.splits_deferred,
+        "splits_missing": grown.statistics.splits_missing,
+        "vertices": certificate.vertices,
+        "triangles": certificate.triangles,
+        "min_gap_um": certificate.min_gap_um,
+        "volume_mm3": certificate.volume_mm3,
+        "area_mm2": certificate.area_mm2,
+    });
+    let certificate = serde_json::to_value(&certificate).map_err(|e| GenerateError::Io {
+        name: files::REPORT.into(),
+        source: e.into(),
+    })?;
+    let files = files::write(request, &mesh, &grown.sections, &summary, &certificate)?;
+    seconds.export = watch.seconds();
+    stop_if_cancelled(cancel)?;
+    seconds.total = total.seconds();
+
+    let threads = rayon::current_num_threads();
+    let used = if request.backend == Backend::CpuSingle { Backend::CpuSingle } else { Backend::Cpu };
+    let device = format!("cpu, {threads} thread{}", if threads == 1 { "" } else { "s" });
+    Ok(Outcome { used, device, files, summary, certificate, seconds })
+}
+
+fn check_memory(request: &Request) -> Result<(), GenerateError> {
+    let outputs: Vec<&str> = request.outputs.iter().map(|o| o.extension()).collect();
+    let needed = request.spec.cost(&outputs).memory_bytes;
+    match request.memory_limit_bytes {
+        Some(limit) if needed > limit => Err(GenerateError::Memory { needed, limit }),
+        _ => Ok(()),
+    }
+}
+
+fn stop_if_cancelled(cancel: &CancelToken) -> Result<(), GenerateError> {
+    if cancel.is_cancelled() { Err(GenerateError::Cancelled) } else { Ok(()) }
+}
+
+#[cfg(test)]
+mod tests;

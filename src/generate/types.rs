@@ -32,6 +32,17 @@ pub enum Output {
     Obj,
 }
 
+impl Output {
+    /// The file name's extension, which is also its name in requests.
+    #[must_use]
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Glb => "glb",
+            Self::Obj => "obj",
+        }
+    }
+}
+
 /// Stage of a job's life while it runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]

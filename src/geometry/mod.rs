@@ -1,8 +1,12 @@
-//! Exact plane and space geometry: predicates, segments, polygons, constrained triangulation.
+//! Exact plane and space geometry: predicates, segments, polygons, constrained triangulation,
+//! bounding-volume hierarchies and triangle contact. Knows nothing of organs.
 
 pub mod blocks;
+pub mod bvh;
 pub mod patch;
 pub mod polygon;
 pub mod predicates;
 pub mod segment;
+pub mod strips;
+pub mod tri_tri;
 pub mod triangulate;

@@ -1,132 +1,130 @@
-//! One patch of a mesh by itself, as an exporter writes it: its vertices, their normals, its triangles.
+//! One patch of a mesh on its own: its vertices, its triangles in local indices, its smooth normals.
 //!
-//! Invariant: normals are smooth within a patch and know nothing of other patches, so rims stay sharp;
-//! every normal has unit length.
+//! Patches share the vertices of their borders in [`Mesh`], yet are shaded apart (a cap meets a wall at a
+//! sharp edge), so each file format that carries normals needs the patch by itself. Every normal has unit
+//! length. Only additions, multiplications and square roots are used, in a fixed order: the same mesh gives
+//! the same bits on every machine.
 
-use super::predicates::widen3;
 use crate::model::{Mesh, Patch};
 
-/// A patch with its own numbering of vertices.
-#[derive(Clone, Debug, PartialEq)]
+/// A patch with vertices of its own.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct PatchGeometry {
-    /// For each vertex of the patch its index in [`Mesh::positions`], in order of first use.
+    /// Index into [`Mesh::positions`] of each vertex, in the order of first use.
     pub vertices: Vec<u32>,
-    /// Unit normals, one a vertex, pointing out of the body.
+    /// Unit normal of each vertex, out of the body; as long as `vertices`.
     pub normals: Vec<[f32; 3]>,
-    /// Triangles as indices into `vertices`, in the order of the mesh.
+    /// Triangles as indices into `vertices`, in the order and orientation of the mesh.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Takes a patch out of a mesh, with vertex normals weighted as in N. Max, *Weights for computing vertex
-/// normals from facet normals* (1999): each triangle by the sine of its angle at the vertex over the
-/// lengths of the two edges there, so that how flat regions are split does not matter.
+/// Takes a patch out of a mesh.
+///
+/// A normal is the mean of the normals of the patch's triangles around the vertex, weighted by area. Where
+/// these cancel out (possible only around triangles without area) it is the z axis.
+///
+/// # Panics
+/// If the patch is not one of this mesh: its range or the indices of its triangles are out of bounds.
 #[must_use]
 pub fn patch_geometry(mesh: &Mesh, patch: &Patch) -> PatchGeometry {
     const UNUSED: u32 = u32::MAX;
-    let mut local = vec![UNUSED; mesh.positions.len()];
+    let source = &mesh.triangles[patch.triangles.clone()];
+    let mut local_of = vec![UNUSED; mesh.positions.len()];
     let mut vertices = Vec::new();
-    let triangles: Vec<[u32; 3]> = mesh.triangles[patch.triangles.clone()]
-        .iter()
-        .map(|triangle| {
-            triangle.map(|vertex| {
-                let slot = &mut local[vertex as usize];
-                if *slot == UNUSED {
-                    *slot = vertices.len() as u32;
-                    vertices.push(vertex);
-                }
-                *slot
-            })
-        })
-        .collect();
-    let mut sums = vec![[0.0f64; 3]; vertices.len()];
-    for triangle in &triangles {
-        let corners = triangle.map(|v| widen3(mesh.positions[vertices[v as usize] as usize]));
-        let edges = [0, 1, 2].map(|k| minus(corners[(k + 1) % 3], corners[k]));
-        let lengths = edges.map(|e| dot(e, e));
-        let normal = cross(edges[0], edges[1]);
-        for k in 0..3 {
-            let weight = 1.0 / (lengths[k] * lengths[(k + 2) % 3]);
-            if weight.is_finite() {
-                let sum = &mut sums[triangle[k] as usize];
-                for axis in 0..3 {
-                    sum[axis] += weight * normal[axis];
-                }
+    let mut sums: Vec<[f64; 3]> = Vec::new();
+    let mut triangles = Vec::with_capacity(source.len());
+    for triangle in source {
+        let normal = doubled_area_normal(triangle.map(|v| mesh.positions[v as usize]));
+        let local = triangle.map(|v| {
+            let slot = &mut local_of[v as usize];
+            if *slot == UNUSED {
+                *slot = vertices.len() as u32;
+                vertices.push(v);
+                sums.push([0.0; 3]);
             }
-        }
+            let sum = &mut sums[*slot as usize];
+            for axis in 0..3 {
+                sum[axis] += normal[axis];
+            }
+            *slot
+        });
+        triangles.push(local);
     }
-    // A vertex whose triangles cancel or have no area gets the direction of the axis.
-    let normals = sums.into_iter().map(|sum| unit(sum).unwrap_or([0.0, 0.0, 1.0]).map(|x| x as f32)).collect();
+    let normals = sums.into_iter().map(unit).collect();
     PatchGeometry { vertices, normals, triangles }
 }
 
-fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+/// Normal of a triangle with the length of twice its area.
+fn doubled_area_normal(corners: [[f32; 3]; 3]) -> [f64; 3] {
+    let [a, b, c] = corners.map(|p| p.map(f64::from));
+    let u = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
+    let v = [c[0] - a[0], c[1] - a[1], c[2] - a[2]];
+    [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
 }
 
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// The vector at unit length, unless it is too short to have a direction.
-fn unit(a: [f64; 3]) -> Option<[f64; 3]> {
-    let length = dot(a, a).sqrt();
-    (length > 1e-60).then(|| a.map(|x| x / length))
+/// `v` at length 1; the z axis where `v` has none.
+fn unit(v: [f64; 3]) -> [f32; 3] {
+    let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+    if length.is_normal() { v.map(|x| (x / length) as f32) } else { [0.0, 0.0, 1.0] }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::model::{BodyKind, PatchKind};
+    use proptest::prelude::*;
 
-    /// A unit cube's lower and side faces as two patches.
-    fn box_mesh() -> Mesh {
-        let positions = (0..8u8).map(|i| [i & 1, i >> 1 & 1, i >> 2].map(|bit| f32::from(bit) * 1e-6)).collect();
-        let side = |a: u32, b: u32| [[a, b, b + 4], [a, b + 4, a + 4]];
-        let mut triangles = vec![[0, 2, 1], [1, 2, 3]];
-        for (a, b) in [(0, 1), (1, 3), (3, 2), (2, 0)] {
-            triangles.extend(side(a, b));
-        }
-        Mesh {
-            body: BodyKind::Lumen,
-            positions,
-            triangles,
-            patches: vec![
-                Patch { kind: PatchKind::Inlet, triangles: 0..2 },
-                Patch { kind: PatchKind::Wall, triangles: 2..10 },
-            ],
-        }
+    fn mesh(positions: Vec<[f32; 3]>, triangles: Vec<[u32; 3]>, split: usize) -> Mesh {
+        let patches = vec![
+            Patch { kind: PatchKind::InnerWall, triangles: 0..split },
+            Patch { kind: PatchKind::OuterWall, triangles: split..triangles.len() },
+        ];
+        Mesh { body: BodyKind::Tissue, positions, triangles, patches }
     }
 
     #[test]
-    fn rims_stay_sharp_and_walls_smooth() {
-        let mesh = box_mesh();
-        let inlet = patch_geometry(&mesh, &mesh.patches[0]);
-        assert_eq!(inlet.vertices, [0, 2, 1, 3]);
-        assert_eq!(inlet.triangles, [[0, 1, 2], [2, 1, 3]]);
-        assert!(inlet.normals.iter().all(|&n| n == [0.0, 0.0, -1.0]));
-        let wall = patch_geometry(&mesh, &mesh.patches[1]);
-        assert_eq!(wall.vertices.len(), 8);
-        for (&v, n) in wall.vertices.iter().zip(&wall.normals) {
-            let corner = mesh.positions[v as usize];
-            assert!(n[2].abs() < 1e-6);
-            for axis in 0..2 {
-                let outward = if corner[axis] > 0.0 { 1.0 } else { -1.0 };
-                assert!((n[axis] - outward * 0.5f32.sqrt()).abs() < 1e-6, "{n:?}");
-            }
-        }
+    fn border_vertices_are_split_and_shaded_apart() {
+        let positions = vec![[0.0; 3], [1e-5, 0.0, 0.0], [0.0, 1e-5, 0.0], [0.0, 0.0, 1e-5]];
+        let mesh = mesh(positions, vec![[0, 1, 2], [3, 1, 0]], 1);
+        let first = patch_geometry(&mesh, &mesh.patches[0]);
+        let second = patch_geometry(&mesh, &mesh.patches[1]);
+        assert_eq!(first.normals, vec![[0.0, 0.0, 1.0]; 3]);
+        assert_eq!(second.vertices, vec![3, 1, 0]);
+        assert_eq!(second.triangles, vec![[0, 1, 2]]);
+        assert_eq!(second.normals, vec![[0.0, 1.0, 0.0]; 3]);
     }
 
     #[test]
-    fn triangles_without_area_still_give_unit_normals() {
-        let mut mesh = box_mesh();
-        mesh.positions.fill([1e-3, 2e-3, 3e-3]);
-        for patch in &mesh.patches {
-            for n in patch_geometry(&mesh, patch).normals {
-                assert!((n.iter().map(|x| x * x).sum::<f32>() - 1.0).abs() < 1e-6);
+    fn the_larger_triangle_weighs_more() {
+        let positions = vec![[0.0; 3], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]];
+        let mesh = mesh(positions, vec![[0, 1, 2], [0, 3, 4]], 2);
+        let normal = patch_geometry(&mesh, &mesh.patches[0]).normals[0];
+        let scale = 17f32.sqrt();
+        for (found, expected) in normal.iter().zip([0.0, 1.0 / scale, 4.0 / scale]) {
+            assert!((found - expected).abs() < 1e-6, "{normal:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn normals_are_unit_and_triangles_map_back(
+            positions in prop::collection::vec(prop::array::uniform3(-1e-3f32..1e-3), 3..20),
+            corners in prop::collection::vec(prop::array::uniform3(0u32..1000), 1..40),
+        ) {
+            let n = positions.len() as u32;
+            let triangles: Vec<[u32; 3]> = corners.iter().map(|t| t.map(|v| v % n)).collect();
+            let split = triangles.len() / 2;
+            let mesh = mesh(positions, triangles, split);
+            for patch in &mesh.patches {
+                let geometry = patch_geometry(&mesh, patch);
+                let back: Vec<[u32; 3]> =
+                    geometry.triangles.iter().map(|t| t.map(|v| geometry.vertices[v as usize])).collect();
+                prop_assert_eq!(&back[..], &mesh.triangles[patch.triangles.clone()]);
+                prop_assert_eq!(geometry.vertices.len(), geometry.normals.len());
+                for n in &geometry.normals {
+                    let length = n.iter().map(|x| x * x).sum::<f32>().sqrt();
+                    prop_assert!((length - 1.0).abs() < 1e-5);
+                }
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Exact signs of orientations: the `robust` crate (Shewchuk's adaptive predicates) in plain arrays.
 //!
 //! Invariant: the sign returned is that of the exact real number for any finite input that does not
-//! underflow; the magnitude is approximate. Every yes-or-no question about a surface rests on these.
+//! underflow (coordinates zero or of magnitude 1e-60 to 1e60 never do); the magnitude is approximate. Every yes-or-no question about a surface rests on these.
 
 use robust::{Coord, Coord3D};
 
@@ -67,5 +67,11 @@ mod tests {
         assert!(side(12.5) == 0.0);
         let above = f64::from_bits(12.5f64.to_bits() + 1);
         assert!(side(above) * side(12.0) < 0.0);
+    }
+
+    #[test]
+    fn the_least_f32_does_not_underflow() {
+        let (a, b, c) = ([1e-44, 0.0, 0.0], [0.0, 1e-44, 0.0], [0.0, 0.0, 1e-44]);
+        assert!(orient3d(a, b, c, [0.0; 3]) != 0.0);
     }
 }

@@ -15,7 +15,6 @@ mod error;
 mod loft;
 mod mend;
 mod slab;
-mod strips;
 
 #[cfg(test)]
 mod synthetic;
@@ -24,4 +23,3 @@ mod tests;
 
 pub use error::{LoftError, Wall};
 pub use loft::{Accepted, Lofter};
-pub use strips::{strip_triangles, strips};

@@ -5,3 +5,6 @@ mod section;
 
 pub use mesh::{BodyKind, Mesh, Patch, PatchKind};
 pub use section::{Ring, Section};
+
+#[cfg(test)]
+pub(crate) mod sample;

@@ -2,10 +2,48 @@
 //!
 //! A [`ModelSpec`] can only be made by resolving a merge patch on a preset, which checks everything
 //! and reports every fault at once; whoever holds one need not check again.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `parameters` | the table: names, units, bounds, meaning |
+//! | `table`, `read` | the machinery of the table, the reader |
+//! | `merge`, `check` | the patch, what must hold between parameters |
+//! | `preset`, `schema` | data files with sources, JSON Schema |
+//! | `canonical` | one text for one specification, for the digest |
+//! | `cost`, `limits` | what growing it takes, and what is too much |
 
+mod canonical;
+mod check;
+mod cost;
+mod fault;
+mod limits;
+mod merge;
+mod parameters;
+mod preset;
+mod read;
 mod schedule;
+mod schema;
+mod table;
 
+#[cfg(test)]
+mod tests;
+
+pub use canonical::canonical_json;
+pub use cost::{Cost, Estimate};
+pub use fault::Fault;
+pub use limits::{Limits, OverLimit};
+pub use parameters::{
+    Collision, Containment, Contortion, Integrator, MAX_PARTICLES, MAX_STEPS, MeshOptions, Parameters, Particles,
+    Regulatory, Search, Solver, Spring, Variation, Wall,
+};
+pub use preset::{DEFAULT_PRESET, Preset, preset, presets};
 pub use schedule::{Ease, Fluctuation, Schedule};
+pub use schema::schema;
+
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+use std::sync::LazyLock;
+use table::{Field, Kind, Parameter};
 
 /// A resolved, checked specification. Dereferences to its [`Parameters`].
 #[derive(Clone, Debug, PartialEq)]
@@ -19,182 +57,110 @@ impl std::ops::Deref for ModelSpec {
     }
 }
 
-/// All parameters of a model. Lengths in micrometres unless the name says otherwise; time in steps;
-/// mass 1. A step is also a place along the tube, see [`Parameters::z`].
-#[derive(Clone, Debug, PartialEq)]
-pub struct Parameters {
-    /// Length of the tube in millimetres.
-    pub length_mm: f64,
-    /// Time steps from the isthmus end to the ampulla end.
-    pub steps: u32,
-    /// Steps run with the parameters of step 0 before it is recorded.
-    pub burn_in: u32,
-    /// Place along the tube as a fraction of its length, over the fraction of steps; strictly increasing from 0 to 1.
-    pub z: Schedule,
-    /// How many particles, and where new ones are made.
-    pub particles: Particles,
-    /// Spring between neighbours.
-    pub spring: Spring,
-    /// Friction strength, 1/step.
-    pub friction: Schedule,
-    /// Bending stiffness (second difference, normal part).
-    pub bending: Schedule,
-    /// Containment region.
-    pub containment: Containment,
-    /// Regulatory force toward the anchor.
-    pub regulatory: Regulatory,
-    /// Contortion of single particles.
-    pub contortion: Contortion,
-    /// Self-intersection force, barrier and guard.
-    pub collision: Collision,
-    /// Variation of tissue thickness and lumen gap.
-    pub variation: Variation,
-    /// Slow lobes of the outer wall.
-    pub wall: Wall,
-    /// Integrator, neighbour search, recording.
-    pub solver: Solver,
-    /// Options of the surface.
-    pub mesh: MeshOptions,
+impl ModelSpec {
+    /// Lays `patch` over the preset and checks the result.
+    ///
+    /// The patch is a JSON merge patch (RFC 7396) in which `null` puts a value back to the preset's. A number
+    /// replaces a schedule as a whole; an object changes the members of a schedule that it names
+    /// (`{"fluctuation": {"amplitude": 2, "period": 90}}`), a schedule that is a number counting as
+    /// the keys `[[0, v], [1, v]]`. A fluctuation of amplitude 0 is none.
+    ///
+    /// # Errors
+    /// Every fault, in the order of their pointers.
+    pub fn resolve(preset: &Preset, patch: &Value) -> Result<Self, Vec<Fault>> {
+        Self::build(&preset.spec, patch)
+    }
+
+    /// Reads a whole specification, such as [`ModelSpec::to_json`] wrote, without a preset.
+    ///
+    /// # Errors
+    /// Every fault; a missing parameter is one.
+    pub fn from_json(whole: &Value) -> Result<Self, Vec<Fault>> {
+        Self::build(&Value::Null, whole)
+    }
+
+    fn build(base: &Value, patch: &Value) -> Result<Self, Vec<Fault>> {
+        let mut faults = Vec::new();
+        let mut values = merge::merge(table(), base, patch, "", &mut faults);
+        let mut reader = read::Reader::default();
+        let mut parameters = read(&mut reader, &values);
+        if parameters.is_none() {
+            // The values of the base stand in for those that cannot be read, so that the rest is checked too.
+            for pointer in &reader.bad {
+                if let (Some(value), Some(own)) = (values.pointer_mut(pointer), base.pointer(pointer)) {
+                    *value = own.clone();
+                }
+            }
+            parameters = read(&mut read::Reader::default(), &values);
+        }
+        faults.append(&mut reader.faults);
+        if let Some(parameters) = &parameters {
+            faults.extend(check::faults(parameters, &reader.bad));
+        }
+        match parameters {
+            Some(parameters) if faults.is_empty() => Ok(Self(parameters)),
+            _ => {
+                faults.sort_by(|a, b| a.pointer.cmp(&b.pointer));
+                Err(faults)
+            }
+        }
+    }
+
+    /// The whole specification as canonical JSON: every field, sorted keys, a plain number for each constant,
+    /// integers without `.0`. Resolving it on any preset gives the same specification again.
+    #[must_use]
+    pub fn to_json(&self) -> Value {
+        self.0.write()
+    }
+
+    /// SHA-256, in lower-case hex, of what decides the bytes of the model: the canonical specification without
+    /// `solver.search`, which only changes speed, the seed and the engine's version.
+    #[must_use]
+    pub fn digest(&self, seed: u64) -> String {
+        let mut spec = self.to_json();
+        if let Some(solver) = spec.get_mut("solver").and_then(Value::as_object_mut) {
+            solver.remove("search");
+        }
+        let whole = json!({ "engine": crate::ENGINE_VERSION, "seed": seed, "spec": spec });
+        hex::encode(Sha256::digest(canonical_json(&whole)))
+    }
 }
 
-/// Particle counts and growth.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Particles {
-    /// Particles of both loops; not decreasing.
-    pub total: Schedule,
-    /// Particles of the outer loop among them; not decreasing.
-    pub outer: Schedule,
-    /// Steps between growth events.
-    pub every: u32,
-    /// Rest length that edges relax to.
-    pub edge_um: Schedule,
-    /// Weight of fold-tip curvature in the choice of the edge to split.
-    pub tip_weight: Schedule,
-    /// Random candidates of each tournament.
-    pub candidates: u32,
+impl Parameters {
+    /// The steps at which sections are recorded: 0, every `solver.record_every`th, and the last.
+    pub fn stations(&self) -> impl Iterator<Item = u32> + '_ {
+        let every = self.solver.record_every as usize;
+        let last = (!self.steps.is_multiple_of(self.solver.record_every)).then_some(self.steps);
+        (0..=self.steps).step_by(every).chain(last)
+    }
 }
 
-/// Spring force of the paper.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Spring {
-    /// k.
-    pub stiffness: Schedule,
-    /// c.
-    pub damping: Schedule,
-    /// Fraction of its distance to `edge_um` by which a rest length relaxes each step.
-    pub relaxation: Schedule,
+/// Reads a whole specification.
+fn read(reader: &mut read::Reader, values: &Value) -> Option<Parameters> {
+    Parameters::read(reader, read::Site { at: "", unit: "" }, values, ())
 }
 
-/// Containment force of the paper.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Containment {
-    /// Strength.
-    pub strength: Schedule,
-    /// Distance over which the force sets in.
-    pub ramp_um: Schedule,
-    /// Ratio of the y radius to the x radius of the ellipse.
-    pub squash: Schedule,
-    /// Spacing s of fold strands: `R_in` = sqrt(n·edge·s / (π·squash)).
-    pub spacing_um: Schedule,
-    /// Thickness of the wall: `R_wall` − `R_in`.
-    pub wall_um: Schedule,
+/// The table of parameters.
+fn table() -> &'static [Field] {
+    static TABLE: LazyLock<Vec<Field>> = LazyLock::new(|| match Parameters::kind(()) {
+        Kind::Group(fields) => fields,
+        _ => Vec::new(),
+    });
+    &TABLE
 }
 
-/// Regulatory force of the paper.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Regulatory {
-    /// Strength.
-    pub strength: Schedule,
-    /// Distance to the anchor under which the force fades.
-    pub softening_um: Schedule,
-}
-
-/// Contortion force of the paper.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Contortion {
-    /// Fraction of the particles that are contorted.
-    pub fraction: f64,
-    /// Magnitude m.
-    pub magnitude: Schedule,
-    /// Period of the global modifier c, steps.
-    pub period: f64,
-}
-
-/// Self-intersection force of the paper, with the barrier and the guard that keep walls from crossing.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Collision {
-    /// Strength kr.
-    pub strength: Schedule,
-    /// Range Dt across tissue.
-    pub tissue_um: Schedule,
-    /// Range Dg across the lumen gap.
-    pub gap_um: Schedule,
-    /// Reference range: the force is scaled by `reference_um`/D.
-    pub reference_um: f64,
-    /// Strength fb of the barrier.
-    pub barrier: Schedule,
-    /// Distance under which the barrier acts.
-    pub barrier_um: Schedule,
-    /// Least clearance `g_min` that the guard keeps.
-    pub clearance_um: f64,
-}
-
-/// A smooth random field that varies thickness and gap.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Variation {
-    /// Amplitude a: ranges are scaled by exp(a·z). 0 switches the field off.
-    pub amplitude: Schedule,
-    /// Wavelength.
-    pub wavelength_um: f64,
-    /// Phase drift along the tube, radians a step.
-    pub drift: f64,
-}
-
-/// Slow lobed noise of the outer wall.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Wall {
-    /// Amplitude as a fraction of the radius.
-    pub lobing: Schedule,
-    /// Highest number of lobes.
-    pub lobes: u32,
-    /// Phase drift along the tube, radians a step.
-    pub drift: f64,
-}
-
-/// How the model is computed.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Solver {
-    /// Time integration.
-    pub integrator: Integrator,
-    /// Neighbour search; it changes speed, never results.
-    pub search: Search,
-    /// Steps between recorded sections.
-    pub record_every: u32,
-}
-
-/// Time integration scheme.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Integrator {
-    /// Runge–Kutta of fourth order.
-    Rk4,
-    /// Semi-implicit Euler.
-    Euler,
-}
-
-/// Neighbour search.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Search {
-    /// Lists of blocks of consecutive segments, kept while displacements stay bounded.
-    Lists,
-    /// Uniform grid rebuilt for each evaluation.
-    Grid,
-    /// Every pair, as in the paper.
-    AllPairs,
-}
-
-/// Options of the exported surface.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct MeshOptions {
-    /// Write the walls as triangle strips, as in the paper.
-    pub strips: bool,
+/// The parameters of the table that are no groups, with their pointers, in the order of the table.
+fn leaves() -> Vec<(String, &'static Field)> {
+    fn collect(fields: &'static [Field], at: &str, found: &mut Vec<(String, &'static Field)>) {
+        for field in fields {
+            let here = fault::child(at, field.name);
+            match &field.kind {
+                Kind::Group(fields) => collect(fields, &here, found),
+                _ => found.push((here, field)),
+            }
+        }
+    }
+    let mut found = Vec::new();
+    collect(table(), "", &mut found);
+    found
 }

@@ -1,16 +1,22 @@
 //! A parameter along the tube: piecewise keys over [0, 1] plus an optional fluctuation (paper, section 3:
 //! "the initial value and the manner in which each parameter changes").
+//!
+//! Invariant: either one key, at 0, for a constant, or at least two in strictly increasing order, the first
+//! at 0, the last at 1. A constant is always kept in the first form, so that equal schedules compare equal.
 
+use super::table::choice;
 use std::f64::consts::TAU;
 
-/// How a value moves between two keys.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Ease {
-    /// Straight line.
-    #[default]
-    Linear,
-    /// Smoothstep, 3x² − 2x³.
-    Smooth,
+choice! {
+    /// How a value moves between two keys.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub enum Ease {
+        /// Straight line.
+        #[default]
+        Linear = "linear",
+        /// Smoothstep, 3x² − 2x³.
+        Smooth = "smooth",
+    }
 }
 
 /// A sinusoidal fluctuation around the keys; its phase comes from the seed.
@@ -35,6 +41,19 @@ impl Schedule {
     #[must_use]
     pub fn constant(value: f64) -> Self {
         Self { keys: vec![[0.0, value]], ease: Ease::Linear, fluctuation: None }
+    }
+
+    /// Keys that were checked by the reader; a constant takes its one form.
+    pub(super) fn new(keys: Vec<[f64; 2]>, ease: Ease, fluctuation: Option<Fluctuation>) -> Self {
+        match keys.first() {
+            Some(&[_, first]) if keys.iter().all(|[_, v]| *v == first) => Self { fluctuation, ..Self::constant(first) },
+            _ => Self { keys, ease, fluctuation },
+        }
+    }
+
+    /// The fractions of steps at which it has keys.
+    pub(super) fn fractions(&self) -> impl Iterator<Item = f64> + '_ {
+        self.keys.iter().map(|k| k[0])
     }
 
     /// The keyed value at `u`, the fraction of steps (clamped to [0, 1]), without the fluctuation.
@@ -70,5 +89,64 @@ impl Schedule {
         let low = self.keys.iter().map(|k| k[1]).fold(f64::INFINITY, f64::min);
         let high = self.keys.iter().map(|k| k[1]).fold(f64::NEG_INFINITY, f64::max);
         (low - swing, high + swing)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn schedule() -> impl Strategy<Value = Schedule> {
+        let keys = prop::collection::vec((0.01..1.0, -1e3..1e3), 1..8);
+        let wave = prop::option::of((0.0..10.0, 2.0..500.0));
+        (keys, any::<bool>(), wave).prop_map(|(steps, smooth, wave)| {
+            let total: f64 = steps.iter().skip(1).map(|s| s.0).sum();
+            let mut u = 0.0;
+            let last = steps.len() - 1;
+            let keys = steps.iter().enumerate().map(|(i, (du, v))| {
+                u += if i == 0 { 0.0 } else { du / total };
+                [if i == last && i > 0 { 1.0 } else { u }, *v]
+            });
+            let ease = if smooth { Ease::Smooth } else { Ease::Linear };
+            let fluctuation = wave.map(|(amplitude, period)| Fluctuation { amplitude, period });
+            Schedule::new(keys.collect(), ease, fluctuation)
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn samples_stay_in_range(s in schedule(), step in -10.0..2100.0, phase in 0.0..1.0) {
+            let (low, high) = s.range();
+            let v = s.sample(step, 2000.0, phase);
+            prop_assert!(v >= low - 1e-9 && v <= high + 1e-9, "{v} outside {low}..{high}");
+        }
+
+        #[test]
+        fn it_passes_through_its_keys(s in schedule()) {
+            for &[u, v] in &s.keys {
+                prop_assert!((s.at(u) - v).abs() <= 1e-9 * v.abs().max(1.0));
+            }
+        }
+    }
+
+    #[test]
+    fn eases_differ_between_keys_only() {
+        let keys = vec![[0.0, 0.0], [1.0, 8.0]];
+        let linear = Schedule::new(keys.clone(), Ease::Linear, None);
+        let smooth = Schedule::new(keys, Ease::Smooth, None);
+        assert_eq!((linear.at(0.25), smooth.at(0.25)), (2.0, 1.25));
+        assert_eq!((linear.at(0.5), smooth.at(0.5)), (4.0, 4.0));
+        assert_eq!((smooth.at(-1.0), smooth.at(2.0)), (0.0, 8.0));
+    }
+
+    #[test]
+    fn a_fluctuation_turns_with_its_period_and_phase() {
+        let wave = Some(Fluctuation { amplitude: 2.0, period: 100.0 });
+        let s = Schedule::new(vec![[0.0, 5.0], [1.0, 5.0]], Ease::Smooth, wave);
+        assert_eq!(s.sample(0.0, 2000.0, 0.0), 5.0);
+        assert!((s.sample(25.0, 2000.0, 0.0) - 7.0).abs() < 1e-12);
+        assert!((s.sample(0.0, 2000.0, 0.75) - 3.0).abs() < 1e-12);
+        assert_eq!(s.range(), (3.0, 7.0));
     }
 }

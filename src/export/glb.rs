@@ -1,0 +1,301 @@
+//! Binary glTF 2.0: one file, metres, y up, z along the tube.
+//!
+//! The body (`tissue` or `lumen`) is a node without a mesh; each patch is a child node with a mesh and a
+//! material of the patch's name. Patches have vertices of their own, since a cap and a wall that meet at an edge
+//! need different normals; a reader that joins equal positions gets the closed surface back.
+//! The binary chunk is written accessor by accessor from the mesh, in little-endian order on every host.
+
+use super::{CITATION, Metadata};
+use crate::geometry::patch::{PatchGeometry, patch_geometry};
+use crate::geometry::strips::{join_strips, strips};
+use crate::model::{BodyKind, Mesh, PatchKind};
+use gltf_json as json;
+use json::validation::{Checked, USize64};
+use serde_json::value::RawValue;
+use std::io::{self, Write};
+
+/// Media type of the file.
+pub const MEDIA_TYPE: &str = "model/gltf-binary";
+
+/// How to write.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GlbOptions {
+    /// Triangle strips in place of single triangles: one strip a patch, its pieces joined by triangles
+    /// without area, in fewer indices. Readers that cannot drop those triangles want this off.
+    pub strips: bool,
+}
+
+/// Most vertices whose indices fit 16 bits; 65,535 itself is reserved by glTF.
+const MAX_SHORT_VERTICES: usize = 65_535;
+/// Size of the pieces in which data is handed to the writer.
+const CHUNK: usize = 1 << 16;
+
+/// Writes a mesh as GLB.
+///
+/// # Errors
+/// Those of `out`; [`io::ErrorKind::InvalidInput`] where the mesh has no triangles or the file would pass 4 GiB,
+/// the most that GLB can hold.
+///
+/// # Panics
+/// If the mesh's indices or patch ranges are out of bounds.
+pub fn write_glb(mesh: &Mesh, meta: &Metadata, options: &GlbOptions, out: &mut impl Write) -> io::Result<()> {
+    let parts: Vec<Part> = mesh
+        .patches
+        .iter()
+        .filter(|patch| !patch.triangles.is_empty())
+        .map(|patch| Part::new(patch.kind, patch_geometry(mesh, patch), options.strips))
+        .collect();
+    if parts.is_empty() {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "the mesh has no triangles"));
+    }
+    let (root, bin_len) = document(mesh, meta, &parts)?;
+    let mut text = serde_json::to_vec(&root)?;
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let total = 12 + 8 + text.len() + 8 + bin_len;
+    let total = u32::try_from(total)
+        .map_err(|_| io::Error::new(io::ErrorKind::InvalidInput, "the model is too large for GLB (4 GiB)"))?;
+    for word in [u32::from_le_bytes(*b"glTF"), 2, total, text.len() as u32, u32::from_le_bytes(*b"JSON")] {
+        out.write_all(&word.to_le_bytes())?;
+    }
+    out.write_all(&text)?;
+    for word in [bin_len as u32, u32::from_le_bytes(*b"BIN\0")] {
+        out.write_all(&word.to_le_bytes())?;
+    }
+    for part in &parts {
+        part.write(mesh, out)?;
+    }
+    Ok(())
+}
+
+/// A patch as it is written.
+struct Part {
+    kind: PatchKind,
+    geometry: PatchGeometry,
+    /// One strip for the whole patch, if strips are wanted.
+    strip: Option<Vec<u32>>,
+}
+
+impl Part {
+    fn new(kind: PatchKind, mut geometry: PatchGeometry, as_strip: bool) -> Self {
+        let strip = as_strip.then(|| join_strips(&strips(&std::mem::take(&mut geometry.triangles))));
+        Self { kind, geometry, strip }
+    }
+
+    fn index_count(&self) -> usize {
+        self.strip.as_ref().map_or(self.geometry.triangles.len() * 3, Vec::len)
+    }
+
+    fn index_type(&self) -> json::accessor::ComponentType {
+        if self.geometry.vertices.len() <= MAX_SHORT_VERTICES {
+            json::accessor::ComponentType::U16
+        } else {
+            json::accessor::ComponentType::U32
+        }
+    }
+
+    /// Positions, normals, indices, each as long as [`document`] says.
+    fn write(&self, mesh: &Mesh, out: &mut impl Write) -> io::Result<()> {
+        let mut buffer = Vec::with_capacity(CHUNK);
+        write_chunks(&self.geometry.vertices, 12, &mut buffer, out, |&v, bytes| {
+            put_vec3(&mesh.positions[v as usize], bytes);
+        })?;
+        write_chunks(&self.geometry.normals, 12, &mut buffer, out, put_vec3)?;
+        let indices: &[u32] = match &self.strip {
+            Some(strip) => strip,
+            None => bytemuck::cast_slice(&self.geometry.triangles),
+        };
+        if self.index_type() == json::accessor::ComponentType::U16 {
+            write_chunks(indices, 2, &mut buffer, out, |&i, bytes| bytes.copy_from_slice(&(i as u16).to_le_bytes()))?;
+            let padding = (indices.len() * 2).next_multiple_of(4) - indices.len() * 2;
+            out.write_all(&[0; 4][..padding])
+        } else {
+            write_chunks(indices, 4, &mut buffer, out, |&i, bytes| bytes.copy_from_slice(&i.to_le_bytes()))
+        }
+    }
+}
+
+fn put_vec3(v: &[f32; 3], bytes: &mut [u8]) {
+    for (slot, x) in bytes.chunks_exact_mut(4).zip(v) {
+        slot.copy_from_slice(&x.to_le_bytes());
+    }
+}
+
+/// Writes `items` of `size` bytes each through a buffer of one chunk.
+fn write_chunks<T>(
+    items: &[T],
+    size: usize,
+    buffer: &mut Vec<u8>,
+    out: &mut impl Write,
+    put: impl Fn(&T, &mut [u8]),
+) -> io::Result<()> {
+    for chunk in items.chunks(CHUNK / size) {
+        buffer.resize(chunk.len() * size, 0);
+        for (item, bytes) in chunk.iter().zip(buffer.chunks_exact_mut(size)) {
+            put(item, bytes);
+        }
+        out.write_all(buffer)?;
+    }
+    Ok(())
+}
+
+/// The JSON part, and the length of the binary part.
+fn document(mesh: &Mesh, meta: &Metadata, parts: &[Part]) -> io::Result<(json::Root, usize)> {
+    let mut root = json::Root::default();
+    root.asset.generator = Some(format!("oviduct {}", meta.engine));
+    root.asset.extras = extras(&serde_json::json!({
+        "units": "m",
+        "axes": "right-handed, y up, z along the tube from isthmus to ampulla",
+        "preset": meta.preset,
+        "seed": meta.seed,
+        "digest": meta.digest,
+        "engine": meta.engine,
+        "length_mm": meta.length_mm,
+        "sections": meta.sections,
+        "method": CITATION,
+    }))?;
+    let buffer =
+        root.push(json::Buffer { byte_length: USize64(0), name: None, uri: None, extensions: None, extras: None });
+    let mut offset = 0;
+    let mut children = Vec::new();
+    for part in parts {
+        let name = part.kind.name();
+        let vertices = part.geometry.vertices.len();
+        let mut vectors = accessor(json::accessor::Type::Vec3, json::accessor::ComponentType::F32, vertices);
+        let mut view = |root: &mut json::Root, length: usize, target| {
+            let view = root.push(buffer_view(buffer, offset, length, target));
+            offset += length.next_multiple_of(4);
+            Some(view)
+        };
+        vectors.buffer_view = view(&mut root, vertices * 12, json::buffer::Target::ArrayBuffer);
+        let (min, max) = bounds(mesh, &part.geometry.vertices);
+        let positions = root.push(json::Accessor {
+            min: Some(serde_json::json!(min)),
+            max: Some(serde_json::json!(max)),
+            ..vectors.clone()
+        });
+        vectors.buffer_view = view(&mut root, vertices * 12, json::buffer::Target::ArrayBuffer);
+        let normals = root.push(vectors);
+        let index_type = part.index_type();
+        let mut indices = accessor(json::accessor::Type::Scalar, index_type, part.index_count());
+        let index_bytes = part.index_count() * index_type.size();
+        indices.buffer_view = view(&mut root, index_bytes, json::buffer::Target::ElementArrayBuffer);
+        let indices = root.push(indices);
+        let material = root.push(material(part.kind, mesh.body));
+        let semantics = [(json::mesh::Semantic::Positions, positions), (json::mesh::Semantic::Normals, normals)];
+        let mode = if part.strip.is_some() { json::mesh::Mode::TriangleStrip } else { json::mesh::Mode::Triangles };
+        let primitive = json::mesh::Primitive {
+            attributes: semantics.into_iter().map(|(s, a)| (Checked::Valid(s), a)).collect(),
+            extensions: None,
+            extras: None,
+            indices: Some(indices),
+            material: Some(material),
+            mode: Checked::Valid(mode),
+            targets: None,
+        };
+        let patch_mesh = root.push(json::Mesh {
+            extensions: None,
+            extras: None,
+            name: Some(name.into()),
+            primitives: vec![primitive],
+            weights: None,
+        });
+        children.push(root.push(json::Node {
+            mesh: Some(patch_mesh),
+            name: Some(name.into()),
+            extras: extras(&serde_json::json!({ "patch": name, "body": mesh.body.name() }))?,
+            ..json::Node::default()
+        }));
+    }
+    root.buffers[0].byte_length = USize64::from(offset);
+    let body = root.push(json::Node {
+        children: Some(children),
+        name: Some(mesh.body.name().into()),
+        extras: extras(&serde_json::json!({
+            "body": mesh.body.name(),
+            "vertices": mesh.positions.len(),
+            "triangles": mesh.triangles.len(),
+            "euler": mesh.body.euler(),
+        }))?,
+        ..json::Node::default()
+    });
+    let scene =
+        root.push(json::Scene { extensions: None, extras: None, name: Some("oviduct".into()), nodes: vec![body] });
+    root.scene = Some(scene);
+    Ok((root, offset))
+}
+
+fn extras(value: &serde_json::Value) -> io::Result<json::Extras> {
+    Ok(Some(RawValue::from_string(value.to_string())?))
+}
+
+fn buffer_view(
+    buffer: json::Index<json::Buffer>,
+    offset: usize,
+    length: usize,
+    target: json::buffer::Target,
+) -> json::buffer::View {
+    json::buffer::View {
+        buffer,
+        byte_length: USize64::from(length),
+        byte_offset: Some(USize64::from(offset)),
+        byte_stride: None,
+        name: None,
+        target: Some(Checked::Valid(target)),
+        extensions: None,
+        extras: None,
+    }
+}
+
+fn accessor(type_: json::accessor::Type, component: json::accessor::ComponentType, count: usize) -> json::Accessor {
+    json::Accessor {
+        buffer_view: None,
+        byte_offset: None,
+        count: USize64::from(count),
+        component_type: Checked::Valid(json::accessor::GenericComponentType(component)),
+        extensions: None,
+        extras: None,
+        type_: Checked::Valid(type_),
+        min: None,
+        max: None,
+        name: None,
+        normalized: false,
+        sparse: None,
+    }
+}
+
+/// Colours are linear. A wall of the tissue faces into the lumen, so the tube looks right from inside without
+/// drawing back faces; the lumen body faces outwards, so seen from inside it needs them.
+fn material(kind: PatchKind, body: BodyKind) -> json::Material {
+    let [r, g, b] = match kind {
+        PatchKind::InnerWall | PatchKind::Wall => [0.694, 0.254, 0.352],
+        PatchKind::OuterWall => [0.839, 0.578, 0.491],
+        PatchKind::CapIsthmus | PatchKind::CapAmpulla => [0.730, 0.301, 0.397],
+        PatchKind::Inlet | PatchKind::Outlet => [0.888, 0.791, 0.687],
+    };
+    json::Material {
+        name: Some(kind.name().into()),
+        double_sided: body == BodyKind::Lumen,
+        pbr_metallic_roughness: json::material::PbrMetallicRoughness {
+            base_color_factor: json::material::PbrBaseColorFactor([r, g, b, 1.0]),
+            metallic_factor: json::material::StrengthFactor(0.0),
+            roughness_factor: json::material::StrengthFactor(0.6),
+            ..Default::default()
+        },
+        ..Default::default()
+    }
+}
+
+/// Least and greatest coordinates, exactly.
+fn bounds(mesh: &Mesh, vertices: &[u32]) -> ([f32; 3], [f32; 3]) {
+    vertices.iter().fold(([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]), |(mut min, mut max), &v| {
+        let p = mesh.positions[v as usize];
+        for axis in 0..3 {
+            min[axis] = min[axis].min(p[axis]);
+            max[axis] = max[axis].max(p[axis]);
+        }
+        (min, max)
+    })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,138 @@
+//! A cross section as a drawing: SVG in micrometres, y up, with a scale bar.
+
+use crate::model::{Ring, Section};
+use std::fmt::Write;
+
+/// Media type of the drawing.
+pub const MEDIA_TYPE: &str = "image/svg+xml";
+
+const TISSUE: &str = "#de95a9";
+const LUMEN: &str = "#fffaf8";
+const OUTLINE: &str = "#7d3a78";
+const INK: &str = "#3b2a38";
+/// Length of the scale bar, micrometres.
+const BAR: f64 = 500.0;
+
+/// Draws a section: tissue filled, lumen outlined. Coordinates keep two decimals (10 nm).
+///
+/// Points that are not finite are left out.
+#[must_use]
+pub fn section_svg(section: &Section) -> String {
+    let frame = Frame::around(section);
+    let z_mm = section.z_um / 1000.0;
+    let size = frame.text;
+    let added = if section.added { ", added" } else { "" };
+    let mut svg = String::with_capacity(section.particles() * 18 + 1200);
+    let [left, top, width, height] = frame.view_box();
+    let (bar_x, bar_y) = (frame.min[0], top + height - 1.1 * size);
+    let mut line = |text: std::fmt::Arguments<'_>| {
+        svg.write_fmt(text).expect("writing to a string cannot fail");
+        svg.push('\n');
+    };
+    line(format_args!(
+        r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="{left:.2} {top:.2} {width:.2} {height:.2}" data-units="um">"#
+    ));
+    line(format_args!("<title>Section at z = {z_mm:.3} mm, step {}{added}</title>", section.step));
+    let (outer, inner) = (path(&section.outer), path(&section.inner));
+    line(format_args!(r#"<path id="tissue" fill="{TISSUE}" fill-rule="evenodd" d="{outer}{inner}"/>"#));
+    line(format_args!(
+        r#"<path id="lumen" fill="{LUMEN}" stroke="{OUTLINE}" stroke-width="{:.2}" stroke-linejoin="round" d="{inner}"/>"#,
+        frame.extent / 250.0
+    ));
+    line(format_args!(
+        r#"<g font-family="sans-serif" font-size="{size:.2}" fill="{INK}"><rect id="scale" x="{bar_x:.2}" y="{bar_y:.2}" width="{BAR}" height="{:.2}"/>"#,
+        size / 5.0
+    ));
+    line(format_args!(r#"<text x="{bar_x:.2}" y="{:.2}">{BAR} µm</text>"#, bar_y - 0.3 * size));
+    line(format_args!(
+        r#"<text x="{:.2}" y="{:.2}" text-anchor="end">z = {z_mm:.3} mm, step {}{added}</text></g>"#,
+        left + width - size / 2.0,
+        bar_y - 0.3 * size,
+        section.step
+    ));
+    svg.push_str("</svg>\n");
+    svg
+}
+
+/// Where the drawing lies, in micrometres with y down.
+struct Frame {
+    min: [f64; 2],
+    max: [f64; 2],
+    extent: f64,
+    text: f64,
+}
+
+impl Frame {
+    fn around(section: &Section) -> Self {
+        let (mut min, mut max) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for [x, y] in finite(&section.outer).chain(finite(&section.inner)) {
+            for (axis, value) in [x, -y].into_iter().enumerate() {
+                min[axis] = min[axis].min(value);
+                max[axis] = max[axis].max(value);
+            }
+        }
+        if min[0] > max[0] {
+            (min, max) = ([-BAR / 2.0; 2], [BAR / 2.0; 2]);
+        }
+        let extent = (max[0] - min[0]).max(max[1] - min[1]).max(BAR);
+        Self { min, max, extent, text: extent / 28.0 }
+    }
+
+    /// Left, top, width, height: the points, a margin, and a line for scale bar and caption.
+    fn view_box(&self) -> [f64; 4] {
+        let margin = self.text;
+        let width = (self.max[0] - self.min[0]).max(self.extent) + 2.0 * margin;
+        let height = self.max[1] - self.min[1] + 2.0 * margin + 2.5 * self.text;
+        [self.min[0] - margin, self.min[1] - margin, width, height]
+    }
+}
+
+fn finite(ring: &Ring) -> impl Iterator<Item = [f64; 2]> + '_ {
+    ring.points.iter().map(|p| p.map(f64::from)).filter(|[x, y]| x.is_finite() && y.is_finite())
+}
+
+/// Path data of a closed ring, y turned down.
+fn path(ring: &Ring) -> String {
+    let mut data = String::with_capacity(ring.len() * 18);
+    for (i, [x, y]) in finite(ring).enumerate() {
+        data.push(if i == 0 { 'M' } else { 'L' });
+        // Adding zero turns −0 into 0.
+        write!(data, "{:.2} {:.2}", x + 0.0, 0.0 - y).expect("writing to a string cannot fail");
+    }
+    if !data.is_empty() {
+        data.push('Z');
+    }
+    data
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::sample;
+
+    #[test]
+    fn a_small_section_is_drawn_as_agreed() {
+        let square = |r: f32| Ring { ids: vec![0, 1, 2, 3], points: vec![[r, 0.0], [0.0, r], [-r, 0.0], [0.0, -r]] };
+        let section = Section { step: 12.5, z_um: 375.0, added: true, inner: square(400.25), outer: square(1000.0) };
+        insta::assert_snapshot!(section_svg(&section));
+    }
+
+    #[test]
+    fn every_point_is_drawn() {
+        let section = sample::section(100, 1.0, 2.0);
+        let svg = section_svg(&section);
+        // The inner ring is drawn twice: as hole of the tissue, and outlined.
+        assert_eq!(svg.matches('L').count(), 3 * 99);
+        assert!(svg.contains(&format!("M{:.2} 0.00L", section.outer.points[0][0])));
+    }
+
+    #[test]
+    fn an_empty_section_and_strange_points_are_drawn_finite() {
+        let mut section = sample::section(8, 0.0, 0.0);
+        section.inner.points[0][0] = f32::NAN;
+        section.outer.points[3][1] = f32::INFINITY;
+        for svg in [section_svg(&section), section_svg(&Section::default())] {
+            assert!(!svg.contains("inf") && !svg.contains("NaN"), "{svg}");
+        }
+    }
+}

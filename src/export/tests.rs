@@ -1,0 +1,20 @@
+//! What the tests of several formats share.
+
+use super::Metadata;
+
+pub(crate) fn meta() -> Metadata {
+    Metadata {
+        preset: "pig".into(),
+        seed: 7,
+        digest: "0f3a".repeat(16),
+        engine: "0.1.0".into(),
+        length_mm: 4.0,
+        sections: 2,
+    }
+}
+
+/// A triangle that starts at its least corner, with the same orientation.
+pub(crate) fn turned<T: Ord + Copy>(t: [T; 3]) -> [T; 3] {
+    let least = if t[0] <= t[1] && t[0] <= t[2] { 0 } else { if t[1] <= t[2] { 1 } else { 2 } };
+    [t[least], t[(least + 1) % 3], t[(least + 2) % 3]]
+}

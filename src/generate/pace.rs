@@ -1,0 +1,82 @@
+//! How far a generation has come, as a fraction of its work, and how long the rest will take.
+
+use super::types::{Progress, Sink, Stage};
+use crate::clock::Stopwatch;
+use crate::model::Section;
+use crate::spec::ModelSpec;
+
+/// Share of the whole that is done when a stage begins; the rest of the work follows the simulation.
+fn begins_at(stage: Stage) -> f64 {
+    match stage {
+        Stage::Simulate => 0.0,
+        Stage::Mesh => 0.80,
+        Stage::Certify => 0.82,
+        Stage::Export => 0.92,
+        Stage::Store => 0.98,
+    }
+}
+
+/// Turns steps into progress. A step weighs as many particles as it moves.
+pub(super) struct Pace<'a> {
+    sink: &'a dyn Sink,
+    watch: Stopwatch,
+    burn_in: f64,
+    /// Particles summed over the steps up to each step.
+    work: Vec<f64>,
+    now: Progress,
+}
+
+impl<'a> Pace<'a> {
+    pub(super) fn new(spec: &ModelSpec, sink: &'a dyn Sink) -> Self {
+        let particles = |t: u32| spec.particles.total.at(f64::from(t) / f64::from(spec.steps));
+        let mut sum = f64::from(spec.burn_in) * particles(0);
+        let mut work = Vec::with_capacity(spec.steps as usize + 1);
+        for t in 0..=spec.steps {
+            work.push(sum);
+            sum += particles(t);
+        }
+        let now = Progress {
+            stage: Stage::Simulate,
+            fraction: 0.0,
+            step: 0,
+            steps: spec.steps,
+            particles: particles(0) as u32,
+            sections: 0,
+            eta_seconds: None,
+        };
+        sink.progress(&now);
+        Self { sink, watch: Stopwatch::start(), burn_in: f64::from(spec.burn_in), work, now }
+    }
+
+    /// A step is done.
+    pub(super) fn step(&mut self, time: i64, particles: u32, sections: u32) {
+        let all = self.work[self.work.len() - 1].max(1.0);
+        let done = match usize::try_from(time) {
+            Ok(t) => self.work[t.min(self.work.len() - 1)],
+            Err(_) => self.work[0] * (self.burn_in + time as f64) / self.burn_in.max(1.0),
+        };
+        self.now.step = time.max(0) as u32;
+        self.now.particles = particles;
+        self.now.sections = sections;
+        self.tell(begins_at(Stage::Mesh) * done / all);
+    }
+
+    /// A section is recorded.
+    pub(super) fn section(&self, section: &Section) {
+        self.sink.section(section);
+    }
+
+    /// A stage begins.
+    pub(super) fn stage(&mut self, stage: Stage) {
+        self.now.stage = stage;
+        self.tell(begins_at(stage));
+    }
+
+    fn tell(&mut self, fraction: f64) {
+        self.now.fraction = fraction.max(self.now.fraction);
+        let elapsed = self.watch.seconds();
+        let basis = elapsed > 0.2 && self.now.fraction > 0.01;
+        self.now.eta_seconds = basis.then(|| elapsed * (1.0 - self.now.fraction) / self.now.fraction);
+        self.sink.progress(&self.now);
+    }
+}

@@ -1,0 +1,265 @@
+//! A bounding-volume hierarchy without pointers and without sorting: items in their given order, eight to a block,
+//! eight blocks to a block of the next level, and so on.
+//!
+//! It is as good as the order is coherent, which the strips of a lofted surface are; for other surfaces the caller
+//! sorts first (see [`morton`]). A volume is bounded along five directions: x, y, z, x + y and x − y.
+//!
+//! Invariant: two items with a common point always overlap. Bounds are kept in f32, rounded to nearest; rounding is
+//! monotone, so what overlaps before it does after it, and no outward rounding is needed.
+
+use rayon::prelude::*;
+
+const AXES: usize = 5;
+
+/// Items of a block and children of a node.
+pub const WIDTH: usize = 8;
+
+/// Extent of an item along the five directions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    low: [f32; AXES],
+    high: [f32; AXES],
+}
+
+impl Bounds {
+    /// Bounds of nothing, which overlap nothing.
+    pub const EMPTY: Self = Self { low: [f32::INFINITY; AXES], high: [f32::NEG_INFINITY; AXES] };
+
+    /// Bounds of the convex hull of some points.
+    #[inline]
+    #[must_use]
+    pub fn of<const N: usize>(points: [[f64; 3]; N]) -> Self {
+        let mut bounds = Self::EMPTY;
+        for [x, y, z] in points {
+            let along = [x as f32, y as f32, z as f32, (x + y) as f32, (x - y) as f32];
+            for (axis, value) in along.into_iter().enumerate() {
+                bounds.low[axis] = bounds.low[axis].min(value);
+                bounds.high[axis] = bounds.high[axis].max(value);
+            }
+        }
+        bounds
+    }
+
+    /// Bounds of both.
+    #[must_use]
+    pub fn with(mut self, other: &Self) -> Self {
+        for axis in 0..AXES {
+            self.low[axis] = self.low[axis].min(other.low[axis]);
+            self.high[axis] = self.high[axis].max(other.high[axis]);
+        }
+        self
+    }
+
+    /// Whether both may have a point in common.
+    #[inline]
+    #[must_use]
+    pub fn overlaps(&self, other: &Self) -> bool {
+        (0..AXES).all(|axis| self.low[axis] <= other.high[axis] && other.low[axis] <= self.high[axis])
+    }
+
+    /// Sum of the extents along x, y and z; negative for nothing.
+    #[must_use]
+    pub fn size(&self) -> f32 {
+        (0..3).map(|axis| self.high[axis] - self.low[axis]).sum()
+    }
+
+    /// Bounds that hold every point within `reach` of these.
+    #[must_use]
+    fn grown(mut self, reach: f32) -> Self {
+        if reach > 0.0 {
+            for axis in 0..AXES {
+                // A margin takes up the rounding of this sum.
+                let by = if axis < 3 { reach } else { reach * 1.5 };
+                self.low[axis] -= by + self.low[axis].abs() * 1e-6;
+                self.high[axis] += by + self.high[axis].abs() * 1e-6;
+            }
+        }
+        self
+    }
+}
+
+/// The bounds of eight items, by direction, so that one pass over each row tests all of them.
+#[derive(Clone, Copy)]
+struct Block {
+    low: [[f32; WIDTH]; AXES],
+    high: [[f32; WIDTH]; AXES],
+}
+
+impl Block {
+    fn of(bounds: impl Iterator<Item = Bounds>) -> Self {
+        let mut block = Self { low: [[f32::INFINITY; WIDTH]; AXES], high: [[f32::NEG_INFINITY; WIDTH]; AXES] };
+        for (lane, b) in bounds.enumerate() {
+            for axis in 0..AXES {
+                block.low[axis][lane] = b.low[axis];
+                block.high[axis][lane] = b.high[axis];
+            }
+        }
+        block
+    }
+
+    #[inline]
+    fn lane(&self, lane: usize) -> Bounds {
+        Bounds { low: std::array::from_fn(|a| self.low[a][lane]), high: std::array::from_fn(|a| self.high[a][lane]) }
+    }
+
+    fn union(&self) -> Bounds {
+        (0..WIDTH).fold(Bounds::EMPTY, |sum, lane| sum.with(&self.lane(lane)))
+    }
+
+    /// Bit `l` is set where item `l` overlaps `query`.
+    #[inline]
+    fn overlaps(&self, query: &Bounds) -> u32 {
+        let mut apart = [0u32; WIDTH];
+        for axis in 0..AXES {
+            let (low, high) = (&self.low[axis], &self.high[axis]);
+            let (query_low, query_high) = (query.low[axis], query.high[axis]);
+            for lane in 0..WIDTH {
+                apart[lane] |= u32::from(!(low[lane] <= query_high)) | u32::from(!(query_low <= high[lane]));
+            }
+        }
+        let mut mask = 0;
+        for (lane, apart) in apart.into_iter().enumerate() {
+            mask |= (1 - apart) << lane;
+        }
+        mask
+    }
+}
+
+/// The hierarchy.
+pub struct Bvh {
+    /// `levels[0]` bounds the items, each next level the blocks of the one before; the last has one block.
+    levels: Vec<Vec<Block>>,
+    len: usize,
+}
+
+impl Bvh {
+    /// Builds the hierarchy of `len` items, `bounds(i)` those of item `i`.
+    #[must_use]
+    pub fn build(len: usize, bounds: impl Fn(usize) -> Bounds + Sync) -> Self {
+        let first: Vec<Block> = (0..len.div_ceil(WIDTH))
+            .into_par_iter()
+            .with_min_len(256)
+            .map(|block| Block::of((block * WIDTH..len.min((block + 1) * WIDTH)).map(&bounds)))
+            .collect();
+        let mut levels = vec![first];
+        while let Some(last) = levels.last().filter(|last| last.len() > 1) {
+            let next = last
+                .par_chunks(WIDTH)
+                .with_min_len(64)
+                .map(|children| Block::of(children.iter().map(Block::union)))
+                .collect();
+            levels.push(next);
+        }
+        Self { levels, len }
+    }
+
+    /// Number of blocks of items.
+    #[must_use]
+    pub fn blocks(&self) -> usize {
+        self.levels[0].len()
+    }
+
+    /// Calls `visit(i, j)` for every item `i` of a block and every item `j > i` of the whole hierarchy that come
+    /// within `reach` of each other by their bounds. Over all blocks each pair is visited once.
+    pub fn pairs(&self, block: usize, reach: f32, mut visit: impl FnMut(usize, usize)) {
+        let own = &self.levels[0][block];
+        let lanes: [Bounds; WIDTH] = std::array::from_fn(|lane| own.lane(lane).grown(reach));
+        let query = own.union().grown(reach);
+        let top = self.levels.len() - 1;
+        self.descend(top, 0, &query, block, &mut |other| {
+            let there = &self.levels[0][other];
+            for (lane, bounds) in lanes.iter().enumerate() {
+                let item = block * WIDTH + lane;
+                if item >= self.len {
+                    break;
+                }
+                let mut mask = there.overlaps(bounds);
+                if other == block {
+                    mask &= !0 << (lane + 1);
+                }
+                while mask != 0 {
+                    let second = other * WIDTH + mask.trailing_zeros() as usize;
+                    mask &= mask - 1;
+                    if second < self.len {
+                        visit(item, second);
+                    }
+                }
+            }
+        });
+    }
+
+    /// Calls `leaf` for each block of items from `first` on whose bounds overlap `query`.
+    fn descend(&self, level: usize, node: usize, query: &Bounds, first: usize, leaf: &mut impl FnMut(usize)) {
+        if level == 0 {
+            leaf(node);
+            return;
+        }
+        let below = level - 1;
+        let (begin, count) = (first >> (3 * below), self.levels[below].len());
+        let mut mask = self.levels[level][node].overlaps(query);
+        while mask != 0 {
+            let child = node * WIDTH + mask.trailing_zeros() as usize;
+            mask &= mask - 1;
+            if child >= begin && child < count {
+                self.descend(below, child, query, first, leaf);
+            }
+        }
+    }
+}
+
+/// Position along a space-filling curve of Morton of a point given as fractions (0 to 1) of a box, 10 bits an axis.
+#[must_use]
+pub fn morton(fraction: [f32; 3]) -> u32 {
+    let spread = |f: f32| {
+        let mut v = (f.clamp(0.0, 1.0) * 1023.0) as u32;
+        v = (v | (v << 16)) & 0x0300_00FF;
+        v = (v | (v << 8)) & 0x0300_F00F;
+        v = (v | (v << 4)) & 0x030C_30C3;
+        (v | (v << 2)) & 0x0924_9249
+    };
+    spread(fraction[0]) | (spread(fraction[1]) << 1) | (spread(fraction[2]) << 2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(60))]
+
+        #[test]
+        fn pairs_are_those_of_brute_force(
+            items in prop::collection::vec(prop::array::uniform2(prop::array::uniform3(-9i8..9)), 0..300),
+            reach in 0i8..2,
+        ) {
+            let at = |p: [i8; 3]| p.map(f64::from);
+            let bounds: Vec<_> = items.iter().map(|[p, d]| {
+                let end = std::array::from_fn(|i| p[i] + d[i] / 4);
+                Bounds::of([at(*p), at(end)])
+            }).collect();
+            let bvh = Bvh::build(bounds.len(), |i| bounds[i]);
+            let mut found = Vec::new();
+            for block in 0..bvh.blocks() {
+                bvh.pairs(block, f32::from(reach), |i, j| found.push((i, j)));
+            }
+            found.sort_unstable();
+            let mut expected = Vec::new();
+            for i in 0..bounds.len() {
+                for j in i + 1..bounds.len() {
+                    if bounds[i].grown(f32::from(reach)).overlaps(&bounds[j]) {
+                        expected.push((i, j));
+                    }
+                }
+            }
+            prop_assert_eq!(found, expected);
+        }
+    }
+
+    #[test]
+    fn the_curve_of_morton_interleaves() {
+        assert_eq!(morton([1.0, 1.0, 1.0]), (1 << 30) - 1);
+        assert_eq!(morton([0.0, 0.0, 1.0]), 0x2492_4924);
+        assert_eq!(morton([0.0; 3]), 0);
+    }
+}

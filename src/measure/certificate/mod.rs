@@ -1,0 +1,185 @@
+//! The certificate of a model: made for every one, from the surface exactly as it is exported.
+//!
+//! Every decision (does it cross, is it closed, is it degenerate) is exact; measures (areas, distances, angles) are
+//! floating-point. The paper names self-intersection as what spoils such models (section 3); nothing that fails here
+//! is delivered as good. Results depend neither on the number of threads nor on timing.
+
+mod collide;
+mod nesting;
+mod sections;
+mod shape;
+mod topology;
+mod types;
+
+pub use types::{Certificate, CheckOptions, Component, Failure, FailureKind, Place};
+
+use crate::model::{Mesh, Section};
+use std::collections::HashMap;
+use types::{Failures, METRE_UM, PLACES};
+
+/// A coordinate of a surface: f32 or f64.
+trait Coordinate: Copy + Send + Sync + Into<f64> {}
+impl<T: Copy + Send + Sync + Into<f64>> Coordinate for T {}
+
+/// A surface under test; all triangle indices are in range and all coordinates within the bounds of the predicates.
+struct Surface<'a, C> {
+    positions: &'a [[C; 3]],
+    triangles: &'a [[u32; 3]],
+}
+
+impl<C: Coordinate> Surface<'_, C> {
+    #[inline]
+    fn point(&self, vertex: u32) -> [f64; 3] {
+        self.positions[vertex as usize].map(Into::into)
+    }
+
+    #[inline]
+    fn corners(&self, triangle: usize) -> [[f64; 3]; 3] {
+        self.triangles[triangle].map(|v| self.point(v))
+    }
+
+    fn place_of_vertex(&self, vertex: u32) -> Place {
+        Place::at(self.point(vertex).map(|x| x * METRE_UM))
+    }
+
+    fn place_of_triangles(&self, triangles: &[u32]) -> Place {
+        let corners = self.corners(triangles[0] as usize);
+        let centre = std::array::from_fn(|axis| corners.iter().map(|p| p[axis]).sum::<f64>() / 3.0 * METRE_UM);
+        Place { triangles: triangles.to_vec(), ..Place::at(centre) }
+    }
+}
+
+/// Proves a generated model sound, or says where it is not: the sections it was made from, and its surface, which must
+/// be one component with the Euler number of its body.
+#[must_use]
+pub fn certify(mesh: &Mesh, sections: &[Section]) -> Certificate {
+    let mut failures = Failures::default();
+    let contours = sections::examine(sections, &mut failures);
+    let mut certificate = surface(&mesh.positions, &mesh.triangles, failures);
+    certificate.section_crossings = contours.crossings;
+    certificate.min_gap_um = contours.min_gap_um;
+    let mut failures = Failures(std::mem::take(&mut certificate.failures));
+    if certificate.components > 1 {
+        let detail = format!("the body consists of {} parts instead of one", certificate.components);
+        failures.add(FailureKind::Components, certificate.components, detail, Vec::new());
+    }
+    demand_euler(&certificate, mesh.body.euler(), &mut failures);
+    certificate.conclude(failures)
+}
+
+/// The certificate of a surface from elsewhere, as lists of positions (metres) and triangles. Vertices at exactly the
+/// same position count as one. The surface may have several components.
+#[must_use]
+pub fn certify_soup(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Certificate {
+    if triangles.iter().flatten().any(|&v| v as usize >= positions.len()) {
+        return surface(positions, triangles, Failures::default());
+    }
+    let first = first_at_position(positions);
+    let welded: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(|v| first[v as usize])).collect();
+    surface(positions, &welded, Failures::default())
+}
+
+/// The certificate of a file as `oviduct check` gives it: [`certify_soup`] and what the options demand besides.
+#[must_use]
+pub fn check_surface(positions: &[[f64; 3]], triangles: &[[u32; 3]], options: &CheckOptions) -> Certificate {
+    let mut certificate = certify_soup(positions, triangles);
+    let mut failures = Failures(std::mem::take(&mut certificate.failures));
+    if let Some(euler) = options.euler {
+        demand_euler(&certificate, euler, &mut failures);
+    }
+    certificate.conclude(failures)
+}
+
+fn demand_euler(certificate: &Certificate, euler: i64, failures: &mut Failures) {
+    let wrong: Vec<_> = certificate.bodies.iter().filter(|body| body.euler != euler).collect();
+    if let Some(body) = wrong.first() {
+        let detail = format!("a component has the Euler number {} instead of {euler}", body.euler);
+        failures.add(FailureKind::Euler, wrong.len() as u64, detail, Vec::new());
+    }
+}
+
+/// For each vertex the least one at exactly the same position.
+fn first_at_position(positions: &[[f64; 3]]) -> Vec<u32> {
+    let mut first: HashMap<[u64; 3], u32> = HashMap::with_capacity(positions.len());
+    // Adding zero makes one of the two zeros.
+    let key = |p: &[f64; 3]| p.map(|x| (x + 0.0).to_bits());
+    positions.iter().zip(0u32..).map(|(p, i)| *first.entry(key(p)).or_insert(i)).collect()
+}
+
+fn surface<C: Coordinate>(positions: &[[C; 3]], triangles: &[[u32; 3]], mut failures: Failures) -> Certificate {
+    if let Err(failure) = admissible(positions, triangles) {
+        failures.0.push(failure);
+        return Certificate::without_surface(failures);
+    }
+    let surface = Surface { positions, triangles };
+    let topology = topology::examine(&surface, &mut failures);
+    let shape = shape::examine(&surface, &topology, &mut failures);
+    let meetings = collide::examine(&surface, &shape.degenerate, &mut failures);
+    nesting::examine(&surface, &topology, &shape.volumes, &mut failures);
+    let volume: f64 = shape.volumes.iter().sum();
+    let bodies = topology.bodies.iter().zip(&shape.volumes).take(types::BODIES);
+    Certificate {
+        passed: false,
+        closed: topology.open_edges == 0,
+        manifold: topology.open_edges == 0 && topology.bad_edges == 0 && topology.bad_vertices == 0,
+        oriented: topology.disoriented_edges == 0,
+        euler: topology.bodies.iter().map(|body| body.euler()).sum(),
+        components: topology.bodies.len() as u64,
+        bodies: bodies.map(|(body, volume)| body.report(*volume)).collect(),
+        vertices: topology.bodies.iter().map(|body| body.vertices).sum(),
+        triangles: triangles.len() as u64,
+        open_edges: topology.open_edges,
+        non_manifold_edges: topology.bad_edges,
+        non_manifold_vertices: topology.bad_vertices,
+        disoriented_edges: topology.disoriented_edges,
+        degenerate_triangles: shape.degenerate.len() as u64,
+        duplicate_triangles: meetings.duplicates,
+        section_crossings: 0,
+        triangle_intersections: meetings.count,
+        min_gap_um: None,
+        min_edge_um: shape.min_edge * METRE_UM,
+        min_angle_deg: shape.min_angle_deg,
+        volume_mm3: volume * 1e9,
+        area_mm2: shape.area * 1e6,
+        bounds_um: shape.bounds.map(|corner| corner.map(|x| x * METRE_UM)),
+        failures: Vec::new(),
+    }
+    .conclude(failures)
+}
+
+/// Refuses surfaces that no further test can be run on.
+fn admissible<C: Coordinate>(positions: &[[C; 3]], triangles: &[[u32; 3]]) -> Result<(), Failure> {
+    let failure = |kind, count: usize, detail, places| Failure { kind, count: count as u64, detail, places };
+    if triangles.is_empty() {
+        return Err(failure(FailureKind::Empty, 1, "there are no triangles".to_owned(), Vec::new()));
+    }
+    let outside = |t: &&[u32; 3]| t.iter().any(|&v| v as usize >= positions.len());
+    let count = triangles.iter().filter(outside).count();
+    if count > 0 {
+        let detail = format!("{count} triangles name vertices beyond the {} there are", positions.len());
+        return Err(failure(FailureKind::Indices, count, detail, Vec::new()));
+    }
+    let bad = |p: &&[C; 3]| {
+        p.iter().any(|&x| {
+            let x: f64 = x.into();
+            !(x == 0.0 || (1e-60..=1e60).contains(&x.abs()))
+        })
+    };
+    let count = positions.iter().filter(bad).count();
+    if count > 0 {
+        let at = positions.iter().position(|p| bad(&p)).map_or(0, |i| i);
+        let detail = format!("{count} vertices (first: {at}) have coordinates that are not finite or beyond 1e±60");
+        return Err(failure(FailureKind::Coordinates, count, detail, Vec::new()));
+    }
+    Ok(())
+}
+
+/// Keeps the first few of a list of places.
+fn few<T>(items: impl IntoIterator<Item = T>, place: impl FnMut(T) -> Place) -> Vec<Place> {
+    items.into_iter().take(PLACES).map(place).collect()
+}
+
+#[cfg(test)]
+mod samples;
+#[cfg(test)]
+mod tests;

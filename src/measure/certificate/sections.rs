@@ -1,0 +1,169 @@
+//! Sections: each ring simple, the inner one strictly inside the outer one, and the least gap.
+//!
+//! The edges of both rings of a section stand in one hierarchy in their order, so that the work is nearly linear.
+//! Contours are judged as recorded, in micrometres.
+
+use super::types::{FailureKind, Failures, PLACES, Place};
+use crate::geometry::bvh::{Bounds, Bvh};
+use crate::geometry::predicates::orient2d;
+use crate::geometry::tri_tri::segments_meet;
+use crate::model::Section;
+use rayon::prelude::*;
+
+type P2 = [f64; 2];
+
+/// Findings on all sections.
+pub(super) struct Contours {
+    pub(super) crossings: u64,
+    pub(super) min_gap_um: Option<f64>,
+}
+
+#[derive(Default)]
+struct Found {
+    broken: bool,
+    outside: bool,
+    crossings: u64,
+    places: Vec<P2>,
+    gap: Option<f64>,
+}
+
+pub(super) fn examine(sections: &[Section], failures: &mut Failures) -> Contours {
+    let found: Vec<Found> = sections.par_iter().map(examine_section).collect();
+    let place = |index: usize, at: P2| {
+        let z = sections[index].z_um;
+        Place { section: Some(index as u32), ..Place::at([at[0], at[1], z]) }
+    };
+    let first_point =
+        |index: usize| place(index, sections[index].inner.points.first().map_or([0.0; 2], |p| p.map(f64::from)));
+    let mut whole = |kind, what: &str, is: fn(&Found) -> bool| {
+        let bad: Vec<usize> = (0..found.len()).filter(|&i| is(&found[i])).collect();
+        let places = bad.iter().take(PLACES).map(|&i| first_point(i)).collect();
+        failures.add(kind, bad.len() as u64, format!("{} sections {what}", bad.len()), places);
+        bad.len() as u64
+    };
+    whole(FailureKind::SectionRing, "have a ring of fewer than three points or one that is not finite", |f| f.broken);
+    let outside = whole(FailureKind::SectionNesting, "have their inner ring outside the outer one", |f| f.outside);
+    let crossings: u64 = found.iter().map(|f| f.crossings).sum();
+    let places = found.iter().enumerate().flat_map(|(i, f)| f.places.iter().map(move |p| (i, *p)));
+    let places = places.take(PLACES).map(|(i, p)| place(i, p)).collect();
+    let detail = format!("{crossings} pairs of edges of a section cross or touch");
+    failures.add(FailureKind::SectionCrossing, crossings, detail, places);
+    let min_gap_um = found.iter().filter_map(|f| f.gap).reduce(f64::min);
+    Contours { crossings: crossings + outside, min_gap_um }
+}
+
+/// The edges of both rings: edge `i` goes from point `i` to point `next(i)`.
+struct Edges {
+    points: Vec<P2>,
+    inner: usize,
+}
+
+impl Edges {
+    #[inline]
+    fn next(&self, i: usize) -> usize {
+        if i + 1 == self.inner {
+            0
+        } else if i + 1 == self.points.len() {
+            self.inner
+        } else {
+            i + 1
+        }
+    }
+
+    fn segment(&self, i: usize) -> [P2; 2] {
+        [self.points[i], self.points[self.next(i)]]
+    }
+}
+
+fn examine_section(section: &Section) -> Found {
+    let mut found = Found::default();
+    let rings = [&section.inner.points, &section.outer.points];
+    found.broken = rings.iter().any(|r| r.len() < 3 || r.iter().flatten().any(|x| !x.is_finite()));
+    if found.broken {
+        return found;
+    }
+    let points = rings.into_iter().flatten().map(|p| p.map(f64::from)).collect();
+    let edges = Edges { points, inner: section.inner.len() };
+    let bounds = |i: usize| {
+        let [a, b] = edges.segment(i);
+        Bounds::of([[a[0], a[1], 0.0], [b[0], b[1], 0.0]])
+    };
+    let bvh = Bvh::build(edges.points.len(), bounds);
+    // Squares. As the gap shrinks, so does what can still lessen it.
+    let mut gap = f64::INFINITY;
+    for block in 0..bvh.blocks() {
+        let reach = (gap.sqrt() * 1.001).min(1e30) as f32;
+        bvh.pairs(block, reach, |i, j| {
+            if cross(&edges, i, j) {
+                found.crossings += 1;
+                if found.places.len() < PLACES {
+                    found.places.push(edges.points[i]);
+                }
+            }
+            gap = gap.min(gap_squared(&edges, i, j));
+        });
+    }
+    found.gap = gap.is_finite().then(|| gap.sqrt());
+    // Where nothing crosses, one point decides for its whole ring.
+    found.outside = !is_inside(edges.points[0], &edges.points[edges.inner..]);
+    found
+}
+
+/// Whether two edges meet other than at the end they share.
+fn cross(edges: &Edges, i: usize, j: usize) -> bool {
+    let ([a, b], [c, d]) = (edges.segment(i), edges.segment(j));
+    let folded = |far: P2, middle: P2, near: P2| {
+        let same = |axis: usize| (far[axis] - middle[axis]) * (near[axis] - middle[axis]) > 0.0;
+        far == middle || near == middle || (orient2d(far, middle, near) == 0.0 && (same(0) || same(1)))
+    };
+    if edges.next(i) == j {
+        folded(a, b, d)
+    } else if edges.next(j) == i {
+        folded(b, a, c)
+    } else {
+        segments_meet(a, b, c, d)
+    }
+}
+
+/// Square of the least distance between an end of one edge and the other edge, where that does not end there.
+fn gap_squared(edges: &Edges, i: usize, j: usize) -> f64 {
+    let ([a, b], [c, d]) = (edges.segment(i), edges.segment(j));
+    let (i_next, j_next) = (edges.next(i), edges.next(j));
+    let mut least = f64::INFINITY;
+    for (vertex, point, ends, from, to) in [
+        (i, a, [j, j_next], c, d),
+        (i_next, b, [j, j_next], c, d),
+        (j, c, [i, i_next], a, b),
+        (j_next, d, [i, i_next], a, b),
+    ] {
+        if !ends.contains(&vertex) {
+            least = least.min(distance_squared(point, from, to));
+        }
+    }
+    least
+}
+
+fn distance_squared(p: P2, a: P2, b: P2) -> f64 {
+    let (u, v) = ([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]]);
+    let length = u[0] * u[0] + u[1] * u[1];
+    let along = if length > 0.0 { ((u[0] * v[0] + u[1] * v[1]) / length).clamp(0.0, 1.0) } else { 0.0 };
+    let off = [v[0] - along * u[0], v[1] - along * u[1]];
+    off[0] * off[0] + off[1] * off[1]
+}
+
+/// Whether a point lies strictly inside a simple polygon that does not pass through it, exactly.
+fn is_inside(p: P2, polygon: &[P2]) -> bool {
+    let mut inside = false;
+    let mut a = polygon[polygon.len() - 1];
+    for &b in polygon {
+        if (a[1] > p[1]) != (b[1] > p[1]) {
+            let side = orient2d(a, b, p);
+            // The edge crosses the height of the point: to its right where the point is left of an upward edge.
+            if (b[1] > a[1] && side > 0.0) || (b[1] < a[1] && side < 0.0) {
+                inside = !inside;
+            }
+        }
+        a = b;
+    }
+    inside
+}

@@ -1,0 +1,229 @@
+//! What a certificate says.
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+/// Micrometres in a metre.
+pub(super) const METRE_UM: f64 = 1e6;
+
+/// Places kept for a kind of failure.
+pub(super) const PLACES: usize = 16;
+
+/// Components listed one by one.
+pub(super) const BODIES: usize = 256;
+
+/// The findings on one surface and, for a generated model, the sections it was made from.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+pub struct Certificate {
+    /// Whether there are no failures.
+    pub passed: bool,
+    /// No open edges: each belongs to at least two triangles.
+    pub closed: bool,
+    /// Each edge belongs to exactly two triangles, and the triangles at each vertex form one closed fan.
+    pub manifold: bool,
+    /// Triangles at an edge run along it in opposite directions, everywhere.
+    pub oriented: bool,
+    /// Vertices − edges + triangles, over all components.
+    pub euler: i64,
+    /// Number of parts connected by vertices.
+    pub components: u64,
+    /// The components in the order of their first vertices; the first 256.
+    pub bodies: Vec<Component>,
+    /// Vertices that belong to triangles.
+    pub vertices: u64,
+    /// Triangles.
+    pub triangles: u64,
+    /// Edges of one triangle only.
+    pub open_edges: u64,
+    /// Edges of more than two triangles.
+    pub non_manifold_edges: u64,
+    /// Vertices whose triangles form more than one fan.
+    pub non_manifold_vertices: u64,
+    /// Edges whose two triangles run along it in the same direction.
+    pub disoriented_edges: u64,
+    /// Triangles whose area is exactly zero.
+    pub degenerate_triangles: u64,
+    /// Pairs of triangles with the same three vertices.
+    pub duplicate_triangles: u64,
+    /// Pairs of edges of one section that meet other than as neighbours, and inner rings not inside the outer one.
+    pub section_crossings: u64,
+    /// Pairs of triangles that have a point in common other than vertices and edges they share.
+    pub triangle_intersections: u64,
+    /// Least distance between a vertex and an edge of the same section that does not end there, over both rings;
+    /// null without sections.
+    pub min_gap_um: Option<f64>,
+    /// Shortest edge of the surface.
+    pub min_edge_um: f64,
+    /// Smallest angle of a triangle.
+    pub min_angle_deg: f64,
+    /// Enclosed volume; components turned inside out, such as cavities, count negative.
+    pub volume_mm3: f64,
+    /// Area of the surface.
+    pub area_mm2: f64,
+    /// Least and greatest coordinates.
+    pub bounds_um: [[f64; 3]; 2],
+    /// What is wrong, at most one entry a kind.
+    pub failures: Vec<Failure>,
+}
+
+impl Certificate {
+    /// The first failure in one line, with its place.
+    #[must_use]
+    pub fn first_failure(&self) -> Option<String> {
+        self.failures.first().map(ToString::to_string)
+    }
+
+    pub(super) fn conclude(mut self, failures: Failures) -> Self {
+        self.failures = failures.0;
+        self.passed = self.failures.is_empty();
+        self
+    }
+
+    /// The certificate of what is no surface.
+    pub(super) fn without_surface(failures: Failures) -> Self {
+        Self {
+            passed: false,
+            closed: false,
+            manifold: false,
+            oriented: false,
+            euler: 0,
+            components: 0,
+            bodies: Vec::new(),
+            vertices: 0,
+            triangles: 0,
+            open_edges: 0,
+            non_manifold_edges: 0,
+            non_manifold_vertices: 0,
+            disoriented_edges: 0,
+            degenerate_triangles: 0,
+            duplicate_triangles: 0,
+            section_crossings: 0,
+            triangle_intersections: 0,
+            min_gap_um: None,
+            min_edge_um: 0.0,
+            min_angle_deg: 0.0,
+            volume_mm3: 0.0,
+            area_mm2: 0.0,
+            bounds_um: [[0.0; 3]; 2],
+            failures: failures.0,
+        }
+    }
+}
+
+/// A connected part of a surface.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+pub struct Component {
+    /// Vertices.
+    pub vertices: u64,
+    /// Triangles.
+    pub triangles: u64,
+    /// Vertices − edges + triangles: 2 for a ball, 0 for a ring.
+    pub euler: i64,
+    /// Enclosed volume, negative where it is turned inside out.
+    pub volume_mm3: f64,
+}
+
+/// What a surface can fail on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum FailureKind {
+    /// No triangles.
+    Empty,
+    /// A triangle names a vertex that does not exist.
+    Indices,
+    /// A coordinate is not finite or beyond what exact tests can take.
+    Coordinates,
+    /// A ring of a section has fewer than three points.
+    SectionRing,
+    /// A ring of a section crosses or touches itself or the other ring.
+    SectionCrossing,
+    /// The inner ring of a section is not inside the outer one.
+    SectionNesting,
+    /// Edges of one triangle only.
+    OpenEdges,
+    /// Edges of more than two triangles.
+    NonManifoldEdges,
+    /// Vertices at which several fans of triangles touch.
+    NonManifoldVertices,
+    /// Neighbouring triangles of opposite orientation.
+    Orientation,
+    /// A body that is turned inside out.
+    Volume,
+    /// Triangles without area.
+    DegenerateTriangles,
+    /// Triangles with the same vertices.
+    DuplicateTriangles,
+    /// Triangles that meet.
+    TriangleIntersections,
+    /// More components than the body may have.
+    Components,
+    /// Another Euler number than demanded.
+    Euler,
+}
+
+/// One thing that is wrong.
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+pub struct Failure {
+    /// What kind.
+    pub kind: FailureKind,
+    /// How many times.
+    pub count: u64,
+    /// In words.
+    pub detail: String,
+    /// Where: the first 16.
+    pub places: Vec<Place>,
+}
+
+impl std::fmt::Display for Failure {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.detail)?;
+        let Some(place) = self.places.first() else { return Ok(()) };
+        let [x, y, z] = place.position_um;
+        write!(f, ", first at ({x:.3}, {y:.3}, {z:.3}) µm")?;
+        if let Some(section) = place.section {
+            write!(f, " in section {section}")?;
+        }
+        match place.triangles.as_slice() {
+            [] => Ok(()),
+            [one] => write!(f, ", triangle {one}"),
+            [one, two, ..] => write!(f, ", triangles {one} and {two}"),
+        }
+    }
+}
+
+/// Where something is wrong.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, ToSchema)]
+pub struct Place {
+    /// Position; `z` is the place along the tube.
+    pub position_um: [f64; 3],
+    /// Triangles concerned, by index.
+    pub triangles: Vec<u32>,
+    /// Section concerned, by index.
+    pub section: Option<u32>,
+}
+
+impl Place {
+    pub(super) fn at(position_um: [f64; 3]) -> Self {
+        Self { position_um, ..Self::default() }
+    }
+}
+
+/// What `oviduct check` demands besides soundness.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CheckOptions {
+    /// The Euler number that each component must have.
+    pub euler: Option<i64>,
+}
+
+/// Failures found so far.
+#[derive(Default)]
+pub(super) struct Failures(pub(super) Vec<Failure>);
+
+impl Failures {
+    /// Adds a failure unless `count` is zero.
+    pub(super) fn add(&mut self, kind: FailureKind, count: u64, detail: String, places: Vec<Place>) {
+        if count > 0 {
+            self.0.push(Failure { kind, count, detail, places });
+        }
+    }
+}

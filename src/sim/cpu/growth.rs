@@ -1,0 +1,137 @@
+//! Growth: edges are split at their midpoint, both halves with half the rest length, so that the contour is
+//! unchanged; rest-length growth then buckles it (paper, section 3: "the number of particles also increases").
+//!
+//! Where edges are split is decided by stratified tournaments: the loop is cut into as many equal runs as
+//! there are splits to make, and each run has one winner. So there are no duplicates and the counts are known
+//! beforehand.
+
+use crate::random::{self, Stream};
+use crate::sim::layout::StepRow;
+use crate::sim::maths::nearest_on_ellipse;
+use crate::sim::plan::Plan;
+use crate::sim::state::{InnerLoop, OuterLoop, contortion_sign};
+
+/// A split is put off where the clearance is under this many times the guard's least clearance.
+const ROOM: f32 = 40.0;
+/// Span of particles over which the curvature of a fold tip is taken.
+const SPAN: usize = 3;
+
+/// Splits edges of the inner loop up to the row's target. `clearance` holds the clearance of each particle at the last
+/// step (empty: unknown). Returns how many splits were put off.
+pub(super) fn grow_inner(plan: &Plan, time: i64, row: &StepRow, s: &mut InnerLoop, clearance: &[f32]) -> u32 {
+    let n = s.len();
+    let wanted = (row.inner_target as usize).saturating_sub(n).min(n);
+    if wanted == 0 {
+        return 0;
+    }
+    let event = (time / i64::from(plan.grow_every)) as u32;
+    let mut winners = Vec::with_capacity(wanted);
+    for run in 0..wanted {
+        let (first, end) = (run * n / wanted, (run + 1) * n / wanted);
+        let mut best: Option<(f32, usize)> = None;
+        for c in 0..plan.candidates {
+            let word = random::word(plan.seed, Stream::Growth, event, run as u32 * plan.candidates + c);
+            let edge = first + random::below(word, (end - first).min(65_536) as u32) as usize;
+            let score = score(row, s, edge);
+            if has_room(plan, s, clearance, edge) && best.is_none_or(|(b, _)| score > b) {
+                best = Some((score, edge));
+            }
+        }
+        winners.extend(best.map(|(_, edge)| edge));
+    }
+    split(plan, row, s, &winners);
+    (wanted - winners.len()) as u32
+}
+
+fn point(s: &InnerLoop, i: usize) -> [f32; 2] {
+    let i = i % s.len();
+    [s.x[i], s.y[i]]
+}
+
+fn length(a: [f32; 2], b: [f32; 2]) -> f32 {
+    ((b[0] - a[0]) * (b[0] - a[0]) + (b[1] - a[1]) * (b[1] - a[1])).sqrt()
+}
+
+fn has_room(plan: &Plan, s: &InnerLoop, clearance: &[f32], edge: usize) -> bool {
+    let least = ROOM * plan.clearance;
+    let next = (edge + 1) % s.len();
+    let free = |i: usize| clearance.get(i).is_none_or(|&c| c >= least);
+    free(edge) && free(next) && length(point(s, edge), point(s, next)) >= least
+}
+
+/// Length in units of the rest length, plus the weighted sharpness of the fold tip at the edge.
+fn score(row: &StepRow, s: &InnerLoop, edge: usize) -> f32 {
+    let n = s.len();
+    let (a, b) = (point(s, edge), point(s, edge + 1));
+    let (before, after) = (point(s, edge + n - SPAN), point(s, edge + 1 + SPAN));
+    let (t0, t1) = ([a[0] - before[0], a[1] - before[1]], [after[0] - b[0], after[1] - b[1]]);
+    let lengths = (length(before, a) * length(b, after)).max(1e-12);
+    let cross = (t0[0] * t1[1] - t0[1] * t1[0]) / lengths;
+    let dot = (t0[0] * t1[0] + t0[1] * t1[1]) / lengths;
+    // The loop runs counter-clockwise around the lumen, so it turns right around the tip of a fold.
+    let tip = if cross < 0.0 { 1.0 - dot } else { 0.0 };
+    length(a, b) / row.edge + row.tip_weight * tip
+}
+
+/// Splits the edges `winners` (ascending).
+fn split(plan: &Plan, row: &StepRow, s: &mut InnerLoop, winners: &[usize]) {
+    let n = s.len();
+    let mut next_id = s.next_id;
+    let mut grown = InnerLoop::default();
+    let mut winners = winners.iter().peekable();
+    for i in 0..n {
+        let splits = winners.next_if(|&&w| w == i).is_some();
+        let rest = if splits { 0.5 * s.rest[i] } else { s.rest[i] };
+        push(&mut grown, s, i, rest);
+        if splits {
+            let j = (i + 1) % n;
+            let middle = |v: &[f32]| 0.5 * (v[i] + v[j]);
+            let p = [middle(&s.x), middle(&s.y)];
+            let anchor = nearest_on_ellipse(p, row.r_in, row.squash);
+            grown.id.push(next_id);
+            grown.x.push(p[0]);
+            grown.y.push(p[1]);
+            grown.vx.push(middle(&s.vx));
+            grown.vy.push(middle(&s.vy));
+            grown.rest.push(rest);
+            grown.anchor_x.push(anchor[0]);
+            grown.anchor_y.push(anchor[1]);
+            grown.sign.push(contortion_sign(plan, next_id));
+            grown.scale.push(middle(&s.scale));
+            next_id += 1;
+        }
+    }
+    grown.next_id = next_id;
+    *s = grown;
+}
+
+fn push(to: &mut InnerLoop, from: &InnerLoop, i: usize, rest: f32) {
+    to.id.push(from.id[i]);
+    to.x.push(from.x[i]);
+    to.y.push(from.y[i]);
+    to.vx.push(from.vx[i]);
+    to.vy.push(from.vy[i]);
+    to.rest.push(rest);
+    to.anchor_x.push(from.anchor_x[i]);
+    to.anchor_y.push(from.anchor_y[i]);
+    to.sign.push(from.sign[i]);
+    to.scale.push(from.scale[i]);
+}
+
+/// Splits the longest edge of each of as many equal runs of the outer loop as it lacks particles.
+pub(super) fn grow_outer(row: &StepRow, s: &mut OuterLoop) {
+    let n = s.len();
+    let wanted = (row.outer_target as usize).saturating_sub(n).min(n);
+    for run in (0..wanted).rev() {
+        let (first, end) = (run * n / wanted, (run + 1) * n / wanted);
+        let edge_length = |i: usize| length(s.p[i], s.p[(i + 1) % n]);
+        let longest = (first..end).fold(first, |best, i| if edge_length(i) > edge_length(best) { i } else { best });
+        let (a, b) = (s.p[longest], s.p[(longest + 1) % n]);
+        let (va, vb) = (s.v[longest], s.v[(longest + 1) % n]);
+        let middle = |a: [f32; 2], b: [f32; 2]| [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])];
+        let id = (n + wanted - 1 - run) as u32;
+        s.id.insert(longest + 1, id);
+        s.p.insert(longest + 1, middle(a, b));
+        s.v.insert(longest + 1, middle(va, vb));
+    }
+}

@@ -1,0 +1,290 @@
+//! Time integration (paper, section 3: Runge–Kutta of fourth order, or Euler) and the guard that keeps walls apart.
+//!
+//! Guard: with clear_i the least distance over all vertex–segment pairs that touch vertex i or one of its two edges,
+//! a move is shortened to 0.45·(clear_i − g_min). In the plane first contact is always a vertex on a segment; both
+//! sides together close by less than their distance, so the straight path from step to step is free of contact.
+
+use super::chain::Chain;
+use super::local;
+use super::neighbours::{Neighbours, Part};
+use super::pairs::{CLEARANCE_CAP, PairTerms, Sums, add_block, greatest, reduce};
+use super::vectorize::vectorize;
+use crate::sim::Statistics;
+use crate::sim::layout::{LANES, StepRow};
+use crate::sim::maths::{max, min};
+use crate::sim::plan::Plan;
+use crate::sim::state::InnerLoop;
+use crate::spec::Integrator;
+use rayon::prelude::*;
+
+/// Share of the free distance that one side may close.
+const SHARE: f32 = 0.45;
+/// Least and greatest limit of a move, µm.
+const LIMITS: [f32; 2] = [1e-5, 5.0];
+
+/// Buffers of a step.
+#[derive(Debug, Default)]
+pub(super) struct Work {
+    /// Accelerations of the stages.
+    ax: [Vec<f32>; 4],
+    ay: [Vec<f32>; 4],
+    /// Sum of the stage velocities, weighted.
+    sx: Vec<f32>,
+    sy: Vec<f32>,
+    /// Greatest 1/d at the start of the step: of each vertex, of each segment.
+    vertex_near: Vec<f32>,
+    /// Clearance of each particle at the start of the last step, µm.
+    clearance: Vec<f32>,
+}
+
+impl Work {
+    pub(super) fn resize(&mut self, n: usize) {
+        for v in self.ax.iter_mut().chain(&mut self.ay) {
+            v.resize(n, 0.0);
+        }
+        for v in [&mut self.sx, &mut self.sy, &mut self.vertex_near] {
+            v.resize(n, 0.0);
+        }
+    }
+
+    /// Clearances at the start of the last step; empty before the first one.
+    pub(super) fn clearance(&self) -> &[f32] {
+        &self.clearance
+    }
+}
+
+/// Advances the inner loop one step.
+pub(super) fn step(
+    plan: &Plan,
+    row: &StepRow,
+    s: &mut InnerLoop,
+    chain: &mut Chain,
+    neighbours: &mut Neighbours,
+    work: &mut Work,
+    statistics: &mut Statistics,
+) {
+    let n = s.len();
+    chain.resize(n);
+    chain.x[1..=n].copy_from_slice(&s.x);
+    chain.y[1..=n].copy_from_slice(&s.y);
+    chain.vx[1..=n].copy_from_slice(&s.vx);
+    chain.vy[1..=n].copy_from_slice(&s.vy);
+    evaluate(row, row.contortion[0], s, chain, neighbours, work, 0, true);
+    gather_clearance(neighbours, work);
+    match plan.integrator {
+        Integrator::Euler => vectorize(
+            #[inline(always)]
+            || {
+                for i in 0..n {
+                    s.vx[i] += work.ax[0][i];
+                    s.vy[i] += work.ay[0][i];
+                    work.sx[i] = s.vx[i];
+                    work.sy[i] = s.vy[i];
+                }
+            },
+        ),
+        Integrator::Rk4 => {
+            // (weight of the stage velocity in the move, offset of the next stage) for stages 2, 3 and 4.
+            work.sx.copy_from_slice(&s.vx);
+            work.sy.copy_from_slice(&s.vy);
+            for (stage, h, modifier, weight) in
+                [(1, 0.5, row.contortion[1], 2.0), (2, 0.5, row.contortion[1], 2.0), (3, 1.0, row.contortion[2], 1.0)]
+            {
+                vectorize(
+                    #[inline(always)]
+                    || {
+                        advance(h, weight, &s.x, &s.vx, &work.ax[stage - 1], &mut chain.x, &mut chain.vx, &mut work.sx);
+                        advance(h, weight, &s.y, &s.vy, &work.ay[stage - 1], &mut chain.y, &mut chain.vy, &mut work.sy);
+                    },
+                );
+                evaluate(row, modifier, s, chain, neighbours, work, stage, false);
+            }
+            vectorize(
+                #[inline(always)]
+                || {
+                    conclude(&mut s.vx, &mut work.sx, &work.ax);
+                    conclude(&mut s.vy, &mut work.sy, &work.ay);
+                },
+            );
+        }
+    }
+    statistics.moves_shortened += guard(plan, s, work);
+    for rest in &mut s.rest {
+        *rest += row.relaxation * (row.edge - *rest);
+    }
+}
+
+/// Moves one axis to the next stage: position by the previous stage's velocity, velocity by its acceleration; adds the
+/// new stage velocity to the weighted sum. The chain holds the previous stage's velocity.
+#[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "one axis of a structure of arrays")]
+fn advance(h: f32, weight: f32, x0: &[f32], v0: &[f32], a: &[f32], x: &mut [f32], v: &mut [f32], sum: &mut [f32]) {
+    let n = x0.len();
+    let (v0, a, sum) = (&v0[..n], &a[..n], &mut sum[..n]);
+    let (x, v) = (&mut x[1..=n], &mut v[1..=n]);
+    for i in 0..n {
+        x[i] = x0[i] + h * v[i];
+        v[i] = v0[i] + h * a[i];
+        sum[i] += weight * v[i];
+    }
+}
+
+/// Turns sums into the step's move and its final velocity.
+#[inline(always)]
+fn conclude(v: &mut [f32], sum: &mut [f32], a: &[Vec<f32>; 4]) {
+    let n = v.len();
+    let (a0, a1, a2, a3) = (&a[0][..n], &a[1][..n], &a[2][..n], &a[3][..n]);
+    let sum = &mut sum[..n];
+    for i in 0..n {
+        v[i] += (a0[i] + 2.0 * (a1[i] + a2[i]) + a3[i]) * (1.0 / 6.0);
+        sum[i] *= 1.0 / 6.0;
+    }
+}
+
+/// Computes all forces of the chain as it stands into the accelerations of `stage` (mass is 1).
+#[expect(clippy::too_many_arguments, reason = "the state of a step, borrowed apart")]
+fn evaluate(
+    row: &StepRow,
+    modifier: f32,
+    s: &InnerLoop,
+    chain: &mut Chain,
+    neighbours: &mut Neighbours,
+    work: &mut Work,
+    stage: usize,
+    clearance: bool,
+) {
+    vectorize(
+        #[inline(always)]
+        || {
+            chain.close();
+            chain.derive(&s.rest, row);
+        },
+    );
+    neighbours.prepare(chain, s, row);
+    let chain = &*chain;
+    let mut outputs = Vec::with_capacity(neighbours.parts.len());
+    let (mut fx, mut fy) = (&mut work.ax[stage][..], &mut work.ay[stage][..]);
+    let mut near = &mut work.vertex_near[..];
+    for part in &mut neighbours.parts {
+        let count = part.particles.len();
+        let (fx1, fx2) = std::mem::take(&mut fx).split_at_mut(count);
+        let (fy1, fy2) = std::mem::take(&mut fy).split_at_mut(count);
+        let (near1, near2) = std::mem::take(&mut near).split_at_mut(count);
+        (fx, fy, near) = (fx2, fy2, near2);
+        outputs.push((part, fx1, fy1, near1));
+    }
+    let work_on = |(part, fx, fy, near): (&mut Part, &mut [f32], &mut [f32], &mut [f32])| {
+        vectorize(
+            #[inline(always)]
+            || {
+                if clearance {
+                    gather::<true>(chain, s, row, part, fx, fy, near);
+                } else {
+                    gather::<false>(chain, s, row, part, fx, fy, near);
+                }
+                local::add(chain, s, row, modifier, part.particles.clone(), fx, fy);
+            },
+        );
+    };
+    if outputs.len() == 1 {
+        outputs.into_iter().for_each(work_on);
+    } else {
+        outputs.into_par_iter().for_each(work_on);
+    }
+}
+
+/// Sums the pair forces on a part's particles; with `CLEARANCE` also the greatest 1/d of vertices and segments.
+#[inline(always)]
+fn gather<const CLEARANCE: bool>(
+    chain: &Chain,
+    s: &InnerLoop,
+    row: &StepRow,
+    part: &mut Part,
+    fx: &mut [f32],
+    fy: &mut [f32],
+    near: &mut [f32],
+) {
+    let n = chain.len();
+    if CLEARANCE {
+        part.near.iter_mut().for_each(|b| *b = [0.0; LANES]);
+    }
+    let mut segment_near = std::mem::take(&mut part.near);
+    for (k, i) in part.particles.clone().enumerate() {
+        let p = [chain.x[i + 1], chain.y[i + 1]];
+        let terms = PairTerms::new(row, p, [chain.nx[i], chain.ny[i]], s.scale[i]);
+        let before = if i == 0 { n - 1 } else { i - 1 };
+        let mut sums = Sums::ZERO;
+        for &b in part.blocks(k) {
+            let b = b as usize;
+            let block = &chain.blocks[b];
+            let closeness = if b == i / LANES || b == before / LANES {
+                let mut own = [false; LANES];
+                if b == i / LANES {
+                    own[i % LANES] = true;
+                }
+                if b == before / LANES {
+                    own[before % LANES] = true;
+                }
+                add_block(&mut sums, &terms, block, Some(&own))
+            } else {
+                add_block(&mut sums, &terms, block, None)
+            };
+            if CLEARANCE {
+                let seen = &mut segment_near[b];
+                for l in 0..LANES {
+                    seen[l] = max(seen[l], closeness[l]);
+                }
+            }
+        }
+        fx[k] = reduce(sums.fx);
+        fy[k] = reduce(sums.fy);
+        if CLEARANCE {
+            near[k] = greatest(sums.near);
+        }
+    }
+    part.near = segment_near;
+}
+
+/// Joins what the parts saw into the clearance of each particle.
+fn gather_clearance(neighbours: &mut Neighbours, work: &mut Work) {
+    let n = work.vertex_near.len();
+    let Some((first, others)) = neighbours.parts.split_first_mut() else { return };
+    for part in others {
+        for (a, b) in first.near.iter_mut().zip(&part.near) {
+            for l in 0..LANES {
+                a[l] = max(a[l], b[l]);
+            }
+        }
+    }
+    let segment = |i: usize| first.near[i / LANES][i % LANES];
+    work.clearance.clear();
+    work.clearance.extend((0..n).map(|i| {
+        let before = if i == 0 { n - 1 } else { i - 1 };
+        let near = max(work.vertex_near[i], max(segment(before), segment(i)));
+        1.0 / max(near, 1.0 / CLEARANCE_CAP)
+    }));
+}
+
+/// Moves every particle by its sum of stage velocities, shortened where the clearance demands it. Returns how often.
+fn guard(plan: &Plan, s: &mut InnerLoop, work: &Work) -> u64 {
+    let n = s.len();
+    let (x, y, vx, vy) = (&mut s.x[..n], &mut s.y[..n], &mut s.vx[..n], &mut s.vy[..n]);
+    let (sx, sy, clearance) = (&work.sx[..n], &work.sy[..n], &work.clearance[..n]);
+    vectorize(
+        #[inline(always)]
+        || {
+            let mut shortened = 0u32;
+            for i in 0..n {
+                let limit = min(max(SHARE * (clearance[i] - plan.clearance), LIMITS[0]), LIMITS[1]);
+                let move_length = (sx[i] * sx[i] + sy[i] * sy[i]).sqrt();
+                let factor = if move_length > limit { limit / move_length } else { 1.0 };
+                shortened += u32::from(move_length > limit);
+                x[i] += factor * sx[i];
+                y[i] += factor * sy[i];
+                vx[i] *= factor;
+                vy[i] *= factor;
+            }
+            u64::from(shortened)
+        },
+    )
+}

@@ -1,0 +1,62 @@
+//! The forces on a particle from its neighbours in the chain and from the containment region: spring, friction,
+//! bending, containment, regulatory, contortion (paper, section 3).
+
+use super::chain::Chain;
+use crate::sim::layout::StepRow;
+use crate::sim::maths::{max, min};
+use crate::sim::state::InnerLoop;
+use std::ops::Range;
+
+/// Adds the local forces on the particles `range` to `fx`, `fy` (one entry a particle of the range).
+/// `modifier` is m·c(t) of the contortion at this evaluation.
+#[inline(always)]
+pub(super) fn add(
+    chain: &Chain,
+    state: &InnerLoop,
+    row: &StepRow,
+    modifier: f32,
+    range: Range<usize>,
+    fx: &mut [f32],
+    fy: &mut [f32],
+) {
+    let count = range.len();
+    let neighbours = range.start..range.end + 2;
+    let (x, y) = (&chain.x[neighbours.clone()], &chain.y[neighbours.clone()]);
+    let own = range.start + 1..range.end + 1;
+    let (vx, vy) = (&chain.vx[own.clone()], &chain.vy[own]);
+    let pulls = range.start..range.end + 1;
+    let (tx, ty) = (&chain.tx[pulls.clone()], &chain.ty[pulls]);
+    let (nx, ny) = (&chain.nx[range.clone()], &chain.ny[range.clone()]);
+    let (ax, ay) = (&state.anchor_x[range.clone()], &state.anchor_y[range.clone()]);
+    let (fx, fy) = (&mut fx[..count], &mut fy[..count]);
+    assert!(x.len() == count + 2 && y.len() == count + 2 && tx.len() == count + 1 && ty.len() == count + 1);
+    let unsquash = 1.0 / row.squash;
+    let ramp = 1.0 / row.ramp;
+    for i in 0..count {
+        let (px, py) = (x[i + 1], y[i + 1]);
+        let spring = [tx[i + 1] - tx[i], ty[i + 1] - ty[i]];
+        let second = [x[i] - 2.0 * px + x[i + 2], y[i] - 2.0 * py + y[i + 2]];
+        let bend = row.bending * (second[0] * nx[i] + second[1] * ny[i]);
+        let radius = (px * px + py * py + 1e-6).sqrt();
+        let flat = py * unsquash;
+        let elliptic = (px * px + flat * flat).sqrt();
+        let inward = row.containment * min(max((elliptic - row.r_in) * ramp, 0.0), 1.0) / radius;
+        let anchor = [row.r_in * ax[i] - px, row.squash * row.r_in * ay[i] - py];
+        let far = (anchor[0] * anchor[0] + anchor[1] * anchor[1]).sqrt();
+        let tether = row.regulatory / max(far, row.softening);
+        fx[i] += spring[0] - row.friction * vx[i] + bend * nx[i] - inward * px + tether * anchor[0];
+        fy[i] += spring[1] - row.friction * vy[i] + bend * ny[i] - inward * py + tether * anchor[1];
+    }
+    for (i, &sign) in state.sign[range].iter().enumerate() {
+        if sign != 0.0 {
+            let a = [x[i] - x[i + 1], y[i] - y[i + 1]];
+            let b = [x[i + 2] - x[i + 1], y[i + 2] - y[i + 1]];
+            let lengths = (a[0] * a[0] + a[1] * a[1]).sqrt() * (b[0] * b[0] + b[1] * b[1]).sqrt();
+            let cosine = (a[0] * b[0] + a[1] * b[1]) / max(lengths, 1e-12);
+            let straightness = libm::acosf(cosine.clamp(-1.0, 1.0)) * std::f32::consts::FRAC_1_PI;
+            let push = sign * modifier * straightness;
+            fx[i] += push * nx[i];
+            fy[i] += push * ny[i];
+        }
+    }
+}

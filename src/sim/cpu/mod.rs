@@ -1,0 +1,132 @@
+//! The simulation on the CPU: one thread or many, same bytes.
+//!
+//! Each particle gathers its forces from blocks of segments in ascending order into [`LANES`] partial sums that
+//! are reduced in a fixed order; pairs out of range add exact zeros. So neither the number of threads nor the
+//! neighbour search can change a bit. Fused multiply-add is never used.
+
+mod chain;
+mod growth;
+mod integrate;
+mod local;
+mod neighbours;
+mod outer;
+mod pairs;
+mod thickness;
+mod vectorize;
+
+use super::layout::StepRow;
+use super::plan::Plan;
+use super::state::{InnerLoop, OuterLoop};
+use super::{SimError, Simulator, Statistics};
+use crate::model::Section;
+use chain::Chain;
+use neighbours::Neighbours;
+pub use pairs::{PairTerms, reference_force};
+
+/// A simulation on the CPU. Uses as many threads as the rayon pool that it is called in.
+#[derive(Debug)]
+pub struct CpuSimulation {
+    plan: Plan,
+    time: i64,
+    inner: InnerLoop,
+    outer: OuterLoop,
+    chain: Chain,
+    neighbours: Neighbours,
+    work: integrate::Work,
+    statistics: Statistics,
+}
+
+impl CpuSimulation {
+    /// The state before the first burn-in step. `threads` is the number of parts that the work is cut into.
+    #[must_use]
+    pub fn new(plan: Plan, threads: usize) -> Self {
+        let inner = InnerLoop::start(&plan);
+        let outer = outer::start(&plan, -i64::from(plan.burn_in));
+        let neighbours = Neighbours::new(plan.search, threads);
+        let mut simulation = Self {
+            time: -i64::from(plan.burn_in),
+            plan,
+            inner,
+            outer,
+            chain: Chain::default(),
+            neighbours,
+            work: integrate::Work::default(),
+            statistics: Statistics::default(),
+        };
+        simulation.work.resize(simulation.inner.len());
+        thickness::update(&simulation.plan, simulation.time, &mut simulation.inner);
+        simulation
+    }
+
+    /// The inner loop as it stands.
+    #[must_use]
+    pub fn inner(&self) -> &InnerLoop {
+        &self.inner
+    }
+
+    fn grow(&mut self, row: &StepRow) {
+        let deferred = growth::grow_inner(&self.plan, self.time, row, &mut self.inner, self.work.clearance());
+        self.statistics.splits_deferred += u64::from(deferred);
+        growth::grow_outer(row, &mut self.outer);
+        thickness::update(&self.plan, self.time, &mut self.inner);
+        self.work.resize(self.inner.len());
+        self.neighbours.invalidate();
+    }
+}
+
+impl Simulator for CpuSimulation {
+    fn step(&mut self) -> Result<(), SimError> {
+        let row = *self.plan.at(self.time);
+        if self.plan.grows_at(self.time) {
+            self.grow(&row);
+        }
+        integrate::step(
+            &self.plan,
+            &row,
+            &mut self.inner,
+            &mut self.chain,
+            &mut self.neighbours,
+            &mut self.work,
+            &mut self.statistics,
+        );
+        outer::step(&self.plan, self.time, &row, &self.inner, &mut self.outer);
+        self.time += 1;
+        let finite = |v: &[f32]| v.iter().fold(0.0f32, |sum, x| sum + 0.0 * x) == 0.0;
+        if finite(&self.inner.x) && finite(&self.inner.y) {
+            Ok(())
+        } else {
+            Err(SimError::NotFinite { step: self.time })
+        }
+    }
+
+    fn time(&self) -> i64 {
+        self.time
+    }
+
+    fn section(&self) -> Section {
+        let at = self.time.clamp(0, i64::from(self.plan.steps)) as usize;
+        Section {
+            step: at as f64,
+            z_um: self.plan.z_um[at],
+            added: false,
+            inner: self.inner.ring(),
+            outer: self.outer.ring(),
+        }
+    }
+
+    fn particles(&self) -> u32 {
+        (self.inner.len() + self.outer.len()) as u32
+    }
+
+    fn statistics(&self) -> Statistics {
+        let [inner, outer] = {
+            let last = self.plan.at(i64::from(self.plan.steps));
+            [last.inner_target, last.outer_target]
+        };
+        Statistics {
+            splits_missing: u64::from((inner + outer).saturating_sub(self.particles())),
+            list_builds: self.neighbours.builds(),
+            ..self.statistics
+        }
+    }
+}

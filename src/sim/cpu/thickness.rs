@@ -1,0 +1,34 @@
+//! The thickness field: a smooth random field that scales the force ranges by exp(a·z), which lifts the paper's
+//! first limit (uniform thickness and gaps).
+
+use crate::sim::maths::cos_turns;
+use crate::sim::plan::Plan;
+use crate::sim::state::InnerLoop;
+
+/// The field is cut off at this many standard deviations.
+const CUT: f32 = 2.0;
+
+/// Evaluates the field at every particle. Called at the start and at growth events; the field drifts slowly.
+pub(super) fn update(plan: &Plan, time: i64, state: &mut InnerLoop) {
+    let amplitude = plan.at(time).variation;
+    if amplitude == 0.0 {
+        state.scale.clear();
+        state.scale.resize(state.len(), 1.0);
+        return;
+    }
+    let norm = (2.0 / plan.waves.len() as f32).sqrt();
+    let phases: Vec<f32> = plan.waves.iter().map(|w| fraction(w.phase + w.drift * time as f64)).collect();
+    let mut z = vec![0.0f32; state.len()];
+    for (wave, &phase) in plan.waves.iter().zip(&phases) {
+        for (z, (&x, &y)) in z.iter_mut().zip(state.x.iter().zip(&state.y)) {
+            *z += cos_turns(x * wave.k[0] + y * wave.k[1] + phase);
+        }
+    }
+    for (scale, z) in state.scale.iter_mut().zip(&z) {
+        *scale = libm::expf(amplitude * (norm * z).clamp(-CUT, CUT));
+    }
+}
+
+fn fraction(turns: f64) -> f32 {
+    (turns - turns.floor()) as f32
+}

@@ -1,0 +1,70 @@
+//! Plain data shared with shaders: every field four bytes wide, no padding.
+
+use bytemuck::{Pod, Zeroable};
+
+/// Width of the blocks that neighbour lists are made of, and number of partial sums of a force.
+///
+/// Part of the results: sums run in lane `j mod LANES` and are reduced in a fixed order.
+pub const LANES: usize = 16;
+
+/// All parameters of one time step, sampled from the schedules (physical meaning in [`crate::spec`]).
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct StepRow {
+    /// Spring stiffness k.
+    pub stiffness: f32,
+    /// Spring damping c.
+    pub damping: f32,
+    /// Fraction by which rest lengths relax.
+    pub relaxation: f32,
+    /// Rest length that edges relax to, µm.
+    pub edge: f32,
+    /// Friction.
+    pub friction: f32,
+    /// Bending stiffness.
+    pub bending: f32,
+    /// Containment strength.
+    pub containment: f32,
+    /// Containment ramp, µm.
+    pub ramp: f32,
+    /// y radius over x radius.
+    pub squash: f32,
+    /// Inner radius of the containment region, µm (x axis).
+    pub r_in: f32,
+    /// Outer radius of the containment region, µm (x axis).
+    pub r_wall: f32,
+    /// Regulatory strength.
+    pub regulatory: f32,
+    /// Regulatory softening, µm.
+    pub softening: f32,
+    /// Contortion magnitude m times c(t) at the start, the middle and the end of the step.
+    pub contortion: [f32; 3],
+    /// kr times the reference range, µm.
+    pub repulsion: f32,
+    /// (Dg + Dt)/2, µm.
+    pub range_mean: f32,
+    /// (Dg − Dt)/2, µm.
+    pub range_half: f32,
+    /// Barrier strength fb.
+    pub barrier: f32,
+    /// Barrier distance, µm.
+    pub barrier_distance: f32,
+    /// Amplitude a of the thickness field.
+    pub variation: f32,
+    /// Weight of fold-tip curvature in the growth score.
+    pub tip_weight: f32,
+    /// Lobing of the outer wall, fraction of its radius.
+    pub lobing: f32,
+    /// Particles that the inner loop shall have after the growth event at the start of this step.
+    pub inner_target: u32,
+    /// The same for the outer loop.
+    pub outer_target: u32,
+}
+
+impl StepRow {
+    /// The greatest range of the self-intersection force without the thickness field.
+    #[must_use]
+    pub fn range_max(&self) -> f32 {
+        self.range_mean + self.range_half.abs()
+    }
+}

@@ -1,0 +1,198 @@
+//! From a specification and a seed to tables: one [`StepRow`] a step, the thickness field, the wall's lobes.
+//!
+//! After this nothing needs the schedules or trigonometry again, so that a GPU can be fed the same numbers.
+
+use super::layout::StepRow;
+use crate::random::{self, Stream};
+use crate::spec::{Integrator, Parameters, Schedule, Search};
+use std::f64::consts::{PI, TAU};
+
+/// One cosine of the thickness field: `cos(2π(x·kx + y·ky + phase + drift·t))`, all in turns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wave {
+    /// Wave vector, turns per µm.
+    pub k: [f32; 2],
+    /// Phase, turns.
+    pub phase: f64,
+    /// Drift, turns a step.
+    pub drift: f64,
+}
+
+/// One lobe of the outer wall: `weight·cos(order·θ + 2π(phase + drift·t))`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lobe {
+    /// Number of maxima around the tube.
+    pub order: u32,
+    /// Weight; the weights of all lobes have unit root-sum-square.
+    pub weight: f32,
+    /// Phase, turns.
+    pub phase: f64,
+    /// Drift, turns a step.
+    pub drift: f64,
+}
+
+/// Number of cosines of the thickness field.
+const WAVES: u32 = 24;
+
+/// Everything that a backend needs.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Seed.
+    pub seed: u64,
+    /// Steps from the isthmus end to the ampulla end.
+    pub steps: u32,
+    /// Steps before step 0.
+    pub burn_in: u32,
+    /// Steps between growth events.
+    pub grow_every: u32,
+    /// Candidates of a growth tournament.
+    pub candidates: u32,
+    /// Fraction of contorted particles.
+    pub contorted: f32,
+    /// Least clearance, µm.
+    pub clearance: f32,
+    /// Integrator.
+    pub integrator: Integrator,
+    /// Neighbour search.
+    pub search: Search,
+    /// Particles at step 0: inner, outer.
+    pub start: [u32; 2],
+    /// Row `burn_in + t` belongs to step t.
+    pub rows: Vec<StepRow>,
+    /// Place along the tube at each step 0..=steps, µm.
+    pub z_um: Vec<f64>,
+    /// The thickness field.
+    pub waves: Vec<Wave>,
+    /// Lobes of the outer wall.
+    pub lobes: Vec<Lobe>,
+}
+
+impl Plan {
+    /// Samples all schedules of `p`.
+    #[must_use]
+    pub fn new(p: &Parameters, seed: u64) -> Self {
+        let steps = f64::from(p.steps);
+        let row = |t: i64| Self::row(p, seed, t);
+        let rows = (-i64::from(p.burn_in)..=i64::from(p.steps)).map(row).collect();
+        let z_um = (0..=p.steps).map(|t| p.length_mm * 1000.0 * p.z.at(f64::from(t) / steps)).collect();
+        Self {
+            seed,
+            steps: p.steps,
+            burn_in: p.burn_in,
+            grow_every: p.particles.every,
+            candidates: p.particles.candidates,
+            contorted: p.contortion.fraction as f32,
+            clearance: p.collision.clearance_um as f32,
+            integrator: p.solver.integrator,
+            search: p.solver.search,
+            start: counts(p, 0.0),
+            rows,
+            z_um,
+            waves: waves(p, seed),
+            lobes: lobes(p, seed),
+        }
+    }
+
+    /// The row of step `t` (negative in burn-in).
+    #[must_use]
+    pub fn at(&self, t: i64) -> &StepRow {
+        let last = self.rows.len() as i64 - 1;
+        &self.rows[(t + i64::from(self.burn_in)).clamp(0, last) as usize]
+    }
+
+    /// Whether a growth event opens step `t`.
+    #[must_use]
+    pub fn grows_at(&self, t: i64) -> bool {
+        t >= 0 && t % i64::from(self.grow_every) == 0
+    }
+
+    fn row(p: &Parameters, seed: u64, t: i64) -> StepRow {
+        let steps = f64::from(p.steps);
+        let mut ordinal = 0;
+        // The order of the calls numbers the phases: new parameters go last.
+        let mut value = |s: &Schedule| {
+            let phase = f64::from(random::unit(random::word(seed, Stream::SchedulePhase, ordinal, 0)));
+            ordinal += 1;
+            s.sample(t as f64, steps, phase)
+        };
+        let edge = value(&p.particles.edge_um);
+        let spacing = value(&p.containment.spacing_um);
+        let squash = value(&p.containment.squash);
+        let wall = value(&p.containment.wall_um);
+        let tissue = value(&p.collision.tissue_um);
+        let gap = value(&p.collision.gap_um);
+        let magnitude = value(&p.contortion.magnitude);
+        let c = |at: f64| (magnitude * libm::sin(TAU * at / p.contortion.period)) as f32;
+        let t0 = t as f64;
+        let [inner, _] = counts(p, t0.max(0.0));
+        let r_in = (f64::from(inner) * edge * spacing / (PI * squash)).sqrt();
+        let ahead = if t < 0 { 0.0 } else { (t0 + f64::from(p.particles.every)).min(steps) };
+        let [inner_target, outer_target] = counts(p, ahead);
+        StepRow {
+            stiffness: value(&p.spring.stiffness) as f32,
+            damping: value(&p.spring.damping) as f32,
+            relaxation: value(&p.spring.relaxation) as f32,
+            edge: edge as f32,
+            friction: value(&p.friction) as f32,
+            bending: value(&p.bending) as f32,
+            containment: value(&p.containment.strength) as f32,
+            ramp: value(&p.containment.ramp_um) as f32,
+            squash: squash as f32,
+            r_in: r_in as f32,
+            r_wall: (r_in + wall) as f32,
+            regulatory: value(&p.regulatory.strength) as f32,
+            softening: value(&p.regulatory.softening_um) as f32,
+            contortion: [c(t0), c(t0 + 0.5), c(t0 + 1.0)],
+            repulsion: (value(&p.collision.strength) * p.collision.reference_um) as f32,
+            range_mean: (0.5 * (gap + tissue)) as f32,
+            range_half: (0.5 * (gap - tissue)) as f32,
+            barrier: value(&p.collision.barrier) as f32,
+            barrier_distance: value(&p.collision.barrier_um) as f32,
+            variation: value(&p.variation.amplitude) as f32,
+            tip_weight: value(&p.particles.tip_weight) as f32,
+            lobing: value(&p.wall.lobing) as f32,
+            inner_target,
+            outer_target,
+        }
+    }
+}
+
+/// Particles of the inner and the outer loop at time `t`, rounded.
+fn counts(p: &Parameters, t: f64) -> [u32; 2] {
+    let u = t / f64::from(p.steps);
+    let total = p.particles.total.at(u).round() as u32;
+    let outer = p.particles.outer.at(u).round() as u32;
+    [total.saturating_sub(outer), outer]
+}
+
+fn waves(p: &Parameters, seed: u64) -> Vec<Wave> {
+    let wave = |i: u32| {
+        let w = random::words(seed, Stream::Thickness, i, 0);
+        let unit = |j: usize| f64::from(random::unit(w[j]));
+        // Directions are stratified around the half circle, wave numbers spread by ±30 %.
+        let direction = PI * (f64::from(i) + unit(0)) / f64::from(WAVES);
+        let k = (0.7 + 0.6 * unit(1)) / p.variation.wavelength_um;
+        Wave {
+            k: [(k * libm::cos(direction)) as f32, (k * libm::sin(direction)) as f32],
+            phase: unit(2),
+            drift: p.variation.drift / TAU * (2.0 * unit(3) - 1.0),
+        }
+    };
+    (0..WAVES).map(wave).collect()
+}
+
+fn lobes(p: &Parameters, seed: u64) -> Vec<Lobe> {
+    let raw = |order: u32| {
+        let w = random::words(seed, Stream::Lobes, order, 0);
+        let unit = |j: usize| f64::from(random::unit(w[j]));
+        let weight = (0.4 + 0.6 * unit(0)) / f64::from(order).sqrt();
+        (order, weight, unit(1), p.wall.drift / TAU * (2.0 * unit(2) - 1.0))
+    };
+    // Order 1 would only shift the tube; squash already holds the mean of order 2.
+    let lobes: Vec<_> = (2..=p.wall.lobes).map(raw).collect();
+    let norm = lobes.iter().map(|l| l.1 * l.1).sum::<f64>().sqrt().max(1e-12);
+    lobes
+        .into_iter()
+        .map(|(order, weight, phase, drift)| Lobe { order, weight: (weight / norm) as f32, phase, drift })
+        .collect()
+}

@@ -1,0 +1,53 @@
+//! One text for one value: sorted keys, no spaces, one spelling for each number.
+
+use serde_json::{Number, Value};
+
+/// Above this integers are no longer exact in a double.
+const EXACT: f64 = 9_007_199_254_740_992.0;
+
+/// A number in its one spelling: an integer without `.0` where it is one (`-0` is `0`), else the shortest
+/// decimal that reads back the same. Not finite: `null`, which cannot be the value of a parameter.
+#[must_use]
+pub(super) fn number(value: f64) -> Value {
+    if value.fract() == 0.0 && value.abs() <= EXACT {
+        #[expect(clippy::cast_possible_truncation, reason = "an integer below 2^53")]
+        return Value::from(value as i64);
+    }
+    Number::from_f64(value).map_or(Value::Null, Value::Number)
+}
+
+/// The canonical text of any JSON value; equal values, such as `62` and `62.0`, give equal texts.
+///
+/// ```
+/// use serde_json::json;
+/// assert_eq!(oviduct::spec::canonical_json(&json!({"b": 62.0, "a": [1, 0.5]})), r#"{"a":[1,0.5],"b":62}"#);
+/// ```
+#[must_use]
+pub fn canonical_json(value: &Value) -> String {
+    let mut value = value.clone();
+    value.sort_all_objects();
+    normalise(&mut value);
+    value.to_string()
+}
+
+fn normalise(value: &mut Value) {
+    match value {
+        Value::Number(n) if n.is_f64() => *value = number(n.as_f64().unwrap_or_default()),
+        Value::Array(items) => items.iter_mut().for_each(normalise),
+        Value::Object(members) => members.values_mut().for_each(normalise),
+        _ => {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn one_text_for_equal_values() {
+        assert_eq!(canonical_json(&json!({"b": {"d": -0.0, "c": 1e3}, "a": "x"})), r#"{"a":"x","b":{"c":1000,"d":0}}"#);
+        assert_eq!(canonical_json(&json!([0.1, 1e300, true, null])), "[0.1,1e+300,true,null]");
+        assert_eq!(canonical_json(&json!(u64::MAX)), u64::MAX.to_string());
+    }
+}

@@ -1,0 +1,223 @@
+//! Predicts what growing a specification takes, before anything is computed.
+//!
+//! Counts follow from the schedules. A section has as many vertices as particles; each particle made between
+//! two sections also stands in the earlier one, on the edge that it split; and a closed surface of
+//! Euler number 0 has twice as many triangles as vertices. Sections added to mend a slab are not foreseen.
+//! Sizes and seconds come from the constants below, each with its basis.
+
+use super::parameters::{Integrator, Search};
+use super::{ModelSpec, Parameters};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+
+/// Seconds for one pair of particle and segment with neighbour lists, one core; chosen so that the paper's run takes
+/// what the prototype of this project measured, 2.2 s.
+const LIST_PAIR_SECONDS: f64 = 0.75e-9;
+/// Seconds a particle and stage beside the pairs; chosen with the above.
+const PARTICLE_SECONDS: f64 = 15e-9;
+/// By how much the grid, rebuilt each stage, is slower than lists: 21 s against 4.6 s in the prototype.
+const GRID_FACTOR: f64 = 4.6;
+/// Seconds for one pair with all pairs: 1.97 ns in the prototype.
+const ALL_PAIRS_SECONDS: f64 = 1.97e-9;
+/// What neighbour lists reach beyond the range of the force, µm: the prototype's skin.
+const SKIN_UM: f64 = 24.0;
+/// Time on two cores over time on one: 1.2 s against 2.2 s in the prototype.
+const TWO_CORES: f64 = 0.55;
+/// Seconds a triangle for slab tests, loft, certificate and files, one core; assumed: half of the
+/// simulation for the paper's model.
+const TRIANGLE_SECONDS: f64 = 0.7e-6;
+/// Memory that does not depend on the model; assumed.
+const BASE_BYTES: u64 = 32 << 20;
+/// Memory a vertex: position, normal, section, identity; assumed.
+const VERTEX_BYTES: u64 = 48;
+/// Memory a triangle: indices, tree and tables of the certificate; assumed.
+const TRIANGLE_BYTES: u64 = 100;
+/// Places at which the work is sampled.
+const PLACES: u32 = 256;
+
+/// Bytes of a file: fixed, a vertex, a triangle, a triangle where walls are strips.
+struct Size {
+    name: &'static str,
+    fixed: f64,
+    vertex: f64,
+    triangle: f64,
+    strip: f64,
+}
+
+impl Size {
+    const fn new(name: &'static str, fixed: f64, vertex: f64, triangle: f64, strip: f64) -> Self {
+        Self { name, fixed, vertex, triangle, strip }
+    }
+}
+
+/// Sizes by output. Binary formats follow from their layout (positions and normals of 4-byte floats, 4-byte
+/// indices; a strip has about one index a triangle); those of texts and compressed files are assumed.
+const SIZES: [Size; 8] = [
+    Size::new("glb", 4096.0, 24.0, 12.0, 4.1),
+    Size::new("gltf", 4096.0, 24.0 * 4.0 / 3.0, 12.0 * 4.0 / 3.0, 4.1 * 4.0 / 3.0),
+    Size::new("obj", 1024.0, 33.0, 24.0, 24.0),
+    Size::new("stl", 84.0, 0.0, 50.0, 50.0),
+    Size::new("ply", 512.0, 24.0, 13.0, 13.0),
+    Size::new("vtp", 2048.0, 24.0, 24.0, 24.0),
+    Size::new("sections", 4096.0, 9.0, 0.0, 0.0),
+    Size::new("report", 131_072.0, 0.0, 0.0, 0.0),
+];
+
+/// What growing a specification will take.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct Cost {
+    /// Particles of both loops at the end.
+    pub particles_end: u32,
+    /// Sections recorded, without those that mending adds.
+    pub sections: u32,
+    /// Vertices of the surface.
+    pub vertices: u64,
+    /// Triangles of the surface.
+    pub triangles: u64,
+    /// Size by output, with `sections` and `report`, which are always kept.
+    pub bytes: BTreeMap<String, u64>,
+    /// Greatest memory in use.
+    pub memory_bytes: u64,
+    /// Seconds from start to end, by backend.
+    pub seconds: BTreeMap<String, Estimate>,
+}
+
+/// A number of seconds and where it comes from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct Estimate {
+    /// Seconds.
+    pub seconds: f64,
+    /// What the number rests on.
+    pub basis: String,
+}
+
+impl ModelSpec {
+    /// Predicts the cost of growing this with the given outputs (names such as `glb`; unknown ones are left out).
+    #[must_use]
+    pub fn cost(&self, outputs: &[&str]) -> Cost {
+        let steps = f64::from(self.steps);
+        let particles = |step: u32| self.particles.total.at(f64::from(step) / steps).round();
+        let (mut sections, mut vertices) = (0_u32, 0.0);
+        for step in self.stations() {
+            sections += 1;
+            vertices += particles(step);
+        }
+        vertices += particles(self.steps) - particles(0);
+        let triangles = 2.0 * vertices;
+        let size = |size: &Size| {
+            let triangle = if self.mesh.strips { size.strip } else { size.triangle };
+            (size.name.to_owned(), count(size.fixed + size.vertex * vertices + triangle * triangles))
+        };
+        let kept = |s: &&Size| outputs.contains(&s.name) || ["sections", "report"].contains(&s.name);
+        let (vertices, triangles) = (count(vertices), count(triangles));
+        let particles_end = u32::try_from(count(particles(self.steps))).unwrap_or(u32::MAX);
+        Cost {
+            particles_end,
+            sections,
+            vertices,
+            triangles,
+            bytes: SIZES.iter().filter(kept).map(size).collect(),
+            memory_bytes: BASE_BYTES + vertices * VERTEX_BYTES + triangles * TRIANGLE_BYTES,
+            seconds: self.seconds(triangles),
+        }
+    }
+
+    fn seconds(&self, triangles: u64) -> BTreeMap<String, Estimate> {
+        #[expect(clippy::cast_precision_loss, reason = "an estimate")]
+        let surface = triangles as f64 * TRIANGLE_SECONDS;
+        let one = self.simulation_seconds() + surface;
+        let work = match self.solver.search {
+            Search::Lists => "pairs within reach of neighbour lists",
+            Search::Grid => "pairs within reach of a grid",
+            Search::AllPairs => "all pairs",
+        };
+        let basis =
+            |cores: &str| format!("{work}, at the speed of this project's prototype on {cores}; surface assumed");
+        BTreeMap::from([
+            ("cpu-single".to_owned(), Estimate { seconds: one, basis: basis("one core") }),
+            ("cpu".to_owned(), Estimate { seconds: one * TWO_CORES, basis: basis("two cores") }),
+        ])
+    }
+
+    /// Seconds of the simulation on one core: the work of a step, sampled along the tube and through the burn-in.
+    fn simulation_seconds(&self) -> f64 {
+        let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(PLACES);
+        let mean = (0..PLACES).map(|i| self.step_seconds(middle(i))).sum::<f64>() / f64::from(PLACES);
+        mean * f64::from(self.steps) + self.step_seconds(0.0) * f64::from(self.burn_in)
+    }
+
+    /// Seconds of a step at `u` on one core. Strands fill the region with one segment an area of edge length
+    /// times spacing, which gives the number of them within reach.
+    fn step_seconds(&self, u: f64) -> f64 {
+        let p: &Parameters = self;
+        let inner = p.particles.total.at(u) - p.particles.outer.at(u);
+        let stages = match p.solver.integrator {
+            Integrator::Rk4 => 4.0,
+            Integrator::Euler => 1.0,
+        };
+        let range = p.collision.tissue_um.at(u).max(p.collision.gap_um.at(u)) * p.variation.amplitude.at(u).exp();
+        let reach = range + SKIN_UM;
+        let near = (PI * reach * reach / (p.particles.edge_um.at(u) * p.containment.spacing_um.at(u))).min(inner);
+        let pairs = match p.solver.search {
+            Search::Lists => near * LIST_PAIR_SECONDS,
+            Search::Grid => near * LIST_PAIR_SECONDS * GRID_FACTOR,
+            Search::AllPairs => inner * ALL_PAIRS_SECONDS,
+        };
+        stages * inner * (pairs + PARTICLE_SECONDS)
+    }
+}
+
+/// A count from a sum of counts.
+fn count(value: f64) -> u64 {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturating, and never negative")]
+    let count = value.round() as u64;
+    count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spec::preset;
+    use serde_json::{Value, json};
+
+    fn spec(patch: &Value) -> ModelSpec {
+        ModelSpec::resolve(preset("paper").unwrap(), patch).unwrap()
+    }
+
+    #[test]
+    fn the_papers_model_has_the_papers_size() {
+        let cost = spec(&json!({})).cost(&["glb", "obj"]);
+        assert_eq!((cost.particles_end, cost.sections), (8300, 201));
+        assert!(cost.vertices.abs_diff(790_211) < 790_211 / 50, "{}", cost.vertices);
+        assert_eq!(cost.triangles, 2 * cost.vertices);
+        assert_eq!(cost.bytes.keys().collect::<Vec<_>>(), ["glb", "obj", "report", "sections"]);
+        assert!(cost.seconds["cpu"].seconds < cost.seconds["cpu-single"].seconds);
+    }
+
+    #[test]
+    fn the_papers_simulation_takes_what_the_prototype_took() {
+        let seconds = spec(&json!({})).simulation_seconds();
+        assert!((1.8..2.6).contains(&seconds), "lists: {seconds} s");
+        let seconds = spec(&json!({ "solver": { "search": "all_pairs" } })).simulation_seconds();
+        assert!((250.0..360.0).contains(&seconds), "all pairs: {seconds} s");
+    }
+
+    #[test]
+    fn a_last_step_beside_the_raster_is_recorded_too() {
+        let s = spec(&json!({ "steps": 25 }));
+        assert_eq!(s.stations().collect::<Vec<_>>(), [0, 10, 20, 25]);
+        assert_eq!(s.cost(&[]).sections, 4);
+        let s = spec(&json!({ "steps": 20 }));
+        assert_eq!(s.stations().collect::<Vec<_>>(), [0, 10, 20]);
+    }
+
+    #[test]
+    fn strips_make_smaller_files_and_euler_less_work() {
+        let full = spec(&json!({}));
+        let strips = spec(&json!({ "mesh": { "strips": true } }));
+        assert!(strips.cost(&["glb"]).bytes["glb"] < full.cost(&["glb"]).bytes["glb"]);
+        let euler = spec(&json!({ "solver": { "integrator": "euler" } }));
+        assert!(euler.simulation_seconds() < full.simulation_seconds() / 3.0);
+    }
+}

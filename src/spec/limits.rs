@@ -1,0 +1,105 @@
+//! What is too much: decided on the predicted cost, before work is queued.
+
+use super::cost::Cost;
+use serde::{Deserialize, Serialize};
+
+/// The most that one model may take.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Limits {
+    /// Seconds, on the slowest backend that is predicted.
+    pub max_cost_seconds: f64,
+    /// Bytes of memory.
+    pub max_memory_bytes: u64,
+    /// Vertices of the surface.
+    pub max_vertices: u64,
+    /// Bytes of all files together.
+    pub max_output_bytes: u64,
+}
+
+impl Default for Limits {
+    /// Ten minutes, 4 GiB of memory, 10 million vertices, 4 GiB of files.
+    fn default() -> Self {
+        Self { max_cost_seconds: 600.0, max_memory_bytes: 4 << 30, max_vertices: 10_000_000, max_output_bytes: 4 << 30 }
+    }
+}
+
+/// A limit that a model would exceed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error, utoipa::ToSchema)]
+#[error("the model would take about {predicted:.0} {unit} ({quantity}); the limit is {limit:.0}")]
+pub struct OverLimit {
+    /// What is limited: `seconds`, `memory`, `vertices` or `output`.
+    pub quantity: String,
+    /// The prediction.
+    pub predicted: f64,
+    /// The limit.
+    pub limit: f64,
+    /// Unit of both.
+    pub unit: String,
+}
+
+impl Limits {
+    /// Checks a predicted cost.
+    ///
+    /// # Errors
+    /// Every limit that it would exceed.
+    pub fn check(&self, cost: &Cost) -> Result<(), Vec<OverLimit>> {
+        #[expect(clippy::cast_precision_loss, reason = "compared and shown, not counted with")]
+        let real = |count: u64| count as f64;
+        let slowest = cost.seconds.values().map(|estimate| estimate.seconds).fold(0.0, f64::max);
+        let bytes = cost.bytes.values().fold(0_u64, |sum, bytes| sum.saturating_add(*bytes));
+        let over: Vec<OverLimit> = [
+            ("seconds", slowest, self.max_cost_seconds, "seconds"),
+            ("memory", real(cost.memory_bytes), real(self.max_memory_bytes), "bytes"),
+            ("vertices", real(cost.vertices), real(self.max_vertices), "vertices"),
+            ("output", real(bytes), real(self.max_output_bytes), "bytes"),
+        ]
+        .into_iter()
+        .filter(|(_, predicted, limit, _)| predicted > limit)
+        .map(|(quantity, predicted, limit, unit)| OverLimit {
+            quantity: quantity.to_owned(),
+            predicted,
+            limit,
+            unit: unit.to_owned(),
+        })
+        .collect();
+        if over.is_empty() { Ok(()) } else { Err(over) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spec::{ModelSpec, preset};
+    use serde_json::json;
+
+    #[test]
+    fn presets_are_within_the_default_limits() {
+        for name in ["pig", "paper"] {
+            let cost = ModelSpec::resolve(preset(name).unwrap(), &json!({})).unwrap().cost(&["glb", "obj", "stl"]);
+            assert_eq!(Limits::default().check(&cost), Ok(()), "{name}");
+        }
+    }
+
+    #[test]
+    fn every_limit_that_is_exceeded_is_named_with_its_prediction() {
+        let cost = ModelSpec::resolve(preset("pig").unwrap(), &json!({})).unwrap().cost(&["glb"]);
+        let tight =
+            Limits { max_cost_seconds: 0.1, max_memory_bytes: 1, max_vertices: cost.vertices, max_output_bytes: 9 };
+        let over = tight.check(&cost).unwrap_err();
+        let quantities: Vec<&str> = over.iter().map(|o| o.quantity.as_str()).collect();
+        assert_eq!(quantities, ["seconds", "memory", "output"]);
+        assert_eq!(over[1].predicted, cost.memory_bytes as f64);
+        assert!(over[1].to_string().ends_with("bytes (memory); the limit is 1"), "{}", over[1]);
+    }
+
+    #[test]
+    fn a_giant_within_the_bounds_of_the_table_is_over_the_limits() {
+        let patch = json!({
+            "steps": 100_000, "solver": { "record_every": 1 }, "length_mm": 1000,
+            "particles": { "total": 200_000, "outer": 1000 }, "wall": { "lobing": 0 },
+        });
+        let cost = ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap().cost(&["obj"]);
+        assert_eq!(Limits::default().check(&cost).unwrap_err().len(), 4);
+    }
+}

@@ -1,0 +1,89 @@
+//! Lays a merge patch (RFC 7396) over the values of a preset.
+//!
+//! Two things differ from the RFC. `null` puts a value back to the preset's, since a parameter cannot be
+//! absent. And a schedule that is a number is taken as the keys `[[0, v], [1, v]]` where the patch gives an
+//! object, so that a fluctuation can be added to any parameter. A number replaces a schedule as a whole; an
+//! object changes the members that it names, and `keys` is replaced as a whole, as arrays are.
+
+use super::fault::{Fault, child, describe, nearest, shorten};
+use super::table::{Field, Kind};
+use serde_json::{Map, Value, json};
+
+/// The values of `base`, all of `fields`, changed by `patch`, which stands at `at`. Members that are no
+/// parameters are left out and noted; other values are taken over unchecked.
+pub(super) fn merge(fields: &[Field], base: &Value, patch: &Value, at: &str, faults: &mut Vec<Fault>) -> Value {
+    let mut merged = base.as_object().cloned().unwrap_or_default();
+    let members = match patch {
+        Value::Object(members) => members,
+        Value::Null => return Value::Object(merged),
+        other => {
+            faults.push(Fault::new(at, format!("must be an object, not {}", describe(other))));
+            return Value::Object(merged);
+        }
+    };
+    for (name, value) in members {
+        let here = child(at, name);
+        let Some(field) = fields.iter().find(|field| field.name == name) else {
+            faults.push(Fault::new(here, unknown(fields, name)));
+            continue;
+        };
+        let old = merged.get(name).cloned().unwrap_or_default();
+        let new = match (&field.kind, value) {
+            (_, Value::Null) => continue,
+            (Kind::Group(fields), _) => merge(fields, &old, value, &here, faults),
+            (Kind::Schedule(_), Value::Object(members)) => schedule(&old, members),
+            _ => value.clone(),
+        };
+        merged.insert(name.clone(), new);
+    }
+    Value::Object(merged)
+}
+
+/// A schedule, changed by the members of an object.
+fn schedule(base: &Value, patch: &Map<String, Value>) -> Value {
+    let base = match base {
+        Value::Object(members) => members.clone(),
+        Value::Number(v) => Map::from_iter([("keys".to_owned(), json!([[0, v], [1, v]]))]),
+        _ => Map::new(),
+    };
+    let mut merged = overlaid(&base, patch);
+    if let Some(Value::Object(wave)) = patch.get("fluctuation") {
+        let old = base.get("fluctuation").and_then(Value::as_object).cloned().unwrap_or_default();
+        merged.insert("fluctuation".to_owned(), Value::Object(overlaid(&old, wave)));
+    }
+    Value::Object(merged)
+}
+
+/// The members of `base`, replaced by those of `patch` that are not null.
+fn overlaid(base: &Map<String, Value>, patch: &Map<String, Value>) -> Map<String, Value> {
+    let mut merged = base.clone();
+    merged.extend(patch.iter().filter(|(_, v)| !v.is_null()).map(|(k, v)| (k.clone(), v.clone())));
+    merged
+}
+
+/// Says that there is no such parameter, and which one may have been meant.
+fn unknown(fields: &[Field], name: &str) -> String {
+    let hint = match nearest(name, fields.iter().map(|field| field.name)) {
+        Some(near) => format!("; did you mean `{near}`?"),
+        None => match elsewhere(super::table(), name, "") {
+            Some(pointer) => format!("; did you mean `{pointer}`?"),
+            None => {
+                let known: Vec<&str> = fields.iter().map(|field| field.name).collect();
+                format!("; known are {}", known.join(", "))
+            }
+        },
+    };
+    format!("unknown field `{}`{hint}", shorten(name))
+}
+
+/// Where in the whole table a parameter of this name is.
+fn elsewhere(fields: &[Field], name: &str, at: &str) -> Option<String> {
+    fields.iter().find_map(|field| {
+        let here = child(at, field.name);
+        match &field.kind {
+            _ if field.name == name => Some(here),
+            Kind::Group(fields) => elsewhere(fields, name, &here),
+            _ => None,
+        }
+    })
+}

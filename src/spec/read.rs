@@ -1,0 +1,307 @@
+//! Reads the values of parameters from JSON, naming every fault.
+
+use super::canonical::number;
+use super::fault::{Fault, child, describe, nearest, shorten};
+use super::schedule::{Ease, Fluctuation, Schedule};
+use super::table::{Count, Kind, Parameter, Range};
+use serde_json::{Map, Value, json};
+
+/// Most keys of one schedule.
+pub(super) const MAX_KEYS: usize = 256;
+/// Bounds of the period of a fluctuation, steps: below two steps the steps could not follow it.
+pub(super) const PERIOD: Range = Range::of(2.0, 1e6);
+/// The members of a schedule.
+const MEMBERS: [&str; 3] = ["keys", "ease", "fluctuation"];
+
+/// Collects faults while reading.
+#[derive(Debug, Default)]
+pub(super) struct Reader {
+    /// Every fault found.
+    pub(super) faults: Vec<Fault>,
+    /// Pointers of the parameters that could not be read.
+    pub(super) bad: Vec<String>,
+}
+
+/// Where a value stands, and in what unit.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Site<'a> {
+    pub(super) at: &'a str,
+    pub(super) unit: &'a str,
+}
+
+impl Reader {
+    /// Reads member `name` of a group.
+    pub(super) fn member<T: Parameter>(
+        &mut self,
+        group: Site<'_>,
+        value: &Value,
+        name: &str,
+        unit: &str,
+        rule: T::Rule,
+    ) -> Option<T> {
+        let at = child(group.at, name);
+        let read = match value.get(name) {
+            Some(value) => T::read(self, Site { at: &at, unit }, value, rule),
+            None => self.fault(&at, "is missing"),
+        };
+        if read.is_none() && !T::GROUP {
+            self.bad.push(at);
+        }
+        read
+    }
+
+    /// Notes a fault.
+    fn fault<T>(&mut self, at: impl Into<String>, detail: impl Into<String>) -> Option<T> {
+        self.faults.push(Fault::new(at, detail));
+        None
+    }
+
+    /// Notes that a value is none of the names of a choice.
+    pub(super) fn not_a_choice<T>(&mut self, site: Site<'_>, value: &Value, names: &[(&str, &str)]) -> Option<T> {
+        let known = names.iter().map(|(name, _)| format!("\"{name}\"")).collect::<Vec<_>>().join(", ");
+        let hint = value
+            .as_str()
+            .and_then(|wrong| nearest(wrong, names.iter().map(|(name, _)| *name)))
+            .map_or_else(String::new, |name| format!("; did you mean \"{name}\"?"));
+        self.fault(site.at, format!("must be one of {known}, not {}{hint}", describe(value)))
+    }
+
+    /// Reads a finite number.
+    fn number(&mut self, at: &str, value: &Value) -> Option<f64> {
+        match value.as_f64().filter(|v| v.is_finite()) {
+            // −0 and 0 are the same value and must not be two specifications.
+            Some(v) => Some(v + 0.0),
+            None => self.fault(at, format!("must be a number, not {}", describe(value))),
+        }
+    }
+
+    /// Notes a fault where `value` lies outside `range`.
+    fn bounded(&mut self, site: Site<'_>, value: f64, range: Range) -> Option<f64> {
+        match out_of(value, range, site.unit) {
+            Some(detail) => self.fault(site.at, detail),
+            None => Some(value),
+        }
+    }
+
+    fn keys(&mut self, site: Site<'_>, value: &Value, range: Range) -> Option<Vec<[f64; 2]>> {
+        let at = child(site.at, "keys");
+        let Some(items) = value.as_array() else {
+            return self.fault(at, format!("must be an array of [fraction, value] pairs, not {}", describe(value)));
+        };
+        if items.is_empty() {
+            return self.fault(at, "has no keys; give at least [0, value] and [1, value]");
+        }
+        if items.len() > MAX_KEYS {
+            return self.fault(at, format!("has {} keys; at most {MAX_KEYS} are allowed", items.len()));
+        }
+        let keys: Vec<Option<[f64; 2]>> = (0..).zip(items).map(|(i, key)| self.key(site, &at, i, key, range)).collect();
+        let fractions: Vec<Option<f64>> =
+            items.iter().map(|key| key.get(0).and_then(Value::as_f64).filter(|u| (0.0..=1.0).contains(u))).collect();
+        let before = self.faults.len();
+        if let Some(u) = fractions[0].filter(|u| *u != 0.0) {
+            self.faults.push(Fault::new(format!("{at}/0/0"), format!("is {u}; the first key must stand at 0")));
+        }
+        let last = items.len() - 1;
+        if let Some(u) = fractions[last].filter(|u| *u != 1.0) {
+            self.faults.push(Fault::new(format!("{at}/{last}/0"), format!("is {u}; the last key must stand at 1")));
+        }
+        for (i, pair) in fractions.windows(2).enumerate() {
+            if let [Some(a), Some(b)] = pair
+                && b <= a
+            {
+                let detail = format!("is {b}, not above {a} of the key before it; keys must be in order");
+                self.faults.push(Fault::new(format!("{at}/{}/0", i + 1), detail));
+            }
+        }
+        if self.faults.len() > before { None } else { keys.into_iter().collect() }
+    }
+
+    fn key(&mut self, site: Site<'_>, keys: &str, i: usize, key: &Value, range: Range) -> Option<[f64; 2]> {
+        let at = format!("{keys}/{i}");
+        let Some([u, v]) = key.as_array().map(Vec::as_slice) else {
+            let got = key.as_array().map_or_else(|| describe(key), |a| format!("an array of {}", a.len()));
+            return self.fault(at, format!("must be a pair [fraction, value], not {got}"));
+        };
+        let (at_u, at_v) = (format!("{at}/0"), format!("{at}/1"));
+        let u = self
+            .number(&at_u, u)
+            .and_then(|u| self.bounded(Site { at: &at_u, unit: "of the steps" }, u, Range::of(0.0, 1.0)));
+        let v = self.number(&at_v, v).and_then(|v| self.bounded(Site { at: &at_v, unit: site.unit }, v, range));
+        Some([u?, v?])
+    }
+
+    fn fluctuation(&mut self, site: Site<'_>, value: &Value) -> Option<Option<Fluctuation>> {
+        let at = child(site.at, "fluctuation");
+        let Some(members) = value.as_object() else {
+            return self
+                .fault(at, format!("must be an object with \"amplitude\" and \"period\", not {}", describe(value)));
+        };
+        let known = self.only(&at, members, &["amplitude", "period"]);
+        let at_amplitude = child(&at, "amplitude");
+        let amplitude = match members.get("amplitude") {
+            None => self.fault(&at_amplitude, "is missing"),
+            Some(value) => self
+                .number(&at_amplitude, value)
+                .and_then(|a| self.bounded(Site { at: &at_amplitude, unit: site.unit }, a, Range::of(0.0, f64::MAX))),
+        };
+        let at_period = child(&at, "period");
+        let period = match members.get("period") {
+            // Amplitude 0 says that there is none, for which no period is needed.
+            None if amplitude == Some(0.0) => Some(PERIOD.min),
+            None => self.fault(&at_period, "is missing"),
+            Some(value) => self
+                .number(&at_period, value)
+                .and_then(|p| self.bounded(Site { at: &at_period, unit: "steps" }, p, PERIOD)),
+        };
+        let fluctuation = Fluctuation { amplitude: amplitude?, period: period? };
+        known.then_some((fluctuation.amplitude != 0.0).then_some(fluctuation))
+    }
+
+    /// Notes members that are none of `names`; whether there were none.
+    fn only(&mut self, at: &str, members: &Map<String, Value>, names: &[&str]) -> bool {
+        let before = self.faults.len();
+        for name in members.keys().filter(|name| !names.contains(&name.as_str())) {
+            let hint = nearest(name, names.iter().copied()).map_or_else(
+                || format!("; known are {}", names.join(", ")),
+                |near| format!("; did you mean `{near}`?"),
+            );
+            self.faults.push(Fault::new(child(at, name), format!("unknown field `{}`{hint}", shorten(name))));
+        }
+        self.faults.len() == before
+    }
+}
+
+/// Says how a value lies outside its range, naming the bound.
+fn out_of(value: f64, range: Range, unit: &str) -> Option<String> {
+    let with_unit = |v: f64| if unit.is_empty() { number(v).to_string() } else { format!("{} {unit}", number(v)) };
+    if value < range.min {
+        return Some(format!("is {}, below the least allowed {}", number(value), with_unit(range.min)));
+    }
+    let because = range.because.map_or_else(String::new, |reason| format!(": {reason}"));
+    (value > range.max)
+        .then(|| format!("is {}, above the greatest allowed {}{because}", number(value), with_unit(range.max)))
+}
+
+impl Parameter for f64 {
+    type Rule = Range;
+
+    fn kind(rule: Range) -> Kind {
+        Kind::Number(rule)
+    }
+
+    fn read(reader: &mut Reader, site: Site<'_>, value: &Value, rule: Range) -> Option<Self> {
+        let v = reader.number(site.at, value)?;
+        reader.bounded(site, v, rule)
+    }
+
+    fn write(&self) -> Value {
+        number(*self)
+    }
+}
+
+impl Parameter for u32 {
+    type Rule = Count;
+
+    fn kind(rule: Count) -> Kind {
+        Kind::Integer(rule)
+    }
+
+    fn read(reader: &mut Reader, site: Site<'_>, value: &Value, rule: Count) -> Option<Self> {
+        let v = reader.number(site.at, value)?;
+        if v.fract() != 0.0 {
+            return reader.fault(site.at, format!("is {v}; it must be an integer"));
+        }
+        let v = reader.bounded(site, v, Range::of(f64::from(rule.min), f64::from(rule.max)))?;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "an integer within the bounds of u32"
+        )]
+        Some(v as u32)
+    }
+
+    fn write(&self) -> Value {
+        Value::from(*self)
+    }
+}
+
+impl Parameter for bool {
+    type Rule = ();
+
+    fn kind((): ()) -> Kind {
+        Kind::Bool
+    }
+
+    fn read(reader: &mut Reader, site: Site<'_>, value: &Value, (): ()) -> Option<Self> {
+        match value.as_bool() {
+            Some(b) => Some(b),
+            None => reader.fault(site.at, format!("must be true or false, not {}", describe(value))),
+        }
+    }
+
+    fn write(&self) -> Value {
+        Value::from(*self)
+    }
+}
+
+impl Parameter for Schedule {
+    type Rule = Range;
+
+    fn kind(rule: Range) -> Kind {
+        Kind::Schedule(rule)
+    }
+
+    fn read(reader: &mut Reader, site: Site<'_>, value: &Value, rule: Range) -> Option<Self> {
+        if let Some(v) = value.as_f64() {
+            return reader.bounded(site, v + 0.0, rule).map(Self::constant);
+        }
+        let Some(members) = value.as_object() else {
+            let detail = format!("must be a number or an object with \"keys\", not {}", describe(value));
+            return reader.fault(site.at, detail);
+        };
+        let known = reader.only(site.at, members, &MEMBERS);
+        let keys = match members.get("keys") {
+            Some(value) => reader.keys(site, value, rule),
+            None => reader.fault(child(site.at, "keys"), "is missing"),
+        };
+        let ease = match members.get("ease") {
+            Some(value) => {
+                let at = child(site.at, "ease");
+                Ease::read(reader, Site { at: &at, unit: "" }, value, ())
+            }
+            None => Some(Ease::Linear),
+        };
+        let fluctuation = match members.get("fluctuation") {
+            Some(value) => reader.fluctuation(site, value),
+            None => Some(None),
+        };
+        let schedule = Self::new(keys?, ease?, fluctuation?);
+        if rule.steady && schedule.fluctuation.is_some() {
+            return reader.fault(child(site.at, "fluctuation"), "must not fluctuate: it may only increase");
+        }
+        let (low, high) = schedule.range();
+        if let Some(detail) = out_of(low, rule, site.unit).or_else(|| out_of(high, rule, site.unit)) {
+            // The keys alone are within bounds: it is the fluctuation that leaves them.
+            let at = format!("{}/fluctuation/amplitude", site.at);
+            return reader.fault(at, format!("makes the value leave its bounds: it {detail}"));
+        }
+        known.then_some(schedule)
+    }
+
+    fn write(&self) -> Value {
+        let constant = (self.keys.len() == 1).then(|| self.keys[0][1]);
+        if let (Some(v), None) = (constant, self.fluctuation) {
+            return number(v);
+        }
+        let keys: Vec<Value> = match constant {
+            Some(v) => [0.0, 1.0].map(|u| json!([number(u), number(v)])).to_vec(),
+            None => self.keys.iter().map(|[u, v]| json!([number(*u), number(*v)])).collect(),
+        };
+        // Written out where there is none, so that as a patch it says so whatever the preset has.
+        let fluctuation = match self.fluctuation {
+            Some(f) => json!({ "amplitude": number(f.amplitude), "period": number(f.period) }),
+            None => json!({ "amplitude": 0 }),
+        };
+        json!({ "keys": keys, "ease": self.ease.name(), "fluctuation": fluctuation })
+    }
+}

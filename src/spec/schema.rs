@@ -1,0 +1,141 @@
+//! JSON Schema (2020-12) of a specification, from the table; a form can be made from it.
+//!
+//! It describes the values of a patch: no field is required, each has the default preset's value as its
+//! `default`, and `x-unit` names the unit. What must hold between parameters ([`super::check`]) is beyond it.
+
+use super::canonical::number;
+use super::fault::child;
+use super::preset::{DEFAULT_PRESET, preset};
+use super::read::{MAX_KEYS, PERIOD};
+use super::schedule::Ease;
+use super::table::{Field, Kind, Range};
+use serde_json::{Map, Value, json};
+
+/// The schema of the `spec` of a request. Beyond it `null` is accepted everywhere and means the preset's value.
+#[must_use]
+pub fn schema() -> Value {
+    let defaults = preset(DEFAULT_PRESET).map(|preset| &preset.spec);
+    let mut schema = object(super::table(), "", &|pointer| defaults.and_then(|spec| spec.pointer(pointer)).cloned());
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema".into();
+    schema["title"] = "Model specification".into();
+    schema["description"] = format!(
+        "Parameters of a model, as a merge patch (RFC 7396) on a preset; null puts a value back to the preset's. \
+         Defaults are those of the preset \"{DEFAULT_PRESET}\"."
+    )
+    .into();
+    schema["$defs"] = definitions();
+    schema
+}
+
+/// The schema of a group; `default` looks up a value of the default preset.
+fn object(fields: &[Field], at: &str, default: &dyn Fn(&str) -> Option<Value>) -> Value {
+    let properties: Map<String, Value> = fields
+        .iter()
+        .map(|field| {
+            let here = child(at, field.name);
+            let mut schema = match &field.kind {
+                Kind::Group(fields) => object(fields, &here, default),
+                Kind::Schedule(range) => schedule(*range),
+                Kind::Number(range) => bounded(*range),
+                Kind::Integer(count) => json!({ "type": "integer", "minimum": count.min, "maximum": count.max }),
+                Kind::Choice(names) => json!({
+                    "type": "string",
+                    "enum": names.iter().map(|(name, _)| *name).collect::<Vec<_>>(),
+                    "x-enum-descriptions": names.iter().map(|(_, doc)| *doc).collect::<Vec<_>>(),
+                }),
+                Kind::Bool => json!({ "type": "boolean" }),
+            };
+            schema["title"] = field.title.into();
+            schema["description"] = field.doc.into();
+            if !field.unit.is_empty() {
+                schema["x-unit"] = field.unit.into();
+            }
+            if let (false, Some(value)) = (matches!(field.kind, Kind::Group(_)), default(&here)) {
+                schema["default"] = value;
+            }
+            (field.name.to_owned(), schema)
+        })
+        .collect();
+    json!({ "type": "object", "additionalProperties": false, "properties": properties })
+}
+
+/// A number, or `$defs/schedule` with the bounds of this parameter.
+fn schedule(range: Range) -> Value {
+    let mut constant = bounded(range);
+    constant["title"] = "Constant".into();
+    let amplitude = if range.steady { json!(0) } else { number((range.max - range.min) / 2.0) };
+    json!({ "oneOf": [
+        constant,
+        {
+            "title": "Along the tube",
+            "$ref": "#/$defs/schedule",
+            "properties": {
+                "keys": { "items": { "prefixItems": [true, bounded(range)] } },
+                "fluctuation": { "properties": { "amplitude": { "maximum": amplitude } } },
+            },
+        },
+    ] })
+}
+
+fn bounded(range: Range) -> Value {
+    let mut schema = json!({ "type": "number", "minimum": number(range.min), "maximum": number(range.max) });
+    if let Some(reason) = range.because {
+        schema["x-maximum-reason"] = reason.into();
+    }
+    schema
+}
+
+/// What all schedules have in common.
+fn definitions() -> Value {
+    json!({
+        "schedule": {
+            "type": "object",
+            "description": "A value that changes along the tube: keys, and a fluctuation around them.",
+            "additionalProperties": false,
+            "properties": {
+                "keys": {
+                    "title": "Keys",
+                    "description": "Pairs [fraction of the steps, value]; the first at 0, the last at 1, in order.",
+                    "type": "array",
+                    "minItems": 2,
+                    "maxItems": MAX_KEYS,
+                    "items": {
+                        "type": "array",
+                        "minItems": 2,
+                        "maxItems": 2,
+                        "prefixItems": [{ "type": "number", "minimum": 0, "maximum": 1 }, { "type": "number" }],
+                    },
+                },
+                "ease": {
+                    "title": "Ease",
+                    "description": "How the value moves between two keys.",
+                    "type": "string",
+                    "enum": Ease::NAMES.iter().map(|(name, _)| *name).collect::<Vec<_>>(),
+                    "x-enum-descriptions": Ease::NAMES.iter().map(|(_, doc)| *doc).collect::<Vec<_>>(),
+                    "default": Ease::default().name(),
+                },
+                "fluctuation": {
+                    "title": "Fluctuation",
+                    "description": "A sine around the keys, its phase from the seed; amplitude 0 is none.",
+                    "type": "object",
+                    "additionalProperties": false,
+                    "properties": {
+                        "amplitude": {
+                            "title": "Amplitude",
+                            "description": "In the unit of the parameter.",
+                            "type": "number",
+                            "minimum": 0,
+                        },
+                        "period": {
+                            "title": "Period",
+                            "type": "number",
+                            "minimum": number(PERIOD.min),
+                            "maximum": number(PERIOD.max),
+                            "x-unit": "steps",
+                        },
+                    },
+                },
+            },
+        },
+    })
+}

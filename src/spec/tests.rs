@@ -1,0 +1,535 @@
+//! Tests of the whole room: resolving, faults, canonical form, presets, schema.
+
+use super::table::Kind;
+use super::*;
+use proptest::prelude::*;
+use serde_json::Map;
+
+fn pig() -> &'static Preset {
+    preset(DEFAULT_PRESET).unwrap()
+}
+
+fn resolve(patch: &Value) -> Result<ModelSpec, Vec<Fault>> {
+    ModelSpec::resolve(pig(), patch)
+}
+
+fn resolved(patch: &Value) -> ModelSpec {
+    resolve(patch).unwrap_or_else(|faults| panic!("{patch}: {faults:?}"))
+}
+
+/// The pointers of the faults of a patch.
+fn pointers(patch: &Value) -> Vec<String> {
+    resolve(patch).map_or_else(|faults| faults.into_iter().map(|f| f.pointer).collect(), |_| Vec::new())
+}
+
+/// The one fault of a patch.
+fn fault(patch: &Value) -> Fault {
+    let faults = resolve(patch).expect_err(&patch.to_string());
+    assert_eq!(faults.len(), 1, "{patch}: {faults:?}");
+    faults.into_iter().next().unwrap()
+}
+
+#[test]
+fn an_empty_patch_gives_the_preset() {
+    for preset in presets() {
+        for patch in [json!({}), json!(null), preset.spec.clone()] {
+            let spec = ModelSpec::resolve(preset, &patch).unwrap();
+            assert_eq!(ModelSpec::resolve(preset, &spec.to_json()).unwrap(), spec);
+        }
+    }
+}
+
+#[test]
+fn presets_have_the_sizes_that_the_paper_gives() {
+    for name in ["paper", "pig"] {
+        let spec = ModelSpec::resolve(preset(name).unwrap(), &json!({})).unwrap();
+        assert_eq!((spec.steps, spec.solver.record_every, spec.stations().count()), (2000, 10, 201), "{name}");
+        let total = |step: f64| spec.particles.total.at(step / 2000.0);
+        assert_eq!((total(0.0), total(425.0), total(2000.0)), (710.0, 1175.0, 8300.0), "{name}");
+        assert_eq!((spec.particles.outer.at(0.0), spec.particles.outer.at(1.0)), (110.0, 300.0), "{name}");
+    }
+    let z = |name| ModelSpec::resolve(preset(name).unwrap(), &json!({})).unwrap().z.at(425.0 / 2000.0);
+    assert_eq!((z("paper"), z("pig")), (0.2125, 0.35));
+}
+
+#[test]
+fn every_value_of_a_preset_has_a_source() {
+    for preset in presets() {
+        for (pointer, field) in leaves() {
+            let source = preset.sources.get(&pointer).unwrap_or_else(|| panic!("{} {pointer}: no source", preset.name));
+            assert!(source.len() > 10, "{} {pointer}: {source}", preset.name);
+            assert!(preset.spec.pointer(&pointer).is_some(), "{} {pointer}: no value", preset.name);
+            assert!(!field.title.is_empty() && !field.doc.is_empty(), "{pointer}");
+        }
+        assert_eq!(preset.sources.len(), leaves().len(), "{}: sources of unknown fields", preset.name);
+        let shown = preset.to_json();
+        let gap = shown["parameters"].as_array().unwrap().iter().find(|p| p["pointer"] == "/collision/gap_um").unwrap();
+        assert_eq!((&gap["unit"], &gap["value"]), (&json!("µm"), &preset.spec["collision"]["gap_um"]));
+        assert!(gap["source"].as_str().unwrap().contains("prototype"));
+    }
+    assert_eq!(presets()[0].name, DEFAULT_PRESET);
+    assert!(preset("dragon").is_none());
+}
+
+#[test]
+fn a_preset_that_is_not_complete_is_refused_with_what_is_missing() {
+    let mut broken = pig().clone();
+    broken.spec["spring"].as_object_mut().unwrap().remove("damping");
+    broken.spec["steps"] = json!("many");
+    let faults = ModelSpec::resolve(&broken, &json!({})).unwrap_err();
+    let found: Vec<&str> = faults.iter().map(|f| f.pointer.as_str()).collect();
+    assert_eq!(found, ["/spring/damping", "/steps"]);
+}
+
+#[test]
+fn a_whole_specification_is_read_without_a_preset() {
+    let spec = resolved(&json!({ "friction": 0.2 }));
+    assert_eq!(ModelSpec::from_json(&spec.to_json()), Ok(spec.clone()));
+    let mut part = spec.to_json();
+    part.as_object_mut().unwrap().remove("wall");
+    part["spring"]["damping"] = Value::Null;
+    part["stepz"] = json!(1);
+    let found: Vec<String> = ModelSpec::from_json(&part).unwrap_err().into_iter().map(|f| f.pointer).collect();
+    assert_eq!(found, ["/spring/damping", "/stepz", "/wall"]);
+    assert!(ModelSpec::from_json(&json!(null)).is_err());
+}
+
+#[test]
+fn null_puts_back_the_value_of_the_preset() {
+    let spec = resolved(&json!({
+        "length_mm": null, "spring": null, "collision": { "gap_um": null, "barrier": 2.5 },
+        "containment": { "wall_um": { "ease": null, "fluctuation": { "amplitude": 4, "period": 50 } } },
+    }));
+    let base = resolved(&json!({}));
+    assert_eq!(
+        (spec.length_mm, &spec.spring, &spec.collision.gap_um),
+        (base.length_mm, &base.spring, &base.collision.gap_um)
+    );
+    assert_eq!(spec.collision.barrier, Schedule::constant(2.5));
+    assert_eq!(
+        (spec.containment.wall_um.ease, &spec.containment.wall_um.keys),
+        (Ease::Smooth, &base.containment.wall_um.keys)
+    );
+}
+
+#[test]
+fn a_patch_of_a_schedule_replaces_it_or_changes_members() {
+    // A number replaces keys.
+    let spec = resolved(&json!({ "collision": { "gap_um": 40 } }));
+    assert_eq!(spec.collision.gap_um, Schedule::constant(40.0));
+    // Members onto keys: the rest stays.
+    let spec = resolved(&json!({ "collision": { "gap_um": { "keys": [[0, 50], [1, 20]] } } }));
+    assert_eq!((spec.collision.gap_um.at(0.25), spec.collision.gap_um.ease), (50.0 - 30.0 * 0.156_25, Ease::Smooth));
+    // Members onto a number: it counts as two keys.
+    let wave = Some(Fluctuation { amplitude: 0.1, period: 90.0 });
+    let spec = resolved(&json!({ "friction": { "fluctuation": { "amplitude": 0.1, "period": 90 } } }));
+    assert_eq!(spec.friction, Schedule { fluctuation: wave, ..Schedule::constant(0.3) });
+    assert_eq!(
+        spec.to_json()["friction"],
+        json!({ "keys": [[0, 0.3], [1, 0.3]], "ease": "linear", "fluctuation": { "amplitude": 0.1, "period": 90 } })
+    );
+    // Members of a fluctuation are merged too, and amplitude 0 takes it away.
+    let mut waving = pig().clone();
+    waving.spec = spec.to_json();
+    let longer = ModelSpec::resolve(&waving, &json!({ "friction": { "fluctuation": { "period": 70 } } })).unwrap();
+    assert_eq!(longer.friction.fluctuation, Some(Fluctuation { amplitude: 0.1, period: 70.0 }));
+    let none = ModelSpec::resolve(&waving, &json!({ "friction": { "fluctuation": { "amplitude": 0 } } })).unwrap();
+    assert_eq!(none, resolved(&json!({})));
+    assert_eq!(ModelSpec::resolve(&waving, &resolved(&json!({})).to_json()).unwrap(), none);
+}
+
+#[test]
+fn unknown_fields_are_named_with_the_nearest() {
+    let cases = [
+        (json!({ "stepz": 5 }), "/stepz", "did you mean `steps`?"),
+        (json!({ "collision": { "gap_mm": 5 } }), "/collision/gap_mm", "did you mean `gap_um`?"),
+        (json!({ "gap_um": 5 }), "/gap_um", "did you mean `/collision/gap_um`?"),
+        (json!({ "mesh": { "whatever it is": 5 } }), "/mesh/whatever it is", "known are strips"),
+        (json!({ "a/b": 5 }), "/a~1b", "unknown field `a/b`"),
+        (json!({ "friction": { "key": [] } }), "/friction/key", "did you mean `keys`?"),
+        (
+            json!({ "friction": { "fluctuation": { "amplitude": 0, "phase": 1 } } }),
+            "/friction/fluctuation/phase",
+            "known are",
+        ),
+    ];
+    for (patch, pointer, detail) in cases {
+        let fault = fault(&patch);
+        assert_eq!(fault.pointer, pointer);
+        assert!(fault.detail.contains(detail), "{fault}");
+    }
+}
+
+#[test]
+fn wrong_types_and_bounds_are_named_with_bound_and_unit() {
+    let cases = [
+        (json!([]), "", "must be an object, not an array"),
+        (json!({ "spring": 3 }), "/spring", "must be an object, not the number 3"),
+        (json!({ "length_mm": "long" }), "/length_mm", "must be a number, not the string \"long\""),
+        (json!({ "length_mm": {} }), "/length_mm", "must be a number, not an object"),
+        (json!({ "length_mm": -1 }), "/length_mm", "is -1, below the least allowed 0.1 mm"),
+        (json!({ "length_mm": 1e300 }), "/length_mm", "above the greatest allowed 1000 mm"),
+        (json!({ "steps": 62.5 }), "/steps", "must be an integer"),
+        (json!({ "steps": -3 }), "/steps", "below the least allowed 1 steps"),
+        (json!({ "steps": 1e12 }), "/steps", "above the greatest allowed 100000 steps"),
+        (
+            json!({ "particles": { "total": 1e9 } }),
+            "/particles/total",
+            "is 1000000000, above the greatest allowed 200000 particles",
+        ),
+        (json!({ "particles": { "total": "NaN" } }), "/particles/total", "must be a number or an object"),
+        (json!({ "mesh": { "strips": 1 } }), "/mesh/strips", "must be true or false"),
+        (json!({ "solver": { "search": "list" } }), "/solver/search", "did you mean \"lists\"?"),
+        (json!({ "solver": { "integrator": 4 } }), "/solver/integrator", "must be one of \"rk4\", \"euler\""),
+        (
+            json!({ "spring": { "stiffness": 2.1 } }),
+            "/spring/stiffness",
+            "above the greatest allowed 2 1/step²: one step",
+        ),
+        (json!({ "spring": { "damping": 0.8 } }), "/spring/damping", "0.7 1/step"),
+        (json!({ "friction": 2.6 }), "/friction", "2.5 1/step"),
+        (json!({ "collision": { "clearance_um": 0 } }), "/collision/clearance_um", "below the least allowed 0.01 µm"),
+    ];
+    for (patch, pointer, detail) in cases {
+        let fault = fault(&patch);
+        assert_eq!(fault.pointer, pointer, "{fault}");
+        assert!(fault.detail.contains(detail), "{fault}");
+    }
+    assert_eq!(resolved(&json!({ "steps": 62.0 })).steps, 62);
+}
+
+#[test]
+fn faults_of_schedules_name_the_key() {
+    let friction = |schedule: Value| json!({ "friction": schedule });
+    let cases = [
+        (json!({ "keys": [] }), "/keys", "has no keys"),
+        (json!({ "keys": 3 }), "/keys", "must be an array"),
+        (json!({ "keys": [[0.1, 1], [1, 1]] }), "/keys/0/0", "the first key must stand at 0"),
+        (json!({ "keys": [[0, 1], [0.9, 1]] }), "/keys/1/0", "the last key must stand at 1"),
+        (json!({ "keys": [[0, 1]] }), "/keys/0/0", "the last key must stand at 1"),
+        (json!({ "keys": [[0, 1], [0.6, 1], [0.5, 1], [1, 1]] }), "/keys/2/0", "not above 0.6"),
+        (json!({ "keys": [[0, 1], [0, 1], [1, 1]] }), "/keys/1/0", "not above 0"),
+        (json!({ "keys": [[0, 1], [1.5, 1], [1, 1]] }), "/keys/1/0", "above the greatest allowed 1 of the steps"),
+        (json!({ "keys": [[0, 1], [1, 1, 1]] }), "/keys/1", "not an array of 3"),
+        (json!({ "keys": [[0, 1], 7] }), "/keys/1", "must be a pair"),
+        (json!({ "keys": [[0, 1], [1, "a"]] }), "/keys/1/1", "must be a number"),
+        (json!({ "keys": [[0, 1], [1, 3]] }), "/keys/1/1", "above the greatest allowed 2.5 1/step"),
+        (json!({ "ease": "slow" }), "/ease", "must be one of \"linear\", \"smooth\""),
+        (json!({ "fluctuation": 3 }), "/fluctuation", "must be an object"),
+        (json!({ "fluctuation": { "amplitude": 0.1 } }), "/fluctuation/period", "is missing"),
+        (json!({ "fluctuation": { "period": 10 } }), "/fluctuation/amplitude", "is missing"),
+        (
+            json!({ "fluctuation": { "amplitude": 0.1, "period": 0 } }),
+            "/fluctuation/period",
+            "below the least allowed 2 steps",
+        ),
+        (
+            json!({ "fluctuation": { "amplitude": -0.1, "period": 9 } }),
+            "/fluctuation/amplitude",
+            "below the least allowed 0",
+        ),
+        (
+            json!({ "fluctuation": { "amplitude": 0.4, "period": 9 } }),
+            "/fluctuation/amplitude",
+            "below the least allowed 0",
+        ),
+        (
+            json!({ "fluctuation": { "amplitude": 9, "period": 9 }, "keys": [[0, 0.1], [1, 2]] }),
+            "/fluctuation/amplitude",
+            "leave its bounds",
+        ),
+    ];
+    for (schedule, pointer, detail) in cases {
+        let fault = fault(&friction(schedule));
+        assert_eq!(fault.pointer, format!("/friction{pointer}"), "{fault}");
+        assert!(fault.detail.contains(detail), "{fault}");
+    }
+    let many: Vec<Value> = (0..=300).map(|i| json!([f64::from(i) / 300.0, 1])).collect();
+    assert!(fault(&friction(json!({ "keys": many }))).detail.contains("at most 256"));
+}
+
+#[test]
+fn what_must_hold_between_parameters_is_checked() {
+    let cases = [
+        (json!({ "spring": { "stiffness": 1.8 } }), "/spring/stiffness", "must stay below 2.83"),
+        (
+            json!({ "bending": { "fluctuation": { "amplitude": 0.14, "period": 9 } }, "spring": { "stiffness": 1 } }),
+            "/spring/stiffness",
+            "bending 0.29",
+        ),
+        (json!({ "spring": { "damping": 0.7 } }), "/spring/damping", "must stay below 2.79"),
+        (
+            json!({ "solver": { "integrator": "euler" }, "spring": { "stiffness": 0.9 } }),
+            "/solver/integrator",
+            "must stay below 4",
+        ),
+        (json!({ "solver": { "integrator": "euler" }, "bending": 0.22 }), "/solver/integrator", "16·bending"),
+        (json!({ "z": 0.5 }), "/z", ""),
+        (json!({ "z": { "keys": [[0, 0], [0.5, 0.6], [0.7, 0.6], [1, 1]] } }), "/z/keys/2/1", "must increase strictly"),
+        (json!({ "z": { "keys": [[0, 0], [0.5, 0.6], [1, 0.9]] } }), "/z", "is 0.9 at 1 of the steps"),
+        (json!({ "z": { "keys": [[0, 0.1], [1, 1]] } }), "/z/keys/0/1", "must be 0"),
+        (json!({ "z": { "keys": [[0, 0], [0.5, 1e-9], [1, 1]] } }), "/z", "µm apart"),
+        (
+            json!({ "particles": { "total": { "keys": [[0, 900], [0.5, 2000], [1, 1900]] } } }),
+            "/particles/total/keys/2/1",
+            "never taken away",
+        ),
+        (
+            json!({ "particles": { "total": { "fluctuation": { "amplitude": 5, "period": 50 } } } }),
+            "/particles/total/fluctuation",
+            "must not fluctuate",
+        ),
+        (
+            json!({ "particles": { "outer": { "keys": [[0, 110], [1, 8000]] } } }),
+            "/particles/outer",
+            "inner loop would shrink",
+        ),
+        (
+            json!({ "particles": { "outer": { "keys": [[0, 700], [1, 800]] } } }),
+            "/particles/total",
+            "leaves 10 particles",
+        ),
+        (json!({ "steps": 9 }), "/solver/record_every", "more than the 9 steps"),
+        (json!({ "collision": { "clearance_um": 0.2 } }), "/collision/clearance_um", "every split would be refused"),
+        (json!({ "wall": { "lobing": 0.2 } }), "/wall/lobing", "would meet the inner one"),
+    ];
+    for (patch, pointer, detail) in cases {
+        let faults = resolve(&patch).expect_err(&patch.to_string());
+        assert!(faults.iter().any(|f| f.pointer == pointer && f.detail.contains(detail)), "{patch}: {faults:?}");
+    }
+    let patch = json!({ "containment": { "strength": 9, "ramp_um": 1 } });
+    assert_eq!(fault(&patch).pointer, "/containment/strength");
+    resolved(&json!({ "solver": { "integrator": "euler" } }));
+    resolved(&json!({ "spring": { "stiffness": 2 }, "bending": 0 }));
+}
+
+#[test]
+fn every_fault_comes_in_one_answer() {
+    let found = pointers(&json!({
+        "stepz": 1,
+        "length_mm": "x",
+        "spring": { "stiffness": 1.9, "damping": [] },
+        "particles": { "total": { "keys": [[0.5, -1], [0.2, "b"]] }, "candidates": 1.5 },
+        "z": { "keys": [[0, 0], [0.5, 0.7], [0.7, 0.6], [1, 1]] },
+        "contortion": 5,
+    }));
+    assert_eq!(
+        found,
+        [
+            "/contortion",
+            "/length_mm",
+            "/particles/candidates",
+            "/particles/total/keys/0/0",
+            "/particles/total/keys/0/1",
+            "/particles/total/keys/1/0",
+            "/particles/total/keys/1/0",
+            "/particles/total/keys/1/1",
+            "/spring/damping",
+            "/spring/stiffness",
+            "/stepz",
+            "/z/keys/2/1",
+        ]
+    );
+}
+
+#[test]
+fn values_that_could_not_be_read_cause_no_further_faults() {
+    // With the preset's 0.15 this stiffness would be too much; what the caller's bending is, nobody knows.
+    assert_eq!(pointers(&json!({ "bending": "x", "spring": { "stiffness": 1.9 } })), ["/bending"]);
+}
+
+#[test]
+fn digests_tell_models_apart_and_nothing_else() {
+    let digest = |patch: Value| resolved(&patch).digest(7);
+    let base = digest(json!({}));
+    assert_eq!(base.len(), 64);
+    for same in [
+        json!({ "length_mm": 60.0, "burn_in": 300.0 }),
+        json!({ "solver": { "search": "all_pairs" } }),
+        json!({ "friction": { "keys": [[0, 0.3], [0.4, 0.3], [1, 0.3]], "ease": "smooth" } }),
+        json!({ "collision": { "gap_um": { "fluctuation": { "amplitude": 0, "period": 9 } } } }),
+    ] {
+        assert_eq!(digest(same.clone()), base, "{same}");
+    }
+    for other in [
+        json!({ "length_mm": 61 }),
+        json!({ "solver": { "integrator": "euler" } }),
+        json!({ "collision": { "gap_um": { "ease": "linear" } } }),
+        json!({ "mesh": { "strips": true } }),
+    ] {
+        assert_ne!(digest(other.clone()), base, "{other}");
+    }
+    assert_ne!(resolved(&json!({})).digest(8), base);
+    assert_ne!(ModelSpec::resolve(preset("paper").unwrap(), &json!({})).unwrap().digest(7), base);
+    assert_eq!(digest(json!({ "variation": { "drift": -0.0 } })), digest(json!({ "variation": { "drift": 0 } })));
+}
+
+#[test]
+fn presets_and_resolved_specs_fit_the_schema() {
+    let schema = schema();
+    let validator = jsonschema::draft202012::new(&schema).unwrap();
+    for preset in presets() {
+        let whole = ModelSpec::resolve(preset, &json!({})).unwrap().to_json();
+        for value in [&preset.spec, &whole] {
+            let errors: Vec<String> =
+                validator.iter_errors(value).map(|e| format!("{} {e}", e.instance_path())).collect();
+            assert!(errors.is_empty(), "{}: {errors:?}", preset.name);
+        }
+    }
+    let fits = [json!({}), json!({ "friction": { "fluctuation": { "amplitude": 0.1, "period": 9 } } })];
+    assert!(fits.iter().all(|value| validator.is_valid(value)));
+    for wrong in [
+        json!({ "stepz": 1 }),
+        json!({ "steps": 1.5 }),
+        json!({ "steps": 0 }),
+        json!({ "friction": 3 }),
+        json!({ "friction": { "keys": [[0, 1], [1, 3]] } }),
+        json!({ "friction": { "keys": [[0, 1], [1, 1, 1]] } }),
+        json!({ "friction": { "keys": [[0, 1]] } }),
+        json!({ "friction": { "key": [] } }),
+        json!({ "friction": { "ease": "slow" } }),
+        json!({ "friction": { "fluctuation": { "amplitude": 0.1, "period": 0 } } }),
+        json!({ "solver": { "search": "list" } }),
+    ] {
+        assert!(!validator.is_valid(&wrong), "{wrong}");
+        assert!(resolve(&wrong).is_err(), "{wrong}");
+    }
+    for (pointer, field) in leaves() {
+        let place = pointer.split('/').skip(1).fold(String::new(), |at, name| format!("{at}/properties/{name}"));
+        let described = schema.pointer(&place).unwrap_or_else(|| panic!("{pointer} is not in the schema"));
+        assert_eq!(described["title"], field.title);
+        assert!(!described["default"].is_null(), "{pointer} has no default");
+    }
+}
+
+#[test]
+fn the_schema_without_defaults_is_as_published() {
+    fn without_defaults(value: &mut Value) {
+        if let Some(members) = value.as_object_mut() {
+            members.remove("default");
+            members.values_mut().for_each(without_defaults);
+        } else if let Some(items) = value.as_array_mut() {
+            items.iter_mut().for_each(without_defaults);
+        }
+    }
+    let mut schema = schema();
+    without_defaults(&mut schema);
+    insta::assert_json_snapshot!("schema", schema);
+}
+
+/// Any JSON.
+fn any_json() -> impl Strategy<Value = Value> {
+    let leaf = prop_oneof![
+        Just(Value::Null),
+        any::<bool>().prop_map(Value::from),
+        any::<f64>().prop_map(Value::from),
+        any::<i64>().prop_map(Value::from),
+        (-2.0..3.0).prop_map(Value::from),
+        "[a-z/~]{0,6}".prop_map(Value::from),
+        Just(json!("linear")),
+    ];
+    let name = prop_oneof![
+        prop::sample::select(vec!["keys", "ease", "fluctuation", "amplitude", "period"]).prop_map(String::from),
+        "[a-z/~]{0,5}"
+    ];
+    leaf.prop_recursive(4, 24, 4, move |inner| {
+        prop_oneof![
+            prop::collection::vec(inner.clone(), 0..4).prop_map(Value::from),
+            prop::collection::vec((name.clone(), inner), 0..4).prop_map(|m| Value::Object(m.into_iter().collect())),
+        ]
+    })
+}
+
+/// A value for a parameter that keeps within its own bounds, though not always with the others.
+fn within(kind: &Kind, draw: [f64; 4], form: u32) -> Value {
+    let on = |range: &table::Range, x: f64| range.min + (range.max - range.min) * x;
+    match kind {
+        Kind::Schedule(range) => {
+            let v: Vec<f64> = draw.iter().map(|x| on(range, *x)).collect();
+            let ease = if form.is_multiple_of(2) { "smooth" } else { "linear" };
+            let (low, high) = (v[0].min(v[1]), v[0].max(v[1]));
+            let room = (low - range.min).min(range.max - high) * 0.99;
+            match form % 4 {
+                0 | 1 => json!(v[0]),
+                2 => json!({ "keys": [[0, v[0]], [draw[3].clamp(0.01, 0.99), v[1]], [1, v[2]]], "ease": ease }),
+                _ => json!({
+                    "keys": [[0, v[0]], [1, v[1]]], "ease": ease,
+                    "fluctuation": { "amplitude": room * draw[2], "period": 2.0 + 1e3 * draw[3] },
+                }),
+            }
+        }
+        Kind::Number(range) => json!(on(range, draw[0])),
+        Kind::Integer(count) => {
+            json!((f64::from(count.min) + f64::from(count.max - count.min) * draw[0] * draw[1]).round())
+        }
+        Kind::Choice(names) => json!(names[form as usize % names.len()].0),
+        Kind::Bool => json!(form.is_multiple_of(2)),
+        Kind::Group(_) => json!({}),
+    }
+}
+
+/// Puts a value at a pointer of a patch, making the objects on the way.
+fn put(patch: &mut Value, pointer: &str, value: Value) {
+    let mut at = patch;
+    for name in pointer.split('/').skip(1) {
+        let members = at.as_object_mut().unwrap();
+        at = members.entry(name).or_insert_with(|| Value::Object(Map::new()));
+    }
+    *at = value;
+}
+
+fn draws() -> impl Strategy<Value = Vec<(usize, [f64; 4], u32)>> {
+    prop::collection::vec((0..leaves().len(), prop::array::uniform4(0.0..=1.0_f64), any::<u32>()), 0..6)
+}
+
+proptest! {
+    #[test]
+    fn any_patch_gives_a_spec_or_faults_that_name_a_place(
+        whole in any_json(), parts in prop::collection::vec((0..leaves().len(), any_json()), 1..5),
+    ) {
+        let mut patch = json!({});
+        for (i, value) in parts {
+            put(&mut patch, &leaves()[i].0, value);
+        }
+        for patch in [whole, patch] {
+            match resolve(&patch) {
+                Ok(spec) => prop_assert_eq!(resolve(&spec.to_json()), Ok(spec)),
+                Err(faults) => {
+                    prop_assert!(!faults.is_empty());
+                    for fault in faults {
+                        prop_assert!(fault.pointer.is_empty() || fault.pointer.starts_with('/'), "{}", fault);
+                        prop_assert!(!fault.detail.is_empty());
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_canonical_spec_resolves_to_itself_on_any_preset(draws in draws()) {
+        let mut patch = json!({});
+        for (i, draw, form) in draws {
+            let (pointer, field) = &leaves()[i];
+            put(&mut patch, pointer, within(&field.kind, draw, form));
+        }
+        match resolve(&patch) {
+            Ok(spec) => {
+                let json = spec.to_json();
+                for preset in presets() {
+                    let again = ModelSpec::resolve(preset, &json).unwrap();
+                    prop_assert_eq!(&again, &spec);
+                    prop_assert_eq!(again.digest(1), spec.digest(1));
+                    prop_assert_eq!(canonical_json(&again.to_json()), canonical_json(&json));
+                }
+                let text = serde_json::from_str::<Value>(&canonical_json(&json)).unwrap();
+                prop_assert_eq!(resolve(&text), Ok(spec));
+            }
+            // Each value is within its own bounds: only what holds between them can be wrong.
+            Err(faults) => {
+                for fault in faults {
+                    prop_assert!(!fault.detail.contains("allowed"), "{}", fault);
+                }
+            }
+        }
+    }
+}
