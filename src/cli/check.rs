@@ -13,8 +13,7 @@ pub(super) async fn run(args: CheckArgs) -> Ended {
     let (files, json) = (args.files.clone(), args.json);
     // Reading and proving take threads and seconds; an interrupt need not wait for them, as nothing is written.
     let task = tokio::task::spawn_blocking(move || {
-        let options = CheckOptions { euler: args.euler };
-        args.files.iter().map(|file| certificate(file, &options)).collect::<Vec<_>>()
+        args.files.iter().map(|file| certificate(file, args.euler)).collect::<Vec<_>>()
     });
     let certificates = tokio::select! {
         done = task => done.context("the check panicked")?,
@@ -34,9 +33,10 @@ pub(super) async fn run(args: CheckArgs) -> Ended {
     if all_good { Ok(()) } else { Err(Failure::Negative) }
 }
 
-fn certificate(file: &Path, options: &CheckOptions) -> anyhow::Result<Certificate> {
+fn certificate(file: &Path, euler: Option<i64>) -> anyhow::Result<Certificate> {
     let surface = read_surface(file)?;
-    Ok(check_surface(&surface.positions, &surface.triangles, options))
+    let options = CheckOptions { euler, unit_metres: surface.unit.metres() };
+    Ok(check_surface(&surface.positions, &surface.triangles, &options))
 }
 
 fn as_json(file: &Path, found: &anyhow::Result<Certificate>) -> Value {

@@ -2,13 +2,13 @@
 //!
 //! Reads only the trailer, the index and the one section from the artifact store, never the whole file.
 
+use super::AppState;
 use super::conditional::ETag;
 use super::extract::{ModelId, Parameters, PathTexts};
 use super::files::{IMMUTABLE, find};
 use super::headers::accept;
 use super::openapi::{BadParameters, Inacceptable, SectionMissing, StoreAway};
 use super::problem::{Fault, Kind, Problem};
-use super::AppState;
 use crate::export::sections_bin::{SectionsError, TRAILER_LEN, Trailer, read_section_from_bytes};
 use crate::export::svg::section_svg;
 use crate::jobs::File;
