@@ -130,3 +130,6 @@ impl Simulator for CpuSimulation {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

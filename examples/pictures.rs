@@ -1,0 +1,50 @@
+//! Draws the pictures of the README: `cargo run --release --example pictures -- SEED OUT_DIR`.
+//!
+//! Grows the `pig` model of a seed with a section every 25 steps, and writes `sections.png` (steps 0, 200, 425,
+//! 800, 1200, 1600, 2000), `isthmus.png`, `ampulla.png` and `model.png`.
+
+use oviduct::mesh::Lofter;
+use oviduct::model::Section;
+use oviduct::render::{View, mesh_png, section_png, sheet_png};
+use oviduct::sim::cpu::CpuSimulation;
+use oviduct::sim::{Plan, Simulator};
+use oviduct::spec::{ModelSpec, preset};
+use std::error::Error;
+use std::path::Path;
+
+const STEPS: [f64; 7] = [0.0, 200.0, 425.0, 800.0, 1200.0, 1600.0, 2000.0];
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let mut args = std::env::args().skip(1);
+    let seed: u64 = args.next().ok_or("a seed is missing")?.parse()?;
+    let out = args.next().ok_or("a folder is missing")?;
+    let patch: serde_json::Value = args.next().map_or(Ok(serde_json::json!({})), |text| serde_json::from_str(&text))?;
+    let pig = preset("pig").ok_or("the preset is missing")?;
+    let spec = ModelSpec::resolve(pig, &patch).map_err(|faults| format!("{faults:?}"))?;
+    let mut simulation = CpuSimulation::new(Plan::new(&spec, seed), rayon::current_num_threads());
+    while simulation.time() < 0 {
+        simulation.step()?;
+    }
+    let mut sections = vec![simulation.section()];
+    let mut lofter = Lofter::new(simulation.section())?;
+    let mut history = Vec::new();
+    while simulation.time() < i64::from(spec.steps) {
+        simulation.step()?;
+        history.push(simulation.section());
+        if simulation.time() % 5 == 0 {
+            sections.push(simulation.section());
+            lofter.advance(&history)?;
+            history.clear();
+        }
+    }
+    let mesh = lofter.finish()?;
+    let out = Path::new(&out);
+    std::fs::create_dir_all(out)?;
+    let chosen: Vec<&Section> = sections.iter().filter(|s| STEPS.contains(&s.step)).collect();
+    std::fs::write(out.join("sections.png"), sheet_png(&chosen, 4, 480)?)?;
+    std::fs::write(out.join("isthmus.png"), section_png(chosen[1], 900)?)?;
+    std::fs::write(out.join("ampulla.png"), section_png(chosen[6], 900)?)?;
+    let view = View { axial_scale: 0.1, ..View::opened(1200, 800) };
+    std::fs::write(out.join("model.png"), mesh_png(&mesh, &view)?)?;
+    Ok(())
+}

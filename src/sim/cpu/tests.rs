@@ -1,0 +1,143 @@
+use super::*;
+use crate::geometry::polygon::{check_contour, check_nested};
+use crate::spec::{ModelSpec, preset};
+use serde_json::{Value, json};
+
+fn simulation(patch: &Value, seed: u64, threads: usize) -> CpuSimulation {
+    let mut whole = json!({
+        "steps": 150, "burn_in": 60,
+        "particles": { "total": { "keys": [[0, 260], [1, 900]] }, "outer": { "keys": [[0, 60], [1, 90]] } },
+    });
+    json_patch::merge(&mut whole, patch);
+    let spec = ModelSpec::resolve(preset("pig").unwrap(), &whole).unwrap();
+    CpuSimulation::new(Plan::new(&spec, seed), threads)
+}
+
+fn run(simulation: &mut CpuSimulation, mut each: impl FnMut(&CpuSimulation)) {
+    while simulation.time() < i64::from(simulation.plan.steps) {
+        simulation.step().unwrap();
+        each(simulation);
+    }
+}
+
+fn assert_sound(section: &Section) {
+    let (inner, outer) = (&section.inner.points, &section.outer.points);
+    check_contour(inner).unwrap_or_else(|e| panic!("inner loop at step {}: {e}", section.step));
+    check_contour(outer).unwrap_or_else(|e| panic!("outer loop at step {}: {e}", section.step));
+    check_nested(inner, outer).unwrap_or_else(|e| panic!("step {}: {e}", section.step));
+}
+
+#[test]
+fn walls_never_cross_at_any_step() {
+    for (seed, patch) in [
+        (1, json!({})),
+        (2, json!({ "contortion": { "magnitude": 10, "fraction": 0.3 } })),
+        (3, json!({ "solver": { "integrator": "euler" } })),
+        (4, json!({ "variation": { "amplitude": 1.0 } })),
+    ] {
+        let mut sim = simulation(&patch, seed, 1);
+        run(&mut sim, |s| assert_sound(&s.section()));
+    }
+}
+
+#[test]
+fn without_barrier_and_with_a_weak_force_the_guard_alone_keeps_walls_apart() {
+    let patch =
+        json!({ "collision": { "strength": 0.02, "barrier": 0 }, "contortion": { "magnitude": 6, "fraction": 0.3 } });
+    let mut sim = simulation(&patch, 5, 1);
+    run(&mut sim, |s| assert_sound(&s.section()));
+    assert!(sim.statistics().moves_shortened > 0, "the guard had nothing to do: the test shows nothing");
+}
+
+#[test]
+fn counts_follow_the_schedule() {
+    let mut sim = simulation(&json!({}), 1, 1);
+    let (plan, mut recorded) = (sim.plan.clone(), 0);
+    run(&mut sim, |s| {
+        if s.time() >= 0 && s.time() % 10 == 0 {
+            recorded += 1;
+            let u = s.time() as f64 / f64::from(plan.steps);
+            let wanted = (260.0 + 640.0 * u).round() as u32;
+            assert!(s.particles().abs_diff(wanted) <= s.statistics().splits_deferred as u32, "step {}", s.time());
+        }
+    });
+    assert_eq!(recorded, 16);
+    assert_eq!(u64::from(sim.particles()) + sim.statistics().splits_missing, 900);
+}
+
+#[test]
+fn ids_are_unique_and_persist() {
+    let mut sim = simulation(&json!({}), 1, 1);
+    let mut before: Vec<u32> = Vec::new();
+    run(&mut sim, |s| {
+        let now = &s.inner.id;
+        let kept: Vec<u32> = now.iter().copied().filter(|id| before.contains(id)).collect();
+        assert_eq!(kept, before, "old particles stay, in their order");
+        let mut sorted = now.clone();
+        sorted.sort_unstable();
+        sorted.dedup();
+        assert_eq!(sorted.len(), now.len());
+        before.clone_from(now);
+    });
+}
+
+#[test]
+fn threads_and_searches_give_the_same_state() {
+    let end = |search: &str, threads: usize| {
+        let mut sim = simulation(&json!({ "solver": { "search": search } }), 9, threads);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| run(&mut sim, |_| {}));
+        (sim.inner, sim.outer)
+    };
+    let one = end("lists", 1);
+    for (search, threads) in [("lists", 2), ("lists", 3), ("grid", 1), ("grid", 2), ("all_pairs", 1), ("all_pairs", 2)]
+    {
+        assert!(end(search, threads) == one, "{search} on {threads} threads");
+    }
+}
+
+#[test]
+fn growth_leaves_the_contour_and_its_rest_length_unchanged() {
+    let mut sim = simulation(&json!({}), 1, 1);
+    run(&mut sim, |_| {});
+    let mut row = *sim.plan.at(10);
+    row.inner_target = sim.inner.len() as u32 + 100;
+    let length = |s: &InnerLoop| -> f64 { s.rest.iter().map(|&r| f64::from(r)).sum() };
+    let area = |s: &InnerLoop| crate::geometry::polygon::signed_area(&s.ring().points);
+    let (rest, before) = (length(&sim.inner), area(&sim.inner));
+    let deferred = growth::grow_inner(&sim.plan, 10, &row, &mut sim.inner, &[]);
+    assert_eq!(sim.inner.len() as u32 + deferred, row.inner_target);
+    assert!((length(&sim.inner) / rest - 1.0).abs() < 1e-6);
+    assert!((area(&sim.inner) / before - 1.0).abs() < 1e-5);
+}
+
+#[test]
+fn splits_wait_where_there_is_no_room() {
+    let mut sim = simulation(&json!({}), 1, 1);
+    run(&mut sim, |_| {});
+    let mut row = *sim.plan.at(10);
+    row.inner_target = sim.inner.len() as u32 + 50;
+    let (n, touching) = (sim.inner.len(), vec![0.1; sim.inner.len()]);
+    assert_eq!(growth::grow_inner(&sim.plan, 10, &row, &mut sim.inner, &touching), 50);
+    assert_eq!(sim.inner.len(), n);
+}
+
+#[test]
+fn a_free_loop_comes_to_rest() {
+    // No growth, no contortion: friction takes all motion out.
+    let patch = json!({
+        "steps": 1500, "particles": { "total": 300, "outer": 60 },
+        "contortion": { "magnitude": 0 }, "variation": { "amplitude": 0 },
+    });
+    let mut sim = simulation(&patch, 1, 1);
+    let speed = |s: &CpuSimulation| s.inner.vx.iter().chain(&s.inner.vy).fold(0f32, |m, v| m.max(v.abs()));
+    run(&mut sim, |_| {});
+    assert!(speed(&sim) < 0.05, "still moving at {} µm a step", speed(&sim));
+}
+
+#[test]
+fn not_a_number_is_an_error_not_a_model() {
+    let mut sim = simulation(&json!({}), 1, 1);
+    sim.inner.x[3] = f32::NAN;
+    assert_eq!(sim.step(), Err(SimError::NotFinite { step: -59 }));
+}
