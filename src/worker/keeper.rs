@@ -49,7 +49,9 @@ pub(super) struct Keeper<'a> {
 
 impl<'a> Keeper<'a> {
     pub(super) fn new(context: &'a Context, claimed: &'a ClaimedJob, backend: BackendReport, live: &'a Live) -> Self {
-        let mut tick = tokio::time::interval(context.options.progress.min(context.options.heartbeat));
+        // The first heartbeat is not at once: a job of a few milliseconds needs none.
+        let period = context.options.progress.min(context.options.heartbeat);
+        let mut tick = tokio::time::interval_at(tokio::time::Instant::now() + period, period);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
         Self {
             context,

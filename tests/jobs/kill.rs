@@ -46,7 +46,7 @@ async fn a_killed_worker_loses_nothing() {
         let dir = tempfile::tempdir().unwrap();
         let place = Place::at(dir.path()).await;
         for seed in 1..=JOBS {
-            place.queue("ok", seed).await;
+            place.queue(if point == "during-renewal" { "slow" } else { "ok" }, seed).await;
         }
         drop(place);
 

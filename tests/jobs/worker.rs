@@ -13,14 +13,21 @@ use std::time::Duration;
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_job_succeeds_with_its_files() {
     let place = Place::fresh(|_| {}).await;
-    let pool = place.start(|_| {});
+    let pool = place.start(|options| options.heartbeat = Duration::from_millis(100));
     let id = place.queue("slow", 7).await;
     let running = place.until(id, |job| job.section.is_some()).await;
     assert_eq!((running.status, running.progress.unwrap().stage), (Status::Running, Stage::Simulate));
     assert_eq!((running.backend.used, running.backend.device.as_deref()), (Some(Backend::Cpu), Some("cpu, 2 threads")));
     let section = running.section.unwrap();
     assert_eq!((section.index, section.inner.len(), section.outer.len()), (0, 512, 100));
-    let worker = place.store.workers().await.unwrap().pop().unwrap();
+    let since = Stopwatch::start();
+    let worker = loop {
+        let worker = place.store.workers().await.unwrap().pop().unwrap();
+        if worker.job.is_some() || since.seconds() > 1.0 {
+            break worker;
+        }
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    };
     assert_eq!((worker.job, worker.jobs_done), (Some(id), 0));
 
     let job = place.ended(id).await;
@@ -36,7 +43,8 @@ async fn a_job_succeeds_with_its_files() {
     pool.shutdown(Duration::from_secs(5)).await;
     assert_eq!(place.visible().len(), 4);
     assert!(place.scratch().is_empty());
-    assert_eq!(place.store.workers().await.unwrap()[0].jobs_done, 2);
+    let worker = place.store.workers().await.unwrap().pop().unwrap();
+    assert_eq!((worker.job, worker.jobs_done), (None, 2));
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -142,12 +150,9 @@ async fn a_full_artifact_store_fails_the_job_or_is_waited_out() {
 async fn a_worker_that_lost_its_lease_stops_and_writes_nothing() {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let place = Place::fresh(|options| options.clock = clock.clone()).await;
-    let pool = place.start(|options| {
-        options.heartbeat = Duration::from_secs(60);
-        options.progress = Duration::from_secs(60);
-    });
+    let pool = place.start(|options| options.heartbeat = Duration::from_secs(60));
     let id = place.queue("wait", 1).await;
-    place.until(id, |job| job.backend.device.is_some()).await;
+    place.until(id, |job| job.progress.is_some()).await;
     // Its lease runs out, and another takes the job.
     clock.advance(LEASE);
     let other = place.store.claim("other", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
@@ -199,7 +204,8 @@ async fn an_error_at_any_point_costs_an_attempt_at_most() {
     let run = async |point: &'static str| {
         let place = Place::fresh(|_| {}).await;
         let pool = place.start(|options| options.faults = Faults::parse(&format!("{point}:error")).unwrap());
-        let job = place.ended(place.queue("ok", 5).await).await;
+        let script = if point == "during-renewal" { "slow" } else { "ok" };
+        let job = place.ended(place.queue(script, 5).await).await;
         assert_eq!(job.status, Status::Succeeded, "{point}");
         place.check_files(&job).await;
         let unharmed = matches!(point, "during-renewal" | "after-commit");
