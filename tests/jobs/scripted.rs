@@ -1,7 +1,7 @@
 //! A generator that follows a script in the job's spec, and a place to run it in.
 
 use crate::suite::new_job;
-use oviduct::clock::Clock;
+use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{Backend, CancelToken, FileOutput, GenerateError, Outcome, Progress, Seconds, Sink, Stage};
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::sqlite::SqliteStore;
@@ -46,9 +46,9 @@ pub fn generate(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result
         "slow" => Duration::from_millis(1200),
         _ => Duration::from_millis(20),
     };
-    let step = Duration::from_millis(10);
-    for _ in 0..patience.as_millis() / step.as_millis() {
-        std::thread::sleep(step);
+    let since = Stopwatch::start();
+    while since.elapsed() < patience {
+        std::thread::sleep(Duration::from_millis(10));
         if cancel.is_cancelled() {
             return Err(GenerateError::Cancelled.into());
         }

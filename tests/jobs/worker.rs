@@ -129,13 +129,13 @@ async fn a_full_artifact_store_fails_the_job_or_is_waited_out() {
     let wall = place.dir.join("artifacts/models");
     std::fs::write(&wall, "a file where a folder must be").unwrap();
     let pool = place.start(|options| {
-        options.storage_tries = 3;
-        options.storage_wait = Duration::from_millis(200);
+        options.storage_tries = 4;
+        options.storage_wait = Duration::from_millis(300);
     });
     let job = place.ended(place.queue("ok", 1).await).await;
     let problem = job.problem.unwrap();
     assert_eq!((job.status, problem.kind.as_str(), job.attempts), (Status::Failed, "storage", 1));
-    assert!(problem.detail.contains("tried 3 times"), "{}", problem.detail);
+    assert!(problem.detail.contains("tried 4 times"), "{}", problem.detail);
     // Back before the last try.
     let id = place.queue("ok", 2).await;
     place.until(id, |job| job.progress.is_some_and(|p| p.stage == Stage::Store)).await;
