@@ -65,24 +65,8 @@ impl<'a> Keeper<'a> {
         }
     }
 
-    /// Drives `work` while keeping the lease. At an interrupt it calls `stop` and still waits for the end of
-    /// `work`, as a thread cannot be dropped.
-    pub(super) async fn keep<T>(
-        &mut self,
-        work: impl Future<Output = T>,
-        stop: impl FnOnce(),
-    ) -> (T, Option<Interrupt>) {
-        tokio::pin!(work);
-        let why = tokio::select! {
-            output = &mut work => return (output, None),
-            why = self.interrupt() => why,
-        };
-        stop();
-        (work.await, Some(why))
-    }
-
     /// Drives `work` while keeping the lease; drops it at an interrupt.
-    pub(super) async fn keep_or_drop<T>(&mut self, work: impl Future<Output = T>) -> Result<T, Interrupt> {
+    pub(super) async fn keep<T>(&mut self, work: impl Future<Output = T>) -> Result<T, Interrupt> {
         tokio::select! {
             output = work => Ok(output),
             why = self.interrupt() => Err(why),

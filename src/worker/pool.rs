@@ -137,13 +137,13 @@ impl WorkerPool {
     }
 
     /// Stops: no new claims at once; running jobs get `grace` to end, then they are given back to the queue
-    /// at their old place, without counting as an attempt.
+    /// at their old place, without counting as an attempt. Comes back at the latest 10 s after the grace.
     pub async fn shutdown(mut self, grace: Duration) {
         self.phase.send_replace(Phase::Drain);
         if timeout(grace, self.ended()).await.is_err() {
             self.phase.send_replace(Phase::GiveBack);
             if timeout(LAST_WAIT, self.ended()).await.is_err() {
-                tracing::error!("a generation did not stop; its lease will run out");
+                tracing::error!("a generation did not stop in time; what it makes is of no use any more");
             }
         }
     }

@@ -1,5 +1,6 @@
 //! The worker pool: success, every way to fail, cancel, lost leases, shutdown, restart.
 
+use crate::deaf::Deaf;
 use crate::scripted::{Place, scripted};
 use crate::suite::LEASE;
 use futures_util::future::join_all;
@@ -8,6 +9,7 @@ use oviduct::generate::{Backend, Stage};
 use oviduct::jobs::fault::{Faults, POINTS};
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{NewJob, Status};
+use std::sync::Arc;
 use std::time::Duration;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -107,6 +109,42 @@ async fn a_running_job_stops_within_a_second_of_its_cancel() {
     // The worker is free again.
     let next = place.ended(place.queue("ok", 2).await).await;
     assert_eq!(next.status, Status::Succeeded);
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_cancel_is_recorded_within_a_second_even_where_a_stage_is_slow_to_stop() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start(|_| {});
+    let id = place.queue("deaf", 1).await;
+    place.until(id, |job| job.progress.is_some()).await;
+    let since = Stopwatch::start();
+    place.store.cancel(id).await.unwrap();
+    assert_eq!(place.ended(id).await.status, Status::Cancelled);
+    assert!(since.seconds() < 1.0, "{} s", since.seconds());
+    // Its threads are still at work: the next job begins when they are free.
+    let next = place.ended(place.queue("ok", 2).await).await;
+    assert_eq!(next.status, Status::Succeeded);
+    assert!(since.seconds() > 1.5, "two jobs ran on the same threads");
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_that_hears_of_no_changes_lives_by_polling_and_heartbeats() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start_over(Arc::new(Deaf(Arc::clone(&place.store))), |options| {
+        options.poll = Duration::from_millis(100);
+        options.heartbeat = Duration::from_millis(200);
+    });
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    let id = place.queue("wait", 1).await;
+    place.until(id, |job| job.progress.is_some()).await;
+    place.store.cancel(id).await.unwrap();
+    assert_eq!(place.ended(id).await.status, Status::Cancelled);
+    let deleted = place.queue("wait", 2).await;
+    place.until(deleted, |job| job.progress.is_some()).await;
+    place.store.delete(deleted).await.unwrap();
+    assert_eq!(place.ended(place.queue("ok", 3).await).await.status, Status::Succeeded);
     pool.shutdown(Duration::from_secs(5)).await;
 }
 
