@@ -8,7 +8,7 @@ use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{Backend, Stage};
 use oviduct::jobs::fault::{Faults, POINTS};
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{NewJob, Status};
+use oviduct::jobs::{NewJob, Status, Submitted};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -252,4 +252,32 @@ async fn an_error_at_any_point_costs_an_attempt_at_most() {
         assert_eq!(place.visible().len(), 2, "{point}: files of the broken attempt were left");
     };
     join_all(POINTS.into_iter().map(run)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_sweep_removes_what_no_job_names_and_nothing_else() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start(|_| {});
+    let made = place.ended(place.queue("ok", 1).await).await;
+    let shared = NewJob { reuse: true, ..scripted("ok", 1) };
+    let shared = place.store.submit(shared).await.unwrap();
+    assert!(matches!(shared, Submitted::Reused(_)));
+    assert_eq!(place.store.delete(made.id).await.unwrap(), Some(vec![]));
+    // Left by a dead process: a whole file, one half uploaded.
+    let scratch = place.dir.join("orphan");
+    std::fs::write(&scratch, "orphan").unwrap();
+    place.artifacts.put_file("models/gone/1/model.glb", &scratch).await.unwrap();
+    let staged = place.dir.join("artifacts/models/gone/2/model.glb#1");
+    std::fs::create_dir_all(staged.parent().unwrap()).unwrap();
+    std::fs::write(&staged, "half").unwrap();
+
+    let now = Clock::System.now() + Duration::from_secs(60);
+    let sweep = async |age| place.artifacts.sweep_orphans(&*place.store, now, age).await.unwrap();
+    assert_eq!(sweep(Duration::from_secs(3600)).await, 0, "what is young may still be committed");
+    assert!(staged.exists() && place.visible().len() == 3);
+    assert_eq!(sweep(Duration::ZERO).await, 2);
+    assert!(!staged.parent().unwrap().exists());
+    place.check_files(shared.job()).await;
+    assert_eq!(place.visible().len(), 2);
+    pool.shutdown(Duration::from_secs(5)).await;
 }
