@@ -43,7 +43,8 @@ pub(super) async fn submit(
 async fn reusable(tx: &mut SqliteConnection, new: &NewJob) -> Result<Option<Job>, StoreError> {
     // One job of each kind is enough: there may be thousands that share the same files.
     let ids: Vec<String> = sqlx::query_scalar(
-        "SELECT MIN(id) FROM jobs WHERE status = 'succeeded' AND digest = ? GROUP BY backend_used, outputs ORDER BY 1",
+        "SELECT MIN(id) FROM jobs INDEXED BY jobs_by_digest WHERE status = 'succeeded' AND digest = ? \
+         GROUP BY backend_used, outputs ORDER BY 1",
     )
     .bind(&new.digest)
     .fetch_all(&mut *tx)
