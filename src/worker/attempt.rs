@@ -13,7 +13,12 @@ use crate::jobs::scratch::{AttemptDir, Scratch};
 use crate::jobs::{BackendReport, ClaimedJob, Finished, Store, StoreError};
 use rayon::ThreadPool;
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::sync::watch;
+use tokio::task::JoinHandle;
+
+/// How long the record of an attempt that was broken off waits for its thread.
+const STOP_WAIT: Duration = Duration::from_millis(300);
 
 /// What all workers of a pool share.
 pub(super) struct Context {
@@ -51,12 +56,15 @@ pub(super) fn device(threads: usize) -> String {
     format!("cpu, {threads} thread{}", if threads == 1 { "" } else { "s" })
 }
 
-/// Stops the generation where the attempt is dropped: its thread cannot be.
-struct StopOnDrop(CancelToken);
+/// A generation on a thread of its own. Dropping it asks it to stop; the thread cannot be dropped.
+struct Generation {
+    thread: JoinHandle<Result<Outcome, WorkError>>,
+    cancel: CancelToken,
+}
 
-impl Drop for StopOnDrop {
+impl Drop for Generation {
     fn drop(&mut self) {
-        self.0.cancel();
+        self.cancel.cancel();
     }
 }
 
@@ -75,8 +83,15 @@ pub(super) async fn run(context: &Context, threads: &Threads, claimed: ClaimedJo
     let (id, attempt) = (claimed.job().id, claimed.attempt());
     tracing::info!(job = %id, attempt, "attempt begins");
     let (pool, backend) = threads.choose(claimed.job().backend.requested);
-    let ending = work(context, pool, backend.clone(), &claimed).await;
+    let mut generation = None;
+    let ending = work(context, pool, backend.clone(), &claimed, &mut generation).await;
     let (how, result) = end(context, claimed, backend, ending).await;
+    if let Some(mut generation) = generation {
+        // What was broken off is recorded at once, even where a stage is slow to stop; the worker's threads are
+        // free only now. What it made or how it failed is of no interest any more.
+        generation.cancel.cancel();
+        let _ = (&mut generation.thread).await;
+    }
     match result {
         Ok(()) => tracing::info!(job = %id, attempt, "attempt {how}"),
         Err(StoreError::Fenced) => tracing::warn!(job = %id, attempt, "attempt {how}, but its lease was lost"),
@@ -126,8 +141,14 @@ async fn commit(context: &Context, claimed: ClaimedJob, finished: Finished) -> R
     Ok(())
 }
 
-/// Generates and stores the files, keeping the lease.
-async fn work(context: &Context, pool: Arc<ThreadPool>, backend: BackendReport, claimed: &ClaimedJob) -> Ending {
+/// Generates and stores the files, keeping the lease. Leaves a generation that was broken off in `broken_off`.
+async fn work(
+    context: &Context,
+    pool: Arc<ThreadPool>,
+    backend: BackendReport,
+    claimed: &ClaimedJob,
+    broken_off: &mut Option<Generation>,
+) -> Ending {
     if let Err(injected) = context.options.faults.point("after-claim").await {
         return Ending::Failed(verdict::of_injected(injected));
     }
@@ -136,15 +157,25 @@ async fn work(context: &Context, pool: Arc<ThreadPool>, backend: BackendReport, 
         Err(error) => return Ending::Failed(verdict::of_scratch(&error)),
     };
     let cancel = CancelToken::default();
-    let _stop = StopOnDrop(cancel.clone());
     let live = Arc::new(Live::new(context.options.faults.clone(), cancel.clone()));
     let mut keeper = Keeper::new(context, claimed, backend.clone(), &live);
 
-    let generation = generate(context, pool, claimed, &dir, &live, &cancel);
-    let (result, interrupt) = keeper.keep(generation, || cancel.cancel()).await;
-    if let Some(interrupt) = interrupt {
-        return Ending::Interrupted(interrupt);
-    }
+    let mut generation = generate(context, pool, claimed, &dir, &live, cancel);
+    let joined = match keeper.keep(&mut generation.thread).await {
+        Ok(joined) => joined,
+        Err(interrupt) => {
+            generation.cancel.cancel();
+            // Most stop within milliseconds: then the record says so once it is true.
+            let stopped = tokio::time::timeout(STOP_WAIT, &mut generation.thread).await;
+            *broken_off = stopped.is_err().then_some(generation);
+            return Ending::Interrupted(interrupt);
+        }
+    };
+    let result = match joined {
+        Ok(Ok(outcome)) => Ok(outcome),
+        Ok(Err(error)) => Err(verdict::of_error(&error)),
+        Err(error) => Err(verdict::of_join(error)),
+    };
     let outcome = match (result, live.injected()) {
         (_, Some(injected)) => return Ending::Failed(verdict::of_injected(injected)),
         (Ok(outcome), None) => outcome,
@@ -152,7 +183,7 @@ async fn work(context: &Context, pool: Arc<ThreadPool>, backend: BackendReport, 
     };
 
     let files = upload::files(claimed, &outcome);
-    let uploaded = keeper.keep_or_drop(upload::upload(context, &live, &files, dir.path())).await;
+    let uploaded = keeper.keep(upload::upload(context, &live, &files, dir.path())).await;
     let ending = match uploaded {
         Ok(Ok(())) => {
             let backend = BackendReport { used: Some(outcome.used), device: Some(outcome.device), ..backend };
@@ -167,28 +198,21 @@ async fn work(context: &Context, pool: Arc<ThreadPool>, backend: BackendReport, 
     ending
 }
 
-/// Runs the generator on a thread that may block, and catches its panic.
-async fn generate(
+/// Runs the generator on a thread that may block and whose panic is caught.
+fn generate(
     context: &Context,
     pool: Arc<ThreadPool>,
     claimed: &ClaimedJob,
     dir: &Arc<AttemptDir>,
     live: &Arc<Live>,
-    cancel: &CancelToken,
-) -> Result<Outcome, Verdict> {
+    cancel: CancelToken,
+) -> Generation {
     let generator = Arc::clone(&context.generator);
     let memory_limit_bytes = context.options.memory_limit_bytes;
-    let (job, dir, live, cancel) = (claimed.job().clone(), Arc::clone(dir), Arc::clone(live), cancel.clone());
-    let thread = tokio::task::spawn_blocking(move || -> Result<Outcome, WorkError> {
+    let (job, dir, live, token) = (claimed.job().clone(), Arc::clone(dir), Arc::clone(live), cancel.clone());
+    let thread = tokio::task::spawn_blocking(move || {
         let work = Work { job: &job, dir: dir.path(), memory_limit_bytes };
-        pool.install(|| generator.generate(work, &*live, &cancel))
+        pool.install(|| generator.generate(work, &*live, &token))
     });
-    match thread.await {
-        Ok(Ok(outcome)) => Ok(outcome),
-        Ok(Err(error)) => Err(verdict::of_error(&error)),
-        Err(error) => match error.try_into_panic() {
-            Ok(payload) => Err(verdict::of_panic(&*payload)),
-            Err(error) => Err(verdict::of_scratch(&std::io::Error::other(error))),
-        },
-    }
+    Generation { thread, cancel }
 }

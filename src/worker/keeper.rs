@@ -49,7 +49,9 @@ pub(super) struct Keeper<'a> {
 
 impl<'a> Keeper<'a> {
     pub(super) fn new(context: &'a Context, claimed: &'a ClaimedJob, backend: BackendReport, live: &'a Live) -> Self {
-        let mut tick = tokio::time::interval(context.options.progress.min(context.options.heartbeat));
+        // The first heartbeat is not at once: a job of a few milliseconds needs none.
+        let period = context.options.progress.min(context.options.heartbeat);
+        let mut tick = tokio::time::interval_at(tokio::time::Instant::now() + period, period);
         tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
         Self {
             context,
@@ -63,24 +65,8 @@ impl<'a> Keeper<'a> {
         }
     }
 
-    /// Drives `work` while keeping the lease. At an interrupt it calls `stop` and still waits for the end of
-    /// `work`, as a thread cannot be dropped.
-    pub(super) async fn keep<T>(
-        &mut self,
-        work: impl Future<Output = T>,
-        stop: impl FnOnce(),
-    ) -> (T, Option<Interrupt>) {
-        tokio::pin!(work);
-        let why = tokio::select! {
-            output = &mut work => return (output, None),
-            why = self.interrupt() => why,
-        };
-        stop();
-        (work.await, Some(why))
-    }
-
     /// Drives `work` while keeping the lease; drops it at an interrupt.
-    pub(super) async fn keep_or_drop<T>(&mut self, work: impl Future<Output = T>) -> Result<T, Interrupt> {
+    pub(super) async fn keep<T>(&mut self, work: impl Future<Output = T>) -> Result<T, Interrupt> {
         tokio::select! {
             output = work => Ok(output),
             why = self.interrupt() => Err(why),

@@ -8,7 +8,7 @@ use crate::generate::Backend;
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
 use crate::jobs::scratch::Scratch;
-use crate::jobs::{JobId, Store, WorkerInfo};
+use crate::jobs::{ClaimedJob, JobId, Store, WorkerInfo};
 use std::io;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -21,7 +21,7 @@ use tokio::time::{sleep, timeout};
 const LONGEST_WAIT: Duration = Duration::from_secs(10);
 /// How long a shutdown waits for work that was told to stop.
 const LAST_WAIT: Duration = Duration::from_secs(10);
-/// Heartbeats between a worker's signs of life; they are only looked at over minutes.
+/// Heartbeats between the signs of life of a worker of which nothing is new.
 const SEEN_EVERY: u32 = 5;
 
 /// Settings of a pool.
@@ -100,7 +100,7 @@ struct Slot {
 }
 
 /// What a worker is at.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct At {
     job: Option<JobId>,
     done: u64,
@@ -137,13 +137,13 @@ impl WorkerPool {
     }
 
     /// Stops: no new claims at once; running jobs get `grace` to end, then they are given back to the queue
-    /// at their old place, without counting as an attempt.
+    /// at their old place, without counting as an attempt. Comes back at the latest 10 s after the grace.
     pub async fn shutdown(mut self, grace: Duration) {
         self.phase.send_replace(Phase::Drain);
         if timeout(grace, self.ended()).await.is_err() {
             self.phase.send_replace(Phase::GiveBack);
             if timeout(LAST_WAIT, self.ended()).await.is_err() {
-                tracing::error!("a generation did not stop; its lease will run out");
+                tracing::error!("a generation did not stop in time; what it makes is of no use any more");
             }
         }
     }
@@ -176,6 +176,8 @@ async fn claim_loop(slot: Arc<Slot>) {
         // Listening before looking: what is queued in between is told.
         let mut changes = context.store.changes();
         if *phase.borrow_and_update() != Phase::Run {
+            let at = slot.at(|_| {});
+            slot.seen(at).await;
             return;
         }
         let away = match context.store.claim(&slot.id, Backend::Cpu, context.options.lease, 1).await {
@@ -201,27 +203,31 @@ async fn claim_loop(slot: Arc<Slot>) {
     }
 }
 
-/// Tells now and then that the workers are there.
+/// Tells that the workers are there: with each heartbeat where something is new, now and then where not.
 async fn signs_of_life(slots: Vec<Arc<Slot>>, context: Arc<Context>) {
     let mut phase = context.phase.clone();
-    while *phase.borrow_and_update() == Phase::Run {
-        for slot in &slots {
-            slot.seen().await;
+    let mut told: Vec<Option<At>> = vec![None; slots.len()];
+    for beat in 0u32.. {
+        for (slot, told) in slots.iter().zip(&mut told) {
+            let at = slot.at(|_| {});
+            if beat.is_multiple_of(SEEN_EVERY) || *told != Some(at) {
+                slot.seen(at).await;
+                *told = Some(at);
+            }
         }
         tokio::select! {
-            _ = phase.changed() => {}
-            () = sleep(context.options.heartbeat * SEEN_EVERY) => {}
+            // Each worker has the last word itself.
+            _ = phase.wait_for(|phase| *phase != Phase::Run) => return,
+            () = sleep(context.options.heartbeat) => {}
         }
     }
 }
 
 impl Slot {
-    async fn run(&self, claimed: crate::jobs::ClaimedJob) {
+    async fn run(&self, claimed: ClaimedJob) {
         self.at(|at| at.job = Some(claimed.job().id));
-        self.seen().await;
         let ended = attempt::run(&self.context, &self.threads, claimed).await;
         self.at(|at| *at = At { job: None, done: at.done + u64::from(ended) });
-        self.seen().await;
     }
 
     fn at(&self, change: impl FnOnce(&mut At)) -> At {
@@ -230,8 +236,7 @@ impl Slot {
         *at
     }
 
-    async fn seen(&self) {
-        let At { job, done } = self.at(|_| {});
+    async fn seen(&self, At { job, done }: At) {
         let worker = WorkerInfo {
             id: self.id.clone(),
             host: self.context.options.host.clone(),

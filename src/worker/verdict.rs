@@ -4,7 +4,7 @@ use super::generator::WorkError;
 use crate::generate::GenerateError;
 use crate::jobs::Problem;
 use crate::jobs::fault::Injected;
-use std::any::Any;
+use tokio::task::JoinError;
 
 /// What is to be done with the job.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -42,8 +42,15 @@ pub(super) fn of_error(error: &WorkError) -> Verdict {
     }
 }
 
-/// The verdict on a generation that panicked: the same code on the same spec would panic again.
-pub(super) fn of_panic(payload: &(dyn Any + Send)) -> Verdict {
+/// The verdict on a generation whose thread gave no result: the same code on the same spec would panic again.
+pub(super) fn of_join(error: JoinError) -> Verdict {
+    let payload = match error.try_into_panic() {
+        Ok(payload) => payload,
+        // The runtime is going down.
+        Err(error) => {
+            return Verdict::Retry(problem("interrupted", "The generation was broken off", error.to_string()));
+        }
+    };
     let message = payload
         .downcast_ref::<&str>()
         .map(|message| (*message).to_owned())

@@ -16,7 +16,8 @@ const JOBS: u64 = 3;
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 #[ignore = "started by a_killed_worker_loses_nothing"]
 async fn child() {
-    let folder = std::env::var(FOLDER).unwrap();
+    // Run by hand, it has nothing to do.
+    let Ok(folder) = std::env::var(FOLDER) else { return };
     let place = Place::at(Path::new(&folder)).await;
     let faults = Faults::from_env().unwrap();
     let pool = place.start(|options| {
@@ -46,7 +47,7 @@ async fn a_killed_worker_loses_nothing() {
         let dir = tempfile::tempdir().unwrap();
         let place = Place::at(dir.path()).await;
         for seed in 1..=JOBS {
-            place.queue("ok", seed).await;
+            place.queue(if point == "during-renewal" { "slow" } else { "ok" }, seed).await;
         }
         drop(place);
 

@@ -1,7 +1,7 @@
 //! A generator that follows a script in the job's spec, and a place to run it in.
 
 use crate::suite::new_job;
-use oviduct::clock::Clock;
+use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{Backend, CancelToken, FileOutput, GenerateError, Outcome, Progress, Seconds, Sink, Stage};
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::sqlite::SqliteStore;
@@ -36,7 +36,7 @@ fn section() -> Section {
     Section { step: 10.0, z_um: 300.0, added: false, inner: ring(1000), outer: ring(100) }
 }
 
-/// `spec.script`: `ok`, `wait` (for a cancel), `slow` (1.2 s), `panic`, `memory`, `certificate`, `io`, `spec`.
+/// `spec.script`: `ok`, `wait` (for a cancel), `deaf` (3 s without looking at the token), `slow` (1.2 s), `panic`, `memory`, `certificate`, `io`, `spec`.
 pub fn generate(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, WorkError> {
     let script = work.job.spec["script"].as_str().unwrap().to_owned();
     sink.progress(&progress(Stage::Simulate, 0.1));
@@ -46,12 +46,15 @@ pub fn generate(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result
         "slow" => Duration::from_millis(1200),
         _ => Duration::from_millis(20),
     };
-    let step = Duration::from_millis(10);
-    for _ in 0..patience.as_millis() / step.as_millis() {
-        std::thread::sleep(step);
+    let since = Stopwatch::start();
+    while since.elapsed() < patience {
+        std::thread::sleep(Duration::from_millis(10));
         if cancel.is_cancelled() {
             return Err(GenerateError::Cancelled.into());
         }
+    }
+    if script == "deaf" {
+        std::thread::sleep(Duration::from_secs(3));
     }
     let detail = "slab 7".to_owned();
     match script.as_str() {
@@ -136,10 +139,14 @@ impl Place {
     }
 
     pub fn start(&self, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
+        self.start_over(Arc::clone(&self.store), change)
+    }
+
+    /// Starts workers that see the store in their own way.
+    pub fn start_over(&self, store: Arc<dyn Store>, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
         let mut options = self.options();
         change(&mut options);
-        WorkerPool::start(Arc::clone(&self.store), self.artifacts.clone(), Arc::new(generate), options, Clock::System)
-            .unwrap()
+        WorkerPool::start(store, self.artifacts.clone(), Arc::new(generate), options, Clock::System).unwrap()
     }
 
     pub async fn queue(&self, script: &str, seed: u64) -> JobId {

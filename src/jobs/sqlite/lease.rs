@@ -45,10 +45,12 @@ pub(super) async fn any_to_claim(
             return Ok(true);
         }
     }
-    Ok(sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM jobs WHERE status = 'running' AND lease_until <= ?)")
-        .bind(micros(now))
-        .fetch_one(connection)
-        .await?)
+    Ok(sqlx::query_scalar(
+        "SELECT EXISTS (SELECT 1 FROM jobs INDEXED BY jobs_leases WHERE status = 'running' AND lease_until <= ?)",
+    )
+    .bind(micros(now))
+    .fetch_one(connection)
+    .await?)
 }
 
 /// Ends the attempts whose lease had run out at `now`; all leases where it is `None`.
@@ -57,11 +59,12 @@ pub(super) async fn expire(
     options: &StoreOptions,
     now: Option<Timestamp>,
 ) -> Result<Vec<Change>, StoreError> {
-    let ids: Vec<String> =
-        sqlx::query_scalar("SELECT id FROM jobs WHERE status = 'running' AND lease_until <= ? ORDER BY lease_until")
-            .bind(now.map_or(i64::MAX, micros))
-            .fetch_all(&mut *tx)
-            .await?;
+    let ids: Vec<String> = sqlx::query_scalar(
+        "SELECT id FROM jobs INDEXED BY jobs_leases WHERE status = 'running' AND lease_until <= ? ORDER BY lease_until",
+    )
+    .bind(now.map_or(i64::MAX, micros))
+    .fetch_all(&mut *tx)
+    .await?;
     let mut changes = Vec::with_capacity(ids.len());
     for id in ids {
         let id = read::id(&id)?;
