@@ -10,7 +10,7 @@
 //! |---|---|
 //! | 0 | [`clock`], [`random`], [`model`], [`geometry`] |
 //! | 1 | [`spec`] |
-//! | 2 | [`sim`], [`mesh`], [`measure`], [`export`] |
+//! | 2 | [`sim`], [`mesh`], [`measure`], [`export`], [`render`] |
 //! | 3 | [`generate`], [`jobs`] |
 //! | 4 | [`worker`], [`http`] |
 //! | 5 | [`cli`] |
@@ -25,6 +25,7 @@ pub mod spec;
 pub mod export;
 pub mod measure;
 pub mod mesh;
+pub mod render;
 pub mod sim;
 
 pub mod generate;

@@ -1,5 +1,5 @@
 //! The `oviduct` command.
 
 fn main() -> std::process::ExitCode {
-    std::process::ExitCode::SUCCESS
+    oviduct::cli::run(std::env::args_os().skip(1))
 }

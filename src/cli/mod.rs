@@ -1,1 +1,83 @@
-//! Placeholder header: see the house.
+//! The command line: reads options, wires the floors below together, and says how it ended.
+//!
+//! Results go to stdout; logs, progress and faults to stderr. A command ends with 0 (done), 1 (failed), 2 (wrong
+//! usage or an invalid spec) or 130 (interrupted).
+
+mod args;
+mod check;
+mod client;
+mod config;
+mod demo;
+mod exit;
+mod generate;
+mod interrupt;
+mod model;
+mod print;
+mod scratch;
+mod serve;
+mod service;
+mod sse;
+mod submit;
+mod term;
+mod units;
+
+use args::{Cli, Command, Global, LogFormat};
+use exit::{Ended, Failure};
+use std::ffi::OsString;
+use std::process::ExitCode;
+use std::time::Duration;
+use tracing_subscriber::EnvFilter;
+
+/// Time that threads still at work are given when a command has ended.
+const LAST_WORDS: Duration = Duration::from_secs(2);
+
+/// Does what the arguments (without the name of the program) say; gives the exit code.
+#[must_use]
+pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let cli = match config::parse(args) {
+        Ok(config::Parsed::Run(cli)) => *cli,
+        Ok(config::Parsed::Say(message)) => {
+            let code = if message.use_stderr() { 2 } else { 0 };
+            // Where neither stdout nor stderr takes the message, the exit code is all that can be said.
+            let _ = message.print();
+            return ExitCode::from(code);
+        }
+        Err(failure) => return exit::exit_code(&Err(failure)),
+    };
+    exit::exit_code(&start(cli))
+}
+
+fn start(cli: Cli) -> Ended {
+    let serves = matches!(cli.command, Command::Serve(_));
+    log(&cli.global, if serves { "info" } else { "warn" })?;
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
+    let ended = runtime.block_on(dispatch(cli.command));
+    runtime.shutdown_timeout(LAST_WORDS);
+    ended
+}
+
+async fn dispatch(command: Command) -> Ended {
+    match command {
+        Command::Serve(args) => serve::run(args).await,
+        Command::Generate(args) => generate::run(args).await,
+        Command::Demo(args) => demo::run(args).await,
+        Command::Submit(args) => submit::run(args).await,
+        Command::Check(args) => check::run(args).await,
+        Command::Presets(args) => print::presets(&args),
+        Command::Schema => print::schema(),
+        Command::Openapi => print::openapi(),
+        Command::Healthcheck(args) => client::Client::new(&args.url)?.get("/healthz").await.map(|_| ()),
+    }
+}
+
+/// Starts logging to stderr.
+fn log(global: &Global, default: &str) -> Result<(), Failure> {
+    let filter = global.log.as_deref().unwrap_or(default);
+    let filter = EnvFilter::try_new(filter).map_err(|error| Failure::usage(format!("--log {filter}: {error}")))?;
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let started = match global.log_format {
+        LogFormat::Text => log.try_init(),
+        LogFormat::Json => log.json().try_init(),
+    };
+    started.map_err(|error| Failure::Failed(anyhow::anyhow!("logging could not be started: {error}")))
+}

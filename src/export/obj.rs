@@ -93,8 +93,11 @@ mod tests {
         String::from_utf8(file).unwrap()
     }
 
+    /// Positions, triangles, and for each group its name and first triangle.
+    type Parts = (Vec<[f32; 3]>, Vec<[u32; 3]>, Vec<(String, usize)>);
+
     /// A plain reader of `v`, `f`, `g`.
-    fn read(text: &str) -> (Vec<[f32; 3]>, Vec<[u32; 3]>, Vec<(String, usize)>) {
+    fn read(text: &str) -> Parts {
         let (mut positions, mut triangles, mut groups) = (Vec::new(), Vec::new(), Vec::new());
         for line in text.lines() {
             let mut words = line.split(' ');

@@ -15,6 +15,6 @@ pub(crate) fn meta() -> Metadata {
 
 /// A triangle that starts at its least corner, with the same orientation.
 pub(crate) fn turned<T: Ord + Copy>(t: [T; 3]) -> [T; 3] {
-    let least = if t[0] <= t[1] && t[0] <= t[2] { 0 } else { if t[1] <= t[2] { 1 } else { 2 } };
+    let least = (0..3).min_by_key(|&k| t[k]).unwrap();
     [t[least], t[(least + 1) % 3], t[(least + 2) % 3]]
 }

@@ -56,11 +56,7 @@ pub(super) fn write(
     outputs.sort_unstable();
     outputs.dedup();
     let mut tasks: Vec<(String, &str, Task<'_>)> = outputs.into_iter().map(model).collect();
-    tasks.push((
-        "sections.bin".into(),
-        sections_bin::MEDIA_TYPE,
-        Box::new(|out| write_sections(sections, &meta, out)),
-    ));
+    tasks.push(("sections.bin".into(), sections_bin::MEDIA_TYPE, Box::new(|out| write_sections(sections, &meta, out))));
     tasks.push((REPORT.into(), "application/json", Box::new(|out| Ok(serde_json::to_writer_pretty(out, &report)?))));
     tasks
         .into_par_iter()

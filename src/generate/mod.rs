@@ -78,10 +78,8 @@ fn run(request: &Request, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outco
         "volume_mm3": certificate.volume_mm3,
         "area_mm2": certificate.area_mm2,
     });
-    let certificate = serde_json::to_value(&certificate).map_err(|e| GenerateError::Io {
-        name: files::REPORT.into(),
-        source: e.into(),
-    })?;
+    let certificate = serde_json::to_value(&certificate)
+        .map_err(|e| GenerateError::Io { name: files::REPORT.into(), source: e.into() })?;
     let files = files::write(request, &mesh, &grown.sections, &summary, &certificate)?;
     seconds.export = watch.seconds();
     stop_if_cancelled(cancel)?;

@@ -104,6 +104,12 @@ impl Blocks {
         Self { len: rects.len(), levels }
     }
 
+    /// Box number `i`.
+    #[must_use]
+    pub fn rect(&self, i: usize) -> Rect {
+        self.levels[0][i / WIDTH].rect(i % WIDTH)
+    }
+
     /// Calls `found` with the number of every box that meets `rect`, in ascending order.
     pub fn query(&self, rect: &Rect, mut found: impl FnMut(usize)) {
         if self.len > 0 {

@@ -30,8 +30,10 @@ pub fn patch_geometry(mesh: &Mesh, patch: &Patch) -> PatchGeometry {
     const UNUSED: u32 = u32::MAX;
     let source = &mesh.triangles[patch.triangles.clone()];
     let mut local_of = vec![UNUSED; mesh.positions.len()];
-    let mut vertices = Vec::new();
-    let mut sums: Vec<[f64; 3]> = Vec::new();
+    // A surface has about half as many vertices as triangles.
+    let expected = mesh.positions.len().min(source.len() / 2 + source.len() / 16 + 3);
+    let mut vertices = Vec::with_capacity(expected);
+    let mut sums: Vec<[f64; 3]> = Vec::with_capacity(expected);
     let mut triangles = Vec::with_capacity(source.len());
     for triangle in source {
         let normal = doubled_area_normal(triangle.map(|v| mesh.positions[v as usize]));

@@ -1,1 +1,329 @@
 //! Files of models, through object_store (the only user of it).
+//!
+//! Invariants: a key shows either nothing or the whole file (a local file is staged beside its place, synced
+//! and renamed; an object store makes an upload visible at its end); a key belongs to one attempt
+//! ([`key`]), so that two attempts never write the same one; a file counts only once a job's record names it,
+//! what no record names is swept away ([`Artifacts::sweep_orphans`]).
+
+use super::job::JobId;
+use super::store::{Store, StoreError};
+use bytes::Bytes;
+use futures_util::stream::BoxStream;
+use futures_util::{StreamExt, TryStreamExt};
+use jiff::Timestamp;
+use object_store::buffered::BufWriter;
+use object_store::local::LocalFileSystem;
+use object_store::path::Path as Key;
+use object_store::{GetOptions, GetRange, ObjectStore, ObjectStoreExt};
+use sha2::{Digest, Sha256};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+
+/// Files up to this size go up in one request, greater ones in parts of it. S3 wants at least 5 MiB.
+const PART: usize = 8 << 20;
+/// Bytes read from a scratch file at a time.
+const CHUNK: usize = 1 << 20;
+
+/// Why the artifact store refused or failed.
+#[derive(Debug, thiserror::Error)]
+pub enum ArtifactError {
+    /// There is no such file.
+    #[error("no file has the key {key}")]
+    NotFound {
+        /// The key.
+        key: String,
+    },
+    /// The range lies outside the file.
+    #[error("the range lies outside the file: {0}")]
+    Range(String),
+    /// A scratch file could not be read.
+    #[error("reading {path} failed")]
+    Scratch {
+        /// The file.
+        path: PathBuf,
+        /// Cause.
+        #[source]
+        source: std::io::Error,
+    },
+    /// The store is away, full or broken.
+    #[error("the artifact store failed: {0}")]
+    Store(String),
+    /// The job store, asked whether a key is in use, failed.
+    #[error(transparent)]
+    Jobs(#[from] StoreError),
+}
+
+impl From<object_store::Error> for ArtifactError {
+    fn from(error: object_store::Error) -> Self {
+        match error {
+            object_store::Error::NotFound { path, .. } => Self::NotFound { key: path },
+            other => Self::Store(chain(&other)),
+        }
+    }
+}
+
+/// An error with its causes, in one line.
+fn chain(error: &dyn std::error::Error) -> String {
+    let mut line = error.to_string();
+    let mut source = error.source();
+    while let Some(cause) = source {
+        let cause_line = cause.to_string();
+        if !line.contains(&cause_line) {
+            line = format!("{line}: {cause_line}");
+        }
+        source = cause.source();
+    }
+    line
+}
+
+/// What was stored.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stored {
+    /// Size.
+    pub bytes: u64,
+    /// SHA-256 of the bytes as they went up, lower-case hex.
+    pub sha256: String,
+}
+
+/// A file, or part of one, on its way out.
+pub struct Download {
+    /// Size of the whole file.
+    pub size: u64,
+    /// The bytes that `stream` carries.
+    pub range: Range<u64>,
+    /// The bytes.
+    pub stream: BoxStream<'static, Result<Bytes, ArtifactError>>,
+}
+
+impl std::fmt::Debug for Download {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Download").field("size", &self.size).field("range", &self.range).finish_non_exhaustive()
+    }
+}
+
+/// The key of a file that an attempt makes.
+#[must_use]
+pub fn key(job: JobId, attempt: u32, name: &str) -> String {
+    format!("models/{job}/{attempt}/{name}")
+}
+
+/// Where the files of models are kept. Clones share it.
+#[derive(Clone, Debug)]
+pub struct Artifacts {
+    store: Arc<dyn ObjectStore>,
+    /// Root on this machine's disk, where it is there.
+    local: Option<PathBuf>,
+}
+
+impl Artifacts {
+    /// Files under the folder `root`, which is made where there is none. A file survives the loss of power once
+    /// [`Artifacts::put_file`] has returned.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Store`] where the folder cannot be made or opened.
+    pub fn local(root: &Path) -> Result<Self, ArtifactError> {
+        std::fs::create_dir_all(root).map_err(|e| ArtifactError::Store(format!("{}: {e}", root.display())))?;
+        let store = LocalFileSystem::new_with_prefix(root)?.with_fsync(true).with_automatic_cleanup(true);
+        Ok(Self { store: Arc::new(store), local: Some(root.to_owned()) })
+    }
+
+    /// Files in any object store.
+    #[must_use]
+    pub fn over(store: Arc<dyn ObjectStore>) -> Self {
+        Self { store, local: None }
+    }
+
+    /// Stores the file at `path` under `key`, streaming it; nothing is visible until all is.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Scratch`], [`ArtifactError::Store`]; then nothing is visible.
+    pub async fn put_file(&self, key: &str, path: &Path) -> Result<Stored, ArtifactError> {
+        let scratch = |source| ArtifactError::Scratch { path: path.to_owned(), source };
+        let mut file = tokio::fs::File::open(path).await.map_err(scratch)?;
+        let mut upload = BufWriter::with_capacity(Arc::clone(&self.store), Key::from(key), PART);
+        let mut hash = Sha256::new();
+        let mut bytes = 0u64;
+        loop {
+            let mut chunk = bytes::BytesMut::with_capacity(CHUNK);
+            let read = match file.read_buf(&mut chunk).await {
+                Ok(read) => read,
+                Err(source) => {
+                    // The upload is given up; what it left is swept with the orphans where this fails too.
+                    let _ = upload.abort().await;
+                    return Err(scratch(source));
+                }
+            };
+            if read == 0 {
+                break;
+            }
+            bytes += read as u64;
+            hash.update(&chunk);
+            if let Err(error) = upload.put(chunk.freeze()).await {
+                let _ = upload.abort().await;
+                return Err(error.into());
+            }
+        }
+        upload.shutdown().await.map_err(|error| ArtifactError::Store(chain(&error)))?;
+        Ok(Stored { bytes, sha256: hex::encode(hash.finalize()) })
+    }
+
+    /// The file under `key`, or the bytes of it in `range`, cut to its end.
+    ///
+    /// # Errors
+    /// [`ArtifactError::NotFound`]; [`ArtifactError::Range`] for a range that is empty or begins after the end.
+    pub async fn get_range(&self, key: &str, range: Option<Range<u64>>) -> Result<Download, ArtifactError> {
+        let location = Key::from(key);
+        if let Some(range) = &range {
+            let size = self.store.head(&location).await?.size;
+            if range.start >= range.end || range.start >= size {
+                return Err(ArtifactError::Range(format!("{}..{} of {size} bytes", range.start, range.end)));
+            }
+        }
+        let options = GetOptions { range: range.map(GetRange::Bounded), ..GetOptions::default() };
+        let result = self.store.get_opts(&location, options).await?;
+        let (size, range) = (result.meta.size, result.range.clone());
+        Ok(Download { size, range, stream: result.into_stream().map_err(ArtifactError::from).boxed() })
+    }
+
+    /// The whole file under `key`.
+    ///
+    /// # Errors
+    /// [`ArtifactError::NotFound`], [`ArtifactError::Store`].
+    pub async fn read_all(&self, key: &str) -> Result<Bytes, ArtifactError> {
+        Ok(self.store.get(&Key::from(key)).await?.bytes().await?)
+    }
+
+    /// Removes files; those that are not there are passed over.
+    ///
+    /// # Errors
+    /// The first error, after all have been tried.
+    pub async fn delete(&self, keys: &[String]) -> Result<(), ArtifactError> {
+        let mut first = Ok(());
+        for key in keys {
+            match self.store.delete(&Key::from(key.as_str())).await {
+                Ok(()) | Err(object_store::Error::NotFound { .. }) => {}
+                Err(error) if first.is_ok() => first = Err(error.into()),
+                Err(_) => {}
+            }
+        }
+        first
+    }
+
+    /// Removes files older than `age` that no job names: left by attempts that lost their lease, or by a
+    /// process that died between upload and commit. `age` must be longer than an upload with its commit can
+    /// take. Returns how many were removed.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Store`], [`ArtifactError::Jobs`]; what was removed before stays removed.
+    pub async fn sweep_orphans(&self, jobs: &dyn Store, now: Timestamp, age: Duration) -> Result<u64, ArtifactError> {
+        let before = now.saturating_sub(age).unwrap_or(Timestamp::MIN).as_microsecond();
+        let mut removed = 0;
+        let mut listing = self.store.list(Some(&Key::from("models")));
+        while let Some(object) = listing.next().await {
+            let object = object?;
+            if object.last_modified.timestamp_micros() < before && !jobs.names_key(object.location.as_ref()).await? {
+                self.delete(&[object.location.to_string()]).await?;
+                removed += 1;
+            }
+        }
+        if let Some(root) = self.local.clone() {
+            let swept = tokio::task::spawn_blocking(move || sweep_staged(&root.join("models"), before)).await;
+            removed += swept.map_err(|error| ArtifactError::Store(error.to_string()))?;
+        }
+        Ok(removed)
+    }
+}
+
+/// Removes uploads that were broken off: object_store stages a local file as `name#number` and does not list it.
+fn sweep_staged(folder: &Path, before_micros: i64) -> u64 {
+    let mut removed = 0;
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return 0;
+    };
+    for entry in entries.flatten() {
+        let path = entry.path();
+        let staged = entry
+            .file_name()
+            .to_str()
+            .and_then(|name| name.rsplit_once('#'))
+            .is_some_and(|(_, n)| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()));
+        if path.is_dir() {
+            removed += sweep_staged(&path, before_micros);
+            // Fails where the folder is not empty, as it should.
+            let _ = std::fs::remove_dir(&path);
+        } else if staged && modified_micros(&entry).is_some_and(|at| at < before_micros) {
+            removed += u64::from(std::fs::remove_file(&path).is_ok());
+        }
+    }
+    removed
+}
+
+fn modified_micros(entry: &std::fs::DirEntry) -> Option<i64> {
+    let modified = entry.metadata().ok()?.modified().ok()?;
+    Timestamp::try_from(modified).ok().map(Timestamp::as_microsecond)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fixture(bytes: usize) -> (tempfile::TempDir, Artifacts, PathBuf, Vec<u8>) {
+        let dir = tempfile::tempdir().unwrap();
+        let artifacts = Artifacts::local(&dir.path().join("files")).unwrap();
+        let data: Vec<u8> = (0..bytes).map(|i| (i * 31 % 251) as u8).collect();
+        let path = dir.path().join("scratch.bin");
+        std::fs::write(&path, &data).unwrap();
+        (dir, artifacts, path, data)
+    }
+
+    #[tokio::test]
+    async fn a_file_comes_back_whole_and_in_ranges() {
+        // Small (one request) and several parts, with a tail.
+        for bytes in [0, 1000, 2 * PART + 12_345] {
+            let (_dir, artifacts, path, data) = fixture(bytes);
+            let stored = artifacts.put_file("models/a/1/model.glb", &path).await.unwrap();
+            assert_eq!(stored, Stored { bytes: bytes as u64, sha256: hex::encode(Sha256::digest(&data)) });
+            assert!(artifacts.read_all("models/a/1/model.glb").await.unwrap() == data);
+            if bytes == 0 {
+                continue;
+            }
+            let part = artifacts.get_range("models/a/1/model.glb", Some(100..900)).await.unwrap();
+            assert_eq!((part.size, part.range.clone()), (bytes as u64, 100..900));
+            let read: Vec<Bytes> = part.stream.try_collect().await.unwrap();
+            assert!(read.concat() == data[100..900]);
+            let tail = artifacts.get_range("models/a/1/model.glb", Some(bytes as u64 - 5..u64::MAX)).await.unwrap();
+            assert_eq!(tail.range, bytes as u64 - 5..bytes as u64);
+            for bad in [bytes as u64..bytes as u64 + 1, 5..5] {
+                let error = artifacts.get_range("models/a/1/model.glb", Some(bad)).await.unwrap_err();
+                assert!(matches!(error, ArtifactError::Range(_)), "{error}");
+            }
+        }
+    }
+
+    #[tokio::test]
+    async fn a_deleted_file_is_gone_with_its_folder_and_deleting_again_is_fine() {
+        let (dir, artifacts, path, _) = fixture(10);
+        artifacts.put_file("models/a/1/model.glb", &path).await.unwrap();
+        for _ in 0..2 {
+            artifacts.delete(&["models/a/1/model.glb".into()]).await.unwrap();
+        }
+        let error = artifacts.read_all("models/a/1/model.glb").await.unwrap_err();
+        assert!(matches!(error, ArtifactError::NotFound { .. }), "{error}");
+        assert!(!dir.path().join("files/models/a").exists());
+    }
+
+    #[tokio::test]
+    async fn an_upload_that_fails_shows_nothing() {
+        let (dir, artifacts, path, _) = fixture(3 * PART);
+        // A folder in the place of the file: the rename at the end cannot succeed.
+        std::fs::create_dir_all(dir.path().join("files/models/a/1/model.glb/in-the-way")).unwrap();
+        let error = artifacts.put_file("models/a/1/model.glb", &path).await.unwrap_err();
+        assert!(matches!(error, ArtifactError::Store(_)), "{error}");
+        let missing = artifacts.put_file("models/a/1/other", &dir.path().join("missing")).await.unwrap_err();
+        assert!(matches!(missing, ArtifactError::Scratch { .. }), "{missing}");
+        assert!(artifacts.read_all("models/a/1/other").await.is_err());
+    }
+}

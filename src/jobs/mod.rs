@@ -5,9 +5,15 @@
 //! it claimed, so that a worker that lost its lease cannot change a job that another has taken.
 
 pub mod artifacts;
+pub mod fault;
 mod job;
+pub mod scratch;
 pub mod sqlite;
+pub mod state;
 mod store;
 
 pub use job::{BackendReport, File, Job, JobId, LiveSection, NewJob, Problem, Status};
-pub use store::{Change, ClaimedJob, Directive, Finished, ListFilter, Page, Store, StoreError, Submitted, WorkerInfo};
+pub use store::{
+    Attempt, Change, ClaimedJob, Directive, Finished, ListFilter, Page, Store, StoreError, StoreOptions, Submitted,
+    WorkerInfo,
+};

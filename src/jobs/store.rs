@@ -1,11 +1,30 @@
 //! The contract of a job store. One test suite runs over every implementation.
 
 use super::job::{BackendReport, File, Job, JobId, LiveSection, NewJob, Problem, Status};
+use super::state::{AttemptEnd, Fence};
+use crate::clock::Clock;
 use crate::generate::{Backend, Progress};
 use async_trait::async_trait;
 use jiff::Timestamp;
 use std::time::Duration;
 use tokio::sync::broadcast;
+
+/// Settings that every store has.
+#[derive(Clone, Debug)]
+pub struct StoreOptions {
+    /// Time of leases and records.
+    pub clock: Clock,
+    /// Attempts that may be lost to vanished workers and passing faults before a job fails; at least 1.
+    pub max_attempts: u32,
+    /// Most jobs queued at a time.
+    pub queue_limit: u64,
+}
+
+impl Default for StoreOptions {
+    fn default() -> Self {
+        Self { clock: Clock::System, max_attempts: 5, queue_limit: 10_000 }
+    }
+}
 
 /// What became of a submission.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,7 +72,7 @@ pub struct Page {
 }
 
 /// A job that a worker holds the lease of. Only [`Store::claim`] makes one; [`Store::finish`],
-/// [`Store::fail`], [`Store::cancelled`] and [`Store::release`] consume it.
+/// [`Store::fail`], [`Store::cancelled`], [`Store::release`] and [`Store::retry`] consume it.
 #[derive(Debug)]
 pub struct ClaimedJob {
     pub(super) job: Job,
@@ -72,6 +91,55 @@ impl ClaimedJob {
     #[must_use]
     pub fn attempt(&self) -> u32 {
         self.attempt
+    }
+
+    /// What its writes are fenced with.
+    pub(super) fn fence(&self) -> Fence {
+        Fence { attempt: self.attempt, worker: self.worker.clone() }
+    }
+}
+
+/// One attempt at a job.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Attempt {
+    /// Number, from 1.
+    pub attempt: u32,
+    /// Worker that claimed it.
+    pub worker: String,
+    /// When it began.
+    pub started_at: Timestamp,
+    /// When it ended; `None` while it runs.
+    pub ended_at: Option<Timestamp>,
+    /// How it ended.
+    pub outcome: Option<AttemptEnd>,
+    /// The fault in one line, where there was one.
+    pub detail: Option<String>,
+}
+
+impl Attempt {
+    /// The problem of a job that failed because its attempts are used up, with their history.
+    #[must_use]
+    pub fn exhausted(history: &[Self]) -> Problem {
+        use std::fmt::Write as _;
+        let mut detail = String::new();
+        for attempt in history {
+            let how = match attempt.outcome {
+                Some(AttemptEnd::Vanished) => "the worker vanished",
+                Some(AttemptEnd::Retried) => "failed",
+                Some(AttemptEnd::Released) => "given back",
+                Some(AttemptEnd::Succeeded | AttemptEnd::Failed | AttemptEnd::Cancelled) | None => "ended",
+            };
+            let gap = if detail.is_empty() { "" } else { "; " };
+            // Writing to a String cannot fail.
+            let _ = write!(detail, "{gap}attempt {} by {}: {how}", attempt.attempt, attempt.worker);
+            if let Some(at) = attempt.ended_at {
+                let _ = write!(detail, " at {at}");
+            }
+            if let Some(fault) = &attempt.detail {
+                let _ = write!(detail, " ({fault})");
+            }
+        }
+        Problem { kind: "attempts-exhausted".into(), title: "No attempt came to an end".into(), detail }
     }
 }
 
@@ -160,8 +228,9 @@ pub trait Store: Send + Sync + 'static {
     /// other job names any more, for removal from the artifact store; `None` where there is no such job.
     async fn delete(&self, id: JobId) -> Result<Option<Vec<String>>, StoreError>;
 
-    /// Claims up to `limit` jobs that `backend` may run: queued ones in order, then those whose lease has
-    /// expired. A job whose attempts are used up fails instead.
+    /// Claims up to `limit` jobs that `backend` may run, oldest first. Jobs whose lease has expired go back to
+    /// their place in the queue before, so that a long queue cannot hold them up; those whose attempts are used
+    /// up fail instead (`attempts-exhausted`, with the history), those asked to stop end as cancelled.
     async fn claim(
         &self,
         worker: &str,
@@ -169,7 +238,7 @@ pub trait Store: Send + Sync + 'static {
         lease: Duration,
         limit: u32,
     ) -> Result<Vec<ClaimedJob>, StoreError>;
-    /// Renews the lease and records progress.
+    /// Renews the lease and records progress. The version grows, and others are told, only where something is new.
     async fn heartbeat(
         &self,
         claimed: &ClaimedJob,
@@ -184,8 +253,15 @@ pub trait Store: Send + Sync + 'static {
     async fn fail(&self, claimed: ClaimedJob, backend: BackendReport, problem: Problem) -> Result<Job, StoreError>;
     /// Ends the job as cancelled.
     async fn cancelled(&self, claimed: ClaimedJob) -> Result<Job, StoreError>;
-    /// Gives the job back to the queue, at the same place.
+    /// Gives the job back to the queue, at the same place; the attempt does not count. A job that was asked to
+    /// stop ends as cancelled instead.
     async fn release(&self, claimed: ClaimedJob) -> Result<(), StoreError>;
+    /// Gives the job back after a fault that may pass; the attempt counts. It waits a little before it can be
+    /// claimed again (1 s, doubled for each attempt that counted); the last attempt ends it as failed
+    /// (`attempts-exhausted`, with the history).
+    async fn retry(&self, claimed: ClaimedJob, problem: Problem) -> Result<Job, StoreError>;
+    /// The history of a job's attempts, oldest first; empty where there is no such job.
+    async fn attempts(&self, id: JobId) -> Result<Vec<Attempt>, StoreError>;
 
     /// Records a worker's sign of life.
     async fn worker_seen(&self, worker: &WorkerInfo) -> Result<(), StoreError>;

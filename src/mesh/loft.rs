@@ -9,6 +9,7 @@ use super::align::{self, Alignment};
 use super::error::{LoftError, Wall};
 use super::mend::settle;
 use super::slab::{Rim, Slab};
+use crate::geometry::blocks::Blocks;
 use crate::geometry::polygon::{ContourError, check_contour, check_nested};
 use crate::geometry::triangulate::annulus;
 use crate::model::{BodyKind, Mesh, Patch, PatchKind, Ring, Section};
@@ -55,6 +56,8 @@ struct Front {
 #[derive(Clone, Debug)]
 struct Below {
     slab: Slab,
+    /// Boxes of its cells.
+    blocks: Blocks,
     /// Indices of the lower rim's points in the positions.
     vertices: Vec<u32>,
 }
@@ -66,6 +69,7 @@ struct Attempt {
     /// The slab below with the new vertices in its upper rim.
     below: Option<Slab>,
     slab: Slab,
+    blocks: Blocks,
     ids: [Vec<u32>; 2],
     z: f32,
     flipped: usize,
@@ -224,18 +228,19 @@ impl Lofter {
             None => None,
             Some(below) => {
                 let (mut slab, changed) = below.slab.refined(lower.clone(), &new_after);
-                flipped += settle(&mut slab, Some(&changed)).map_err(Refusal::Contact)?;
+                flipped += settle(&mut slab, &below.blocks, Some(&changed)).map_err(Refusal::Contact)?;
                 Some(slab)
             }
         };
         let mut slab = Slab::new(lower, upper);
-        flipped += settle(&mut slab, None).map_err(Refusal::Contact)?;
-        Ok(Attempt { new_after, below, slab, ids, z, flipped })
+        let blocks = slab.blocks();
+        flipped += settle(&mut slab, &blocks, None).map_err(Refusal::Contact)?;
+        Ok(Attempt { new_after, below, slab, blocks, ids, z, flipped })
     }
 
     /// Makes a tested slab part of the surface; the slab below it is then final.
     fn accept(&mut self, attempt: Attempt) -> Result<(), LoftError> {
-        let Attempt { new_after, below, slab, ids, z, .. } = attempt;
+        let Attempt { new_after, below, slab, blocks, ids, z, .. } = attempt;
         if self.positions.len() + slab.lower.len() + slab.upper.len() >= u32::MAX as usize {
             return Err(LoftError::TooLarge);
         }
@@ -256,7 +261,7 @@ impl Lofter {
         self.positions.extend(slab.upper.points.iter().map(|p| [p[0], p[1], z]));
         self.front =
             Front { rim: slab.upper.clone(), ids, vertices: (first..self.positions.len() as u32).collect(), z };
-        self.below = Some(Below { slab, vertices: lower });
+        self.below = Some(Below { slab, blocks, vertices: lower });
         Ok(())
     }
 

@@ -6,37 +6,40 @@
 
 use super::contact::in_contact;
 use super::slab::{Diagonal, Slab};
-use crate::geometry::blocks::{Blocks, Rect};
+use crate::geometry::blocks::Blocks;
 
 /// Cells of one contact that are tried in all combinations of diagonals; more call for a new section.
 const MOST_CELLS: usize = 6;
 
-/// Tests a slab (all of it, or what touches the `changed` cells, which ascend) and flips diagonals
-/// where walls meet. Returns the number of diagonals flipped, or a point near a contact that no flip
-/// removes, in metres; the slab is then of no further use.
-pub(super) fn settle(slab: &mut Slab, changed: Option<&[usize]>) -> Result<usize, [f32; 2]> {
-    if changed.is_some_and(<[usize]>::is_empty) {
-        return Ok(0);
-    }
-    let rects: Vec<Rect> = (0..slab.len()).map(|cell| slab.rect(cell)).collect();
-    let blocks = Blocks::new(&rects);
+/// Tests a slab, given its boxes, and flips diagonals where walls meet: all of a slab that is not refined,
+/// or what touches the `changed` cells (ascending). Returns the number of diagonals flipped, or a point
+/// near a contact that no flip removes, in metres; the slab is then of no further use.
+pub(super) fn settle(slab: &mut Slab, blocks: &Blocks, changed: Option<&[usize]>) -> Result<usize, [f32; 2]> {
     let contacts = match changed {
-        None => all_contacts(slab, &blocks),
-        Some(changed) => contacts_of(slab, &blocks, &rects, changed),
+        None => all_contacts(slab, blocks),
+        Some(changed) => contacts_of(slab, blocks, changed),
     };
     let mut flipped = 0;
     for cells in groups(&contacts) {
-        flipped += part(slab, &blocks, &rects, &cells).ok_or_else(|| slab.lower.points[cells[0]])?;
+        flipped += part(slab, blocks, &cells).ok_or_else(|| slab.lower.points[cells[0]])?;
     }
     Ok(flipped)
 }
 
 /// All pairs of cells in contact; a cell with itself where its own triangles fold onto each other.
 fn all_contacts(slab: &Slab, blocks: &Blocks) -> Vec<(usize, usize)> {
-    let mut contacts: Vec<(usize, usize)> =
-        (0..slab.len()).filter(|&cell| folded(slab, cell)).map(|cell| (cell, cell)).collect();
+    let parted = slab.parted_from_next();
+    let mut contacts = Vec::new();
+    for cell in (0..slab.len()).filter(|&cell| !parted[cell]) {
+        for cell in [cell, slab.lower.next(cell)] {
+            if folded(slab, cell) {
+                contacts.push((cell, cell));
+            }
+        }
+    }
     blocks.pairs(|i, j| {
-        if cells_meet(slab, i, j) {
+        let clear = (parted[i] && slab.lower.next(i) == j) || (parted[j] && slab.lower.next(j) == i);
+        if !clear && cells_meet(slab, i, j) {
             contacts.push((i, j));
         }
     });
@@ -44,13 +47,13 @@ fn all_contacts(slab: &Slab, blocks: &Blocks) -> Vec<(usize, usize)> {
 }
 
 /// The pairs in contact of which at least one is in `changed`.
-fn contacts_of(slab: &Slab, blocks: &Blocks, rects: &[Rect], changed: &[usize]) -> Vec<(usize, usize)> {
+fn contacts_of(slab: &Slab, blocks: &Blocks, changed: &[usize]) -> Vec<(usize, usize)> {
     let mut contacts = Vec::new();
     for &i in changed {
         if folded(slab, i) {
             contacts.push((i, i));
         }
-        blocks.query(&rects[i], |j| {
+        blocks.query(&blocks.rect(i), |j| {
             let once = j > i || changed.binary_search(&j).is_err();
             if j != i && once && cells_meet(slab, i, j) {
                 contacts.push((i, j));
@@ -106,13 +109,13 @@ fn groups(contacts: &[(usize, usize)]) -> Vec<Vec<usize>> {
 
 /// Tries the combinations of diagonals of `cells`, fewest flips first, until none of them is in contact
 /// with anything. Returns the number of flips.
-fn part(slab: &mut Slab, blocks: &Blocks, rects: &[Rect], cells: &[usize]) -> Option<usize> {
+fn part(slab: &mut Slab, blocks: &Blocks, cells: &[usize]) -> Option<usize> {
     if cells.len() > MOST_CELLS {
         return None;
     }
     let mut pairs = Vec::new();
     for &i in cells {
-        blocks.query(&rects[i], |j| {
+        blocks.query(&blocks.rect(i), |j| {
             if i < j || (i != j && !cells.contains(&j)) {
                 pairs.push((i, j));
             }

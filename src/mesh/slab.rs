@@ -8,7 +8,7 @@
 //! exports, so the tests speak of what is exported.
 
 use super::contact::Triangle;
-use crate::geometry::blocks::Rect;
+use crate::geometry::blocks::{Blocks, Rect};
 use crate::geometry::predicates::widen2;
 
 /// Which way a cell is split.
@@ -73,9 +73,8 @@ impl Slab {
     pub(super) fn new(lower: Rim, upper: Rim) -> Self {
         debug_assert_eq!((lower.len(), lower.inner), (upper.len(), upper.inner));
         let squared = |p: [f32; 2], q: [f32; 2]| {
-            let (p, q) = (widen2(p), widen2(q));
-            let (dx, dy) = (p[0] - q[0], p[1] - q[1]);
-            dx * dx + dy * dy
+            let d = difference(p, q);
+            d[0] * d[0] + d[1] * d[1]
         };
         let diagonals = (0..lower.len())
             .map(|i| {
@@ -163,11 +162,15 @@ impl Slab {
         }
     }
 
-    /// The box around `cell` seen along the tube.
-    pub(super) fn rect(&self, cell: usize) -> Rect {
-        let mut rect = Rect::EMPTY;
-        self.for_points(cell, |p| rect = rect.joined(&Rect { min: p, max: p }));
-        rect
+    /// The boxes around the cells seen along the tube. Refining the upper rim does not change them:
+    /// rounding never takes a point of an edge out of the box of its ends.
+    pub(super) fn blocks(&self) -> Blocks {
+        let rect = |cell| {
+            let mut rect = Rect::EMPTY;
+            self.for_points(cell, |p| rect = rect.joined(&Rect { min: p, max: p }));
+            rect
+        };
+        Blocks::new(&(0..self.len()).map(rect).collect::<Vec<_>>())
     }
 
     /// Whether an edge of `cell` has no length.
@@ -177,35 +180,94 @@ impl Slab {
             || (0..self.edges(cell)).any(|k| upper(k) == upper(k + 1))
     }
 
-    /// Whether two cells lie apart on either side of a line across one of them, seen along the tube: then
-    /// they cannot meet. May say no where they do.
-    pub(super) fn apart(&self, i: usize, j: usize) -> bool {
-        self.apart_across(i, i, j) || self.apart_across(j, i, j)
+    /// For each cell of a slab that is not refined, whether a plane through the edge that it shares with
+    /// the next cell parts the two. Then they meet in that edge only, and neither is folded.
+    ///
+    /// A plane through that edge whose trace in either rim has the normal d parts them if d points along
+    /// the lower and the upper edges of both cells; d is the sum of these. The differences and the sum
+    /// of two products are off by a few units of rounding; the margin is above that.
+    pub(super) fn parted_from_next(&self) -> Vec<bool> {
+        let edges: Vec<[[f64; 2]; 2]> = (0..self.len())
+            .map(|cell| {
+                let next = self.lower.next(cell);
+                [&self.lower, &self.upper].map(|rim| difference(rim.points[cell], rim.points[next]))
+            })
+            .collect();
+        let sum = |[e, f]: [[f64; 2]; 2]| [e[0] + f[0], e[1] + f[1]];
+        (0..self.len())
+            .map(|cell| {
+                let (here, next) = (edges[cell], edges[self.lower.next(cell)]);
+                let d = sum([sum(here), sum(next)]);
+                let along = |e: [f64; 2]| {
+                    let (x, y) = (d[0] * e[0], d[1] * e[1]);
+                    x + y > 1e-14 * (x.abs() + y.abs())
+                };
+                along(here[0]) & along(here[1]) & along(next[0]) & along(next[1])
+            })
+            .collect()
     }
 
-    /// Tests the direction across cell `along`. The margin is far above what rounding does to a sum of
-    /// two products.
+    /// Whether two cells cast shadows that a line parts; then they do not meet. The light falls along
+    /// their mean motion, so that sliding together does not smear the shadows; the lines tried run along
+    /// and across the cells. May say no where another light or line would do.
+    pub(super) fn apart(&self, i: usize, j: usize) -> bool {
+        let (s, t) = (self.ends(i), self.ends(j));
+        let motion = [0, 1].map(|axis| {
+            let of = |[a, b, c, d]: [[f64; 2]; 4]| c[axis] - a[axis] + d[axis] - b[axis];
+            0.25 * (of(s) + of(t))
+        });
+        let course = |[a, b, c, d]: [[f64; 2]; 4]| [b[0] - a[0] + d[0] - c[0], b[1] - a[1] + d[1] - c[1]];
+        let ([x, y], [u, v]) = (course(s), course(t));
+        let parted = |axis| self.parted_along(axis, motion, i, j);
+        // Near cells of one wall follow each other; others lie side by side.
+        if i.abs_diff(j) < 16 {
+            parted([x + u, y + v]) || parted([-y, x]) || parted([-v, u])
+        } else {
+            parted([-y, x]) || parted([-v, u]) || parted([x + u, y + v])
+        }
+    }
+
+    /// The ends of the lower and of the upper side of a cell.
     #[inline]
-    fn apart_across(&self, along: usize, i: usize, j: usize) -> bool {
-        let next = self.lower.next(along);
-        let m = self.edges(along);
-        let (a, b) = (self.lower.points[along], self.lower.points[next]);
-        let (c, d) = (self.upper.points[self.chain(along, 0)], self.upper.points[self.chain(along, m)]);
-        let across = |axis: usize| f64::from(b[axis]) - f64::from(a[axis]) + f64::from(d[axis]) - f64::from(c[axis]);
-        let normal = [-across(1), across(0)];
+    fn ends(&self, cell: usize) -> [[f64; 2]; 4] {
+        [
+            self.lower.points[cell],
+            self.lower.points[self.lower.next(cell)],
+            self.upper.points[self.chain(cell, 0)],
+            self.upper.points[self.chain(cell, self.edges(cell))],
+        ]
+        .map(widen2)
+    }
+
+    /// Whether the shadows of two cells, in light along `motion`, lie apart on the direction `axis`. The
+    /// margin is far above what rounding does to a difference and a sum of two products.
+    #[inline]
+    fn parted_along(&self, axis: [f64; 2], motion: [f64; 2], i: usize, j: usize) -> bool {
         let mut size = 0.0f64;
-        let mut span = |cell: usize| {
+        let mut shadow = |cell: usize| {
             let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-            self.for_points(cell, |p| {
-                let (x, y) = (normal[0] * f64::from(p[0]), normal[1] * f64::from(p[1]));
+            let mut cast = |[x, y]: [f64; 2]| {
+                let (x, y) = (axis[0] * x, axis[1] * y);
                 size = size.max(x.abs() + y.abs());
                 low = low.min(x + y);
                 high = high.max(x + y);
-            });
+            };
+            cast(widen2(self.lower.points[cell]));
+            cast(widen2(self.lower.points[self.lower.next(cell)]));
+            for k in 0..=self.edges(cell) {
+                let p = widen2(self.upper.points[self.chain(cell, k)]);
+                cast([p[0] - motion[0], p[1] - motion[1]]);
+            }
             (low, high)
         };
-        let ((low_i, high_i), (low_j, high_j)) = (span(i), span(j));
+        let ((low_i, high_i), (low_j, high_j)) = (shadow(i), shadow(j));
         let margin = 1e-14 * size;
         low_i - high_j > margin || low_j - high_i > margin
     }
+}
+
+/// From `a` to `b`.
+#[inline]
+fn difference(a: [f32; 2], b: [f32; 2]) -> [f64; 2] {
+    [f64::from(b[0]) - f64::from(a[0]), f64::from(b[1]) - f64::from(a[1])]
 }

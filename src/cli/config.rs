@@ -1,0 +1,255 @@
+//! Where options come from: command line, then `OVIDUCT_…` variables, then the file of `--config`, then defaults.
+//!
+//! Every option with a long name gets its variable here. What the file says becomes the default of the option, so
+//! that one parser checks the values of all four sources in the same way.
+
+use super::args::Cli;
+use super::exit::Failure;
+use clap::{Arg, ArgAction, CommandFactory, FromArgMatches};
+use std::ffi::OsString;
+use toml::{Table, Value};
+
+/// How a command line was understood.
+#[derive(Debug)]
+pub(super) enum Parsed {
+    /// Something to do.
+    Run(Box<Cli>),
+    /// Help, the version, or a fault, to be printed by clap (which knows the exit code).
+    Say(clap::Error),
+}
+
+/// Parses the command line (without the name of the program).
+///
+/// # Errors
+/// [`Failure::Usage`] where the file of `--config` cannot be read or says something unknown.
+pub(super) fn parse(args: impl IntoIterator<Item = OsString>) -> Result<Parsed, Failure> {
+    let mut args: Vec<OsString> = args.into_iter().collect();
+    let command = with_variables(Cli::command());
+    let command = match config_path(&args) {
+        None => command,
+        Some(path) => {
+            let shown = path.display();
+            let text = std::fs::read_to_string(&path).map_err(|e| Failure::usage(format!("--config {shown}: {e}")))?;
+            with_file(command, &text)
+                .map_err(|faults| Failure::Usage(faults.iter().map(|f| format!("{shown}: {f}")).collect()))?
+        }
+    };
+    insert_default_command(&mut args);
+    let argv = std::iter::once(OsString::from("oviduct")).chain(args);
+    Ok(match command.try_get_matches_from(argv).and_then(|mut m| Cli::from_arg_matches_mut(&mut m)) {
+        Ok(cli) => Parsed::Run(Box::new(cli)),
+        Err(error) => Parsed::Say(error),
+    })
+}
+
+/// Global options that take a value; `insert_default_command` must step over these.
+const GLOBAL: [&str; 3] = ["--config", "--log", "--log-format"];
+
+/// The file of `--config`, which must be known before the options can be parsed.
+fn config_path(args: &[OsString]) -> Option<std::path::PathBuf> {
+    let mut args = args.iter().map_while(|a| (a != "--").then_some(a));
+    while let Some(arg) = args.next() {
+        if arg == "--config" {
+            return args.next().map(Into::into);
+        }
+        if let Some(path) = arg.to_str().and_then(|a| a.strip_prefix("--config=")) {
+            return Some(path.into());
+        }
+    }
+    std::env::var_os("OVIDUCT_CONFIG").filter(|path| !path.is_empty()).map(Into::into)
+}
+
+/// Inserts `serve` where no command is named.
+fn insert_default_command(args: &mut Vec<OsString>) {
+    let mut at = 0;
+    while let Some(arg) = args.get(at).and_then(|a| a.to_str()) {
+        if GLOBAL.contains(&arg) {
+            at += 2;
+        } else if GLOBAL.iter().any(|g| arg.strip_prefix(g).is_some_and(|rest| rest.starts_with('='))) {
+            at += 1;
+        } else {
+            break;
+        }
+    }
+    match args.get(at).and_then(|a| a.to_str()) {
+        None if at >= args.len() => args.push("serve".into()),
+        Some("-h" | "--help" | "-V" | "--version") => {}
+        Some(option) if option.starts_with('-') => args.insert(at, "serve".into()),
+        _ => {}
+    }
+}
+
+/// The variable of an option.
+fn variable(long: &str) -> String {
+    format!("OVIDUCT_{}", long.replace('-', "_").to_ascii_uppercase())
+}
+
+/// Gives every option of every command its variable.
+fn with_variables(command: clap::Command) -> clap::Command {
+    let name = |arg: Arg| match arg.get_long().map(variable) {
+        Some(name) => arg.env(name).hide_env_values(true),
+        None => arg,
+    };
+    command.mut_args(name).mut_subcommands(|sub| sub.mut_args(name))
+}
+
+/// Puts what a configuration file says into the defaults of the options.
+fn with_file(mut command: clap::Command, text: &str) -> Result<clap::Command, Vec<String>> {
+    let table: Table = text.parse().map_err(|e: toml::de::Error| vec![e.to_string().trim_end().to_owned()])?;
+    let mut faults = Vec::new();
+    for (key, value) in table {
+        let is_command = command.find_subcommand(&key).is_some();
+        match value {
+            Value::Table(options) if is_command => {
+                for (option, value) in options {
+                    let place = format!("{key}.{option}");
+                    command = command.mut_subcommand(&key, |sub| with_option(sub, &option, &place, value, &mut faults));
+                }
+            }
+            value => command = with_option(command, &key, &key, value, &mut faults),
+        }
+    }
+    if faults.is_empty() { Ok(command) } else { Err(faults) }
+}
+
+/// Makes `value` the default of one option; says in `faults` where that cannot be.
+fn with_option(
+    command: clap::Command,
+    option: &str,
+    place: &str,
+    value: Value,
+    faults: &mut Vec<String>,
+) -> clap::Command {
+    let Some(arg) = command.get_arguments().find(|a| a.get_long() == Some(option) && option != "config") else {
+        faults.push(format!("{place}: there is no such option"));
+        return command;
+    };
+    let (id, many) = (arg.get_id().to_string(), matches!(arg.get_action(), ArgAction::Append));
+    let texts = match value {
+        Value::Array(values) if many => values.into_iter().map(plain).collect(),
+        value => plain(value).map(|text| vec![text]),
+    };
+    match texts {
+        Some(texts) => command.mut_arg(id, |arg| arg.required(false).default_values(texts)),
+        None => {
+            let wanted = if many { "a value or a list of values" } else { "a single value" };
+            faults.push(format!("{place}: must be {wanted}"));
+            command
+        }
+    }
+}
+
+/// A TOML value as it would be written on the command line.
+fn plain(value: Value) -> Option<String> {
+    match value {
+        Value::String(text) => Some(text),
+        Value::Integer(number) => Some(number.to_string()),
+        Value::Float(number) => Some(number.to_string()),
+        Value::Boolean(flag) => Some(flag.to_string()),
+        Value::Datetime(_) | Value::Array(_) | Value::Table(_) => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::args::{Command, LogFormat};
+    use crate::generate::Output;
+
+    fn run(file: &str, line: &str) -> Result<Cli, Vec<String>> {
+        let command = with_file(with_variables(Cli::command()), file)?;
+        let mut args: Vec<OsString> = line.split_whitespace().map(Into::into).collect();
+        insert_default_command(&mut args);
+        let matches = command.try_get_matches_from(std::iter::once("oviduct".into()).chain(args));
+        matches.and_then(|mut m| Cli::from_arg_matches_mut(&mut m)).map_err(|e| vec![e.to_string()])
+    }
+
+    #[test]
+    fn the_definition_is_sound() {
+        with_variables(Cli::command()).debug_assert();
+    }
+
+    #[test]
+    fn every_option_has_a_variable() {
+        let command = with_variables(Cli::command());
+        let all = command.get_subcommands().flat_map(clap::Command::get_arguments).chain(command.get_arguments());
+        let mut seen = 0;
+        for arg in all.filter(|arg| arg.get_long().is_some()) {
+            let name = arg.get_env().and_then(|name| name.to_str()).expect("a variable");
+            assert!(name.starts_with("OVIDUCT_") && !name.contains('-'), "{name}");
+            seen += 1;
+        }
+        assert!(seen > 30, "{seen}");
+        assert_eq!(variable("cpu-workers"), "OVIDUCT_CPU_WORKERS");
+    }
+
+    #[test]
+    fn global_options_are_known_here() {
+        let command = Cli::command();
+        let global: Vec<_> = command.get_arguments().filter_map(|a| a.get_long().map(|l| format!("--{l}"))).collect();
+        assert_eq!(global, GLOBAL);
+    }
+
+    #[test]
+    fn serving_is_what_is_done_without_a_command() {
+        for line in ["", "--addr 127.0.0.1:9", "--log debug", "--log=debug --addr 127.0.0.1:9"] {
+            assert!(matches!(run("", line).expect("parses").command, Command::Serve(_)), "{line}");
+        }
+        assert!(matches!(run("", "--log debug schema").expect("parses").command, Command::Schema));
+        assert!(run("", "nonsense").is_err());
+        assert!(run("", "--nonsense").is_err());
+    }
+
+    #[test]
+    fn the_file_gives_defaults_and_the_command_line_wins() {
+        let file = "log-format = 'json'\n[serve]\naddr = '127.0.0.1:9000'\ncpu-workers = 3\nlease = '20s'\n\
+                    [generate]\nout = 'models'\noutputs = ['glb', 'obj']\njson = true\nset = ['steps=4']\n";
+        let cli = run(file, "serve --cpu-workers 4").expect("parses");
+        assert_eq!(cli.global.log_format, LogFormat::Json);
+        let Command::Serve(serve) = cli.command else { panic!("serve") };
+        assert_eq!(serve.addr.port(), 9000);
+        assert_eq!(serve.service.cpu_workers, 4);
+        assert_eq!(serve.service.lease.as_secs(), 20);
+        let Command::Generate(generate) = run(file, "generate").expect("parses").command else { panic!("generate") };
+        assert_eq!(generate.model.outputs, [Output::Glb, Output::Obj]);
+        assert!(generate.json);
+        assert_eq!(generate.out.to_str(), Some("models"));
+        let Command::Generate(generate) = run(file, "generate --outputs obj --set a=1 --set b=2").expect("ok").command
+        else {
+            panic!("generate")
+        };
+        assert_eq!(generate.model.outputs, [Output::Obj]);
+        assert_eq!(generate.model.set, ["a=1", "b=2"]);
+    }
+
+    #[test]
+    fn faults_of_the_file_are_all_named() {
+        let file = "colour = 'red'\nconfig = 'x'\n[serve]\nport = 1\naddr = ['a']\n[generate]\noutputs = [['glb']]\n";
+        let mut faults = run(file, "schema").expect_err("faults");
+        faults.sort();
+        assert_eq!(
+            faults,
+            [
+                "colour: there is no such option",
+                "config: there is no such option",
+                "generate.outputs: must be a value or a list of values",
+                "serve.addr: must be a single value",
+                "serve.port: there is no such option",
+            ]
+        );
+        assert!(run("addr =", "schema").is_err());
+        assert!(run("[serve]\nlease = 'soon'", "serve").is_err());
+    }
+
+    #[test]
+    fn options_are_checked() {
+        assert!(run("", "generate").is_err(), "--out is needed");
+        assert!(run("", "generate --out x --seed 9007199254740992").is_err());
+        assert!(run("", "generate --out x --seed -1").is_err());
+        assert!(run("", "generate --out x --backend quantum").is_err());
+        assert!(run("", "generate --out x --backend cpu-single --outputs glb,obj").is_ok());
+        assert!(run("", "check a.glb b.obj --euler -4 --json").is_ok());
+        assert!(run("", "check").is_err());
+        assert!(run("", "worker").is_err());
+    }
+}

@@ -1,0 +1,86 @@
+//! How a command ends: exit codes, and what is said on stderr.
+
+use std::process::ExitCode;
+
+/// Why a command did not do what it was asked to.
+#[derive(Debug)]
+pub(super) enum Failure {
+    /// It was asked wrongly, or the spec is invalid: one line a fault. Exit code 2.
+    Usage(Vec<String>),
+    /// It went wrong. Exit code 1.
+    Failed(anyhow::Error),
+    /// What it had to say has been said on stdout, and it is bad. Exit code 1.
+    Negative,
+    /// It was interrupted. Exit code 130.
+    Interrupted,
+}
+
+/// Result of a command.
+pub(super) type Ended = Result<(), Failure>;
+
+impl Failure {
+    /// A wrong use, in one line.
+    pub(super) fn usage(line: impl Into<String>) -> Self {
+        Self::Usage(vec![line.into()])
+    }
+
+    /// Exit code, and the lines for stderr.
+    pub(super) fn report(&self) -> (u8, Vec<String>) {
+        match self {
+            Self::Usage(lines) => (2, lines.iter().map(|line| format!("error: {line}")).collect()),
+            Self::Failed(error) if is_broken_pipe(error) => (0, Vec::new()),
+            Self::Failed(error) => (1, vec![format!("error: {error:#}")]),
+            Self::Negative => (1, Vec::new()),
+            Self::Interrupted => (130, vec!["interrupted".to_owned()]),
+        }
+    }
+}
+
+/// Whether whoever reads our output has had enough of it, as `oviduct schema | head` has: no failure of ours.
+fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
+}
+
+impl<E: Into<anyhow::Error>> From<E> for Failure {
+    fn from(error: E) -> Self {
+        Self::Failed(error.into())
+    }
+}
+
+/// Says on stderr why a command failed, and gives the exit code.
+pub(super) fn exit_code(ended: &Ended) -> ExitCode {
+    match ended {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            let (code, lines) = failure.report();
+            for line in lines {
+                super::term::note(&line);
+            }
+            ExitCode::from(code)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::Context;
+
+    #[test]
+    fn codes() {
+        let usage = Failure::Usage(vec!["/spec/steps: too many".into(), "/seed: negative".into()]);
+        assert_eq!(usage.report(), (2, vec!["error: /spec/steps: too many".into(), "error: /seed: negative".into()]));
+        assert_eq!(Failure::Interrupted.report().0, 130);
+        assert_eq!(Failure::Negative.report(), (1, vec![]));
+        let failed: Failure = anyhow::anyhow!("disk full").context("writing model.glb failed").into();
+        assert_eq!(failed.report(), (1, vec!["error: writing model.glb failed: disk full".into()]));
+    }
+
+    #[test]
+    fn a_closed_pipe_is_no_failure() {
+        let closed = std::io::Error::from(std::io::ErrorKind::BrokenPipe);
+        assert_eq!(Failure::from(closed).report(), (0, vec![]));
+        let other: anyhow::Result<()> = Err(std::io::Error::other("gone")).context("x");
+        assert_eq!(Failure::from(other.expect_err("an error")).report().0, 1);
+    }
+}

@@ -1,0 +1,128 @@
+//! `oviduct generate`: grows one model here and now. Its files appear all together, once it is certified.
+
+use super::args::GenerateArgs;
+use super::exit::{Ended, Failure};
+use super::scratch::Scratch;
+use super::{interrupt, model, term, units};
+use crate::generate::{CancelToken, GenerateError, Outcome, Progress, Request, Sink, generate};
+use crate::model::Section;
+use anyhow::Context;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+pub(super) async fn run(args: GenerateArgs) -> Ended {
+    let (preset, spec) = model::resolve(&args.model)?;
+    let scratch = Scratch::new(&args.out).with_context(|| format!("--out {}", args.out.display()))?;
+    let request = Request {
+        preset: preset.name.clone(),
+        seed: model::seed(&args.model),
+        spec,
+        backend: args.model.backend,
+        outputs: args.model.outputs.clone(),
+        dir: scratch.dir().to_owned(),
+        memory_limit_bytes: args.memory_limit,
+    };
+    let (outcome, request) = grow(request).await?;
+    let publish = |name: &str| scratch.publish(name).with_context(|| name.to_owned());
+    let paths: Vec<PathBuf> = outcome.files.iter().map(|f| publish(&f.name)).collect::<anyhow::Result<_>>()?;
+    if args.json {
+        term::print_json(&report(&request, &outcome))?;
+        return Ok(());
+    }
+    for line in summary(&request, &outcome) {
+        term::print(&line)?;
+    }
+    for (path, file) in paths.iter().zip(&outcome.files) {
+        term::print(&format!("{}  {}", path.display(), units::show_bytes(file.bytes)))?;
+    }
+    Ok(())
+}
+
+/// Grows a model on a thread of its own, with a bar; stops it when interrupted.
+async fn grow(request: Request) -> Result<(Outcome, Request), Failure> {
+    let cancel = CancelToken::default();
+    let bar = term::Bar::new();
+    let mut task = tokio::task::spawn_blocking({
+        let (cancel, sink) = (cancel.clone(), Shown(bar.clone()));
+        move || (generate(&request, &sink, &cancel), request)
+    });
+    let ended = tokio::select! {
+        ended = &mut task => ended,
+        () = interrupt::asked_to_stop() => {
+            bar.clear();
+            cancel.cancel();
+            // It stops at the next step. Whoever asks twice does not want to wait for that.
+            tokio::select! { _ = &mut task => {} () = interrupt::asked_to_stop() => {} }
+            return Err(Failure::Interrupted);
+        }
+    };
+    bar.clear();
+    match ended.context("the generation panicked")? {
+        (Ok(outcome), request) => Ok((outcome, request)),
+        (Err(GenerateError::Cancelled), _) => Err(Failure::Interrupted),
+        (Err(error), _) => Err(error.into()),
+    }
+}
+
+/// Shows progress as a bar.
+struct Shown(term::Bar);
+
+impl Sink for Shown {
+    fn progress(&self, progress: &Progress) {
+        let stage = serde_json::to_value(progress.stage).ok().and_then(|v| v.as_str().map(str::to_owned));
+        let message = format!("step {} of {}, {} particles", progress.step, progress.steps, progress.particles);
+        self.0.show(&stage.unwrap_or_default(), progress.fraction, message);
+    }
+
+    fn section(&self, _: &Section) {}
+}
+
+/// What `--json` prints.
+fn report(request: &Request, outcome: &Outcome) -> Value {
+    let count = |name: &str| outcome.summary.get(name).cloned().unwrap_or_default();
+    let file =
+        |file: &crate::generate::FileOutput| json!({ "name": file.name, "bytes": file.bytes, "sha256": file.sha256 });
+    json!({
+        "digest": request.spec.digest(request.seed),
+        "preset": request.preset,
+        "seed": request.seed,
+        "engine": crate::ENGINE_VERSION,
+        "backend": { "requested": request.backend, "used": outcome.used, "device": outcome.device, "fallback": null },
+        "sections": count("sections"),
+        "sections_added": count("sections_added"),
+        "particles": count("particles"),
+        "vertices": count("vertices"),
+        "triangles": count("triangles"),
+        "seconds": outcome.seconds,
+        "peak_rss_bytes": term::peak_rss_bytes(),
+        "files": outcome.files.iter().map(file).collect::<Vec<_>>(),
+        "certificate": outcome.certificate,
+        "summary": outcome.summary,
+    })
+}
+
+/// The same for people.
+fn summary(request: &Request, outcome: &Outcome) -> [String; 3] {
+    let (of, proof, seconds) = (&outcome.summary, &outcome.certificate, &outcome.seconds);
+    [
+        format!(
+            "{}, seed {}: {} sections ({} added), {} to {} particles, {} vertices, {} triangles",
+            request.preset,
+            request.seed,
+            of["sections"],
+            of["sections_added"],
+            of["particles"]["start"],
+            of["particles"]["end"],
+            of["vertices"],
+            of["triangles"],
+        ),
+        format!(
+            "certified: closed, manifold, oriented, Euler number {}, no triangles meet; least gap {} µm",
+            proof["euler"], proof["min_gap_um"],
+        ),
+        format!(
+            "{:.1} s: simulate {:.1}, mesh {:.1}, certify {:.1}, export {:.1}",
+            seconds.total, seconds.simulate, seconds.mesh, seconds.certify, seconds.export,
+        ),
+    ]
+}

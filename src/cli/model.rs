@@ -1,0 +1,111 @@
+//! From `--preset`, `--seed`, `--spec` and `--set` to what is to be grown.
+
+use super::args::ModelArgs;
+use super::exit::Failure;
+use crate::spec::{self, ModelSpec, Preset};
+use serde_json::{Map, Value};
+use std::io::Read;
+
+/// The merge patch on the preset that `--spec` and `--set` make together; an empty object where neither is given.
+///
+/// # Errors
+/// [`Failure::Usage`] where the file cannot be read as a JSON object, or an assignment has no `=`.
+pub(super) fn patch(args: &ModelArgs) -> Result<Value, Failure> {
+    let mut patch = match &args.spec {
+        None => Value::Object(Map::new()),
+        Some(path) => {
+            let shown = path.display();
+            let text = if path.as_os_str() == "-" {
+                let mut text = String::new();
+                std::io::stdin().read_to_string(&mut text).map(|_| text)
+            } else {
+                std::fs::read_to_string(path)
+            };
+            let text = text.map_err(|error| Failure::usage(format!("--spec {shown}: {error}")))?;
+            let value: Value =
+                serde_json::from_str(&text).map_err(|error| Failure::usage(format!("--spec {shown}: {error}")))?;
+            if !value.is_object() {
+                return Err(Failure::usage(format!("--spec {shown}: must be a JSON object")));
+            }
+            value
+        }
+    };
+    for assignment in &args.set {
+        assign(&mut patch, assignment).map_err(|fault| Failure::usage(format!("--set {assignment}: {fault}")))?;
+    }
+    Ok(patch)
+}
+
+/// Sets `a.b` of `patch` to `v`, read as JSON where it is JSON and as a plain word where not.
+fn assign(patch: &mut Value, assignment: &str) -> Result<(), String> {
+    let (path, value) = assignment.split_once('=').ok_or("must be written as a.b=value")?;
+    if path.split('.').any(str::is_empty) {
+        return Err("the name has an empty part".to_owned());
+    }
+    let mut place = patch;
+    for part in path.split('.') {
+        if !place.is_object() {
+            *place = Value::Object(Map::new());
+        }
+        place = &mut place[part];
+    }
+    *place = serde_json::from_str(value).unwrap_or_else(|_| Value::from(value));
+    Ok(())
+}
+
+/// The preset asked for, and the spec that comes of it.
+///
+/// # Errors
+/// [`Failure::Usage`] with every fault, named as over HTTP.
+pub(super) fn resolve(args: &ModelArgs) -> Result<(&'static Preset, ModelSpec), Failure> {
+    let preset = spec::preset(&args.preset).ok_or_else(|| {
+        let names: Vec<&str> = spec::presets().iter().map(|preset| preset.name.as_str()).collect();
+        Failure::usage(format!("/preset: there is no preset `{}`; there are {}", args.preset, names.join(", ")))
+    })?;
+    let faults = match ModelSpec::resolve(preset, &patch(args)?) {
+        Ok(spec) => return Ok((preset, spec)),
+        Err(faults) => faults,
+    };
+    Err(Failure::Usage(faults.iter().map(|fault| format!("/spec{}: {}", fault.pointer, fault.detail)).collect()))
+}
+
+/// The seed asked for, or one that nobody asked for.
+pub(super) fn seed(args: &ModelArgs) -> u64 {
+    args.seed.unwrap_or_else(crate::random::draw_seed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn assignments() {
+        let mut patch = json!({ "collision": { "gap_um": 20, "tissue_um": 90 }, "spring": 3 });
+        for assignment in [
+            "steps=200",
+            "collision.gap_um=30.5",
+            "solver.search=all_pairs",
+            "particles.total=[[0,100],[1,200]]",
+            "spring.stiffness={\"keys\":[[0,1]]}",
+            "wall.lobing=null",
+            "solver.integrator=\"euler\"",
+        ] {
+            assign(&mut patch, assignment).expect(assignment);
+        }
+        assert_eq!(
+            patch,
+            json!({
+                "steps": 200,
+                "collision": { "gap_um": 30.5, "tissue_um": 90 },
+                "solver": { "search": "all_pairs", "integrator": "euler" },
+                "particles": { "total": [[0, 100], [1, 200]] },
+                "spring": { "stiffness": { "keys": [[0, 1]] } },
+                "wall": { "lobing": null },
+            })
+        );
+        for wrong in ["steps", "=4", "a..b=4", ".a=1", "a.=1"] {
+            assert!(assign(&mut patch, wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! `oviduct submit`: asks a service for a model; waits for it and saves it where that is wanted.
+
+use super::args::{ModelArgs, SubmitArgs};
+use super::client::{Client, Followed, Model};
+use super::exit::{Ended, Failure};
+use super::{interrupt, model, term};
+use anyhow::Context;
+use serde::Deserialize;
+use serde_json::{Map, Value, json};
+
+pub(super) async fn run(args: SubmitArgs) -> Ended {
+    let client = Client::new(&args.url)?;
+    let mut body = request(&args.model)?;
+    if !args.label.is_empty() {
+        body["labels"] = labels(&args.label)?;
+    }
+    if args.no_reuse {
+        body["reuse"] = json!(false);
+    }
+    let key = args.idempotency_key.clone().unwrap_or_else(|| uuid::Uuid::now_v7().to_string());
+    let accepted = client.submit(&body, &key).await?;
+    let id = read(&accepted)?.id;
+    if !args.wait && args.out.is_none() {
+        return Ok(if args.json { term::print_json(&accepted)? } else { term::print(&id)? });
+    }
+    let ended = tokio::select! {
+        ended = wait(&client, accepted) => ended?,
+        () = interrupt::asked_to_stop() => {
+            term::note(&format!("the model goes on at {}", client.address(&format!("/models/{id}"))));
+            return Err(Failure::Interrupted);
+        }
+    };
+    let finished = read(&ended)?;
+    if args.json {
+        term::print_json(&ended)?;
+    } else {
+        term::print(&format!("{} {}", finished.id, finished.status))?;
+    }
+    if finished.status != "succeeded" {
+        return Err(anyhow::anyhow!(finished.why()).into());
+    }
+    if let Some(dir) = &args.out {
+        let saved = tokio::select! {
+            saved = client.download(&finished, dir) => saved?,
+            () = interrupt::asked_to_stop() => return Err(Failure::Interrupted),
+        };
+        for path in saved.iter().filter(|_| !args.json) {
+            term::print(&path.display().to_string())?;
+        }
+    }
+    Ok(())
+}
+
+/// The body of a request for what the options say.
+pub(super) fn request(args: &ModelArgs) -> Result<Value, Failure> {
+    let mut body = json!({
+        "preset": args.preset, "spec": model::patch(args)?, "outputs": args.outputs, "backend": args.backend,
+    });
+    if let Some(seed) = args.seed {
+        body["seed"] = json!(seed);
+    }
+    Ok(body)
+}
+
+fn labels(labels: &[String]) -> Result<Value, Failure> {
+    let mut map = Map::new();
+    for label in labels {
+        let (name, value) =
+            label.split_once(':').ok_or_else(|| Failure::usage(format!("--label {label}: no colon")))?;
+        map.insert(name.to_owned(), value.into());
+    }
+    Ok(Value::Object(map))
+}
+
+/// Reads what is needed of a model.
+pub(super) fn read(value: &Value) -> Result<Model, Failure> {
+    Ok(Model::deserialize(value).context("the service's answer is no model")?)
+}
+
+/// Follows a model to its end, with a bar; gives it as it ended.
+pub(super) async fn wait(client: &Client, accepted: Value) -> Result<Value, Failure> {
+    let model = read(&accepted)?;
+    if model.is_ended() {
+        return Ok(accepted);
+    }
+    let bar = term::Bar::new();
+    let followed = client
+        .follow(&model.id, |followed| match followed {
+            Followed::Away => bar.remark("the service is away; trying again"),
+            Followed::Model(model) => show(&bar, model),
+        })
+        .await;
+    bar.clear();
+    followed?;
+    client.model(&model.id).await
+}
+
+fn show(bar: &term::Bar, model: &Model) {
+    match &model.progress {
+        Some(p) => {
+            let message = format!("step {} of {}, {} particles", p.step, p.steps, p.particles);
+            bar.show(&p.stage, p.fraction, message);
+        }
+        None => {
+            let position = model.queue.as_ref().and_then(|queue| queue.position);
+            let message = position.map_or_else(String::new, |n| format!("{n} before it in the queue"));
+            bar.show(&model.status, 0.0, message);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_are_pairs() {
+        let given = ["study:A3".to_owned(), "at:10:30".to_owned()];
+        assert_eq!(labels(&given).expect("good"), json!({ "study": "A3", "at": "10:30" }));
+        assert!(labels(&["x".to_owned()]).is_err());
+    }
+}

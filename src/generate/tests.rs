@@ -1,0 +1,142 @@
+use super::*;
+use crate::spec::{ModelSpec, preset};
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// A tube of some hundred particles, with every force and the thickness field at work.
+fn small(patch: &serde_json::Value) -> ModelSpec {
+    let mut whole = json!({
+        "steps": 120, "burn_in": 40,
+        "particles": { "total": { "keys": [[0, 260], [1, 620]] }, "outer": { "keys": [[0, 60], [1, 90]] } },
+    });
+    json_patch::merge(&mut whole, patch);
+    ModelSpec::resolve(preset("pig").unwrap(), &whole).unwrap()
+}
+
+fn request(spec: ModelSpec, backend: Backend, dir: &std::path::Path) -> Request {
+    Request {
+        preset: "pig".into(),
+        spec,
+        seed: 7,
+        backend,
+        outputs: vec![Output::Glb, Output::Obj],
+        dir: dir.into(),
+        memory_limit_bytes: None,
+    }
+}
+
+fn hashes(spec: ModelSpec, backend: Backend, threads: usize) -> BTreeMap<String, String> {
+    let dir = tempfile::tempdir().unwrap();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let outcome = pool.install(|| generate(&request(spec, backend, dir.path()), &(), &CancelToken::default())).unwrap();
+    outcome.files.into_iter().map(|f| (f.name, f.sha256)).collect()
+}
+
+#[test]
+fn bytes_do_not_depend_on_threads_or_backend() {
+    let one = hashes(small(&json!({})), Backend::CpuSingle, 1);
+    assert_eq!(one.len(), 4, "glb, obj, sections.bin, report.json: {one:?}");
+    assert_eq!(one, hashes(small(&json!({})), Backend::Cpu, 1));
+    assert_eq!(one, hashes(small(&json!({})), Backend::Auto, 2));
+    assert_eq!(one, hashes(small(&json!({})), Backend::Cpu, 5));
+}
+
+#[test]
+fn bytes_do_not_depend_on_the_search() {
+    let of = |search: &str| {
+        let mut files = hashes(small(&json!({ "solver": { "search": search } })), Backend::Cpu, 2);
+        // The report repeats the specification, and with it the search.
+        files.remove("report.json");
+        files
+    };
+    let lists = of("lists");
+    assert_eq!(lists, of("grid"));
+    assert_eq!(lists, of("all_pairs"));
+}
+
+#[test]
+fn another_seed_is_another_model() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut other = request(small(&json!({})), Backend::Cpu, dir.path());
+    other.seed = 8;
+    let outcome = generate(&other, &(), &CancelToken::default()).unwrap();
+    let seven = hashes(small(&json!({})), Backend::Cpu, 1);
+    assert!(outcome.files.iter().all(|f| seven[&f.name] != f.sha256));
+}
+
+#[test]
+fn euler_and_strips_end_certified_too() {
+    for patch in [json!({ "solver": { "integrator": "euler" } }), json!({ "mesh": { "strips": true } })] {
+        let dir = tempfile::tempdir().unwrap();
+        let outcome =
+            generate(&request(small(&patch), Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
+        assert_eq!(outcome.certificate["passed"], true);
+        assert_eq!(outcome.certificate["euler"], 0);
+        assert_eq!(outcome.summary["particles"], json!({ "start": 260, "end": 620 }));
+    }
+}
+
+#[derive(Default)]
+struct Recorder {
+    fractions: Mutex<Vec<(Stage, f64)>>,
+    sections: AtomicU32,
+    stop_at: Option<(u32, CancelToken)>,
+}
+
+impl Sink for Recorder {
+    fn progress(&self, progress: &Progress) {
+        self.fractions.lock().unwrap().push((progress.stage, progress.fraction));
+        if let Some((step, cancel)) = &self.stop_at
+            && progress.step >= *step
+        {
+            cancel.cancel();
+        }
+    }
+
+    fn section(&self, _: &crate::model::Section) {
+        self.sections.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+#[test]
+fn progress_only_grows_and_names_every_stage() {
+    let dir = tempfile::tempdir().unwrap();
+    let sink = Recorder::default();
+    generate(&request(small(&json!({})), Backend::Cpu, dir.path()), &sink, &CancelToken::default()).unwrap();
+    let seen = sink.fractions.into_inner().unwrap();
+    assert!(seen.windows(2).all(|w| w[0].1 <= w[1].1 && w[1].1 <= 1.0));
+    for stage in [Stage::Simulate, Stage::Mesh, Stage::Certify, Stage::Export] {
+        assert!(seen.iter().any(|(s, _)| *s == stage), "{stage:?}");
+    }
+    assert_eq!(sink.sections.into_inner(), 13);
+}
+
+#[test]
+fn a_cancelled_run_stops_at_the_next_step() {
+    let dir = tempfile::tempdir().unwrap();
+    let cancel = CancelToken::default();
+    let sink = Recorder { stop_at: Some((30, cancel.clone())), ..Recorder::default() };
+    let result = generate(&request(small(&json!({})), Backend::Cpu, dir.path()), &sink, &cancel);
+    assert!(matches!(result, Err(GenerateError::Cancelled)));
+    assert!(sink.sections.into_inner() <= 4);
+}
+
+#[test]
+fn the_memory_limit_is_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut tight = request(small(&json!({})), Backend::Cpu, dir.path());
+    tight.memory_limit_bytes = Some(1 << 20);
+    let error = generate(&tight, &(), &CancelToken::default()).unwrap_err();
+    assert!(matches!(error, GenerateError::Memory { limit: 1_048_576, .. }), "{error}");
+}
+
+#[test]
+fn a_folder_that_is_missing_is_an_error_with_the_file_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let error =
+        generate(&request(small(&json!({})), Backend::Cpu, &dir.path().join("none")), &(), &CancelToken::default())
+            .unwrap_err();
+    assert!(matches!(error, GenerateError::Io { .. }), "{error}");
+}

@@ -1,0 +1,79 @@
+//! Extractors whose refusals are problems.
+
+use super::problem::{Fault, Kind, Problem};
+use crate::jobs::JobId;
+use axum::extract::{FromRequestParts, Path, Query};
+use axum::http::request::Parts;
+use uuid::Uuid;
+
+/// The id in a model's address. What is no UUID is no model: 404.
+pub(super) struct ModelId(pub(super) JobId);
+
+impl<S: Send + Sync> FromRequestParts<S> for ModelId {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        let texts = PathTexts::from_request_parts(parts, state).await?;
+        let text = texts.get("id");
+        let id = parse_id(text).ok_or_else(|| no_model(text))?;
+        tracing::Span::current().record("model", tracing::field::display(id));
+        Ok(Self(id))
+    }
+}
+
+/// The parameters of the path as text; 404 where they are not UTF-8.
+pub(super) struct PathTexts(Vec<(String, String)>);
+
+impl PathTexts {
+    /// The parameter `name`.
+    pub(super) fn get(&self, name: &str) -> &str {
+        self.0.iter().find(|(n, _)| n == name).map_or("", |(_, text)| text)
+    }
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for PathTexts {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        let path = Path::<Vec<(String, String)>>::from_request_parts(parts, state).await;
+        path.map(|p| Self(p.0)).map_err(|_| Problem::new(Kind::NotFound, "The path is not UTF-8."))
+    }
+}
+
+/// Query parameters in order.
+pub(super) struct Parameters(pub(super) Vec<(String, String)>);
+
+impl Parameters {
+    /// Faults of parameters that are not in `known` or, save for those in `repeatable`, stand more than once.
+    pub(super) fn faults(&self, known: &[&str], repeatable: &[&str]) -> Vec<Fault> {
+        let mut faults = Vec::new();
+        for (i, (name, _)) in self.0.iter().enumerate() {
+            if !known.contains(&name.as_str()) {
+                faults.push(Fault::parameter(name, format!("is unknown; there are {}", known.join(", "))));
+            } else if !repeatable.contains(&name.as_str()) && self.0[..i].iter().any(|(n, _)| n == name) {
+                faults.push(Fault::parameter(name, "stands more than once"));
+            }
+        }
+        faults
+    }
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for Parameters {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
+        Query::try_from_uri(&parts.uri)
+            .map(|Query(pairs)| Self(pairs))
+            .map_err(|_| Problem::new(Kind::BadRequest, "The query string cannot be read."))
+    }
+}
+
+/// A model's id: a UUID in its hyphenated form.
+pub(super) fn parse_id(text: &str) -> Option<JobId> {
+    (text.len() == 36).then(|| Uuid::try_parse(text).ok()).flatten().map(JobId)
+}
+
+/// 404 for a model.
+pub(super) fn no_model(id: impl std::fmt::Display) -> Problem {
+    Problem::new(Kind::ModelNotFound, format!("There is no model {id}; it never was, or it was deleted."))
+}

@@ -1,0 +1,158 @@
+//! `GET /models/{id}/files/{name}` and `GET /models/{id}/report`: the stored bytes.
+//!
+//! A name is looked up among the files of the model's record; it never becomes part of a path. Files never change,
+//! so their tag is their SHA-256 and they may be cached for ever.
+
+use super::AppState;
+use super::conditional::ETag;
+use super::extract::{ModelId, PathTexts, no_model};
+use super::openapi::{FileMissing, RangeOutside, StoreAway};
+use super::problem::{Kind, Problem};
+use super::range::{Selection, select};
+use crate::jobs::artifacts::ArtifactError;
+use crate::jobs::{File, Job, JobId};
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+
+/// Files never change.
+pub(super) const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
+
+/// Download a file.
+#[utoipa::path(
+    get, path = "/models/{id}/files/{name}", operation_id = "download_file", tag = "files",
+    params(
+        ("id" = Uuid, Path, description = "Id of the model"),
+        ("name" = String, Path, description = "Name of one of the model's files, such as `model.glb`"),
+        ("range" = Option<String>, Header, description = "One range of bytes"),
+        ("if-range" = Option<String>, Header, description = "Tag of the file that the range is of"),
+        ("if-none-match" = Option<String>, Header, description = "Tags that the client has"),
+    ),
+    responses(
+        (status = 200, description = "The file", content_type = "application/octet-stream", body = Vec<u8>, headers(
+            ("etag" = String, description = "SHA-256 of the file"),
+            ("accept-ranges" = String, description = "`bytes`"),
+            ("content-disposition" = String, description = "A name to save it under"))),
+        (status = 206, description = "The range", content_type = "application/octet-stream", body = Vec<u8>, headers(
+            ("content-range" = String, description = "Which bytes of how many"))),
+        (status = 304, description = "The client has it"),
+        FileMissing, RangeOutside, StoreAway,
+    )
+)]
+pub(super) async fn download(
+    State(state): State<AppState>,
+    ModelId(id): ModelId,
+    path: PathTexts,
+    method: Method,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let (job, file) = find(&state, id, path.get("name")).await?;
+    let disposition = format!("attachment; filename=\"{}-{}-{}\"", job.preset, job.seed, file.name);
+    let mut response = send(&state, &file, &method, &headers).await?;
+    if let Ok(value) = HeaderValue::try_from(disposition) {
+        response.headers_mut().insert(header::CONTENT_DISPOSITION, value);
+    }
+    Ok(response)
+}
+
+/// Read the report of a model: its certificate.
+#[utoipa::path(
+    get, path = "/models/{id}/report", operation_id = "get_report", tag = "files",
+    params(
+        ("id" = Uuid, Path, description = "Id of the model"),
+        ("if-none-match" = Option<String>, Header, description = "Tags that the client has"),
+    ),
+    responses(
+        (status = 200, description = "The report", content_type = "application/json", body = serde_json::Value),
+        (status = 304, description = "The client has it"),
+        FileMissing, StoreAway,
+    )
+)]
+pub(super) async fn report(
+    State(state): State<AppState>,
+    ModelId(id): ModelId,
+    method: Method,
+    mut headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let (_, file) = find(&state, id, "report.json").await?;
+    headers.remove(header::RANGE);
+    send(&state, &file, &method, &headers).await
+}
+
+/// A model and its file of this name.
+pub(super) async fn find(state: &AppState, id: JobId, name: &str) -> Result<(Job, File), Problem> {
+    let job = state.store.get(id).await?.ok_or_else(|| no_model(id))?;
+    let Some(file) = job.files.iter().find(|file| file.name == name).cloned() else {
+        let detail = if job.status.is_ended() {
+            let names: Vec<_> = job.files.iter().map(|file| file.name.as_str()).collect();
+            format!("The model has the files [{}].", names.join(", "))
+        } else {
+            "The model has not ended; its files come at its end.".to_owned()
+        };
+        return Err(Problem::new(Kind::FileNotFound, detail));
+    };
+    Ok((job, file))
+}
+
+async fn send(state: &AppState, file: &File, method: &Method, headers: &HeaderMap) -> Result<Response, Problem> {
+    let tag = ETag::strong(&file.sha256);
+    if tag.matches_none(headers) {
+        return tag.not_modified(IMMUTABLE);
+    }
+    // Ranges are of GET only (RFC 9110, section 14.2).
+    let asked = headers.get(header::RANGE).and_then(|v| v.to_str().ok());
+    let asked = asked.filter(|_| method == Method::GET && tag.matches_range(headers));
+    let (status, range) = match select(asked, file.bytes) {
+        Selection::Whole => (StatusCode::OK, 0..file.bytes),
+        Selection::Part(range) => (StatusCode::PARTIAL_CONTENT, range),
+        Selection::Outside => {
+            let problem = Problem::new(Kind::RangeNotSatisfiable, format!("The file has {} bytes.", file.bytes));
+            return Err(match HeaderValue::try_from(format!("bytes */{}", file.bytes)) {
+                Ok(value) => problem.with_header(header::CONTENT_RANGE, value),
+                Err(_) => problem,
+            });
+        }
+    };
+    let body = if method == Method::HEAD {
+        Body::empty()
+    } else {
+        let part = (status == StatusCode::PARTIAL_CONTENT).then(|| range.clone());
+        Body::from_stream(state.artifacts.get_range(&file.key, part).await?.stream)
+    };
+    let mut response = (status, body).into_response();
+    let out = response.headers_mut();
+    out.insert(header::CONTENT_TYPE, media_type(file));
+    out.insert(header::CONTENT_LENGTH, HeaderValue::from(range.end - range.start));
+    out.insert(header::ETAG, tag.header()?);
+    out.insert(header::ACCEPT_RANGES, HeaderValue::from_static("bytes"));
+    out.insert(header::CACHE_CONTROL, IMMUTABLE);
+    if status == StatusCode::PARTIAL_CONTENT
+        && let Ok(value) = HeaderValue::try_from(format!("bytes {}-{}/{}", range.start, range.end - 1, file.bytes))
+    {
+        out.insert(header::CONTENT_RANGE, value);
+    }
+    Ok(response)
+}
+
+fn media_type(file: &File) -> HeaderValue {
+    HeaderValue::try_from(&file.media_type).unwrap_or(HeaderValue::from_static("application/octet-stream"))
+}
+
+/// A file that a record names is there, unless the model was deleted a moment ago or the store is away.
+impl From<ArtifactError> for Problem {
+    fn from(error: ArtifactError) -> Self {
+        match error {
+            ArtifactError::NotFound { .. } => {
+                tracing::warn!(%error, "a file is gone");
+                Self::new(Kind::FileNotFound, "The file is gone; the model may have been deleted a moment ago.")
+            }
+            ArtifactError::Jobs(error) => error.into(),
+            other => {
+                tracing::error!(error = %other, "the artifact store failed");
+                Self::new(Kind::StorageUnavailable, "The file store cannot be reached; try again later.")
+                    .with_header(header::RETRY_AFTER, HeaderValue::from_static("5"))
+            }
+        }
+    }
+}

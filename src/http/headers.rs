@@ -1,0 +1,144 @@
+//! Request headers with a meaning of their own: `Prefer` (RFC 7240), `Idempotency-Key`, `Accept`, `Last-Event-ID`.
+
+use super::problem::{Fault, Problem};
+use axum::http::{HeaderMap, HeaderName, header};
+use std::time::Duration;
+
+/// `Prefer`.
+pub(super) const PREFER: HeaderName = HeaderName::from_static("prefer");
+/// `Preference-Applied`.
+pub(super) const PREFERENCE_APPLIED: HeaderName = HeaderName::from_static("preference-applied");
+/// `Idempotency-Key`.
+pub(super) const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempotency-key");
+/// `Idempotency-Replayed`.
+pub(super) const IDEMPOTENCY_REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
+/// `Last-Event-ID`.
+pub(super) const LAST_EVENT_ID: HeaderName = HeaderName::from_static("last-event-id");
+
+/// Longest wait that is granted, in seconds.
+const WAIT_MAX: u64 = 60;
+/// Longest idempotency key, in bytes.
+const KEY_MAX: usize = 255;
+
+/// The wait asked for by `Prefer: wait=N`: 1 to 60 seconds, more is cut to 60. A preference that makes no sense is
+/// ignored, as RFC 7240 says.
+pub(super) fn wait(headers: &HeaderMap) -> Option<Duration> {
+    let preferences = headers.get_all(PREFER);
+    preferences.iter().filter_map(|v| v.to_str().ok()).flat_map(|v| v.split(',')).find_map(|preference| {
+        let (name, value) = preference.split(';').next()?.split_once('=')?;
+        let value = value.trim().trim_matches('"');
+        let digits = !value.is_empty() && value.bytes().all(|b| b.is_ascii_digit());
+        let seconds = (name.trim().eq_ignore_ascii_case("wait") && digits)
+            .then(|| value.parse().unwrap_or(u64::MAX).min(WAIT_MAX))?;
+        (seconds > 0).then(|| Duration::from_secs(seconds))
+    })
+}
+
+/// The idempotency key: 1 to 255 visible ASCII characters. The quotes of a structured string are no part of it.
+pub(super) fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
+    let fault = |detail: &str| Err(Problem::invalid(vec![Fault::header(IDEMPOTENCY_KEY.as_str(), detail)]));
+    let mut values = headers.get_all(IDEMPOTENCY_KEY).iter();
+    let Some(value) = values.next() else { return Ok(None) };
+    if values.next().is_some() {
+        return fault("must be given once");
+    }
+    let Ok(text) = value.to_str() else { return fault("must consist of visible ASCII characters") };
+    let key = text.strip_prefix('"').and_then(|t| t.strip_suffix('"')).unwrap_or(text);
+    if key.is_empty() || key.len() > KEY_MAX {
+        return fault("must have 1 to 255 characters");
+    }
+    if !key.bytes().all(|b| b.is_ascii_graphic()) {
+        return fault("must consist of visible ASCII characters");
+    }
+    Ok(Some(key.to_owned()))
+}
+
+/// Which of `offers` (media types, best first) fits `Accept` best; `None` where none does.
+pub(super) fn accept<'a>(headers: &HeaderMap, offers: &[&'a str]) -> Option<&'a str> {
+    let accepted: Vec<(String, f32)> = headers
+        .get_all(header::ACCEPT)
+        .iter()
+        .filter_map(|v| v.to_str().ok())
+        .flat_map(|v| v.split(','))
+        .filter_map(|item| {
+            let mut parts = item.split(';').map(str::trim);
+            let range = parts.next().filter(|r| !r.is_empty())?.to_ascii_lowercase();
+            let q = parts.find_map(|p| p.strip_prefix("q=")).map_or(1.0, |q| q.parse().unwrap_or(0.0));
+            Some((range, q))
+        })
+        .collect();
+    if accepted.is_empty() {
+        return offers.first().copied();
+    }
+    let quality = |offer: &str| {
+        let family = offer.split('/').next().unwrap_or_default();
+        let fits = |range: &str| match range {
+            "*/*" => Some(0),
+            r if r.strip_suffix("/*") == Some(family) => Some(1),
+            r if r == offer => Some(2),
+            _ => None,
+        };
+        // The most specific range decides.
+        let best = accepted.iter().filter_map(|(range, q)| fits(range).map(|s| (s, *q))).max_by_key(|(s, _)| *s);
+        best.map_or(0.0, |(_, q)| q)
+    };
+    let mut best = None;
+    for &offer in offers {
+        let q = quality(offer);
+        if q > best.map_or(0.0, |(_, b)| b) {
+            best = Some((offer, q));
+        }
+    }
+    best.map(|(offer, _)| offer)
+}
+
+/// `Last-Event-ID`, where it is plain text.
+pub(super) fn last_event_id(headers: &HeaderMap) -> Option<&str> {
+    headers.get(LAST_EVENT_ID)?.to_str().ok().map(str::trim).filter(|s| !s.is_empty())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use axum::http::HeaderValue;
+
+    fn with(name: HeaderName, value: &str) -> HeaderMap {
+        HeaderMap::from_iter([(name, HeaderValue::from_str(value).unwrap())])
+    }
+
+    #[test]
+    fn waits() {
+        let seconds = |v: &str| wait(&with(PREFER, v)).map(|d| d.as_secs());
+        assert_eq!(seconds("wait=5"), Some(5));
+        assert_eq!(seconds("respond-async, Wait=\"7\"; x=1"), Some(7));
+        assert_eq!(seconds("wait=61"), Some(60));
+        assert_eq!(seconds("wait=99999999999999999999999"), Some(60));
+        for nonsense in ["wait=0", "wait=-1", "wait=x", "wait", "", "wait=1.5", "await=3"] {
+            assert_eq!(seconds(nonsense), None, "{nonsense}");
+        }
+    }
+
+    #[test]
+    fn keys() {
+        assert_eq!(idempotency_key(&with(IDEMPOTENCY_KEY, "a-1")).unwrap().as_deref(), Some("a-1"));
+        assert_eq!(idempotency_key(&with(IDEMPOTENCY_KEY, "\"a-1\"")).unwrap().as_deref(), Some("a-1"));
+        assert_eq!(idempotency_key(&HeaderMap::new()).unwrap(), None);
+        for bad in ["", "\"\"", "two words", &"k".repeat(256)] {
+            assert!(idempotency_key(&with(IDEMPOTENCY_KEY, bad)).is_err(), "{bad:?}");
+        }
+        assert!(idempotency_key(&with(IDEMPOTENCY_KEY, &"k".repeat(255))).is_ok());
+    }
+
+    #[test]
+    fn accepts() {
+        let offers = ["application/json", "image/svg+xml"];
+        let best = |v: &str| accept(&with(header::ACCEPT, v), &offers);
+        assert_eq!(accept(&HeaderMap::new(), &offers), Some("application/json"));
+        assert_eq!(best("*/*"), Some("application/json"));
+        assert_eq!(best("image/svg+xml"), Some("image/svg+xml"));
+        assert_eq!(best("image/*, application/json;q=0.5"), Some("image/svg+xml"));
+        assert_eq!(best("image/svg+xml;q=0, */*"), Some("application/json"));
+        assert_eq!(best("text/html"), None);
+        assert_eq!(best("image/avif,image/webp,*/*;q=0.8"), Some("application/json"));
+    }
+}

@@ -1,0 +1,309 @@
+//! Problems (RFC 9457): every error answer of the service is one.
+//!
+//! A handler returns a [`Problem`]; the [envelope](super::envelope) writes its body, because only there the
+//! request id and the path are known. `type` is `urn:oviduct:problem:{slug}`; slugs are stable, see [`Kind`].
+
+use axum::http::{HeaderName, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::Serialize;
+use serde_json::{Map, Value};
+use utoipa::ToSchema;
+
+/// What every `type` begins with.
+pub const TYPE_PREFIX: &str = "urn:oviduct:problem:";
+
+macro_rules! kinds {
+    ($($(#[$doc:meta])* $name:ident = $slug:literal, $status:ident, $title:literal;)*) => {
+        /// Kinds of problems: the last part of `type`, with the status and the title that go with it.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        pub enum Kind { $($(#[$doc])* $name,)* }
+
+        impl Kind {
+            /// Every kind.
+            pub const ALL: &'static [Self] = &[$(Self::$name,)*];
+
+            /// Stable name, in kebab-case.
+            #[must_use]
+            pub const fn slug(self) -> &'static str {
+                match self { $(Self::$name => $slug,)* }
+            }
+
+            /// Status of the answer.
+            #[must_use]
+            pub const fn status(self) -> StatusCode {
+                match self { $(Self::$name => StatusCode::$status,)* }
+            }
+
+            /// Title, the same for every problem of the kind.
+            #[must_use]
+            pub const fn title(self) -> &'static str {
+                match self { $(Self::$name => $title,)* }
+            }
+        }
+    };
+}
+
+kinds! {
+    /// The request is malformed in a way that no other kind names.
+    BadRequest = "bad-request", BAD_REQUEST, "The request is malformed";
+    /// The body is not JSON; `line` and `column` say where.
+    InvalidJson = "invalid-json", BAD_REQUEST, "The body is not valid JSON";
+    /// No resource has this address.
+    NotFound = "not-found", NOT_FOUND, "There is nothing at this address";
+    /// No model has this id.
+    ModelNotFound = "model-not-found", NOT_FOUND, "There is no such model";
+    /// The model has no such file (yet).
+    FileNotFound = "file-not-found", NOT_FOUND, "The model has no such file";
+    /// The model has no such section (yet).
+    SectionNotFound = "section-not-found", NOT_FOUND, "The model has no such section";
+    /// No preset has this name.
+    PresetNotFound = "preset-not-found", NOT_FOUND, "There is no such preset";
+    /// The address does not take this method; `Allow` names those it takes.
+    MethodNotAllowed = "method-not-allowed", METHOD_NOT_ALLOWED, "The method is not allowed here";
+    /// No representation fits `Accept`.
+    NotAcceptable = "not-acceptable", NOT_ACCEPTABLE, "No representation fits the Accept header";
+    /// The body came too slowly.
+    RequestTimeout = "request-timeout", REQUEST_TIMEOUT, "The request took too long to arrive";
+    /// The body is over the limit.
+    PayloadTooLarge = "payload-too-large", PAYLOAD_TOO_LARGE, "The body is too large";
+    /// The body is not declared as JSON.
+    UnsupportedMediaType = "unsupported-media-type", UNSUPPORTED_MEDIA_TYPE, "The media type is not supported";
+    /// The range lies outside the file.
+    RangeNotSatisfiable = "range-not-satisfiable", RANGE_NOT_SATISFIABLE, "The range lies outside the file";
+    /// Fields or parameters are wrong; `errors` names each.
+    InvalidRequest = "invalid-request", UNPROCESSABLE_ENTITY, "The request is not valid";
+    /// The predicted cost is over the limit; `prediction` and `limit` say how much.
+    CostLimit = "cost-limit", UNPROCESSABLE_ENTITY, "The model would cost too much";
+    /// A GPU was asked for, and no GPU worker has been alive for five minutes.
+    GpuUnavailable = "gpu-unavailable", UNPROCESSABLE_ENTITY, "No GPU worker is available";
+    /// The idempotency key came with another body before.
+    IdempotencyConflict = "idempotency-key-reused", UNPROCESSABLE_ENTITY, "The idempotency key was used for another request";
+    /// The queue takes no more models for now.
+    QueueFull = "queue-full", TOO_MANY_REQUESTS, "The queue is full";
+    /// A fault of the service.
+    Internal = "internal", INTERNAL_SERVER_ERROR, "The service failed";
+    /// The job store is away.
+    StoreUnavailable = "store-unavailable", SERVICE_UNAVAILABLE, "The job store is not available";
+    /// The artifact store is away.
+    StorageUnavailable = "storage-unavailable", SERVICE_UNAVAILABLE, "The file store is not available";
+    /// As many event streams are open as the service keeps.
+    TooManyStreams = "too-many-streams", SERVICE_UNAVAILABLE, "Too many event streams are open";
+}
+
+impl Kind {
+    /// The kind for an error answer that the framework made without saying more.
+    #[must_use]
+    pub fn for_status(status: StatusCode) -> Self {
+        match status {
+            StatusCode::NOT_FOUND => Self::NotFound,
+            StatusCode::METHOD_NOT_ALLOWED => Self::MethodNotAllowed,
+            StatusCode::PAYLOAD_TOO_LARGE => Self::PayloadTooLarge,
+            StatusCode::UNSUPPORTED_MEDIA_TYPE => Self::UnsupportedMediaType,
+            StatusCode::UNPROCESSABLE_ENTITY => Self::InvalidRequest,
+            s if s.is_client_error() => Self::BadRequest,
+            _ => Self::Internal,
+        }
+    }
+}
+
+/// One fault of a request: where, and what.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
+pub struct Fault {
+    /// JSON pointer into the body, such as `/spec/collision/gap_um`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    pub pointer: Option<String>,
+    /// Name of a query parameter.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    pub parameter: Option<String>,
+    /// Name of a request header.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    pub header: Option<String>,
+    /// What is wrong and what would be right.
+    pub detail: String,
+}
+
+impl Fault {
+    /// A fault of the body.
+    pub fn at(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self { pointer: Some(pointer.into()), parameter: None, header: None, detail: detail.into() }
+    }
+
+    /// A fault of a query parameter.
+    pub fn parameter(name: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self { pointer: None, parameter: Some(name.into()), header: None, detail: detail.into() }
+    }
+
+    /// A fault of a request header.
+    pub fn header(name: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self { pointer: None, parameter: None, header: Some(name.into()), detail: detail.into() }
+    }
+}
+
+/// A problem on its way to the client.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Problem {
+    kind: Kind,
+    detail: String,
+    errors: Vec<Fault>,
+    members: Map<String, Value>,
+    headers: Vec<(HeaderName, HeaderValue)>,
+}
+
+impl Problem {
+    /// A problem of `kind`; `detail` tells a person what happened this time.
+    pub fn new(kind: Kind, detail: impl Into<String>) -> Self {
+        Self { kind, detail: detail.into(), errors: Vec::new(), members: Map::new(), headers: Vec::new() }
+    }
+
+    /// A request that is wrong in the places named, each an entry of `errors`.
+    #[must_use]
+    pub fn invalid(errors: Vec<Fault>) -> Self {
+        let detail = match errors.len() {
+            1 => "One value is not valid; see errors.".to_owned(),
+            n => format!("{n} values are not valid; see errors."),
+        };
+        Self { errors, ..Self::new(Kind::InvalidRequest, detail) }
+    }
+
+    /// With these faults listed.
+    #[must_use]
+    pub fn with_errors(self, errors: Vec<Fault>) -> Self {
+        Self { errors, ..self }
+    }
+
+    /// With an extension member.
+    #[must_use]
+    pub fn with(mut self, name: &str, value: impl Into<Value>) -> Self {
+        self.members.insert(name.to_owned(), value.into());
+        self
+    }
+
+    /// With a header on the answer.
+    #[must_use]
+    pub fn with_header(mut self, name: HeaderName, value: impl Into<HeaderValue>) -> Self {
+        self.headers.push((name, value.into()));
+        self
+    }
+
+    /// The kind.
+    #[must_use]
+    pub fn kind(&self) -> Kind {
+        self.kind
+    }
+
+    /// The body, for the request `request_id` to `instance`.
+    #[must_use]
+    pub fn body(&self, instance: &str, request_id: &str) -> ProblemBody {
+        ProblemBody {
+            r#type: format!("{TYPE_PREFIX}{}", self.kind.slug()),
+            title: self.kind.title().to_owned(),
+            status: self.kind.status().as_u16(),
+            detail: self.detail.clone(),
+            instance: instance.to_owned(),
+            request_id: request_id.to_owned(),
+            errors: self.errors.clone(),
+            members: self.members.clone(),
+        }
+    }
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        let mut response = self.kind.status().into_response();
+        for (name, value) in &self.headers {
+            response.headers_mut().insert(name.clone(), value.clone());
+        }
+        response.headers_mut().insert(header::CONTENT_TYPE, MEDIA_TYPE);
+        response.extensions_mut().insert(self);
+        response
+    }
+}
+
+/// `application/problem+json`.
+pub const MEDIA_TYPE: HeaderValue = HeaderValue::from_static("application/problem+json");
+
+/// A problem as sent (RFC 9457, `application/problem+json`).
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+#[schema(as = Problem)]
+pub struct ProblemBody {
+    /// `urn:oviduct:problem:` and a stable slug.
+    pub r#type: String,
+    /// Short and the same for every problem of the type.
+    pub title: String,
+    /// Status of the answer.
+    #[schema(minimum = 400, maximum = 599)]
+    pub status: u16,
+    /// What happened this time.
+    pub detail: String,
+    /// Path of the request.
+    pub instance: String,
+    /// Id of the request, also in the header `x-request-id`; name it when reporting.
+    pub request_id: String,
+    /// Every fault of the request, where there are any to name.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schema(required = false)]
+    pub errors: Vec<Fault>,
+    /// Members of this type of problem: `line` and `column` (invalid-json), `prediction` and `limit` (cost-limit).
+    #[serde(flatten)]
+    #[schema(ignore)]
+    pub members: Map<String, Value>,
+}
+
+/// Turns a failure of the job store into a problem; its message goes to the log, not to the client.
+impl From<crate::jobs::StoreError> for Problem {
+    fn from(error: crate::jobs::StoreError) -> Self {
+        use crate::jobs::StoreError;
+        match error {
+            StoreError::IdempotencyConflict => Self::new(
+                Kind::IdempotencyConflict,
+                "The key was used before with another body; take a new key, or send the same body.",
+            )
+            .with_errors(vec![Fault::header("idempotency-key", "was used before with another body")]),
+            StoreError::QueueFull { limit } => {
+                Self::new(Kind::QueueFull, format!("The queue holds its limit of {limit} models; try again later."))
+                    .with("limit", limit)
+                    .with_header(header::RETRY_AFTER, HeaderValue::from_static("10"))
+            }
+            StoreError::Fenced => {
+                tracing::error!("a request was refused as if it were a worker's");
+                Self::new(Kind::Internal, "The job store refused a change.")
+            }
+            StoreError::Database(message) => {
+                tracing::error!(%message, "the job store failed");
+                Self::new(Kind::StoreUnavailable, "The job store cannot be reached; try again later.")
+                    .with_header(header::RETRY_AFTER, HeaderValue::from_static("5"))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn slugs_are_distinct_kebab_case() {
+        let slugs: BTreeSet<_> = Kind::ALL.iter().map(|k| k.slug()).collect();
+        assert_eq!(slugs.len(), Kind::ALL.len());
+        assert!(slugs.iter().all(|s| s.bytes().all(|b| b.is_ascii_lowercase() || b == b'-')));
+    }
+
+    #[test]
+    fn every_kind_is_an_error_with_a_title() {
+        for kind in Kind::ALL {
+            assert!(kind.status().is_client_error() || kind.status().is_server_error());
+            assert!(!kind.title().is_empty() && !kind.title().ends_with('.'));
+        }
+    }
+
+    #[test]
+    fn a_body_has_all_members() {
+        let problem = Problem::invalid(vec![Fault::at("/seed", "must be an integer")]).with("limit", 3);
+        let body = serde_json::to_value(problem.body("/models", "r1")).unwrap();
+        insta::assert_json_snapshot!(body);
+    }
+}

@@ -1,0 +1,282 @@
+//! What a client asks for: from JSON to a [`ModelRequest`], with every fault named at once.
+//!
+//! The schema of the request stands here beside its checks, so that the two can be compared; a test does.
+
+use super::problem::Fault;
+use crate::generate::{Backend, Output};
+use crate::spec::DEFAULT_PRESET;
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value, json};
+use std::collections::BTreeMap;
+
+/// Greatest seed: 2^53 − 1, the greatest integer that every JSON reader keeps exactly.
+pub const SEED_MAX: u64 = (1 << 53) - 1;
+/// Most labels of a model.
+pub(super) const LABELS_MAX: usize = 16;
+/// Longest key of a label, in characters.
+pub(super) const LABEL_KEY_MAX: usize = 64;
+/// Longest value of a label, in characters.
+pub(super) const LABEL_VALUE_MAX: usize = 256;
+
+const MEMBERS: [&str; 7] = ["preset", "seed", "spec", "outputs", "backend", "labels", "reuse"];
+
+/// A request whose own members are well formed; the spec is checked by resolving it on the preset.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct ModelRequest {
+    pub(super) preset: String,
+    pub(super) seed: Option<u64>,
+    pub(super) spec: Value,
+    pub(super) outputs: Vec<Output>,
+    pub(super) backend: Backend,
+    pub(super) labels: BTreeMap<String, String>,
+    pub(super) reuse: bool,
+}
+
+impl ModelRequest {
+    /// Reads a body. What is wrong is added to `faults`, with the default in its place.
+    pub(super) fn read(body: &Value, faults: &mut Vec<Fault>) -> Self {
+        let empty = Map::new();
+        let members = body.as_object().unwrap_or_else(|| {
+            faults.push(Fault::at("", format!("must be an object, not {}", describe(body))));
+            &empty
+        });
+        for name in members.keys().filter(|name| !MEMBERS.contains(&name.as_str())) {
+            let detail = format!("is unknown; a request has {}", MEMBERS.join(", "));
+            faults.push(Fault::at(format!("/{}", escape(name)), detail));
+        }
+        Self {
+            preset: members.get("preset").map_or_else(|| DEFAULT_PRESET.to_owned(), |v| text(v, "/preset", faults)),
+            seed: members.get("seed").and_then(|v| seed(v, faults)),
+            spec: members.get("spec").map_or_else(|| json!({}), |v| spec(v, faults)),
+            outputs: members.get("outputs").map_or_else(|| vec![Output::Glb], |v| outputs(v, faults)),
+            backend: members
+                .get("backend")
+                .map_or(Backend::Auto, |v| choice(v, "/backend", faults).unwrap_or_default()),
+            labels: members.get("labels").map_or_else(BTreeMap::new, |v| labels(v, faults)),
+            reuse: members.get("reuse").is_none_or(|v| flag(v, "/reuse", faults)),
+        }
+    }
+
+    /// JSON Schema of a request; `spec` refers to the component `SpecPatch`.
+    pub(super) fn schema() -> Value {
+        json!({
+            "type": "object",
+            "description": "What to grow. Every member may be left out: `{}` asks for the default preset with a random seed.",
+            "additionalProperties": false,
+            "properties": {
+                "preset": { "type": "string", "default": DEFAULT_PRESET, "description": "Name of a preset, see GET /presets." },
+                "seed": { "type": "integer", "format": "int64", "minimum": 0, "maximum": SEED_MAX,
+                    "description": "The same seed and spec give the same model. Left out, the service draws one and echoes it." },
+                "spec": { "$ref": "#/components/schemas/SpecPatch" },
+                "outputs": { "type": "array", "uniqueItems": true, "items": { "$ref": "#/components/schemas/Output" },
+                    "default": ["glb"], "description": "File formats; `sections.bin` and `report.json` are always kept." },
+                "backend": { "$ref": "#/components/schemas/Backend" },
+                "labels": { "type": "object", "maxProperties": LABELS_MAX,
+                    "description": "Names of the client's own, to find models by.",
+                    "propertyNames": { "minLength": 1, "maxLength": LABEL_KEY_MAX, "pattern": "^[^:\\u0000]+$" },
+                    "additionalProperties": { "type": "string", "maxLength": LABEL_VALUE_MAX, "pattern": "^[^\\u0000]*$" } },
+                "reuse": { "type": "boolean", "default": true,
+                    "description": "Whether a finished model with the same digest may be taken instead of growing it again." }
+            },
+            "example": { "preset": "pig", "seed": 7, "outputs": ["glb", "obj"], "labels": { "study": "A3" } }
+        })
+    }
+}
+
+fn text(value: &Value, pointer: &str, faults: &mut Vec<Fault>) -> String {
+    value.as_str().map_or_else(
+        || {
+            faults.push(Fault::at(pointer, format!("must be a string, not {}", describe(value))));
+            String::new()
+        },
+        str::to_owned,
+    )
+}
+
+fn flag(value: &Value, pointer: &str, faults: &mut Vec<Fault>) -> bool {
+    value.as_bool().unwrap_or_else(|| {
+        faults.push(Fault::at(pointer, format!("must be true or false, not {}", describe(value))));
+        true
+    })
+}
+
+fn seed(value: &Value, faults: &mut Vec<Fault>) -> Option<u64> {
+    let whole = value.as_u64().or_else(|| {
+        // 62.0 is an integer in JSON.
+        value.as_f64().filter(|x| x.fract() == 0.0 && (0.0..=SEED_MAX as f64).contains(x)).map(|x| x as u64)
+    });
+    let seed = whole.filter(|&s| s <= SEED_MAX);
+    if seed.is_none() {
+        faults.push(Fault::at("/seed", format!("must be an integer from 0 to {SEED_MAX}, not {}", describe(value))));
+    }
+    seed
+}
+
+fn spec(value: &Value, faults: &mut Vec<Fault>) -> Value {
+    if value.is_object() {
+        return value.clone();
+    }
+    faults.push(Fault::at("/spec", format!("must be an object, not {}", describe(value))));
+    json!({})
+}
+
+fn choice<T: DeserializeOwned>(value: &Value, pointer: &str, faults: &mut Vec<Fault>) -> Option<T> {
+    if !value.is_string() {
+        faults.push(Fault::at(pointer, format!("must be a string, not {}", describe(value))));
+        return None;
+    }
+    // The message of serde lists what there is: "unknown variant `x`, expected one of …".
+    serde_json::from_value(value.clone()).map_err(|e| faults.push(Fault::at(pointer, e.to_string()))).ok()
+}
+
+fn outputs(value: &Value, faults: &mut Vec<Fault>) -> Vec<Output> {
+    let Some(items) = value.as_array() else {
+        faults.push(Fault::at("/outputs", format!("must be an array, not {}", describe(value))));
+        return Vec::new();
+    };
+    let mut outputs = Vec::new();
+    for (i, item) in items.iter().enumerate() {
+        let pointer = format!("/outputs/{i}");
+        match choice(item, &pointer, faults) {
+            Some(output) if outputs.contains(&output) => faults.push(Fault::at(pointer, "stands more than once")),
+            Some(output) => outputs.push(output),
+            None => {}
+        }
+    }
+    outputs
+}
+
+fn labels(value: &Value, faults: &mut Vec<Fault>) -> BTreeMap<String, String> {
+    let Some(members) = value.as_object() else {
+        faults.push(Fault::at("/labels", format!("must be an object, not {}", describe(value))));
+        return BTreeMap::new();
+    };
+    if members.len() > LABELS_MAX {
+        faults.push(Fault::at("/labels", format!("may have {LABELS_MAX} members at most, not {}", members.len())));
+    }
+    let mut labels = BTreeMap::new();
+    for (key, value) in members {
+        let pointer = format!("/labels/{}", escape(key));
+        let length = key.chars().count();
+        if !(1..=LABEL_KEY_MAX).contains(&length) || key.contains([':', '\0']) {
+            let detail = format!("the name must have 1 to {LABEL_KEY_MAX} characters, without colon and NUL");
+            faults.push(Fault::at(&pointer, detail));
+        }
+        match value.as_str() {
+            Some(text) if text.chars().count() <= LABEL_VALUE_MAX && !text.contains('\0') => {
+                labels.insert(key.clone(), text.to_owned());
+            }
+            Some(_) => {
+                let detail = format!("may have {LABEL_VALUE_MAX} characters at most, without NUL");
+                faults.push(Fault::at(pointer, detail));
+            }
+            None => faults.push(Fault::at(pointer, format!("must be a string, not {}", describe(value)))),
+        }
+    }
+    labels
+}
+
+/// A member name as part of a JSON pointer, cut where it is very long.
+fn escape(name: &str) -> String {
+    let name: String = name.chars().take(100).collect();
+    name.replace('~', "~0").replace('/', "~1")
+}
+
+/// A value in a few words.
+fn describe(value: &Value) -> String {
+    match value {
+        Value::Null => "null".into(),
+        Value::Bool(b) => b.to_string(),
+        Value::Number(n) => n.to_string(),
+        Value::String(s) if s.chars().count() <= 40 => Value::from(s.as_str()).to_string(),
+        Value::String(_) => "a long string".into(),
+        Value::Array(_) => "an array".into(),
+        Value::Object(_) => "an object".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(body: &Value) -> Result<ModelRequest, Vec<String>> {
+        let mut faults = Vec::new();
+        let request = ModelRequest::read(body, &mut faults);
+        if faults.is_empty() { Ok(request) } else { Err(faults.into_iter().filter_map(|f| f.pointer).collect()) }
+    }
+
+    #[test]
+    fn an_empty_request_takes_the_defaults() {
+        let request = read(&json!({})).unwrap();
+        assert_eq!(request.preset, DEFAULT_PRESET);
+        assert_eq!(
+            (request.seed, request.outputs, request.backend, request.reuse),
+            (None, vec![Output::Glb], Backend::Auto, true)
+        );
+    }
+
+    #[test]
+    fn whole_numbers_are_integers() {
+        for (value, seed) in [
+            (json!(62.0), 62),
+            (json!(0), 0),
+            (json!(SEED_MAX), SEED_MAX),
+            (json!(-0.0), 0),
+            (json!(1e15), 1_000_000_000_000_000),
+        ] {
+            assert_eq!(read(&json!({"seed": value})).unwrap().seed, Some(seed));
+        }
+        for value in
+            [json!(SEED_MAX + 1), json!(-1), json!(1.5), json!("7"), json!(null), json!(1e300), json!(true), json!([7])]
+        {
+            assert_eq!(read(&json!({"seed": value})).unwrap_err(), ["/seed"]);
+        }
+    }
+
+    #[test]
+    fn all_faults_come_at_once() {
+        let body = json!({
+            "preset": 1, "seed": -1, "spec": [], "outputs": ["glb", "glb", "fbx", 3], "backend": "tpu",
+            "labels": {"a": 1, "": "x", "b:c": "x", "d": "x".repeat(257)}, "reuse": "no", "sede": 1, "a/b": 1
+        });
+        assert_eq!(
+            read(&body).unwrap_err(),
+            [
+                "/a~1b",
+                "/sede",
+                "/preset",
+                "/seed",
+                "/spec",
+                "/outputs/1",
+                "/outputs/2",
+                "/outputs/3",
+                "/backend",
+                "/labels/",
+                "/labels/a",
+                "/labels/b:c",
+                "/labels/d",
+                "/reuse"
+            ]
+        );
+        for body in [json!(null), json!([]), json!("x"), json!(3)] {
+            assert_eq!(read(&body).unwrap_err(), [""]);
+        }
+    }
+
+    #[test]
+    fn too_many_labels_are_refused() {
+        let labels = |n: usize| json!({"labels": (0..n).map(|i| (i.to_string(), json!("x"))).collect::<Map<_, _>>()});
+        assert_eq!(read(&labels(16)).unwrap().labels.len(), 16);
+        assert_eq!(read(&labels(17)).unwrap_err(), ["/labels"]);
+    }
+
+    #[test]
+    fn the_schema_names_the_members_that_are_read() {
+        let schema = ModelRequest::schema();
+        let mut named: Vec<_> = schema["properties"].as_object().unwrap().keys().cloned().collect();
+        let mut members: Vec<_> = MEMBERS.map(str::to_owned).into();
+        named.sort();
+        members.sort();
+        assert_eq!(named, members);
+    }
+}

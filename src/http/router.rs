@@ -1,0 +1,39 @@
+//! All routes on one page, and what surrounds them.
+
+use super::envelope::{envelope, panicked};
+use super::{AppState, create, events, files, health, home, models, openapi, presets, sections, workers};
+use axum::Router;
+use axum::routing::get;
+use tower_http::catch_panic::CatchPanicLayer;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
+
+/// The routes with their descriptions.
+pub(super) fn routes() -> OpenApiRouter<AppState> {
+    OpenApiRouter::new()
+        .routes(routes!(models::list, create::create))
+        .routes(routes!(create::validate))
+        .routes(routes!(models::get, models::delete))
+        .routes(routes!(models::cancel))
+        .routes(routes!(events::of_model))
+        .routes(routes!(events::of_all))
+        .routes(routes!(files::download))
+        .routes(routes!(files::report))
+        .routes(routes!(sections::section))
+        .routes(routes!(presets::list))
+        .routes(routes!(presets::get))
+        .routes(routes!(presets::spec_schema))
+        .routes(routes!(workers::list))
+        .routes(routes!(health::alive))
+        .routes(routes!(health::ready))
+        .routes(routes!(openapi::document))
+}
+
+/// The service. Every error answer of it is a problem, every answer carries a request id.
+pub fn router(state: AppState) -> Router {
+    Router::from(routes())
+        .route("/", get(home::page))
+        .layer(CatchPanicLayer::custom(panicked))
+        .layer(axum::middleware::from_fn(envelope))
+        .with_state(state)
+}

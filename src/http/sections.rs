@@ -1,0 +1,189 @@
+//! `GET /models/{id}/sections/{k}`: one contour, as JSON or as a drawing.
+//!
+//! Reads only the trailer, the index and the one section from the artifact store, never the whole file.
+
+use super::AppState;
+use super::conditional::ETag;
+use super::extract::{ModelId, Parameters, PathTexts};
+use super::files::{IMMUTABLE, find};
+use super::headers::accept;
+use super::openapi::{BadParameters, Inacceptable, SectionMissing, StoreAway};
+use super::problem::{Fault, Kind, Problem};
+use crate::export::sections_bin::{SectionsError, TRAILER_LEN, Trailer, read_section_from_bytes};
+use crate::export::svg::section_svg;
+use crate::jobs::File;
+use crate::model::{Ring, Section};
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, header};
+use axum::response::{IntoResponse, Response};
+use bytes::Bytes;
+use futures_util::TryStreamExt;
+use serde::Serialize;
+use std::ops::Range;
+use utoipa::ToSchema;
+use uuid::Uuid;
+
+const JSON: &str = "application/json";
+const SVG: &str = "image/svg+xml";
+
+/// Representations of a section.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ToSchema)]
+#[schema(rename_all = "lowercase")]
+pub(super) enum Format {
+    /// `application/json`.
+    Json,
+    /// `image/svg+xml`.
+    Svg,
+}
+
+/// A cross section; lengths in micrometres.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct SectionAnswer {
+    /// Model that it is of.
+    model: Uuid,
+    /// Its number among all sections of the model, from 0 at the isthmus end.
+    #[schema(minimum = 0)]
+    index: u64,
+    /// Sections of the model.
+    #[schema(minimum = 0)]
+    count: u64,
+    /// Unit of lengths: `um`.
+    units: String,
+    /// Time step; with a fraction where it was added to mend a slab.
+    step: f64,
+    /// Place along the tube.
+    z_um: f64,
+    /// Whether it was added to mend a slab.
+    added: bool,
+    /// Boundary of the lumen.
+    inner: RingAnswer,
+    /// Boundary of the tissue.
+    outer: RingAnswer,
+}
+
+/// A closed contour, counter-clockwise.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct RingAnswer {
+    /// Ids that follow a particle from section to section, one a point.
+    ids: Vec<u32>,
+    /// Points.
+    points: Vec<[f32; 2]>,
+}
+
+impl From<Ring> for RingAnswer {
+    fn from(ring: Ring) -> Self {
+        Self { ids: ring.ids, points: ring.points }
+    }
+}
+
+/// Read one cross section of a finished model.
+#[utoipa::path(
+    get, path = "/models/{id}/sections/{k}", operation_id = "get_section", tag = "files",
+    params(
+        ("id" = Uuid, Path, description = "Id of the model"),
+        ("k" = u32, Path, minimum = 0, description = "Number of the section, from 0 at the isthmus end"),
+        ("format" = Option<Format>, Query, description = "`json` or `svg`; goes before `Accept`"),
+        ("if-none-match" = Option<String>, Header, description = "Tags that the client has"),
+    ),
+    responses(
+        (status = 200, description = "The section", content(
+            (SectionAnswer = "application/json"),
+            (String = "image/svg+xml"))),
+        (status = 304, description = "The client has it"),
+        SectionMissing, Inacceptable, BadParameters, StoreAway,
+    )
+)]
+pub(super) async fn section(
+    State(state): State<AppState>,
+    ModelId(id): ModelId,
+    path: PathTexts,
+    parameters: Parameters,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    let format = format(&parameters, &headers)?;
+    let (_, file) = find(&state, id, "sections.bin").await?;
+    let k = path.get("k");
+    let k = k.parse::<u64>().map_err(|_| no_section(&format!("`{k}` is not the number of a section")))?;
+    let tag = ETag::strong(format_args!("{}-{k}-{}", file.sha256, if format == Format::Svg { "svg" } else { "json" }));
+    let (count, section) = read(&state, &file, k).await?;
+    let vary = (header::VARY, HeaderValue::from_static("accept"));
+    if tag.matches_none(&headers) {
+        return Ok(([vary], tag.not_modified(IMMUTABLE)?).into_response());
+    }
+    let headers = [(header::ETAG, tag.header()?), (header::CACHE_CONTROL, IMMUTABLE), vary];
+    if format == Format::Svg {
+        let kind = (header::CONTENT_TYPE, HeaderValue::from_static(SVG));
+        return Ok((headers, [kind], section_svg(&section)).into_response());
+    }
+    let answer = SectionAnswer {
+        model: id.0,
+        index: k,
+        count,
+        units: "um".into(),
+        step: section.step,
+        z_um: section.z_um,
+        added: section.added,
+        inner: section.inner.into(),
+        outer: section.outer.into(),
+    };
+    Ok((headers, Json(answer)).into_response())
+}
+
+fn format(parameters: &Parameters, headers: &HeaderMap) -> Result<Format, Problem> {
+    let mut faults = parameters.faults(&["format"], &[]);
+    let asked = parameters.0.iter().find(|(name, _)| name == "format").map(|(_, value)| value.as_str());
+    let format = match asked {
+        Some("json") => Some(Format::Json),
+        Some("svg") => Some(Format::Svg),
+        Some(_) => {
+            faults.push(Fault::parameter("format", "must be json or svg"));
+            None
+        }
+        None => accept(headers, &[JSON, SVG]).map(|best| if best == SVG { Format::Svg } else { Format::Json }),
+    };
+    if !faults.is_empty() {
+        return Err(Problem::invalid(faults));
+    }
+    format.ok_or_else(|| Problem::new(Kind::NotAcceptable, format!("There are {JSON} and {SVG}.")))
+}
+
+fn no_section(detail: &str) -> Problem {
+    Problem::new(Kind::SectionNotFound, detail)
+}
+
+/// The number of sections in `file`, and section `k` of them.
+async fn read(state: &AppState, file: &File, k: u64) -> Result<(u64, Section), Problem> {
+    let end = file.bytes.saturating_sub(TRAILER_LEN as u64);
+    let tail = part(state, file, end..file.bytes).await?;
+    let tail = tail[..].try_into().map_err(|_| damaged(&SectionsError::NotSections))?;
+    let trailer = Trailer::parse(tail, file.bytes).map_err(|error| damaged(&error))?;
+    if k >= trailer.count {
+        return Err(no_section(&format!("The model has {} sections, numbered from 0.", trailer.count)));
+    }
+    let index = part(state, file, trailer.index_offset..end).await?;
+    let entries = trailer.parse_index(&index).map_err(|error| damaged(&error))?;
+    let entry = usize::try_from(k).ok().and_then(|k| entries.get(k).copied());
+    let entry = entry.ok_or_else(|| damaged(&SectionsError::Corrupt("the index is short")))?;
+    let bytes = part(state, file, entry.offset..entry.offset + u64::from(entry.length)).await?;
+    let read = tokio::task::spawn_blocking(move || read_section_from_bytes(&entry, &bytes)).await;
+    let section = read.map_err(|error| {
+        tracing::error!(%error, "reading a section failed");
+        Problem::new(Kind::Internal, "The section could not be read.")
+    })?;
+    Ok((trailer.count, section.map_err(|error| damaged(&error))?))
+}
+
+async fn part(state: &AppState, file: &File, range: Range<u64>) -> Result<Bytes, Problem> {
+    let download = state.artifacts.get_range(&file.key, Some(range)).await?;
+    let chunks: Vec<Bytes> = download.stream.try_collect().await?;
+    Ok(match <[Bytes; 1]>::try_from(chunks) {
+        Ok([one]) => one,
+        Err(chunks) => chunks.concat().into(),
+    })
+}
+
+fn damaged(error: &SectionsError) -> Problem {
+    tracing::error!(%error, "a stored sections file cannot be read");
+    Problem::new(Kind::Internal, "The stored sections are damaged.")
+}

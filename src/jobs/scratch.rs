@@ -1,0 +1,100 @@
+//! Folders that attempts write to before their files go to the artifact store.
+//!
+//! `<root>/<process>/<job>-<attempt>`: each process locks its folder, so that the next start can tell the
+//! leavings of a dead process, which it removes, from the work of a live one.
+
+use super::job::JobId;
+use std::fs::File;
+use std::io;
+use std::path::{Path, PathBuf};
+
+const LOCK: &str = ".lock";
+
+/// The scratch folder of this process; removed when dropped.
+#[derive(Debug)]
+pub struct Scratch {
+    folder: PathBuf,
+    _lock: File,
+}
+
+/// The scratch folder of an attempt; removed when dropped.
+#[derive(Debug)]
+pub struct AttemptDir(PathBuf);
+
+impl Scratch {
+    /// Makes a folder for this process under `root`, and removes those of processes that are gone.
+    ///
+    /// # Errors
+    /// Where `root` cannot be made or written to.
+    pub fn open(root: &Path) -> io::Result<Self> {
+        std::fs::create_dir_all(root)?;
+        for entry in std::fs::read_dir(root)?.flatten() {
+            let lock = File::open(entry.path().join(LOCK));
+            // A folder without a lock file was left half made or half removed, unless it is just being made by
+            // another process: that one then fails to start, and says so.
+            if !matches!(&lock, Ok(file) if file.try_lock().is_err()) && entry.path().is_dir() {
+                std::fs::remove_dir_all(entry.path())?;
+            }
+        }
+        let folder = root.join(uuid::Uuid::now_v7().to_string());
+        std::fs::create_dir(&folder)?;
+        let lock = File::create(folder.join(LOCK))?;
+        // Where the file system knows no locks, folders stay single all the same, only leavings may be missed.
+        let _ = lock.try_lock();
+        Ok(Self { folder, _lock: lock })
+    }
+
+    /// A new, empty folder for an attempt.
+    ///
+    /// # Errors
+    /// Where it cannot be made.
+    pub fn attempt(&self, job: JobId, attempt: u32) -> io::Result<AttemptDir> {
+        let folder = self.folder.join(format!("{job}-{attempt}"));
+        std::fs::create_dir(&folder)?;
+        Ok(AttemptDir(folder))
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        // What stays is removed by the next start.
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+impl AttemptDir {
+    /// Where it is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for AttemptDir {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_start_removes_what_dead_processes_left_and_spares_the_living() {
+        let root = tempfile::tempdir().unwrap();
+        let dead = root.path().join("dead");
+        std::fs::create_dir_all(dead.join("job-1")).unwrap();
+        std::fs::write(dead.join(LOCK), "").unwrap();
+        std::fs::write(dead.join("job-1/model.glb"), "half").unwrap();
+        let living = Scratch::open(root.path()).unwrap();
+        assert!(!dead.exists());
+        let attempt = living.attempt(JobId(uuid::Uuid::nil()), 1).unwrap();
+        let other = Scratch::open(root.path()).unwrap();
+        assert!(attempt.path().is_dir());
+        drop(attempt);
+        drop(living);
+        drop(other);
+        assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 0);
+    }
+}

@@ -1,0 +1,296 @@
+//! The state machine of a job, as a pure function: what each event does in each state.
+//!
+//! Every store applies [`State::on`] inside its transaction and writes down what comes out, so that all
+//! stores agree. Invariants, property-tested below: an ended job never changes; an event of a worker is
+//! refused unless it carries the number and the holder of the present attempt; attempt numbers only grow;
+//! a job that is not cancelled ends after at most `max_attempts` attempts that counted.
+
+use super::job::Status;
+use crate::generate::Backend;
+use std::time::Duration;
+
+/// The part of a job's record that decides what may happen to it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct State {
+    /// Where it stands.
+    pub status: Status,
+    /// Number of the last attempt, from 1; 0 before the first.
+    pub attempts: u32,
+    /// Attempts that count against the limit: those whose worker vanished or that met a passing fault. An
+    /// attempt given back by a worker that shuts down does not count.
+    pub spent: u32,
+    /// Whether it was asked to stop while running.
+    pub cancel_requested: bool,
+    /// The worker that holds the lease, while running.
+    pub holder: Option<String>,
+}
+
+/// What a worker proves its right to write with.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Fence {
+    /// Attempt number that it was given by its claim.
+    pub attempt: u32,
+    /// Its name.
+    pub worker: String,
+}
+
+/// Something that happens to a job.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Event {
+    /// A client asks it to stop.
+    Cancel,
+    /// This worker takes it from the queue.
+    Claim(String),
+    /// Its lease has run out.
+    Expire,
+    /// The holder renews its lease.
+    Renew(Fence),
+    /// The holder has a model.
+    Finish(Fence),
+    /// The holder met a fault that another attempt would meet again.
+    Fail(Fence),
+    /// The holder stopped because it was asked to.
+    Stopped(Fence),
+    /// The holder gives the job back, through no fault of the job.
+    Release(Fence),
+    /// The holder met a fault that may pass.
+    Retry(Fence),
+}
+
+/// How an attempt ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AttemptEnd {
+    /// With a model.
+    Succeeded,
+    /// With a fault that another attempt would meet again.
+    Failed,
+    /// By request.
+    Cancelled,
+    /// Given back by a worker that shut down.
+    Released,
+    /// With a fault that may pass.
+    Retried,
+    /// Its worker let the lease run out.
+    Vanished,
+}
+
+/// What an event leads to.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Next {
+    /// The state after it.
+    pub state: State,
+    /// How the attempt that ran before ended, where it did.
+    pub ended: Option<AttemptEnd>,
+    /// Whether the job failed because its attempts are used up.
+    pub exhausted: bool,
+}
+
+/// Why an event changes nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refused {
+    /// The job has ended.
+    Ended,
+    /// Not in this state: a claim of a running job, an expiry of a queued one.
+    NotNow,
+    /// The writer does not hold the present attempt.
+    Fenced,
+}
+
+impl State {
+    /// A job just queued.
+    #[must_use]
+    pub fn queued() -> Self {
+        Self { status: Status::Queued, attempts: 0, spent: 0, cancel_requested: false, holder: None }
+    }
+
+    /// What `event` leads to, or why it changes nothing.
+    ///
+    /// # Errors
+    /// [`Refused`]; the state stays as it was.
+    pub fn on(&self, event: &Event, max_attempts: u32) -> Result<Next, Refused> {
+        if self.status.is_ended() {
+            return Err(match event {
+                Event::Cancel | Event::Claim(_) | Event::Expire => Refused::Ended,
+                _ => Refused::Fenced,
+            });
+        }
+        let running = self.status == Status::Running;
+        match event {
+            Event::Cancel if running => Ok(self.stays(Self { cancel_requested: true, ..self.clone() })),
+            Event::Cancel => Ok(self.stays(Self { status: Status::Cancelled, ..self.clone() })),
+            Event::Claim(_) | Event::Expire if running != matches!(event, Event::Expire) => Err(Refused::NotNow),
+            Event::Claim(worker) => Ok(self.stays(Self {
+                status: Status::Running,
+                attempts: self.attempts + 1,
+                holder: Some(worker.clone()),
+                ..self.clone()
+            })),
+            Event::Expire => Ok(self.again(AttemptEnd::Vanished, max_attempts)),
+            Event::Renew(fence) => self.held_by(fence).map(|()| self.stays(self.clone())),
+            Event::Finish(fence) => self.held_by(fence).map(|()| self.ends(Status::Succeeded, AttemptEnd::Succeeded)),
+            Event::Fail(fence) => self.held_by(fence).map(|()| self.ends(Status::Failed, AttemptEnd::Failed)),
+            Event::Stopped(fence) => self.held_by(fence).map(|()| self.ends(Status::Cancelled, AttemptEnd::Cancelled)),
+            Event::Release(fence) => self.held_by(fence).map(|()| self.again(AttemptEnd::Released, max_attempts)),
+            Event::Retry(fence) => self.held_by(fence).map(|()| self.again(AttemptEnd::Retried, max_attempts)),
+        }
+    }
+
+    fn held_by(&self, fence: &Fence) -> Result<(), Refused> {
+        let held = self.status == Status::Running
+            && self.attempts == fence.attempt
+            && self.holder.as_deref() == Some(fence.worker.as_str());
+        if held { Ok(()) } else { Err(Refused::Fenced) }
+    }
+
+    fn stays(&self, state: Self) -> Next {
+        Next { state, ended: None, exhausted: false }
+    }
+
+    fn ends(&self, status: Status, how: AttemptEnd) -> Next {
+        Next { state: Self { status, holder: None, ..self.clone() }, ended: Some(how), exhausted: false }
+    }
+
+    /// The attempt is over without a result: back to the queue, unless it was asked to stop or was the last one.
+    fn again(&self, how: AttemptEnd, max_attempts: u32) -> Next {
+        let spent = self.spent + u32::from(how != AttemptEnd::Released);
+        let exhausted = !self.cancel_requested && spent >= max_attempts && how != AttemptEnd::Released;
+        let status = if self.cancel_requested {
+            Status::Cancelled
+        } else if exhausted {
+            Status::Failed
+        } else {
+            Status::Queued
+        };
+        Next { state: Self { status, spent, holder: None, ..self.clone() }, ended: Some(how), exhausted }
+    }
+}
+
+/// How long a job waits after a fault that may pass before it can be claimed again, by the attempts that counted:
+/// 1 s, doubled each time, at most a minute.
+#[must_use]
+pub fn retry_delay(spent: u32) -> Duration {
+    Duration::from_secs(1 << spent.saturating_sub(1).min(6)).min(Duration::from_secs(60))
+}
+
+/// Which requests a worker may run, by what it computes with. `Auto` stands for one that can do everything.
+#[must_use]
+pub fn accepted(worker: Backend) -> &'static [Backend] {
+    match worker {
+        Backend::Auto => &[Backend::Auto, Backend::Gpu, Backend::Cpu, Backend::CpuSingle],
+        Backend::Gpu => &[Backend::Auto, Backend::Gpu],
+        Backend::Cpu => &[Backend::Auto, Backend::Cpu, Backend::CpuSingle],
+        Backend::CpuSingle => &[Backend::Auto, Backend::CpuSingle],
+    }
+}
+
+/// Whether a model made by `used` may stand for one asked of `requested`: `cpu` and `cpu-single` give the same bytes.
+#[must_use]
+pub fn same_bytes(requested: Backend, used: Backend) -> bool {
+    match requested {
+        Backend::Auto => true,
+        Backend::Gpu => used == Backend::Gpu,
+        Backend::Cpu | Backend::CpuSingle => matches!(used, Backend::Cpu | Backend::CpuSingle),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn fence() -> impl Strategy<Value = Fence> {
+        (0u32..6, "[ab]").prop_map(|(attempt, worker)| Fence { attempt, worker })
+    }
+
+    fn event() -> impl Strategy<Value = Event> {
+        prop_oneof![
+            1 => Just(Event::Cancel),
+            6 => "[ab]".prop_map(Event::Claim),
+            3 => Just(Event::Expire),
+            2 => fence().prop_map(Event::Renew),
+            1 => fence().prop_map(Event::Finish),
+            1 => fence().prop_map(Event::Fail),
+            1 => fence().prop_map(Event::Stopped),
+            3 => fence().prop_map(Event::Release),
+            3 => fence().prop_map(Event::Retry),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn invariants_hold_over_any_history(events in prop::collection::vec(event(), 0..60), max in 1u32..5) {
+            let mut state = State::queued();
+            let mut ends = 0;
+            for event in &events {
+                let before = state.clone();
+                match state.on(event, max) {
+                    Ok(next) => {
+                        prop_assert!(!before.status.is_ended(), "an ended job changed");
+                        prop_assert!(next.state.attempts >= before.attempts);
+                        prop_assert!(next.state.spent <= max);
+                        prop_assert!(next.state.spent <= next.state.attempts);
+                        prop_assert_eq!(next.state.holder.is_some(), next.state.status == Status::Running);
+                        prop_assert_eq!(
+                            next.ended.is_some(),
+                            before.status == Status::Running && next.state.status != Status::Running
+                        );
+                        prop_assert!(!next.exhausted || next.state.status == Status::Failed);
+                        if let Event::Finish(f) | Event::Fail(f) | Event::Stopped(f) | Event::Release(f)
+                            | Event::Retry(f) | Event::Renew(f) = event
+                        {
+                            prop_assert_eq!(f.attempt, before.attempts);
+                            prop_assert_eq!(Some(&f.worker), before.holder.as_ref());
+                        }
+                        ends += u32::from(next.state.status.is_ended());
+                        state = next.state;
+                    }
+                    Err(_) => prop_assert_eq!(&state, &before),
+                }
+            }
+            prop_assert!(ends <= 1, "ended {} times", ends);
+        }
+
+        #[test]
+        fn vanishing_workers_end_a_job_after_max_attempts(max in 1u32..8) {
+            let mut state = State::queued();
+            for n in 1..=max {
+                state = state.on(&Event::Claim("a".into()), max).unwrap().state;
+                let next = state.on(&Event::Expire, max).unwrap();
+                prop_assert_eq!(next.exhausted, n == max);
+                state = next.state;
+            }
+            prop_assert_eq!(state.status, Status::Failed);
+        }
+    }
+
+    #[test]
+    fn a_released_attempt_does_not_count() {
+        let mut state = State::queued();
+        for attempt in 1..=20 {
+            state = state.on(&Event::Claim("a".into()), 2).unwrap().state;
+            state = state.on(&Event::Release(Fence { attempt, worker: "a".into() }), 2).unwrap().state;
+            assert_eq!((state.status, state.spent, state.attempts), (Status::Queued, 0, attempt));
+        }
+    }
+
+    #[test]
+    fn an_attempt_asked_to_stop_is_not_tried_again() {
+        let running = State::queued().on(&Event::Claim("a".into()), 5).unwrap().state;
+        let asked = running.on(&Event::Cancel, 5).unwrap().state;
+        assert_eq!(asked.status, Status::Running);
+        let fence = Fence { attempt: 1, worker: "a".into() };
+        for event in [Event::Expire, Event::Release(fence.clone()), Event::Retry(fence)] {
+            assert_eq!(asked.on(&event, 5).unwrap().state.status, Status::Cancelled);
+        }
+    }
+
+    #[test]
+    fn each_backend_accepts_itself_and_auto() {
+        for backend in [Backend::Gpu, Backend::Cpu, Backend::CpuSingle] {
+            assert!(accepted(backend).contains(&backend) && accepted(backend).contains(&Backend::Auto));
+            assert!(same_bytes(backend, backend) && same_bytes(Backend::Auto, backend));
+        }
+        assert!(!same_bytes(Backend::Cpu, Backend::Gpu) && !same_bytes(Backend::Gpu, Backend::Cpu));
+    }
+}

@@ -1,0 +1,294 @@
+//! The command as its users meet it: arguments in, exit code and streams out.
+
+use serde_json::Value;
+use sha2::{Digest, Sha256};
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::Duration;
+
+/// A model that even an unoptimised build grows in a second or two.
+const TINY: [&str; 4] = ["--set", "steps=60", "--set", "particles.total={\"keys\":[[0,300],[1,420]]}"];
+
+fn oviduct(folder: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_oviduct"));
+    command.current_dir(folder).env_clear();
+    command
+}
+
+fn run(folder: &Path, arguments: &[&str]) -> Output {
+    oviduct(folder).args(arguments).output().expect("the command runs")
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn code(output: &Output) -> i32 {
+    output.status.code().expect("it was not killed")
+}
+
+fn json(output: &Output) -> Value {
+    assert_eq!(code(output), 0, "{}", said(output));
+    serde_json::from_slice(&output.stdout).expect("stdout is one JSON value")
+}
+
+fn folder() -> tempfile::TempDir {
+    tempfile::tempdir().expect("a folder")
+}
+
+fn names(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).expect("the folder is there");
+    let mut names: Vec<_> = entries.map(|e| e.expect("read").file_name().into_string().expect("UTF-8")).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn help_goes_to_stdout_and_wrong_use_to_stderr() {
+    let at = folder();
+    for arguments in [["--help"], ["--version"]] {
+        let output = run(at.path(), &arguments);
+        assert_eq!(code(&output), 0);
+        assert!(String::from_utf8_lossy(&output.stdout).contains("oviduct"));
+    }
+    for arguments in [&["serve", "--nonsense"][..], &["nonsense"], &["generate"], &["check"], &["--addr", "nowhere"]] {
+        let output = run(at.path(), arguments);
+        assert_eq!((code(&output), output.stdout.len()), (2, 0), "{arguments:?}");
+        assert!(!output.stderr.is_empty(), "{arguments:?}");
+    }
+}
+
+#[test]
+fn the_command_line_wins_over_variables_and_these_over_the_file() {
+    let at = folder();
+    let path = at.path().join("oviduct.toml");
+    std::fs::write(&path, "[serve]\naddr = \"192.0.2.1:1\"\n").expect("written");
+    // Each address is refused by name before anything is bound, which shows which one was taken.
+    let refused = |command: &mut Command, address: &str| {
+        let output = command.output().expect("the command runs");
+        assert_eq!(code(&output), 2, "{}", said(&output));
+        assert!(said(&output).contains(&format!("--addr {address}")), "{}", said(&output));
+    };
+    refused(oviduct(at.path()).args(["--config", "oviduct.toml"]), "192.0.2.1:1");
+    refused(oviduct(at.path()).env("OVIDUCT_CONFIG", &path), "192.0.2.1:1");
+    refused(
+        oviduct(at.path()).args(["serve", "--config=oviduct.toml"]).env("OVIDUCT_ADDR", "192.0.2.2:1"),
+        "192.0.2.2:1",
+    );
+    refused(
+        oviduct(at.path())
+            .args(["--config", "oviduct.toml", "--addr", "192.0.2.3:1"])
+            .env("OVIDUCT_ADDR", "192.0.2.2:1"),
+        "192.0.2.3:1",
+    );
+    std::fs::write(&path, "[serve]\nport = 1\n[generate]\nadr = \"x\"\n").expect("written");
+    let output = run(at.path(), &["presets", "--config", "oviduct.toml"]);
+    assert_eq!(code(&output), 2);
+    assert!(said(&output).contains("serve.port") && said(&output).contains("generate.adr"), "{}", said(&output));
+    assert_eq!(code(&run(at.path(), &["presets", "--config", "missing.toml"])), 2);
+}
+
+#[test]
+fn stores_that_there_are_not_are_named() {
+    let at = folder();
+    for (option, url) in [("--database", "postgres://h/d"), ("--artifacts", "s3://bucket")] {
+        let output = run(at.path(), &["serve", "--addr", "127.0.0.1:0", option, url]);
+        assert_eq!(code(&output), 2, "{}", said(&output));
+        assert!(said(&output).contains(url), "{}", said(&output));
+    }
+}
+
+#[test]
+fn what_the_program_knows_of_itself() {
+    let at = folder();
+    let presets = json(&run(at.path(), &["presets", "--json"]));
+    let names: Vec<_> = presets.as_array().expect("an array").iter().map(|p| p["name"].clone()).collect();
+    assert_eq!(names, ["pig", "paper"]);
+    let listed = run(at.path(), &["presets"]);
+    assert!(String::from_utf8_lossy(&listed.stdout).starts_with("pig (default): "));
+    let schema = json(&run(at.path(), &["schema"]));
+    assert_eq!(schema["properties"]["collision"]["properties"]["gap_um"]["x-unit"], "µm");
+    let openapi = run(at.path(), &["openapi"]);
+    assert!(String::from_utf8_lossy(&openapi.stdout).starts_with("openapi: "));
+    // A reader that has had enough is no failure.
+    let mut child = oviduct(at.path()).arg("openapi").stdout(Stdio::piped()).spawn().expect("it starts");
+    drop(child.stdout.take());
+    assert_eq!(child.wait().expect("it ends").code(), Some(0));
+}
+
+#[test]
+fn every_fault_of_a_spec_is_named_and_nothing_is_left() {
+    let at = folder();
+    std::fs::write(at.path().join("spec.json"), r#"{"collision":{"gap_um":-1},"steps":"many"}"#).expect("written");
+    let arguments = ["generate", "--out", "out", "--spec", "spec.json", "--set", "colour=red"];
+    let output = run(at.path(), &arguments);
+    assert_eq!(code(&output), 2, "{}", said(&output));
+    for place in ["/spec/collision/gap_um: ", "/spec/steps: ", "/spec/colour: "] {
+        assert!(said(&output).lines().any(|line| line.starts_with(&format!("error: {place}"))), "{}", said(&output));
+    }
+    assert_eq!(names(at.path()), ["spec.json"]);
+    let output = run(at.path(), &["generate", "--out", "out", "--preset", "whale"]);
+    assert_eq!(code(&output), 2);
+    assert!(said(&output).contains("pig, paper"), "{}", said(&output));
+    for file in ["missing.json", "-"] {
+        assert_eq!(code(&run(at.path(), &["generate", "--out", "out", "--spec", file])), 2, "{file}");
+    }
+}
+
+#[test]
+fn generate_check_and_a_broken_file() {
+    let at = folder();
+    let mut arguments = vec!["generate", "--out", "a/out", "--seed", "7", "--outputs", "glb,obj", "--json"];
+    arguments.extend(TINY);
+    let output = run(at.path(), &arguments);
+    let told = json(&output);
+    assert_eq!(said(&output), "", "no bar where stderr is no terminal");
+    let has = |value: &Value, members: &[&str]| {
+        for member in members {
+            assert!(value.get(*member).is_some(), "{member} is missing in {value}");
+        }
+    };
+    has(&told, &["digest", "preset", "seed", "engine", "backend", "sections", "sections_added", "particles"]);
+    has(&told, &["vertices", "triangles", "seconds", "peak_rss_bytes", "files", "certificate", "summary"]);
+    has(&told["backend"], &["requested", "used", "device", "fallback"]);
+    has(&told["particles"], &["start", "end"]);
+    has(&told["seconds"], &["simulate", "mesh", "certify", "export", "total"]);
+    let proof = &told["certificate"];
+    has(proof, &["passed", "closed", "manifold", "oriented", "euler", "section_crossings", "triangle_intersections"]);
+    has(proof, &["min_gap_um", "min_edge_um", "min_angle_deg"]);
+    assert_eq!((&proof["passed"], &proof["euler"]), (&Value::from(true), &Value::from(0)));
+    assert_eq!(told["particles"]["start"], 300);
+
+    let out = at.path().join("a/out");
+    assert_eq!(names(&out), ["model.glb", "model.obj", "report.json", "sections.bin"]);
+    for file in told["files"].as_array().expect("an array") {
+        let bytes = std::fs::read(out.join(file["name"].as_str().expect("a name"))).expect("the file is there");
+        assert_eq!(file["bytes"], bytes.len());
+        assert_eq!(file["sha256"], hex::encode(Sha256::digest(&bytes)));
+    }
+
+    let checked = json(&run(at.path(), &["check", "--json", "--euler", "0", "a/out/model.glb", "a/out/model.obj"]));
+    for file in checked.as_array().expect("an array") {
+        assert_eq!(file["certificate"]["passed"], true, "{file}");
+        assert_eq!(file["certificate"]["triangles"], told["triangles"]);
+    }
+    assert_eq!(code(&run(at.path(), &["check", "--euler", "2", "a/out/model.obj"])), 1);
+
+    let obj = std::fs::read_to_string(out.join("model.obj")).expect("the file is there");
+    let mut faces = 0;
+    let holed: Vec<&str> = obj
+        .lines()
+        .filter(|line| {
+            !line.starts_with("f ") || {
+                faces += 1;
+                faces != 5
+            }
+        })
+        .collect();
+    std::fs::write(at.path().join("hole.obj"), holed.join("\n")).expect("written");
+    let output = run(at.path(), &["check", "a/out/model.glb", "hole.obj", "missing.obj"]);
+    assert_eq!(code(&output), 1);
+    let lines = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(lines.contains("a/out/model.glb: passed") && lines.contains("hole.obj: FAILED"), "{lines}");
+    assert!(lines.contains("missing.obj: cannot be read"), "{lines}");
+}
+
+#[cfg(unix)]
+fn signal(child: &Child, name: &str) {
+    let sent = Command::new("kill").args([name, &child.id().to_string()]).status().expect("kill runs");
+    assert!(sent.success());
+}
+
+#[test]
+#[cfg(unix)]
+fn an_interrupt_stops_a_generation_and_leaves_nothing() {
+    let at = folder();
+    let mut child = oviduct(at.path()).args(["generate", "--out", "out"]).spawn().expect("it starts");
+    let out = at.path().join("out");
+    while !(out.is_dir() && !names(&out).is_empty()) {
+        assert!(child.try_wait().expect("asked").is_none(), "it ended too soon");
+        sleep(Duration::from_millis(5));
+    }
+    sleep(Duration::from_millis(200));
+    signal(&child, "-INT");
+    assert_eq!(child.wait().expect("it ends").code(), Some(130));
+    assert_eq!(names(&out), Vec::<String>::new());
+}
+
+/// A server on a port of its own, ended with the test.
+struct Server {
+    child: Child,
+    url: String,
+}
+
+impl Server {
+    fn start(at: &Path) -> Self {
+        let mut child = oviduct(at)
+            .args(["serve", "--addr", "127.0.0.1:0", "--log", "warn"])
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("it starts");
+        let mut url = String::new();
+        BufReader::new(child.stdout.take().expect("piped")).read_line(&mut url).expect("it says where it listens");
+        assert!(url.starts_with("http://127.0.0.1:"), "{url}");
+        Self { child, url: url.trim().to_owned() }
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[test]
+#[cfg(unix)]
+fn submit_over_http_and_a_graceful_end() {
+    let at = folder();
+    let mut server = Server::start(at.path());
+    let url = server.url.clone();
+    assert_eq!(code(&run(at.path(), &["healthcheck", "--url", &url])), 0);
+
+    let mut arguments = vec!["submit", "--url", &url, "--seed", "7", "--label", "study:A3", "--outputs", "glb,obj"];
+    arguments.extend(TINY);
+    let mut waiting = arguments.clone();
+    waiting.extend(["--out", "got", "--json"]);
+    let model = json(&run(at.path(), &waiting));
+    assert_eq!((&model["status"], &model["labels"]["study"]), (&"succeeded".into(), &"A3".into()));
+    assert_eq!(names(&at.path().join("got")), ["model.glb", "model.obj", "report.json", "sections.bin"]);
+    assert_eq!(code(&run(at.path(), &["check", "got/model.glb", "--euler", "0"])), 0);
+
+    // The same model is there already; and another one is only asked for.
+    arguments.push("--wait");
+    let output = run(at.path(), &arguments);
+    assert_eq!(code(&output), 0);
+    let line = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(line.ends_with(" succeeded\n"), "{line}");
+    let output = run(at.path(), &["submit", "--url", &url, "--set", "steps=60"]);
+    assert_eq!((code(&output), output.stdout.len()), (0, 37), "an id");
+
+    let output = run(at.path(), &["submit", "--url", &url, "--set", "collision.gap_um=-1", "--set", "colour=red"]);
+    assert_eq!(code(&output), 2, "{}", said(&output));
+    assert!(said(&output).contains("/spec/collision/gap_um: ") && said(&output).contains("/spec/colour: "));
+
+    signal(&server.child, "-TERM");
+    assert_eq!(server.child.wait().expect("it ends").code(), Some(0));
+    assert_eq!(code(&run(at.path(), &["healthcheck", "--url", &url])), 1);
+    assert_eq!(code(&run(at.path(), &["submit", "--url", &url])), 1);
+}
+
+#[test]
+#[cfg(unix)]
+fn the_demo_saves_a_certified_model() {
+    let at = folder();
+    let mut arguments = vec!["demo", "--exit"];
+    arguments.extend(TINY);
+    let output = run(at.path(), &arguments);
+    assert_eq!(code(&output), 0, "{}", said(&output));
+    assert!(String::from_utf8_lossy(&output.stdout).contains("certified: "));
+    assert_eq!(names(&at.path().join("demo")), ["data", "model.glb", "report.json", "sections.bin"]);
+    assert_eq!(code(&run(at.path(), &["check", "demo/model.glb", "--euler", "0"])), 0);
+}

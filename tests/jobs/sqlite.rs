@@ -1,0 +1,105 @@
+//! The suite over SQLite, in memory and in a file, and what only a file can show.
+
+use crate::suite::{Factory, LEASE, new_job};
+use futures_util::FutureExt;
+use oviduct::clock::Clock;
+use oviduct::generate::Backend;
+use oviduct::jobs::sqlite::SqliteStore;
+use oviduct::jobs::state::AttemptEnd;
+use oviduct::jobs::{Job, Status, Store, StoreOptions};
+use std::sync::Arc;
+use std::time::Duration;
+
+const MEMORY: Factory = |options| {
+    async move {
+        let store: Arc<dyn Store> = Arc::new(SqliteStore::open_in_memory(options).await.unwrap());
+        (store, Box::new(()) as Box<dyn Send>)
+    }
+    .boxed()
+};
+
+const FILE: Factory = |options| {
+    async move {
+        let dir = tempfile::tempdir().unwrap();
+        let store: Arc<dyn Store> = Arc::new(SqliteStore::open(dir.path().join("jobs.db"), options).await.unwrap());
+        (store, Box::new(dir) as Box<dyn Send>)
+    }
+    .boxed()
+};
+
+mod memory {
+    crate::suite::over!(super::MEMORY);
+}
+
+mod file {
+    crate::suite::over!(super::FILE);
+}
+
+#[tokio::test]
+async fn a_restart_keeps_jobs_and_takes_over_their_leases_at_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("deep/down/jobs.db");
+    let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
+    let options = StoreOptions { clock: clock.clone(), max_attempts: 2, ..StoreOptions::default() };
+    let open = || SqliteStore::open(&path, options.clone());
+
+    let store = open().await.unwrap();
+    let other = open().await.unwrap_err();
+    assert!(other.to_string().contains("in use by another process"), "{other}");
+    let running = store.submit(new_job("1")).await.unwrap().job().id;
+    let queued = store.submit(new_job("2")).await.unwrap().job().clone();
+    let claimed = store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+    drop(store);
+
+    // The lease has not run out: only recovery gives the job free.
+    let store = open().await.unwrap();
+    let kept = store.get(queued.id).await.unwrap().unwrap();
+    assert_eq!(kept, Job { queue_position: Some(0), ..queued });
+    assert_eq!(store.recover().await.unwrap(), [running]);
+    assert_eq!(store.recover().await.unwrap(), []);
+    let told = store.heartbeat(&claimed, LEASE, &claimed.job().backend, None, None).await.unwrap();
+    assert_eq!(told, oviduct::jobs::Directive::Lost);
+    let again = store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+    assert_eq!((again.job().id, again.attempt()), (running, 2));
+    drop(store);
+
+    let store = open().await.unwrap();
+    assert_eq!(store.recover().await.unwrap(), [running]);
+    let job = store.get(running).await.unwrap().unwrap();
+    assert_eq!(job.status, Status::Failed);
+    assert_eq!(job.problem.unwrap().kind, "attempts-exhausted");
+    let ends: Vec<_> = store.attempts(running).await.unwrap().iter().map(|a| a.outcome).collect();
+    assert_eq!(ends, [Some(AttemptEnd::Vanished); 2]);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn readers_do_not_wait_for_a_writer() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("jobs.db");
+    let store = SqliteStore::open(&path, StoreOptions::default()).await.unwrap();
+    let id = store.submit(new_job("1")).await.unwrap().job().id;
+    // Another connection holds the write lock.
+    let blocker = sqlx::SqlitePool::connect(&format!("sqlite://{}", path.display())).await.unwrap();
+    let held = blocker.begin_with("BEGIN IMMEDIATE").await.unwrap();
+    let writing = tokio::spawn({
+        let store = store.clone();
+        async move { store.cancel(id).await }
+    });
+    for _ in 0..20 {
+        let read = tokio::time::timeout(Duration::from_secs(2), store.get(id)).await.expect("reading waited");
+        assert_eq!(read.unwrap().unwrap().status, Status::Queued);
+    }
+    assert!(!writing.is_finished());
+    held.rollback().await.unwrap();
+    assert_eq!(writing.await.unwrap().unwrap().unwrap().status, Status::Cancelled);
+}
+
+#[tokio::test]
+async fn a_broken_off_call_still_runs_to_its_end_and_is_told() {
+    let store = SqliteStore::open_in_memory(StoreOptions::default()).await.unwrap();
+    let mut changes = store.changes();
+    // Polled once, then dropped: a client that hangs up.
+    assert!(store.submit(new_job("1")).now_or_never().is_none());
+    let change = tokio::time::timeout(Duration::from_secs(5), changes.recv()).await.unwrap().unwrap();
+    assert_eq!(store.get(change.id).await.unwrap().unwrap().status, Status::Queued);
+}

@@ -1,0 +1,58 @@
+"""Tries the live service against its own description with schemathesis.
+
+Usage: contract.py OVIDUCT_BINARY
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+
+from service import SMALL, Service
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+ROOT = os.path.join(HERE, "..", "..")
+
+
+def main(folder):
+    # One model of each fate, grown or ended beforehand; then a service that only queues, so that requests which
+    # happen to be valid cost nothing.
+    service = Service(BINARY, folder, "--queue-limit", "100000").start()
+    succeeded = service.json("POST", "/models", {"seed": 1, "spec": SMALL, "outputs": ["glb", "obj"]})["id"]
+    assert service.ended(succeeded)["status"] == "succeeded", service.ended(succeeded)
+    service.stop()
+    service.start("--cpu-workers", "0")
+    cancelled = service.json("POST", "/models", {"seed": 2, "spec": SMALL})["id"]
+    service.json("POST", f"/models/{cancelled}/cancel")
+
+    live = service.call("GET", "/openapi.yaml")[2]
+    with open(os.path.join(ROOT, "openapi.yaml"), "rb") as committed:
+        assert live == committed.read(), "openapi.yaml is not what the service says; run `just openapi`"
+
+    judge = os.path.join(os.path.dirname(sys.executable), "schemathesis")
+    done = subprocess.run(
+        [
+            judge, "--config-file", os.path.join(HERE, "schemathesis.toml"), "run", os.path.join(ROOT, "openapi.yaml"),
+            "--url", service.url, "--seed", "7",
+        ],
+        env={
+            **os.environ,
+            "SCHEMATHESIS_HOOKS": "schemathesis_hooks",
+            "PYTHONPATH": HERE,
+            "OVIDUCT_SUCCEEDED": succeeded,
+            "OVIDUCT_CANCELLED": cancelled,
+        },
+        cwd=folder,
+    )
+    if done.returncode != 0:
+        sys.exit(f"schemathesis ended with {done.returncode}; the server's last words:\n{service.tail()}")
+    # Whatever was tried: it lives, takes work, and kept what it had.
+    assert service.call("GET", "/readyz")[0] == 200
+    service.stop()
+    print("contract: the service does what openapi.yaml says")
+
+
+if __name__ == "__main__":
+    BINARY = os.path.abspath(sys.argv[1])
+    with tempfile.TemporaryDirectory() as folder:
+        main(folder)

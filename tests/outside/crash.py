@@ -1,0 +1,87 @@
+"""Kills a live server in each stage of a model's life and starts it again.
+
+Every accepted model must end once, with whole files; no half file may ever be visible.
+Usage: crash.py OVIDUCT_BINARY
+"""
+
+import hashlib
+import os
+import sys
+import tempfile
+import time
+
+from service import SMALL, Service
+
+# Places in the life of a model at which the server ends itself without cleaning up (OVIDUCT_FAULT).
+POINTS = ["after-claim", "simulate", "mesh", "certify", "export", "store",
+          "before-upload", "after-upload", "before-commit", "after-commit"]
+OPTIONS = ["--lease", "2s", "--heartbeat", "500ms"]
+
+
+def submit(service, seed, steps=None):
+    """Asks for a model that cannot be an older one."""
+    spec = SMALL if steps is None else {**SMALL, "steps": steps}
+    return service.json("POST", "/models", {"seed": seed, "spec": spec, "outputs": ["glb", "obj"], "reuse": False})["id"]
+
+
+def verify(service, ids):
+    """Every accepted model has ended well, once, and each of its files is whole."""
+    for model in ids:
+        found = service.ended(model)
+        assert found["status"] == "succeeded", found
+        names = [file["name"] for file in found["files"]]
+        assert sorted(names) == ["model.glb", "model.obj", "report.json", "sections.bin"], names
+        for file in found["files"]:
+            status, _, content = service.call("GET", file["href"])
+            assert status == 200 and len(content) == file["bytes"], (file, status, len(content))
+            assert hashlib.sha256(content).hexdigest() == file["sha256"], file
+    listed, cursor = [], ""
+    while cursor is not None:
+        page = service.json("GET", f"/models?limit=50{cursor and '&cursor=' + cursor}")
+        listed += [model["id"] for model in page["models"]]
+        cursor = page["next"]
+    assert sorted(listed) == sorted(ids), f"{len(listed)} models are listed, {len(ids)} were accepted"
+
+
+def stray(data):
+    """Files below the artifacts that are half written."""
+    found = []
+    for folder, _, files in os.walk(os.path.join(data, "artifacts")):
+        found += [os.path.join(folder, name) for name in files if "#" in name or name.endswith((".part", ".tmp"))]
+    return found
+
+
+def main(folder):
+    service = Service(BINARY, folder, *OPTIONS)
+    ids, endings = [], {}
+    for seed, point in enumerate(POINTS):
+        service.start(OVIDUCT_FAULT=f"{point}:kill")
+        ids.append(submit(service, seed))
+        assert service.gone(60), f"the server did not pass {point}\n{service.tail()}"
+        print(f"crash: killed at {point}")
+        service.start()
+        ended = service.ended(ids[-1])
+        assert ended["status"] == "succeeded", ended
+        endings[ids[-1]] = ended
+        service.stop()
+
+    # The same from outside, at moments that nobody chose, with models waiting and running.
+    service.start()
+    waiting = [submit(service, 100 + i, steps=200) for i in range(6)]
+    ids += waiting
+    for i in range(6):
+        time.sleep(0.15 + 0.37 * i)
+        service.kill()
+        service.start()
+    verify(service, ids)
+    for model, ended in endings.items():
+        assert service.json("GET", f"/models/{model}") == ended, "a model that had ended changed"
+    service.stop()
+    assert stray(folder) == [], stray(folder)
+    print(f"crash: {len(ids)} models accepted, {len(ids)} ended, each once, with whole files")
+
+
+if __name__ == "__main__":
+    BINARY = os.path.abspath(sys.argv[1])
+    with tempfile.TemporaryDirectory() as folder:
+        main(folder)

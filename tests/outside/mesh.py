@@ -1,0 +1,64 @@
+"""Judges surfaces with trimesh and pymeshlab: a closed, oriented, single solid torus without crossings.
+
+Usage: mesh.py FILE...    (.glb or .obj)
+"""
+
+import sys
+
+import numpy as np
+import pymeshlab
+import trimesh
+
+
+def body(path):
+    """The surface of a file in micrometres, vertices at equal positions made one."""
+    scene = trimesh.load(path, process=False)
+    mesh = scene.to_geometry() if isinstance(scene, trimesh.Scene) else scene
+    scale = 1e6 if path.endswith(".glb") else 1.0
+    positions, index = np.unique(np.asarray(mesh.vertices, dtype=np.float64), axis=0, return_inverse=True)
+    faces = index.reshape(-1)[np.asarray(mesh.faces)]
+    return positions * scale, faces
+
+
+def judge(path):
+    """What is wrong with a file, in words."""
+    vertices, faces = body(path)
+    faults = []
+
+    def expect(condition, text):
+        if not condition:
+            faults.append(text)
+
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    expect(mesh.is_watertight, "trimesh: not watertight")
+    expect(mesh.is_winding_consistent, "trimesh: winding is not consistent")
+    expect(mesh.volume > 0, f"trimesh: volume {mesh.volume} is not positive")
+    expect(mesh.euler_number == 0, f"trimesh: Euler number {mesh.euler_number}, not 0")
+    expect(mesh.body_count == 1, f"trimesh: {mesh.body_count} bodies, not 1")
+
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(vertex_matrix=vertices, face_matrix=faces.astype(np.int32)))
+    topology = meshes.get_topological_measures()
+    for name in ("boundary_edges", "non_two_manifold_edges", "non_two_manifold_vertices", "number_holes"):
+        expect(topology[name] == 0, f"pymeshlab: {name} = {topology[name]}")
+    expect(topology["is_mesh_two_manifold"], "pymeshlab: not two-manifold")
+    expect(topology["unreferenced_vertices"] == 0, "pymeshlab: unreferenced vertices")
+    meshes.compute_selection_by_self_intersections_per_face()
+    crossing = meshes.current_mesh().selected_face_number()
+    expect(crossing == 0, f"pymeshlab: {crossing} self-intersecting faces")
+    print(f"trimesh, pymeshlab: {path}: {len(vertices)} vertices, {len(faces)} faces, {crossing} self-intersecting")
+    return faults
+
+
+def main():
+    paths = sys.argv[1:]
+    if not paths:
+        sys.exit("no files to judge")
+    faults = [f"{path}: {fault}" for path in paths for fault in judge(path)]
+    for fault in faults:
+        print(fault, file=sys.stderr)
+    sys.exit(1 if faults else 0)
+
+
+if __name__ == "__main__":
+    main()

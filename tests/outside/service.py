@@ -1,0 +1,105 @@
+"""A live service for the judges: the release binary on a free loopback port with a folder of its own."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import time
+import urllib.error
+import urllib.request
+
+# A model that takes about a second: few steps, few particles, all stages.
+SMALL = {"steps": 120, "particles": {"total": [[0, 300], [1, 600]]}}
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+class Service:
+    """`oviduct serve`; can be killed and started again on the same data."""
+
+    def __init__(self, binary, data, *options, port=None):
+        self.binary, self.data, self.options = binary, data, options
+        self.port = port or free_port()
+        self.url = f"http://127.0.0.1:{self.port}"
+        self.process = None
+        self.log = open(os.path.join(data, "server.log"), "ab")
+
+    def start(self, *options, **variables):
+        """Starts it and waits until it is ready."""
+        assert self.process is None
+        line = [self.binary, "serve", "--addr", f"127.0.0.1:{self.port}", "--data", self.data]
+        self.process = subprocess.Popen(
+            [*line, *self.options, *options], stdout=self.log, stderr=self.log, env={**os.environ, **variables}
+        )
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline:
+            if self.process.poll() is not None:
+                break
+            try:
+                if self.call("GET", "/readyz")[0] == 200:
+                    return self
+            except OSError:
+                pass
+            time.sleep(0.05)
+        raise SystemExit(f"the service did not become ready:\n{self.tail()}")
+
+    def kill(self):
+        """Ends it as a power cut would."""
+        self.process.kill()
+        self.process.wait()
+        self.process = None
+
+    def gone(self, seconds):
+        """Waits for it to end by itself; gives whether it did."""
+        try:
+            self.process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            return False
+        self.process = None
+        return True
+
+    def stop(self):
+        """Ends it as an operator would; it must end well."""
+        self.process.send_signal(signal.SIGTERM)
+        code = self.process.wait(60)
+        self.process = None
+        if code != 0:
+            raise SystemExit(f"the service ended with {code}:\n{self.tail()}")
+
+    def tail(self):
+        self.log.flush()
+        with open(self.log.name, "rb") as log:
+            return log.read()[-4000:].decode(errors="replace")
+
+    def call(self, method, path, body=None, headers=None):
+        """Status, headers and body of an answer."""
+        data = None if body is None else json.dumps(body).encode()
+        headers = {**({"Content-Type": "application/json"} if data else {}), **(headers or {})}
+        request = urllib.request.Request(self.url + path, data=data, method=method, headers=headers)
+        try:
+            with urllib.request.urlopen(request, timeout=90) as answer:
+                return answer.status, answer.headers, answer.read()
+        except urllib.error.HTTPError as error:
+            return error.code, error.headers, error.read()
+
+    def json(self, method, path, body=None, headers=None, expect=(200, 201, 202)):
+        """The body of an answer that must be good."""
+        status, _, content = self.call(method, path, body, headers)
+        if status not in expect:
+            raise SystemExit(f"{method} {path} answered {status}: {content.decode(errors='replace')[:2000]}")
+        return json.loads(content)
+
+    def ended(self, model, seconds=120):
+        """Waits until a model ends; gives it."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            found = self.json("GET", f"/models/{model}")
+            if found["status"] not in ("queued", "running"):
+                return found
+            time.sleep(0.1)
+        raise SystemExit(f"the model {model} did not end in {seconds} s: {found}\n{self.tail()}")
