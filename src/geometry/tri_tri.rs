@@ -50,7 +50,7 @@ impl Triangle {
         if det.abs() > self.error * max_norm(d) {
             -det
         } else {
-            orient3d(self.points[0], self.points[1], self.points[2], q)
+            orientation(self.points[0], self.points[1], self.points[2], q)
         }
     }
 
@@ -68,6 +68,15 @@ impl Triangle {
             let [a, b, c] = self.points.map(|p| flat(p, axis));
             orient2d(a, b, c) != 0.0
         })
+    }
+
+    /// What the triangle has in common with an axis-parallel plane that it touches from one side: a corner (twice) or
+    /// an edge; none if it lies in the plane.
+    fn edge_in_plane(&self, axis: usize, value: f64) -> Option<[P2; 2]> {
+        let mut on = self.points.into_iter().filter(|p| p[axis] == value).map(|p| flat(p, axis));
+        let first = on.next()?;
+        let second = on.next().unwrap_or(first);
+        on.next().is_none().then_some([first, second])
     }
 
     /// Whether all of `others` lie strictly on one side of the plane.
@@ -98,9 +107,19 @@ impl Triangle {
             return meets_segment_2d([flat(a, axis), flat(b, axis), flat(c, axis)], flat(p, axis), flat(q, axis));
         }
         // The line pierces the plane in one point, which lies inside where the line passes all edges on one side.
-        let (s, t, u) = (orient3d(p, q, a, b), orient3d(p, q, b, c), orient3d(p, q, c, a));
+        let (s, t, u) = (orientation(p, q, a, b), orientation(p, q, b, c), orientation(p, q, c, a));
         (s >= 0.0 && t >= 0.0 && u >= 0.0) || (s <= 0.0 && t <= 0.0 && u <= 0.0)
     }
+}
+
+/// [`orient3d`], at once for four points of an axis-parallel plane: sections lie in such planes, and to find a zero is
+/// what takes exact arithmetic longest.
+#[inline]
+fn orientation(a: P3, b: P3, c: P3, d: P3) -> f64 {
+    if (0..3).any(|axis| a[axis] == d[axis] && b[axis] == d[axis] && c[axis] == d[axis]) {
+        return 0.0;
+    }
+    orient3d(a, b, c, d)
 }
 
 /// Drops coordinate `axis`.
@@ -140,6 +159,20 @@ fn meets_segment_2d(t: [P2; 3], p: P2, q: P2) -> bool {
 /// Whether two triangles have any point in common.
 #[must_use]
 pub fn meet(a: &Triangle, b: &Triangle) -> bool {
+    for axis in 0..3 {
+        for (a, b) in [(a, b), (b, a)] {
+            let top = a.points.map(|p| p[axis]).into_iter().fold(f64::NEG_INFINITY, f64::max);
+            let bottom = b.points.map(|p| p[axis]).into_iter().fold(f64::INFINITY, f64::min);
+            if top < bottom {
+                return false;
+            }
+            if top == bottom
+                && let (Some([p, q]), Some([r, s])) = (a.edge_in_plane(axis, top), b.edge_in_plane(axis, top))
+            {
+                return segments_meet(p, q, r, s);
+            }
+        }
+    }
     if a.clears(b.points) || b.clears(a.points) {
         return false;
     }
@@ -159,11 +192,25 @@ pub fn meet_beyond_corner(a: &Triangle, i: usize, b: &Triangle, j: usize) -> boo
         let v = corner[axis];
         let (a_low, a_high) = (a1[axis].min(a2[axis]), a1[axis].max(a2[axis]));
         let (b_low, b_high) = (b1[axis].min(b2[axis]), b1[axis].max(b2[axis]));
-        // An axis-parallel plane through the corner parts them, and one touches it nowhere else.
-        if (a_high <= v && b_low >= v && (a_high < v || b_low > v))
-            || (a_low >= v && b_high <= v && (a_low > v || b_high < v))
-        {
-            return false;
+        let parted = (a_high <= v && b_low >= v) || (a_low >= v && b_high <= v);
+        if !parted {
+            continue;
+        }
+        // An axis-parallel plane through the corner parts them; what they share lies in it.
+        let on_plane = |p: P3, q: P3| match (p[axis] == v, q[axis] == v) {
+            (false, false) => Some(None),
+            (true, false) => Some(Some(flat(p, axis))),
+            (false, true) => Some(Some(flat(q, axis))),
+            (true, true) => None,
+        };
+        match (on_plane(a1, a2), on_plane(b1, b2)) {
+            (Some(None), _) | (_, Some(None)) => return false,
+            (Some(Some(p)), Some(Some(q))) => {
+                let o = flat(corner, axis);
+                let same_way = |i: usize| (p[i] > o[i] && q[i] > o[i]) || (p[i] < o[i] && q[i] < o[i]);
+                return orient2d(o, p, q) == 0.0 && (same_way(0) || same_way(1));
+            }
+            _ => {}
         }
     }
     if b.clears([a1, a2]) || a.clears([b1, b2]) {

@@ -1,81 +1,94 @@
 //! Wavefront OBJ: vertices, faces (with or without texture and normal indices, counted from either end), groups.
+//!
+//! Coordinates are read as f64, but in files that oviduct wrote as f32: there they are the shortest decimals of
+//! 32-bit floats, and the surface that was certified is the one of these floats.
 
-use super::text::{lines, point, unit, wrong};
+use super::text::{lines, point, point_f32, unit, wrong};
 use super::{ReadError, Surface};
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
-    let mut surface = Surface::default();
+    let mut parser = Parser::default();
     let mut continued = String::new();
-    // Faces may name vertices that come later; the last line that did so is remembered.
-    let mut greatest = (0, 0);
     for (number, line) in lines(bytes) {
         if let Some(start) = line.strip_suffix('\\') {
             continued.push_str(start);
             continued.push(' ');
-            continue;
-        }
-        if continued.is_empty() {
-            statement(&mut surface, number, &line, &mut greatest)?;
+        } else if continued.is_empty() {
+            parser.statement(number, &line)?;
         } else {
             continued.push_str(&line);
-            statement(&mut surface, number, &continued, &mut greatest)?;
+            parser.statement(number, &continued)?;
             continued.clear();
         }
     }
     if !continued.is_empty() {
         return Err(wrong(lines(bytes).count(), "the file ends in the middle of a line"));
     }
-    if greatest.0 > surface.positions.len() {
-        return Err(wrong(greatest.1, format!("there is no vertex {}", greatest.0)));
+    let Parser { mut surface, greatest, line, .. } = parser;
+    if greatest > surface.positions.len() {
+        return Err(wrong(line, format!("there is no vertex {greatest}")));
     }
     surface.begin_group(None);
     Ok(surface)
 }
 
-fn statement(surface: &mut Surface, number: usize, line: &str, greatest: &mut (usize, usize)) -> Result<(), ReadError> {
-    let (line, comment) = line.split_once('#').unwrap_or((line, ""));
-    if let Some(unit) = unit(comment) {
-        surface.unit = unit;
-    }
-    let mut words = line.split_ascii_whitespace();
-    match words.next() {
-        Some("v") => {
-            if surface.positions.len() >= u32::MAX as usize {
-                return Err(wrong(number, "there are more vertices than 32 bits can count"));
-            }
-            surface.positions.push(point(number, &mut words)?);
+#[derive(Default)]
+struct Parser {
+    surface: Surface,
+    /// Whether coordinates are 32-bit floats.
+    single: bool,
+    /// Faces may name vertices that come later: the greatest number so far, from 1, and its line.
+    greatest: usize,
+    line: usize,
+}
+
+impl Parser {
+    fn statement(&mut self, number: usize, line: &str) -> Result<(), ReadError> {
+        let (line, comment) = line.split_once('#').unwrap_or((line, ""));
+        if !comment.is_empty() {
+            self.single |= comment.trim_start().starts_with("generator: oviduct");
+            self.surface.unit = unit(comment).unwrap_or(self.surface.unit);
         }
-        Some("f") => {
-            let (mut face, mut count) = ([0u32; 4], 0);
-            let mut more = Vec::new();
-            for word in words {
-                let index = vertex(surface, number, word)?;
-                if index as usize >= greatest.0 {
-                    *greatest = (index as usize + 1, number);
+        let mut words = line.split_ascii_whitespace();
+        match words.next() {
+            Some("v") => {
+                if self.surface.positions.len() >= u32::MAX as usize {
+                    return Err(wrong(number, "there are more vertices than 32 bits can count"));
                 }
-                if count < face.len() {
-                    face[count] = index;
-                } else {
-                    if more.is_empty() {
-                        more.extend(face);
-                    }
-                    more.push(index);
-                }
-                count += 1;
+                let point = if self.single { point_f32(number, &mut words)? } else { point(number, &mut words)? };
+                self.surface.positions.push(point);
             }
-            if count < 3 {
-                return Err(wrong(number, "a face has fewer than three corners"));
+            Some("f") => self.face(number, words)?,
+            Some("g" | "o") => self.surface.begin_group(Some(&words.collect::<Vec<_>>().join(" "))),
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn face<'a>(&mut self, number: usize, words: impl Iterator<Item = &'a str>) -> Result<(), ReadError> {
+        let (mut face, mut count) = ([0u32; 4], 0);
+        let mut more = Vec::new();
+        for word in words {
+            let index = vertex(&self.surface, number, word)?;
+            if index as usize >= self.greatest {
+                (self.greatest, self.line) = (index as usize + 1, number);
             }
-            if more.is_empty() {
-                surface.add_face(&face[..count]);
+            if count < face.len() {
+                face[count] = index;
             } else {
-                surface.add_face(&more);
+                if more.is_empty() {
+                    more.extend(face);
+                }
+                more.push(index);
             }
+            count += 1;
         }
-        Some("g" | "o") => surface.begin_group(Some(&words.collect::<Vec<_>>().join(" "))),
-        _ => {}
+        if count < 3 {
+            return Err(wrong(number, "a face has fewer than three corners"));
+        }
+        self.surface.add_face(if more.is_empty() { &face[..count] } else { &more });
+        Ok(())
     }
-    Ok(())
 }
 
 /// The vertex that a corner of a face names, from 0.

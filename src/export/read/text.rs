@@ -2,6 +2,7 @@
 
 use super::{ReadError, Unit};
 use std::borrow::Cow;
+use std::str::FromStr;
 
 /// The lines of a file with their numbers from 1, without line ends, bytes that are not UTF-8 replaced.
 pub(super) fn lines(bytes: &[u8]) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
@@ -16,7 +17,7 @@ pub(super) fn wrong(line: usize, detail: impl Into<String>) -> ReadError {
 }
 
 /// The next word as a coordinate.
-pub(super) fn coordinate<'a>(line: usize, words: &mut impl Iterator<Item = &'a str>) -> Result<f64, ReadError> {
+fn coordinate<'a, T: FromStr>(line: usize, words: &mut impl Iterator<Item = &'a str>) -> Result<T, ReadError> {
     let word = words.next().ok_or_else(|| wrong(line, "a coordinate is missing"))?;
     word.parse().map_err(|_| wrong(line, format!("{word:?} is not a number")))
 }
@@ -24,6 +25,12 @@ pub(super) fn coordinate<'a>(line: usize, words: &mut impl Iterator<Item = &'a s
 /// The next three words as a point.
 pub(super) fn point<'a>(line: usize, words: &mut impl Iterator<Item = &'a str>) -> Result<[f64; 3], ReadError> {
     Ok([coordinate(line, words)?, coordinate(line, words)?, coordinate(line, words)?])
+}
+
+/// The next three words as a point of 32-bit floats.
+pub(super) fn point_f32<'a>(line: usize, words: &mut impl Iterator<Item = &'a str>) -> Result<[f64; 3], ReadError> {
+    let point: [f32; 3] = [coordinate(line, words)?, coordinate(line, words)?, coordinate(line, words)?];
+    Ok(point.map(f64::from))
 }
 
 /// The unit that a comment states, as `unit: mm`, `units = metres` or `UNITS=um`.
