@@ -274,3 +274,53 @@ fn random_motions_free_of_contact_are_always_lofted() {
     }
     assert!(flipped > 0 && added > 0, "{flipped} flips, {added} sections");
 }
+
+/// What the quick tests clear, the exact test of all triangles must clear too, on wildly folded slabs.
+#[test]
+fn quick_tests_never_clear_a_contact() {
+    let mut dice = Dice(11);
+    let (mut cleared, mut met) = (0, 0);
+    for _ in 0..300 {
+        // Two wandering rings with short edges, moved together and apart.
+        let mut rim = |drift: f32| {
+            let mut at = [drift, 0.0f32];
+            let mut points = Vec::new();
+            for _ in 0..10 {
+                at = at.map(|x| x + (dice.below(7) as f32) - 2.5);
+                points.push(at);
+            }
+            Rim { points, inner: 5 }
+        };
+        let mut slab = Slab::new(rim(0.0), rim(4.0));
+        for diagonal in &mut slab.diagonals {
+            if dice.below(2) == 0 {
+                *diagonal = diagonal.other();
+            }
+        }
+        let parted = slab.parted_from_next();
+        for i in 0..slab.len() {
+            for j in 0..slab.len() {
+                let neighbours = slab.lower.next(i) == j;
+                let clear = if neighbours { parted[i] } else { slab.lower.next(j) != i && slab.apart(i, j) };
+                if i == j || slab.degenerate(i) || slab.degenerate(j) {
+                    assert!(!(clear && neighbours));
+                    continue;
+                }
+                let meet = |i: usize, j: usize| {
+                    (0..2).any(|k| {
+                        let s = slab.corners(i, k, slab.diagonals[i]);
+                        (0..2).any(|l| (i, k) != (j, l) && in_contact(&s, &slab.corners(j, l, slab.diagonals[j])))
+                    })
+                };
+                if clear {
+                    cleared += 1;
+                    assert!(!meet(i, j), "{i} {j} {slab:?}");
+                    assert!(!neighbours || (!meet(i, i) && !meet(j, j)), "{i} {j} {slab:?}");
+                } else {
+                    met += usize::from(meet(i, j));
+                }
+            }
+        }
+    }
+    assert!(cleared > 1000 && met > 1000, "{cleared} {met}");
+}
