@@ -2,6 +2,7 @@
 //!
 //! Everything that can be refused is refused before anything is queued.
 
+use super::AppState;
 use super::dto::Model;
 use super::headers::{IDEMPOTENCY_REPLAYED, PREFERENCE_APPLIED, idempotency_key, wait};
 use super::json::{JsonBody, canonical};
@@ -9,7 +10,6 @@ use super::models::{answer, retry_after};
 use super::openapi::{BodyProblems, ModelRequest as ModelRequestDoc, QueueFull, StoreAway};
 use super::problem::{Fault, Kind, Problem};
 use super::request::{ModelRequest, SEED_MAX};
-use super::AppState;
 use crate::generate::Backend;
 use crate::jobs::{Job, NewJob, Submitted};
 use crate::spec::{Cost, ModelSpec, OverLimit, preset, presets};
@@ -47,7 +47,8 @@ async fn check(state: &AppState, body: &Value) -> Result<Accepted, Problem> {
         Some(Ok(spec)) if faults.is_empty() => spec,
         _ => return Err(Problem::invalid(faults)),
     };
-    let outputs: Vec<String> = request.outputs.iter().filter_map(|o| serde_json::to_value(o).ok()?.as_str().map(str::to_owned)).collect();
+    let outputs: Vec<String> =
+        request.outputs.iter().filter_map(|o| serde_json::to_value(o).ok()?.as_str().map(str::to_owned)).collect();
     let cost = spec.cost(&outputs.iter().map(String::as_str).collect::<Vec<_>>());
     state.limits.cost.check(&cost).map_err(|over| too_much(&cost, &over))?;
     if request.backend == Backend::Gpu && !gpu_alive(state).await? {
@@ -205,5 +206,6 @@ pub(super) struct Validation {
 pub(super) async fn validate(State(state): State<AppState>, JsonBody(body): JsonBody) -> Result<Response, Problem> {
     let Accepted { request, spec, cost } = check(&state, &body).await?;
     let digest = request.seed.map(|seed| spec.digest(seed));
-    Ok(Json(Validation { preset: request.preset, seed: request.seed, spec: spec.to_json(), digest, cost }).into_response())
+    Ok(Json(Validation { preset: request.preset, seed: request.seed, spec: spec.to_json(), digest, cost })
+        .into_response())
 }

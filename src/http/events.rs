@@ -4,13 +4,13 @@
 //! reads slowly holds up its own task only, and then gets newer states, not more of them. The task ends with the
 //! model, with the connection, or with the service.
 
+use super::AppState;
 use super::dto::ModelEvent;
 use super::extract::{ModelId, no_model};
 use super::headers::last_event_id;
 use super::openapi::{ModelMissing, StreamAway};
 use super::problem::{Kind, Problem};
 use super::sse::{self, Name, Track};
-use super::AppState;
 use crate::clock::Stopwatch;
 use crate::jobs::{Job, JobId, ListFilter, Status, StoreError};
 use axum::extract::State;
@@ -182,7 +182,8 @@ pub(super) async fn of_all(State(state): State<AppState>, headers: HeaderMap) ->
     let watch = state.feed.watch();
     let head = state.feed.head();
     let resumed = last_event_id(&headers);
-    let missed = resumed.and_then(|cursor| state.feed.number(cursor)).filter(|&number| state.feed.since(number).is_some());
+    let missed =
+        resumed.and_then(|cursor| state.feed.number(cursor)).filter(|&number| state.feed.since(number).is_some());
     let first = match missed {
         Some(_) => Vec::new(),
         None => newest(&state, resumed.is_some()).await?,
@@ -202,12 +203,7 @@ async fn newest(state: &AppState, with_ended: bool) -> Result<Vec<Job>, StoreErr
     Ok(jobs.into_values().collect())
 }
 
-async fn follow_all(
-    out: Out,
-    first: Vec<Job>,
-    mut number: u64,
-    mut watch: watch::Receiver<u64>,
-) -> Result<(), Closed> {
+async fn follow_all(out: Out, first: Vec<Job>, mut number: u64, mut watch: watch::Receiver<u64>) -> Result<(), Closed> {
     out.send(Event::default().comment("connected")).await?;
     let mut all = All { tracks: HashMap::new(), due: BTreeMap::new(), out };
     for job in &first {

@@ -3,12 +3,12 @@
 //! A name is looked up among the files of the model's record; it never becomes part of a path. Files never change,
 //! so their tag is their SHA-256 and they may be cached for ever.
 
+use super::AppState;
 use super::conditional::ETag;
 use super::extract::{ModelId, PathTexts, no_model};
 use super::openapi::{FileMissing, RangeOutside, StoreAway};
 use super::problem::{Kind, Problem};
 use super::range::{Selection, select};
-use super::AppState;
 use crate::jobs::artifacts::ArtifactError;
 use crate::jobs::{File, Job, JobId};
 use axum::body::Body;

@@ -24,18 +24,14 @@ const KEY_MAX: usize = 255;
 /// ignored, as RFC 7240 says.
 pub(super) fn wait(headers: &HeaderMap) -> Option<Duration> {
     let preferences = headers.get_all(PREFER);
-    preferences
-        .iter()
-        .filter_map(|v| v.to_str().ok())
-        .flat_map(|v| v.split(','))
-        .find_map(|preference| {
-            let (name, value) = preference.split(';').next()?.split_once('=')?;
-            let value = value.trim().trim_matches('"');
-            let digits = !value.is_empty() && value.bytes().all(|b| b.is_ascii_digit());
-            let seconds = (name.trim().eq_ignore_ascii_case("wait") && digits)
-                .then(|| value.parse().unwrap_or(u64::MAX).min(WAIT_MAX))?;
-            (seconds > 0).then(|| Duration::from_secs(seconds))
-        })
+    preferences.iter().filter_map(|v| v.to_str().ok()).flat_map(|v| v.split(',')).find_map(|preference| {
+        let (name, value) = preference.split(';').next()?.split_once('=')?;
+        let value = value.trim().trim_matches('"');
+        let digits = !value.is_empty() && value.bytes().all(|b| b.is_ascii_digit());
+        let seconds = (name.trim().eq_ignore_ascii_case("wait") && digits)
+            .then(|| value.parse().unwrap_or(u64::MAX).min(WAIT_MAX))?;
+        (seconds > 0).then(|| Duration::from_secs(seconds))
+    })
 }
 
 /// The idempotency key: 1 to 255 visible ASCII characters. The quotes of a structured string are no part of it.

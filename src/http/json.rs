@@ -46,9 +46,8 @@ fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
 }
 
 async fn read(body: Body, limit: usize, time: Duration) -> Result<Bytes, Problem> {
-    let too_large = || {
-        Problem::new(Kind::PayloadTooLarge, format!("A body may have {limit} bytes at most.")).with("limit", limit)
-    };
+    let too_large =
+        || Problem::new(Kind::PayloadTooLarge, format!("A body may have {limit} bytes at most.")).with("limit", limit);
     if axum::body::HttpBody::size_hint(&body).lower() > limit as u64 {
         return Err(too_large());
     }

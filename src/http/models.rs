@@ -1,11 +1,11 @@
 //! `GET /models`, `GET`, `DELETE /models/{id}`, `POST /models/{id}/cancel`: what there is, and stopping it.
 
+use super::AppState;
 use super::conditional::ETag;
 use super::dto::{Model, ModelList};
 use super::extract::{ModelId, Parameters, no_model, parse_id};
 use super::openapi::{BadParameters, ModelMissing, StoreAway};
 use super::problem::{Fault, Problem};
-use super::AppState;
 use crate::jobs::{Job, ListFilter, Status};
 use axum::Json;
 use axum::extract::State;

@@ -61,7 +61,8 @@ mod tests {
 
     #[test]
     fn nonsense_means_the_whole_file() {
-        let all = ["", "bytes", "bytes=", "bytes=-", "bytes=a-b", "bytes=5-4", "lines=1-2", "bytes=0-1,3-4", "bytes=+1-2"];
+        let all =
+            ["", "bytes", "bytes=", "bytes=-", "bytes=a-b", "bytes=5-4", "lines=1-2", "bytes=0-1,3-4", "bytes=+1-2"];
         for text in all {
             assert_eq!(select(Some(text), 10), Selection::Whole, "{text}");
         }

@@ -49,7 +49,9 @@ impl ModelRequest {
             seed: members.get("seed").and_then(|v| seed(v, faults)),
             spec: members.get("spec").map_or_else(|| json!({}), |v| spec(v, faults)),
             outputs: members.get("outputs").map_or_else(|| vec![Output::Glb], |v| outputs(v, faults)),
-            backend: members.get("backend").map_or(Backend::Auto, |v| choice(v, "/backend", faults).unwrap_or_default()),
+            backend: members
+                .get("backend")
+                .map_or(Backend::Auto, |v| choice(v, "/backend", faults).unwrap_or_default()),
             labels: members.get("labels").map_or_else(BTreeMap::new, |v| labels(v, faults)),
             reuse: members.get("reuse").is_none_or(|v| flag(v, "/reuse", faults)),
         }
@@ -207,15 +209,26 @@ mod tests {
     fn an_empty_request_takes_the_defaults() {
         let request = read(&json!({})).unwrap();
         assert_eq!(request.preset, DEFAULT_PRESET);
-        assert_eq!((request.seed, request.outputs, request.backend, request.reuse), (None, vec![Output::Glb], Backend::Auto, true));
+        assert_eq!(
+            (request.seed, request.outputs, request.backend, request.reuse),
+            (None, vec![Output::Glb], Backend::Auto, true)
+        );
     }
 
     #[test]
     fn whole_numbers_are_integers() {
-        for (value, seed) in [(json!(62.0), 62), (json!(0), 0), (json!(SEED_MAX), SEED_MAX), (json!(-0.0), 0), (json!(1e15), 1_000_000_000_000_000)] {
+        for (value, seed) in [
+            (json!(62.0), 62),
+            (json!(0), 0),
+            (json!(SEED_MAX), SEED_MAX),
+            (json!(-0.0), 0),
+            (json!(1e15), 1_000_000_000_000_000),
+        ] {
             assert_eq!(read(&json!({"seed": value})).unwrap().seed, Some(seed));
         }
-        for value in [json!(SEED_MAX + 1), json!(-1), json!(1.5), json!("7"), json!(null), json!(1e300), json!(true), json!([7])] {
+        for value in
+            [json!(SEED_MAX + 1), json!(-1), json!(1.5), json!("7"), json!(null), json!(1e300), json!(true), json!([7])]
+        {
             assert_eq!(read(&json!({"seed": value})).unwrap_err(), ["/seed"]);
         }
     }
@@ -229,8 +242,20 @@ mod tests {
         assert_eq!(
             read(&body).unwrap_err(),
             [
-                "/a~1b", "/sede", "/preset", "/seed", "/spec", "/outputs/1", "/outputs/2", "/outputs/3", "/backend",
-                "/labels/", "/labels/a", "/labels/b:c", "/labels/d", "/reuse"
+                "/a~1b",
+                "/sede",
+                "/preset",
+                "/seed",
+                "/spec",
+                "/outputs/1",
+                "/outputs/2",
+                "/outputs/3",
+                "/backend",
+                "/labels/",
+                "/labels/a",
+                "/labels/b:c",
+                "/labels/d",
+                "/reuse"
             ]
         );
         for body in [json!(null), json!([]), json!("x"), json!(3)] {

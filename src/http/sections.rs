@@ -2,13 +2,13 @@
 //!
 //! Reads only the trailer, the index and the one section from the artifact store, never the whole file.
 
+use super::AppState;
 use super::conditional::ETag;
 use super::extract::{ModelId, Parameters, PathTexts};
 use super::files::{IMMUTABLE, find};
 use super::headers::accept;
 use super::openapi::{BadParameters, Inacceptable, SectionMissing, StoreAway};
 use super::problem::{Fault, Kind, Problem};
-use super::AppState;
 use crate::export::sections_bin::{SectionsError, TRAILER_LEN, Trailer, read_section_from_bytes};
 use crate::export::svg::section_svg;
 use crate::jobs::File;
@@ -154,7 +154,7 @@ fn no_section(detail: &str) -> Problem {
 
 /// The number of sections in `file`, and section `k` of them.
 async fn read(state: &AppState, file: &File, k: u64) -> Result<(u64, Section), Problem> {
-    let end = file.bytes.saturating_sub(TRAILER_LEN as u64);
+    let end = file.bytes.checked_sub(TRAILER_LEN as u64).ok_or_else(|| damaged(&SectionsError::NotSections))?;
     let tail = part(state, file, end..file.bytes).await?;
     let tail = tail[..].try_into().map_err(|_| damaged(&SectionsError::NotSections))?;
     let trailer = Trailer::parse(tail, file.bytes).map_err(|error| damaged(&error))?;

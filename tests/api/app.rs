@@ -64,7 +64,8 @@ impl Reply {
     pub(super) fn places(&self) -> Vec<String> {
         let json = self.json();
         let errors = json["errors"].as_array().unwrap().iter();
-        let place = |e: &Value| ["pointer", "parameter", "header"].into_iter().find_map(|m| Some(e[m].as_str()?.to_owned()));
+        let place =
+            |e: &Value| ["pointer", "parameter", "header"].into_iter().find_map(|m| Some(e[m].as_str()?.to_owned()));
         errors.map(|e| place(e).unwrap()).collect()
     }
 }

@@ -70,7 +70,9 @@ async fn single_faults_name_their_place() {
 #[tokio::test]
 async fn a_schedule_out_of_order_is_named() {
     let app = App::new().await;
-    let reply = app.post("/models", &json!({ "spec": { "friction": { "keys": [[0, 0.1], [0.7, 0.1], [0.3, 0.1], [1, 0.1]] } } })).await;
+    let reply = app
+        .post("/models", &json!({ "spec": { "friction": { "keys": [[0, 0.1], [0.7, 0.1], [0.3, 0.1], [1, 0.1]] } } }))
+        .await;
     assert_eq!(reply.status, 422);
     assert!(reply.places()[0].starts_with("/spec/friction"), "{:?}", reply.places());
 }
@@ -108,7 +110,13 @@ async fn what_is_not_json_is_refused_with_line_and_column() {
 #[tokio::test]
 async fn other_media_types_are_refused() {
     let app = App::new().await;
-    for kind in [None, Some("text/plain"), Some("application/x-www-form-urlencoded"), Some("application/json; charset=latin-1"), Some("nonsense")] {
+    for kind in [
+        None,
+        Some("text/plain"),
+        Some("application/x-www-form-urlencoded"),
+        Some("application/json; charset=latin-1"),
+        Some("nonsense"),
+    ] {
         let headers: Vec<_> = kind.into_iter().map(|kind| ("content-type", kind)).collect();
         let reply = app.request(Method::POST, "/models", &headers, Body::from("{}")).await;
         assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (415, "unsupported-media-type"), "{kind:?}");
@@ -144,7 +152,9 @@ async fn a_body_that_breaks_off_or_never_ends_is_refused() {
 async fn unknown_addresses_are_problems() {
     let app = App::new().await;
     insta::assert_json_snapshot!(steady(&app.get("/nowhere").await));
-    for path in ["/models/", "/model", "/batches", "/metrics", "/docs", "/tickets", "/models/x/y/z", "/presets/pig/x", "/%ff"] {
+    for path in
+        ["/models/", "/model", "/batches", "/metrics", "/docs", "/tickets", "/models/x/y/z", "/presets/pig/x", "/%ff"]
+    {
         assert_eq!(app.get(path).await.slug(), "not-found", "{path}");
     }
 }
@@ -153,7 +163,18 @@ async fn unknown_addresses_are_problems() {
 async fn an_id_that_is_none_is_no_model() {
     let app = App::new().await;
     let unknown = uuid::Uuid::now_v7().to_string();
-    for id in ["x", "..", "%2e%2e%2f", "%00", "0", "{}", &unknown, &unknown.replace('-', ""), &format!("{{{unknown}}}").replace(['{', '}'], "%7B"), "%ff%fe"] {
+    for id in [
+        "x",
+        "..",
+        "%2e%2e%2f",
+        "%00",
+        "0",
+        "{}",
+        &unknown,
+        &unknown.replace('-', ""),
+        &format!("{{{unknown}}}").replace(['{', '}'], "%7B"),
+        "%ff%fe",
+    ] {
         for rest in ["", "/events", "/report", "/files/model.glb", "/sections/0"] {
             let reply = app.get(&format!("/models/{id}{rest}")).await;
             assert_eq!(reply.status, 404, "{id}{rest}");

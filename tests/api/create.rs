@@ -69,7 +69,10 @@ async fn the_spec_is_merged_into_the_preset_and_echoed_whole() {
     let model = app.post("/models", &json!({ "spec": { "length_mm": 45.0, "collision": null } })).await.json();
     let preset = app.get("/presets/pig").await.json();
     assert_eq!(model["spec"]["length_mm"], 45);
-    assert_eq!(model["spec"]["collision"].as_object().map(|m| m.len()), preset["spec"]["collision"].as_object().map(|m| m.len()));
+    assert_eq!(
+        model["spec"]["collision"].as_object().map(|m| m.len()),
+        preset["spec"]["collision"].as_object().map(|m| m.len())
+    );
 }
 
 #[tokio::test]
@@ -88,7 +91,14 @@ async fn validating_queues_nothing_and_predicts() {
     let reply = app.post("/models/validate", &json!({ "seed": 7, "outputs": ["glb", "obj"] })).await;
     assert_eq!(reply.status, 200);
     let validation = reply.json();
-    for member in ["/spec/length_mm", "/cost/vertices", "/cost/triangles", "/cost/bytes/glb", "/cost/bytes/obj", "/cost/seconds/cpu/basis"] {
+    for member in [
+        "/spec/length_mm",
+        "/cost/vertices",
+        "/cost/triangles",
+        "/cost/bytes/glb",
+        "/cost/bytes/obj",
+        "/cost/seconds/cpu/basis",
+    ] {
         assert!(validation.pointer(member).is_some_and(|v| !v.is_null()), "{member} of {validation}");
     }
     assert_eq!(app.get("/models").await.json()["models"], json!([]));
@@ -153,7 +163,8 @@ async fn a_finished_model_of_the_same_digest_is_reused() {
     assert_eq!(app.delete(&first).await.status, 204);
     assert_eq!(app.get(&format!("{location}/files/model.glb")).await.body, "glTF");
 
-    for other in [json!({ "seed": 7, "reuse": false }), json!({ "seed": 8 }), json!({ "seed": 7, "outputs": ["obj"] })] {
+    for other in [json!({ "seed": 7, "reuse": false }), json!({ "seed": 8 }), json!({ "seed": 7, "outputs": ["obj"] })]
+    {
         assert_eq!(app.post("/models", &other).await.status, 202, "{other}");
     }
 }
@@ -226,7 +237,8 @@ async fn a_gpu_is_promised_only_where_one_is_alive() {
 
 #[tokio::test]
 async fn what_would_cost_too_much_is_refused_with_the_prediction() {
-    let limits = Limits { cost: oviduct::spec::Limits { max_vertices: 1000, ..Default::default() }, ..Limits::default() };
+    let limits =
+        Limits { cost: oviduct::spec::Limits { max_vertices: 1000, ..Default::default() }, ..Limits::default() };
     let app = App::with(limits, 10).await;
     for path in ["/models", "/models/validate"] {
         let reply = app.post(path, &json!({})).await;

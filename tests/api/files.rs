@@ -52,13 +52,23 @@ async fn ranges() {
     let (app, model) = app(1000).await;
     let path = format!("{model}/files/model.glb");
     let tag = app.get(&path).await.header(header::ETAG).unwrap().to_owned();
-    let cases = [("bytes=0-0", 0..1), ("bytes=10-19", 10..20), ("bytes=990-", 990..1000), ("bytes=-5", 995..1000), ("bytes=-5000", 0..1000), ("bytes=5-99999", 5..1000)];
+    let cases = [
+        ("bytes=0-0", 0..1),
+        ("bytes=10-19", 10..20),
+        ("bytes=990-", 990..1000),
+        ("bytes=-5", 995..1000),
+        ("bytes=-5000", 0..1000),
+        ("bytes=5-99999", 5..1000),
+    ];
     for (range, want) in cases {
         for more in [vec![], vec![("if-range", tag.as_str())]] {
             let headers = [vec![("range", range)], more].concat();
             let reply = app.get_with(&path, &headers).await;
             assert_eq!(reply.status, 206, "{range}");
-            assert_eq!(reply.header(header::CONTENT_RANGE).unwrap(), format!("bytes {}-{}/1000", want.start, want.end - 1));
+            assert_eq!(
+                reply.header(header::CONTENT_RANGE).unwrap(),
+                format!("bytes {}-{}/1000", want.start, want.end - 1)
+            );
             assert_eq!(reply.header(header::CONTENT_LENGTH).unwrap(), want.len().to_string());
             assert_eq!(reply.header(header::ETAG).unwrap(), tag);
             assert!(reply.body == content(1000)[want.clone()], "{range}");
@@ -69,7 +79,12 @@ async fn ranges() {
         assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (416, "range-not-satisfiable"), "{range}");
         assert_eq!(reply.header(header::CONTENT_RANGE), Some("bytes */1000"));
     }
-    for whole in [vec![("range", "bytes=0-1,5-6")], vec![("range", "lines=1-2")], vec![("range", "bytes=9-1")], vec![("range", "bytes=0-1"), ("if-range", "\"other\"")]] {
+    for whole in [
+        vec![("range", "bytes=0-1,5-6")],
+        vec![("range", "lines=1-2")],
+        vec![("range", "bytes=9-1")],
+        vec![("range", "bytes=0-1"), ("if-range", "\"other\"")],
+    ] {
         let reply = app.get_with(&path, &whole).await;
         assert_eq!((reply.status.as_u16(), reply.body.len()), (200, 1000), "{whole:?}");
     }
@@ -113,7 +128,20 @@ async fn an_empty_file_is_a_file() {
 async fn a_name_is_never_a_path() {
     let (app, model) = app(10).await;
     std::fs::write(app.dir.path().join("files/secret"), "secret").unwrap();
-    for name in ["secret", "..%2f..%2f..%2fsecret", "%2e%2e%2fsecret", "..", ".", "model.glb%00", "MODEL.GLB", "model.glb%2f", "1%2fmodel.glb", "%2fetc%2fpasswd", "model.obj", " model.glb"] {
+    for name in [
+        "secret",
+        "..%2f..%2f..%2fsecret",
+        "%2e%2e%2fsecret",
+        "..",
+        ".",
+        "model.glb%00",
+        "MODEL.GLB",
+        "model.glb%2f",
+        "1%2fmodel.glb",
+        "%2fetc%2fpasswd",
+        "model.obj",
+        " model.glb",
+    ] {
         let name = name.replace(' ', "%20");
         let reply = app.get(&format!("{model}/files/{name}")).await;
         assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (404, "file-not-found"), "{name}");

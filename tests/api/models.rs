@@ -105,7 +105,10 @@ async fn times_and_the_wait_are_told() {
     let job = app.claim().await;
     let json = app.get(&model).await.json();
     assert_eq!(json["queue"], json!({ "position": null, "wait_seconds": 1.5 }));
-    assert_eq!((&json["created_at"], &json["started_at"], &json["finished_at"]), (&json!(created), &json!(started), &Value::Null));
+    assert_eq!(
+        (&json["created_at"], &json["started_at"], &json["finished_at"]),
+        (&json!(created), &json!(started), &Value::Null)
+    );
     app.finish(job, &[]).await;
     assert_eq!(app.get(&model).await.json()["finished_at"], started);
 }
@@ -115,11 +118,15 @@ async fn a_failed_model_tells_why() {
     let app = App::new().await;
     let model = app.model(7).await;
     let job = app.claim().await;
-    let problem = Problem { kind: "certificate".into(), title: "Not sound".into(), detail: "2 facets meet at z = 3 µm".into() };
+    let problem =
+        Problem { kind: "certificate".into(), title: "Not sound".into(), detail: "2 facets meet at z = 3 µm".into() };
     app.store.fail(job, used(), problem).await.unwrap();
     let json = app.get(&model).await.json();
     assert_eq!(json["status"], "failed");
-    assert_eq!(json["problem"], json!({ "type": "urn:oviduct:problem:certificate", "title": "Not sound", "detail": "2 facets meet at z = 3 µm" }));
+    assert_eq!(
+        json["problem"],
+        json!({ "type": "urn:oviduct:problem:certificate", "title": "Not sound", "detail": "2 facets meet at z = 3 µm" })
+    );
 }
 
 #[tokio::test]

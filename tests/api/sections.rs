@@ -12,7 +12,13 @@ fn section(k: u16) -> Section {
         ids: vec![first, first + 2, first + 1],
         points: vec![[radius, 0.0], [-radius, radius], [-radius, -radius + f32::from(k)]],
     };
-    Section { step: f64::from(k) * 10.0, z_um: f64::from(k) * 300.5, added: k == 1, inner: ring(50.25, 0), outer: ring(100.5, 10) }
+    Section {
+        step: f64::from(k) * 10.0,
+        z_um: f64::from(k) * 300.5,
+        added: k == 1,
+        inner: ring(50.25, 0),
+        outer: ring(100.5, 10),
+    }
 }
 
 fn stored(count: u16) -> Vec<u8> {

@@ -42,7 +42,14 @@ fn running(step: u32) -> Job {
         eta_seconds: None,
     };
     let section = LiveSection { index: step / 10, step, z_um: 1.0, inner: vec![], outer: vec![] };
-    Job { status: Status::Running, queue_position: None, attempts: 1, progress: Some(progress), section: Some(section), ..job() }
+    Job {
+        status: Status::Running,
+        queue_position: None,
+        attempts: 1,
+        progress: Some(progress),
+        section: Some(section),
+        ..job()
+    }
 }
 
 const MS: Duration = Duration::from_millis(1);
@@ -83,7 +90,8 @@ fn an_event_holds_the_whole_model_on_one_line() {
         Ok(deleted(job().id, "15")),
     ]));
     let body = axum::response::IntoResponse::into_response(stream).into_body();
-    let text = futures_util::FutureExt::now_or_never(http_body_util::BodyExt::collect(body)).unwrap().unwrap().to_bytes();
+    let text =
+        futures_util::FutureExt::now_or_never(http_body_util::BodyExt::collect(body)).unwrap().unwrap().to_bytes();
     let text = String::from_utf8(text.to_vec()).unwrap();
     let lines: Vec<_> = text.lines().collect();
     assert_eq!((lines[0], lines[1]), ("event: section", "id: 14"));
