@@ -1,5 +1,7 @@
 //! The service as a client sees it: the router in process, over a real store and real files.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by it")]
+
 mod api {
     mod app;
     mod bad_input;
