@@ -1,7 +1,7 @@
 //! Reading records: rows to jobs, attempts and workers.
 
 use super::{micros, timestamp};
-use crate::jobs::job::{BackendReport, Job, JobId};
+use crate::jobs::job::{BackendReport, Job, JobId, Status};
 use crate::jobs::store::{Attempt, ListFilter, Page, StoreError, WorkerInfo};
 use jiff::Timestamp;
 use serde::de::DeserializeOwned;
@@ -16,8 +16,6 @@ macro_rules! select_jobs {
     ($tail:literal) => {
         concat!(
             "SELECT j.*, ",
-            "CASE WHEN j.status = 'queued' THEN (SELECT COUNT(*) FROM jobs q INDEXED BY jobs_position ",
-            "WHERE q.status = 'queued' AND q.id < j.id) END AS queue_position, ",
             "(SELECT json_group_array(json_object('name', f.name, 'media_type', f.media_type, 'bytes', f.bytes, ",
             "'sha256', f.sha256, 'key', f.key)) FROM (SELECT * FROM files WHERE job_id = j.id ORDER BY ordinal) f) ",
             "AS files, ",
@@ -65,6 +63,7 @@ fn time(row: &SqliteRow, column: &str) -> Result<Option<Timestamp>, StoreError> 
     row.try_get::<Option<i64>, _>(column)?.map(timestamp).transpose()
 }
 
+/// All of a job but its position in the queue.
 fn to_job(row: &SqliteRow) -> Result<Job, StoreError> {
     Ok(Job {
         id: id(row.try_get("id")?)?,
@@ -81,10 +80,7 @@ fn to_job(row: &SqliteRow) -> Result<Job, StoreError> {
             device: row.try_get("device")?,
             fallback: row.try_get("fallback")?,
         },
-        queue_position: row
-            .try_get::<Option<i64>, _>("queue_position")?
-            .map(|n| u64::try_from(n).map_err(|error| broken(&error)))
-            .transpose()?,
+        queue_position: None,
         progress: parse_optional(row, "progress")?,
         section: parse_optional(row, "section")?,
         attempts: row.try_get("attempts")?,
@@ -101,8 +97,32 @@ fn to_job(row: &SqliteRow) -> Result<Job, StoreError> {
 }
 
 pub(super) async fn job(connection: &mut SqliteConnection, id: JobId) -> Result<Option<Job>, StoreError> {
-    let row = sqlx::query(select_jobs!("WHERE j.id = ?")).bind(id.to_string()).fetch_optional(connection).await?;
-    row.as_ref().map(to_job).transpose()
+    let row = sqlx::query(select_jobs!("WHERE j.id = ?")).bind(id.to_string()).fetch_optional(&mut *connection).await?;
+    let mut job = row.as_ref().map(to_job).transpose()?;
+    set_positions(connection, job.as_mut_slice()).await?;
+    Ok(job)
+}
+
+/// Sets the position in the queue of those that wait: each is counted on from the next older one, so a page costs
+/// one pass over the index of the queue.
+async fn set_positions(connection: &mut SqliteConnection, jobs: &mut [Job]) -> Result<(), StoreError> {
+    let mut queued: Vec<&mut Job> = jobs.iter_mut().filter(|job| job.status == Status::Queued).collect();
+    queued.sort_unstable_by_key(|job| job.id);
+    let (mut before, mut from) = (0, String::new());
+    for job in queued {
+        let id = job.id.to_string();
+        let row = sqlx::query(
+            "SELECT COUNT(*) AS n FROM jobs INDEXED BY jobs_position WHERE status = 'queued' AND id >= ? AND id < ?",
+        )
+        .bind(from)
+        .bind(&id)
+        .fetch_one(&mut *connection)
+        .await?;
+        before += count(&row, "n")?;
+        job.queue_position = Some(before);
+        from = id;
+    }
+    Ok(())
 }
 
 /// A job that this transaction has just read or written.
@@ -128,10 +148,11 @@ pub(super) async fn list(connection: &mut SqliteConnection, filter: &ListFilter)
     }
     // One more than asked for tells whether there is a next page.
     query.push(" ORDER BY j.id DESC LIMIT ").push_bind(i64::from(limit) + 1);
-    let rows = query.build().fetch_all(connection).await?;
+    let rows = query.build().fetch_all(&mut *connection).await?;
     let mut jobs = rows.iter().map(to_job).collect::<Result<Vec<_>, _>>()?;
     let more = jobs.len() > limit as usize;
     jobs.truncate(limit as usize);
+    set_positions(connection, &mut jobs).await?;
     let next = if more { jobs.last().map(|job| job.id) } else { None };
     Ok(Page { jobs, next })
 }

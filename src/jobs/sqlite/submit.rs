@@ -41,11 +41,13 @@ pub(super) async fn submit(
 
 /// A finished model that may stand for `new`: the first one made, where it still exists.
 async fn reusable(tx: &mut SqliteConnection, new: &NewJob) -> Result<Option<Job>, StoreError> {
-    let ids: Vec<String> =
-        sqlx::query_scalar("SELECT id FROM jobs WHERE status = 'succeeded' AND digest = ? ORDER BY id")
-            .bind(&new.digest)
-            .fetch_all(&mut *tx)
-            .await?;
+    // One job of each kind is enough: there may be thousands that share the same files.
+    let ids: Vec<String> = sqlx::query_scalar(
+        "SELECT MIN(id) FROM jobs WHERE status = 'succeeded' AND digest = ? GROUP BY backend_used, outputs ORDER BY 1",
+    )
+    .bind(&new.digest)
+    .fetch_all(&mut *tx)
+    .await?;
     for id in ids {
         let job = known_job(tx, read::id(&id)?).await?;
         let same = job.backend.used.is_some_and(|used| state::same_bytes(new.backend, used));

@@ -1,0 +1,211 @@
+//! Progress and sections on their way from the generating thread to the heartbeat.
+//!
+//! The sink only leaves the newest state here; the keeper fetches it at its own pace, so a generation never
+//! waits for the store.
+
+use crate::generate::{CancelToken, Progress, Sink, Stage};
+use crate::jobs::LiveSection;
+use crate::jobs::fault::{Faults, Injected};
+use crate::model::{Ring, Section};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Most points of a thinned ring.
+const POINTS: usize = 512;
+
+#[derive(Debug, Default)]
+struct State {
+    progress: Option<Progress>,
+    /// Whether `progress` was not fetched yet.
+    new_progress: bool,
+    /// A section not fetched yet.
+    section: Option<LiveSection>,
+    /// Sections recorded so far.
+    sections: u32,
+    injected: Option<Injected>,
+}
+
+/// The newest state of a generation.
+#[derive(Debug)]
+pub(super) struct Live {
+    state: Mutex<State>,
+    faults: Faults,
+    cancel: CancelToken,
+}
+
+/// What is new since the last time.
+#[derive(Debug, Default)]
+pub(super) struct News {
+    pub(super) progress: Option<Progress>,
+    pub(super) section: Option<LiveSection>,
+}
+
+impl News {
+    pub(super) fn is_empty(&self) -> bool {
+        self.progress.is_none() && self.section.is_none()
+    }
+}
+
+impl Live {
+    /// An injected fault stops the generation by `cancel`.
+    pub(super) fn new(faults: Faults, cancel: CancelToken) -> Self {
+        Self { state: Mutex::default(), faults, cancel }
+    }
+
+    pub(super) fn news(&self) -> News {
+        let mut state = self.state();
+        let progress = if std::mem::take(&mut state.new_progress) { state.progress } else { None };
+        News { progress, section: state.section.take() }
+    }
+
+    /// Puts back what could not be told, unless something newer came meanwhile.
+    pub(super) fn put_back(&self, news: News) {
+        let mut state = self.state();
+        state.new_progress |= news.progress.is_some();
+        if state.section.is_none() {
+            state.section = news.section;
+        }
+    }
+
+    /// The files are on their way to the artifact store.
+    pub(super) fn storing(&self) {
+        let mut state = self.state();
+        let mut progress = state.progress.unwrap_or(Progress {
+            stage: Stage::Store,
+            fraction: 0.99,
+            step: 0,
+            steps: 0,
+            particles: 0,
+            sections: 0,
+            eta_seconds: None,
+        });
+        progress.stage = Stage::Store;
+        progress.fraction = progress.fraction.max(0.99);
+        progress.eta_seconds = None;
+        state.progress = Some(progress);
+        state.new_progress = true;
+    }
+
+    /// The fault that was injected into the generation.
+    pub(super) fn injected(&self) -> Option<Injected> {
+        self.state().injected
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Sink for Live {
+    fn progress(&self, progress: &Progress) {
+        {
+            let mut state = self.state();
+            state.progress = Some(*progress);
+            state.new_progress = true;
+        }
+        if let Err(injected) = self.faults.point_blocking(name(progress.stage)) {
+            self.state().injected = Some(injected);
+            self.cancel.cancel();
+        }
+    }
+
+    fn section(&self, section: &Section) {
+        let mut state = self.state();
+        if section.added {
+            return;
+        }
+        let index = state.sections;
+        state.sections += 1;
+        state.section = Some(LiveSection {
+            index,
+            step: section.step as u32,
+            z_um: section.z_um,
+            inner: thin(&section.inner),
+            outer: thin(&section.outer),
+        });
+    }
+}
+
+fn name(stage: Stage) -> &'static str {
+    match stage {
+        Stage::Simulate => "simulate",
+        Stage::Mesh => "mesh",
+        Stage::Certify => "certify",
+        Stage::Export => "export",
+        Stage::Store => "store",
+    }
+}
+
+/// At most [`POINTS`] points, evenly by count.
+fn thin(ring: &Ring) -> Vec<[f32; 2]> {
+    let n = ring.len();
+    let kept = n.min(POINTS);
+    (0..kept).map(|i| ring.points[i * n / kept]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ring(n: u32) -> Ring {
+        Ring { ids: (0..n).collect(), points: (0..n).map(|i| [i as f32, 0.0]).collect() }
+    }
+
+    #[test]
+    fn rings_are_thinned_evenly_and_in_order() {
+        for n in [0, 1, 511, 512, 513, 8300] {
+            let thinned = thin(&ring(n));
+            assert_eq!(thinned.len(), (n as usize).min(POINTS));
+            let gaps: Vec<f32> = thinned.windows(2).map(|w| w[1][0] - w[0][0]).collect();
+            let fair = n as f32 / thinned.len().max(1) as f32;
+            assert!(gaps.iter().all(|gap| *gap >= 1.0 && (gap - fair).abs() <= 1.0), "{n}");
+        }
+    }
+
+    #[test]
+    fn news_are_the_newest_and_told_once() {
+        let live = Live::new(Faults::none(), CancelToken::default());
+        let at = |step| Progress {
+            stage: Stage::Simulate,
+            fraction: 0.1,
+            step,
+            steps: 10,
+            particles: 3,
+            sections: 1,
+            eta_seconds: None,
+        };
+        let section = |step, added| Section { step, added, inner: ring(3), outer: ring(4), ..Section::default() };
+        live.progress(&at(1));
+        live.progress(&at(2));
+        live.section(&section(0.0, false));
+        live.section(&section(0.5, true));
+        live.section(&section(1.0, false));
+        let news = live.news();
+        assert_eq!(news.progress.unwrap().step, 2);
+        assert_eq!(news.section.as_ref().unwrap().index, 1);
+        assert!(live.news().is_empty());
+        live.put_back(news);
+        assert_eq!(live.news().section.unwrap().index, 1);
+        live.storing();
+        assert_eq!(live.news().progress.unwrap().stage, Stage::Store);
+    }
+
+    #[test]
+    fn an_injected_error_stops_the_generation() {
+        let cancel = CancelToken::default();
+        let live = Live::new(Faults::parse("mesh:error").unwrap(), cancel.clone());
+        let mut progress = Progress {
+            stage: Stage::Simulate,
+            fraction: 0.5,
+            step: 10,
+            steps: 10,
+            particles: 3,
+            sections: 1,
+            eta_seconds: None,
+        };
+        live.progress(&progress);
+        assert!(live.injected().is_none() && !cancel.is_cancelled());
+        progress.stage = Stage::Mesh;
+        live.progress(&progress);
+        assert!(live.injected() == Some(Injected("mesh")) && cancel.is_cancelled());
+    }
+}

@@ -1,0 +1,75 @@
+//! What an error means for the job: whether another attempt could fare better, and what the client is told.
+
+use super::generator::WorkError;
+use crate::generate::GenerateError;
+use crate::jobs::Problem;
+use crate::jobs::fault::Injected;
+use tokio::task::JoinError;
+
+/// What is to be done with the job.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Verdict {
+    /// Another attempt would meet the same fault: fail at once.
+    Fail(Problem),
+    /// The fault may pass: give back, counted as an attempt.
+    Retry(Problem),
+}
+
+fn problem(kind: &str, title: &str, detail: String) -> Problem {
+    Problem { kind: kind.into(), title: title.into(), detail }
+}
+
+/// The verdict on a generation that ended with an error.
+pub(super) fn of_error(error: &WorkError) -> Verdict {
+    let detail = error.to_string();
+    match error {
+        WorkError::Spec { .. } => Verdict::Fail(problem("spec", "The spec is not valid for this engine", detail)),
+        WorkError::Generate(error) => match error {
+            GenerateError::Certificate { .. } => {
+                Verdict::Fail(problem("certificate", "The model failed its certificate", detail))
+            }
+            GenerateError::Memory { .. } => {
+                Verdict::Fail(problem("memory", "The model needs more memory than allowed", detail))
+            }
+            GenerateError::Backend { .. } => Verdict::Fail(problem("backend", "The backend is not available", detail)),
+            GenerateError::Simulation { .. } => Verdict::Fail(problem("simulation", "The simulation failed", detail)),
+            GenerateError::Io { source, .. } => {
+                Verdict::Retry(problem("io", "Files could not be written", format!("{detail}: {source}")))
+            }
+            // Nobody asked it to stop, as far as the worker knows.
+            GenerateError::Cancelled => Verdict::Retry(problem("interrupted", "The generation was broken off", detail)),
+        },
+    }
+}
+
+/// The verdict on a generation whose thread gave no result: the same code on the same spec would panic again.
+pub(super) fn of_join(error: JoinError) -> Verdict {
+    let payload = match error.try_into_panic() {
+        Ok(payload) => payload,
+        // The runtime is going down.
+        Err(error) => {
+            return Verdict::Retry(problem("interrupted", "The generation was broken off", error.to_string()));
+        }
+    };
+    let message = payload
+        .downcast_ref::<&str>()
+        .map(|message| (*message).to_owned())
+        .or_else(|| payload.downcast_ref::<String>().cloned())
+        .unwrap_or_else(|| "a panic without a message".to_owned());
+    Verdict::Fail(problem("panic", "The generation panicked", message))
+}
+
+/// The verdict on a scratch folder that could not be made.
+pub(super) fn of_scratch(error: &std::io::Error) -> Verdict {
+    Verdict::Retry(problem("io", "No scratch folder could be made", error.to_string()))
+}
+
+/// The verdict on an artifact store that stayed away or full.
+pub(super) fn of_storage(detail: String) -> Verdict {
+    Verdict::Fail(problem("storage", "The files could not be stored", detail))
+}
+
+/// The verdict on an injected fault.
+pub(super) fn of_injected(injected: Injected) -> Verdict {
+    Verdict::Retry(problem("fault", "A fault was injected", injected.to_string()))
+}

@@ -1,0 +1,210 @@
+//! A generator that follows a script in the job's spec, and a place to run it in.
+
+use crate::suite::new_job;
+use oviduct::clock::{Clock, Stopwatch};
+use oviduct::generate::{Backend, CancelToken, FileOutput, GenerateError, Outcome, Progress, Seconds, Sink, Stage};
+use oviduct::jobs::artifacts::Artifacts;
+use oviduct::jobs::sqlite::SqliteStore;
+use oviduct::jobs::{Job, JobId, NewJob, Store, StoreOptions};
+use oviduct::model::{Ring, Section};
+use oviduct::worker::{PoolOptions, Work, WorkError, WorkerPool};
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// The bytes that a job's file must have: a function of seed and name alone. `model.glb` of seed 2 takes several parts.
+pub fn content(seed: u64, name: &str) -> Vec<u8> {
+    let length = if name == "model.glb" && seed == 2 { 9_000_000 } else { 1000 };
+    let mut word = seed * 2 + name.len() as u64;
+    (0..length)
+        .map(|_| {
+            word = word.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (word >> 33) as u8
+        })
+        .collect()
+}
+
+pub const NAMES: [&str; 2] = ["report.json", "model.glb"];
+
+fn progress(stage: Stage, fraction: f64) -> Progress {
+    Progress { stage, fraction, step: 1, steps: 2, particles: 8, sections: 1, eta_seconds: None }
+}
+
+fn section() -> Section {
+    let ring = |n: u32| Ring { ids: (0..n).collect(), points: (0..n).map(|i| [i as f32, 1.0]).collect() };
+    Section { step: 10.0, z_um: 300.0, added: false, inner: ring(1000), outer: ring(100) }
+}
+
+/// `spec.script`: `ok`, `wait` (for a cancel), `deaf` (3 s without looking at the token), `slow` (1.2 s), `panic`, `memory`, `certificate`, `io`, `spec`.
+pub fn generate(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, WorkError> {
+    let script = work.job.spec["script"].as_str().unwrap().to_owned();
+    sink.progress(&progress(Stage::Simulate, 0.1));
+    sink.section(&section());
+    let patience = match script.as_str() {
+        "wait" => Duration::from_secs(60),
+        "slow" => Duration::from_millis(1200),
+        _ => Duration::from_millis(20),
+    };
+    let since = Stopwatch::start();
+    while since.elapsed() < patience {
+        std::thread::sleep(Duration::from_millis(10));
+        if cancel.is_cancelled() {
+            return Err(GenerateError::Cancelled.into());
+        }
+    }
+    if script == "deaf" {
+        std::thread::sleep(Duration::from_secs(3));
+    }
+    let detail = "slab 7".to_owned();
+    match script.as_str() {
+        "panic" => panic!("the script says so: {}", work.job.seed),
+        "memory" => {
+            let limit = work.memory_limit_bytes.unwrap();
+            return Err(GenerateError::Memory { needed: limit + 1, limit }.into());
+        }
+        "certificate" => return Err(GenerateError::Certificate { detail }.into()),
+        "io" => {
+            let source = std::io::Error::from(std::io::ErrorKind::StorageFull);
+            return Err(GenerateError::Io { name: "model.glb".into(), source }.into());
+        }
+        "spec" => return Err(WorkError::Spec { detail }),
+        _ => {}
+    }
+    for (stage, fraction) in [(Stage::Mesh, 0.7), (Stage::Certify, 0.8), (Stage::Export, 0.9)] {
+        sink.progress(&progress(stage, fraction));
+        if cancel.is_cancelled() {
+            return Err(GenerateError::Cancelled.into());
+        }
+    }
+    let files = NAMES.map(|name| {
+        let bytes = content(work.job.seed, name);
+        std::fs::write(work.dir.join(name), &bytes).unwrap();
+        FileOutput {
+            name: name.into(),
+            media_type: "application/octet-stream".into(),
+            bytes: bytes.len() as u64,
+            sha256: hex::encode(Sha256::digest(&bytes)),
+        }
+    });
+    Ok(Outcome {
+        used: if rayon::current_num_threads() == 1 { Backend::CpuSingle } else { Backend::Cpu },
+        device: format!("scripted, {} threads", rayon::current_num_threads()),
+        files: files.into(),
+        summary: serde_json::json!({ "vertices": 8 }),
+        certificate: serde_json::json!({}),
+        seconds: Seconds::default(),
+    })
+}
+
+pub fn scripted(script: &str, seed: u64) -> NewJob {
+    let spec = serde_json::json!({ "script": script });
+    NewJob { seed, spec, reuse: false, ..new_job(&format!("{script} {seed}")) }
+}
+
+/// A store, artifacts and scratch in a folder.
+pub struct Place {
+    pub dir: PathBuf,
+    pub store: Arc<dyn Store>,
+    pub artifacts: Artifacts,
+    _own: Option<tempfile::TempDir>,
+}
+
+impl Place {
+    /// In memory and a temporary folder.
+    pub async fn fresh(change: impl FnOnce(&mut StoreOptions)) -> Self {
+        let mut options = StoreOptions::default();
+        change(&mut options);
+        let own = tempfile::tempdir().unwrap();
+        let store = SqliteStore::open_in_memory(options).await.unwrap();
+        Self {
+            dir: own.path().to_owned(),
+            store: Arc::new(store),
+            artifacts: Artifacts::local(&own.path().join("artifacts")).unwrap(),
+            _own: Some(own),
+        }
+    }
+
+    /// In files under `dir`, recovered.
+    pub async fn at(dir: &Path) -> Self {
+        let store = SqliteStore::open(dir.join("jobs.db"), StoreOptions::default()).await.unwrap();
+        store.recover().await.unwrap();
+        let artifacts = Artifacts::local(&dir.join("artifacts")).unwrap();
+        Self { dir: dir.to_owned(), store: Arc::new(store), artifacts, _own: None }
+    }
+
+    pub fn options(&self) -> PoolOptions {
+        let scratch = self.dir.join("scratch");
+        PoolOptions { threads: 2, memory_limit_bytes: Some(1 << 30), ..PoolOptions::new(scratch) }
+    }
+
+    pub fn start(&self, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
+        self.start_over(Arc::clone(&self.store), change)
+    }
+
+    /// Starts workers that see the store in their own way.
+    pub fn start_over(&self, store: Arc<dyn Store>, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
+        let mut options = self.options();
+        change(&mut options);
+        WorkerPool::start(store, self.artifacts.clone(), Arc::new(generate), options, Clock::System).unwrap()
+    }
+
+    pub async fn queue(&self, script: &str, seed: u64) -> JobId {
+        self.store.submit(scripted(script, seed)).await.unwrap().job().id
+    }
+
+    /// Waits until `done` holds of the job.
+    pub async fn until(&self, id: JobId, done: impl Fn(&Job) -> bool) -> Job {
+        let mut changes = self.store.changes();
+        let wait = async {
+            loop {
+                let job = self.store.get(id).await.unwrap().expect("the job is gone");
+                if done(&job) {
+                    return job;
+                }
+                changes.recv().await.unwrap();
+            }
+        };
+        tokio::time::timeout(Duration::from_secs(60), wait).await.expect("it never came about")
+    }
+
+    pub async fn ended(&self, id: JobId) -> Job {
+        self.until(id, |job| job.status.is_ended()).await
+    }
+
+    /// The files that anyone could see in the artifact store, by path under it.
+    pub fn visible(&self) -> Vec<PathBuf> {
+        visible(&self.dir.join("artifacts"))
+    }
+
+    /// Everything that workers left in scratch folders.
+    pub fn scratch(&self) -> Vec<PathBuf> {
+        visible(&self.dir.join("scratch"))
+    }
+
+    /// Checks that the job's files are there and right, byte for byte.
+    pub async fn check_files(&self, job: &Job) {
+        let names: Vec<&str> = job.files.iter().map(|file| file.name.as_str()).collect();
+        assert_eq!(names, NAMES);
+        for file in &job.files {
+            let expected = content(job.seed, &file.name);
+            assert!(self.artifacts.read_all(&file.key).await.unwrap() == expected, "{}", file.key);
+            assert_eq!(file.bytes, expected.len() as u64);
+        }
+    }
+}
+
+/// Files below a folder, without those that an upload is staging and without locks.
+pub fn visible(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        let name = entry.file_name().to_string_lossy().into_owned();
+        if path.is_dir() {
+            found.extend(visible(&path));
+        } else if !name.contains('#') && name != ".lock" {
+            found.push(path);
+        }
+    }
+    found
+}

@@ -1,0 +1,167 @@
+//! What every store must do. Each function takes a factory of empty stores; [`over`] makes the tests of one
+//! store from all of them.
+
+mod histories;
+mod lease;
+mod list;
+mod submit;
+
+pub use histories::*;
+pub use lease::*;
+pub use list::*;
+pub use submit::*;
+
+use futures_util::future::{BoxFuture, join_all};
+use jiff::Timestamp;
+use oviduct::clock::Clock;
+use oviduct::generate::{Backend, Output, Progress, Stage};
+use oviduct::jobs::state::AttemptEnd;
+use oviduct::jobs::{
+    BackendReport, Change, ClaimedJob, Directive, File, Finished, Job, JobId, ListFilter, LiveSection, NewJob, Problem,
+    Status, Store, StoreError, StoreOptions, Submitted, WorkerInfo,
+};
+use std::collections::{BTreeMap, HashMap};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Makes an empty store; the second value keeps alive what it stands on.
+pub type Factory = fn(StoreOptions) -> BoxFuture<'static, (Arc<dyn Store>, Box<dyn Send>)>;
+
+pub const LEASE: Duration = Duration::from_secs(8);
+
+/// Makes a test of each function of the suite, over the stores that `$factory` makes.
+macro_rules! over {
+    ($factory:expr; $($test:ident)*) => {
+        $(
+            #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+            async fn $test() {
+                crate::suite::$test($factory).await;
+            }
+        )*
+    };
+    ($factory:expr) => {
+        crate::suite::over! { $factory;
+            a_job_goes_from_the_queue_to_its_end
+            a_heartbeat_renews_and_tells_only_of_news
+            a_stale_attempt_changes_nothing
+            an_expired_lease_is_claimed_again_before_younger_jobs
+            attempts_are_used_up_with_their_history
+            retries_wait_and_count_and_releases_do_not
+            cancel_is_idempotent_in_every_state
+            delete_in_every_state
+            an_idempotency_key_gives_one_job
+            racing_idempotency_keys_give_one_job
+            a_finished_digest_is_reused
+            shared_files_go_with_the_last_job
+            the_queue_has_a_limit
+            lists_are_filtered_and_paged
+            queue_positions_are_by_age
+            claims_keep_to_their_backend
+            workers_are_seen
+            four_claimers_end_each_job_once
+            random_histories_agree_with_the_state_machine
+        }
+    };
+}
+pub(crate) use over;
+
+pub fn new_job(digest: &str) -> NewJob {
+    NewJob {
+        preset: "pig".into(),
+        seed: (1 << 53) - 1,
+        spec: serde_json::json!({ "length_mm": 60.0, "steps": 2000 }),
+        outputs: vec![Output::Glb],
+        backend: Backend::Auto,
+        labels: BTreeMap::new(),
+        digest: digest.into(),
+        reuse: true,
+        idempotency: None,
+    }
+}
+
+pub fn problem(kind: &str) -> Problem {
+    Problem { kind: kind.into(), title: "A fault".into(), detail: "somewhere".into() }
+}
+
+fn by_cpu() -> BackendReport {
+    BackendReport {
+        requested: Backend::Auto,
+        used: Some(Backend::Cpu),
+        device: Some("cpu, 2 threads".into()),
+        fallback: None,
+    }
+}
+
+fn progress(fraction: f64) -> Progress {
+    Progress {
+        stage: Stage::Simulate,
+        fraction,
+        step: 10,
+        steps: 2000,
+        particles: 710,
+        sections: 2,
+        eta_seconds: Some(3.5),
+    }
+}
+
+fn file(claimed: &ClaimedJob, name: &str) -> File {
+    File {
+        name: name.into(),
+        media_type: "application/octet-stream".into(),
+        bytes: 5,
+        sha256: "00".repeat(32),
+        key: oviduct::jobs::artifacts::key(claimed.job().id, claimed.attempt(), name),
+    }
+}
+
+fn finished(claimed: &ClaimedJob) -> Finished {
+    let names = ["sections.bin", "report.json", "model.glb"];
+    Finished {
+        backend: by_cpu(),
+        files: names.iter().map(|name| file(claimed, name)).collect(),
+        summary: serde_json::json!({ "vertices": 790_211 }),
+    }
+}
+
+struct Bench {
+    store: Arc<dyn Store>,
+    clock: Clock,
+    _ground: Box<dyn Send>,
+}
+
+async fn bench(factory: Factory, change: impl FnOnce(&mut StoreOptions)) -> Bench {
+    let clock = Clock::manual("2026-01-02T03:04:05.678901Z".parse().unwrap());
+    let mut options = StoreOptions { clock: clock.clone(), ..StoreOptions::default() };
+    change(&mut options);
+    let (store, ground) = factory(options).await;
+    Bench { store, clock, _ground: ground }
+}
+
+impl Bench {
+    async fn queue(&self, digest: &str) -> Job {
+        let submitted = self.store.submit(new_job(digest)).await.unwrap();
+        assert!(matches!(submitted, Submitted::Queued(_)), "{submitted:?}");
+        submitted.job().clone()
+    }
+
+    async fn claim(&self, worker: &str) -> Option<ClaimedJob> {
+        let mut claimed = self.store.claim(worker, Backend::Cpu, LEASE, 1).await.unwrap();
+        assert!(claimed.len() <= 1);
+        claimed.pop()
+    }
+
+    async fn get(&self, id: JobId) -> Job {
+        self.store.get(id).await.unwrap().unwrap()
+    }
+
+    async fn beat(&self, claimed: &ClaimedJob) -> Directive {
+        self.store.heartbeat(claimed, LEASE, &by_cpu(), None, None).await.unwrap()
+    }
+
+    async fn succeed(&self, digest: &str) -> Job {
+        self.queue(digest).await;
+        let claimed = self.claim("maker").await.unwrap();
+        let done = finished(&claimed);
+        self.store.finish(claimed, done).await.unwrap()
+    }
+}

@@ -1,0 +1,179 @@
+//! Clients: submission, idempotency, reuse, limits, cancel, delete.
+
+use super::*;
+
+pub async fn cancel_is_idempotent_in_every_state(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let unknown = JobId(uuid::Uuid::now_v7());
+    assert_eq!(bench.store.cancel(unknown).await.unwrap(), None);
+    // Queued: ends at once.
+    let queued = bench.queue("1").await.id;
+    let ended = bench.store.cancel(queued).await.unwrap().unwrap();
+    assert_eq!((ended.status, ended.finished_at), (Status::Cancelled, Some(bench.clock.now())));
+    assert_eq!(bench.store.cancel(queued).await.unwrap().unwrap(), ended);
+    assert!(bench.claim("w").await.is_none());
+    // Running: the worker is told.
+    let running = bench.queue("2").await.id;
+    let claimed = bench.claim("w").await.unwrap();
+    let asked = bench.store.cancel(running).await.unwrap().unwrap();
+    assert_eq!((asked.status, asked.cancel_requested), (Status::Running, true));
+    assert_eq!(bench.store.cancel(running).await.unwrap().unwrap(), asked);
+    assert_eq!(bench.beat(&claimed).await, Directive::Cancel);
+    let ended = bench.store.cancelled(claimed).await.unwrap();
+    assert_eq!(ended.status, Status::Cancelled);
+    // Asked to stop, but the worker vanishes: not tried again.
+    let vanished = bench.queue("3").await.id;
+    bench.claim("w").await.unwrap();
+    bench.store.cancel(vanished).await.unwrap();
+    bench.clock.advance(LEASE);
+    assert!(bench.claim("w").await.is_none());
+    assert_eq!(bench.get(vanished).await.status, Status::Cancelled);
+    // Ended: stays.
+    let succeeded = bench.succeed("4").await;
+    assert_eq!(bench.store.cancel(succeeded.id).await.unwrap().unwrap(), succeeded);
+    bench.queue("5").await;
+    let failed = bench.store.fail(bench.claim("w").await.unwrap(), by_cpu(), problem("panic")).await.unwrap();
+    assert_eq!((failed.status, &failed.problem), (Status::Failed, &Some(problem("panic"))));
+    assert_eq!(bench.store.cancel(failed.id).await.unwrap().unwrap(), failed);
+}
+
+pub async fn delete_in_every_state(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    assert_eq!(bench.store.delete(JobId(uuid::Uuid::now_v7())).await.unwrap(), None);
+    let mut changes = bench.store.changes();
+    let queued = bench.queue("1").await.id;
+    assert_eq!(bench.store.delete(queued).await.unwrap(), Some(vec![]));
+    assert!(bench.claim("w").await.is_none());
+    let last = std::iter::from_fn(|| changes.try_recv().ok()).last().unwrap();
+    assert_eq!(last, Change { id: queued, version: None });
+
+    let running = bench.queue("2").await.id;
+    let claimed = bench.claim("w").await.unwrap();
+    assert_eq!(bench.store.delete(running).await.unwrap(), Some(vec![]));
+    assert_eq!(bench.beat(&claimed).await, Directive::Lost);
+    let done = finished(&claimed);
+    assert!(matches!(bench.store.finish(claimed, done).await, Err(StoreError::Fenced)));
+
+    let succeeded = bench.succeed("3").await;
+    let mut keys = bench.store.delete(succeeded.id).await.unwrap().unwrap();
+    keys.sort();
+    let mut named: Vec<_> = succeeded.files.iter().map(|file| file.key.clone()).collect();
+    named.sort();
+    assert_eq!(keys, named);
+    assert!(!bench.store.names_key(&keys[0]).await.unwrap());
+    for id in [queued, running, succeeded.id] {
+        assert_eq!(bench.store.get(id).await.unwrap(), None);
+        assert_eq!(bench.store.delete(id).await.unwrap(), None);
+        assert!(bench.store.attempts(id).await.unwrap().is_empty());
+    }
+}
+
+fn keyed(key: &str, body: &str) -> NewJob {
+    NewJob { idempotency: Some((key.into(), body.into())), reuse: false, ..new_job("d") }
+}
+
+pub async fn an_idempotency_key_gives_one_job(factory: Factory) {
+    let bench = bench(factory, |options| options.queue_limit = 1).await;
+    let first = bench.store.submit(keyed("k", "body")).await.unwrap();
+    assert!(matches!(first, Submitted::Queued(_)));
+    // A replay is answered although the queue is full.
+    let again = bench.store.submit(keyed("k", "body")).await.unwrap();
+    assert_eq!(again, Submitted::Replayed(first.job().clone()));
+    let other = bench.store.submit(keyed("k", "another")).await;
+    assert!(matches!(other, Err(StoreError::IdempotencyConflict)), "{other:?}");
+    // It answers with the job as it is now, and lives as long as the job.
+    let claimed = bench.claim("w").await.unwrap();
+    let done = finished(&claimed);
+    let ended = bench.store.finish(claimed, done).await.unwrap();
+    assert_eq!(bench.store.submit(keyed("k", "body")).await.unwrap(), Submitted::Replayed(ended));
+    bench.store.delete(first.job().id).await.unwrap();
+    let fresh = bench.store.submit(keyed("k", "another")).await.unwrap();
+    assert!(matches!(fresh, Submitted::Queued(_)));
+}
+
+pub async fn racing_idempotency_keys_give_one_job(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let racers = (0..48).map(|n| {
+        let store = Arc::clone(&bench.store);
+        tokio::spawn(async move { store.submit(keyed(&format!("k{}", n % 3), &format!("b{}", n % 6))).await })
+    });
+    let mut made: HashMap<usize, Vec<JobId>> = HashMap::new();
+    let (mut queued, mut conflicts) = (0, 0);
+    for (n, result) in join_all(racers).await.into_iter().enumerate() {
+        match result.unwrap() {
+            Ok(submitted) => {
+                queued += u32::from(matches!(submitted, Submitted::Queued(_)));
+                made.entry(n % 3).or_default().push(submitted.job().id);
+            }
+            Err(StoreError::IdempotencyConflict) => conflicts += 1,
+            Err(error) => panic!("{error}"),
+        }
+    }
+    assert_eq!((queued, conflicts), (3, 24));
+    for ids in made.values() {
+        assert!(ids.iter().all(|id| id == &ids[0]));
+    }
+}
+
+pub async fn a_finished_digest_is_reused(factory: Factory) {
+    let bench = bench(factory, |options| options.queue_limit = 2).await;
+    let made = bench.succeed("d").await;
+    bench.clock.advance(Duration::from_secs(9));
+    let reused = bench.store.submit(new_job("d")).await.unwrap();
+    let Submitted::Reused(job) = &reused else { panic!("{reused:?}") };
+    assert_ne!(job.id, made.id);
+    assert_eq!((job.status, job.reused_from), (Status::Succeeded, Some(made.id)));
+    assert_eq!((&job.files, &job.summary, job.attempts), (&made.files, &made.summary, 0));
+    assert_eq!((job.backend.used, job.finished_at), (Some(Backend::Cpu), Some(bench.clock.now())));
+    let mut single = new_job("d");
+    single.backend = Backend::CpuSingle;
+    let reused = bench.store.submit(single).await.unwrap();
+    assert_eq!(reused.job().backend.requested, Backend::CpuSingle);
+    assert!(matches!(reused, Submitted::Reused(_)));
+    // Another backend, another format, another digest, or no wish for it: made anew.
+    let refused: [fn(&mut NewJob); 4] = [
+        |new| new.backend = Backend::Gpu,
+        |new| new.outputs = vec![Output::Glb, Output::Obj],
+        |new| new.digest = "e".into(),
+        |new| new.reuse = false,
+    ];
+    for (n, change) in refused.into_iter().enumerate() {
+        let mut new = new_job("d");
+        change(&mut new);
+        match bench.store.submit(new).await {
+            Ok(Submitted::Queued(_)) if n < 2 => {}
+            Err(StoreError::QueueFull { limit: 2 }) if n >= 2 => {}
+            other => panic!("{n}: {other:?}"),
+        }
+    }
+    // A full queue does not hinder reuse.
+    assert!(matches!(bench.store.submit(new_job("d")).await.unwrap(), Submitted::Reused(_)));
+}
+
+pub async fn shared_files_go_with_the_last_job(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let made = bench.succeed("d").await;
+    let second = bench.store.submit(new_job("d")).await.unwrap().job().clone();
+    assert_eq!(bench.store.delete(made.id).await.unwrap(), Some(vec![]));
+    assert_eq!(bench.get(second.id).await, second);
+    // The first is gone; the second one's files serve a third.
+    let third = bench.store.submit(new_job("d")).await.unwrap().job().clone();
+    assert_eq!(third.reused_from, Some(second.id));
+    assert_eq!(bench.store.delete(third.id).await.unwrap(), Some(vec![]));
+    assert_eq!(bench.store.delete(second.id).await.unwrap().unwrap().len(), made.files.len());
+    assert!(matches!(bench.store.submit(new_job("d")).await.unwrap(), Submitted::Queued(_)));
+}
+
+pub async fn the_queue_has_a_limit(factory: Factory) {
+    let bench = bench(factory, |options| options.queue_limit = 2).await;
+    let first = bench.queue("1").await.id;
+    bench.queue("2").await;
+    let full = bench.store.submit(new_job("3")).await;
+    assert!(matches!(full, Err(StoreError::QueueFull { limit: 2 })), "{full:?}");
+    // Reading, cancelling and deleting work; they make room.
+    bench.store.cancel(first).await.unwrap();
+    bench.queue("3").await;
+    bench.claim("w").await.unwrap();
+    bench.queue("4").await;
+    assert!(bench.store.submit(new_job("5")).await.is_err());
+}

@@ -1,0 +1,283 @@
+//! The worker pool: success, every way to fail, cancel, lost leases, shutdown, restart.
+
+use crate::deaf::Deaf;
+use crate::scripted::{Place, scripted};
+use crate::suite::LEASE;
+use futures_util::future::join_all;
+use oviduct::clock::{Clock, Stopwatch};
+use oviduct::generate::{Backend, Stage};
+use oviduct::jobs::fault::{Faults, POINTS};
+use oviduct::jobs::state::AttemptEnd;
+use oviduct::jobs::{NewJob, Status, Submitted};
+use std::sync::Arc;
+use std::time::Duration;
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_job_succeeds_with_its_files() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start(|options| options.heartbeat = Duration::from_millis(100));
+    let id = place.queue("slow", 7).await;
+    let running = place.until(id, |job| job.section.is_some()).await;
+    assert_eq!((running.status, running.progress.unwrap().stage), (Status::Running, Stage::Simulate));
+    assert_eq!((running.backend.used, running.backend.device.as_deref()), (Some(Backend::Cpu), Some("cpu, 2 threads")));
+    let section = running.section.unwrap();
+    assert_eq!((section.index, section.inner.len(), section.outer.len()), (0, 512, 100));
+    let since = Stopwatch::start();
+    let worker = loop {
+        let worker = place.store.workers().await.unwrap().pop().unwrap();
+        if worker.job.is_some() || since.seconds() > 1.0 {
+            break worker;
+        }
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    };
+    assert_eq!((worker.job, worker.jobs_done), (Some(id), 0));
+
+    let job = place.ended(id).await;
+    assert_eq!((job.status, job.attempts, &job.problem), (Status::Succeeded, 1, &None));
+    assert_eq!(job.backend.device.as_deref(), Some("scripted, 2 threads"));
+    assert_eq!(job.summary.as_ref().unwrap()["vertices"], 8);
+    place.check_files(&job).await;
+    let single = NewJob { backend: Backend::CpuSingle, ..scripted("ok", 8) };
+    let single = place.store.submit(single).await.unwrap().job().id;
+    let job = place.ended(single).await;
+    assert_eq!(job.backend.device.as_deref(), Some("scripted, 1 threads"));
+    assert_eq!(job.backend.used, Some(Backend::CpuSingle));
+    pool.shutdown(Duration::from_secs(5)).await;
+    assert_eq!(place.visible().len(), 4);
+    assert!(place.scratch().is_empty());
+    let worker = place.store.workers().await.unwrap().pop().unwrap();
+    assert_eq!((worker.job, worker.jobs_done), (None, 2));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_fails_fails_alone() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start(|_| {});
+    let mut ids = Vec::new();
+    let scripts = [
+        ("panic", "the script says so: 1"),
+        ("memory", "the limit is 1073741824"),
+        ("certificate", "slab 7"),
+        ("spec", "slab 7"),
+        ("ok", ""),
+    ];
+    for (script, says) in scripts {
+        ids.push((script, says, place.queue(script, 1).await));
+    }
+    for (script, says, id) in ids {
+        let job = place.ended(id).await;
+        assert_eq!(job.attempts, 1);
+        if script == "ok" {
+            assert_eq!(job.status, Status::Succeeded);
+        } else {
+            let problem = job.problem.unwrap();
+            assert_eq!((job.status, problem.kind.as_str()), (Status::Failed, script));
+            assert!(problem.detail.contains(says), "{}", problem.detail);
+        }
+    }
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_fault_that_may_pass_is_tried_again_until_attempts_are_used_up() {
+    let place = Place::fresh(|options| options.max_attempts = 2).await;
+    let pool = place.start(|_| {});
+    let job = place.ended(place.queue("io", 1).await).await;
+    assert_eq!((job.status, job.attempts), (Status::Failed, 2));
+    let problem = job.problem.unwrap();
+    assert_eq!(problem.kind, "attempts-exhausted");
+    assert!(problem.detail.contains("attempt 2") && problem.detail.contains("model.glb"), "{}", problem.detail);
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_running_job_stops_within_a_second_of_its_cancel() {
+    let place = Place::fresh(|_| {}).await;
+    // No heartbeat would come in time: the cancel arrives by itself.
+    let pool = place.start(|options| {
+        options.heartbeat = Duration::from_secs(60);
+        options.lease = Duration::from_secs(240);
+    });
+    let id = place.queue("wait", 1).await;
+    place.until(id, |job| job.progress.is_some()).await;
+    let since = Stopwatch::start();
+    let asked = place.store.cancel(id).await.unwrap().unwrap();
+    assert_eq!(asked.status, Status::Running);
+    let job = place.ended(id).await;
+    assert_eq!(job.status, Status::Cancelled);
+    assert!(since.seconds() < 1.0, "{} s", since.seconds());
+    // The worker is free again.
+    let next = place.ended(place.queue("ok", 2).await).await;
+    assert_eq!(next.status, Status::Succeeded);
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_cancel_is_recorded_within_a_second_even_where_a_stage_is_slow_to_stop() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start(|_| {});
+    let id = place.queue("deaf", 1).await;
+    place.until(id, |job| job.progress.is_some()).await;
+    let since = Stopwatch::start();
+    place.store.cancel(id).await.unwrap();
+    assert_eq!(place.ended(id).await.status, Status::Cancelled);
+    assert!(since.seconds() < 1.0, "{} s", since.seconds());
+    // Its threads are still at work: the next job begins when they are free.
+    let next = place.ended(place.queue("ok", 2).await).await;
+    assert_eq!(next.status, Status::Succeeded);
+    assert!(since.seconds() > 1.5, "two jobs ran on the same threads");
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_that_hears_of_no_changes_lives_by_polling_and_heartbeats() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start_over(Arc::new(Deaf(Arc::clone(&place.store))), |options| {
+        options.poll = Duration::from_millis(100);
+        options.heartbeat = Duration::from_millis(200);
+    });
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    let id = place.queue("wait", 1).await;
+    place.until(id, |job| job.progress.is_some()).await;
+    place.store.cancel(id).await.unwrap();
+    assert_eq!(place.ended(id).await.status, Status::Cancelled);
+    let deleted = place.queue("wait", 2).await;
+    place.until(deleted, |job| job.progress.is_some()).await;
+    place.store.delete(deleted).await.unwrap();
+    assert_eq!(place.ended(place.queue("ok", 3).await).await.status, Status::Succeeded);
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_deleted_job_stops_and_leaves_nothing() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start(|_| {});
+    let id = place.queue("wait", 1).await;
+    place.until(id, |job| job.progress.is_some()).await;
+    place.store.delete(id).await.unwrap().unwrap();
+    assert_eq!(place.ended(place.queue("ok", 2).await).await.status, Status::Succeeded);
+    pool.shutdown(Duration::from_secs(5)).await;
+    assert_eq!(place.visible().len(), 2);
+    assert!(place.scratch().is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_full_artifact_store_fails_the_job_or_is_waited_out() {
+    let place = Place::fresh(|_| {}).await;
+    let wall = place.dir.join("artifacts/models");
+    std::fs::write(&wall, "a file where a folder must be").unwrap();
+    let pool = place.start(|options| {
+        options.storage_tries = 4;
+        options.storage_wait = Duration::from_millis(300);
+    });
+    let job = place.ended(place.queue("ok", 1).await).await;
+    let problem = job.problem.unwrap();
+    assert_eq!((job.status, problem.kind.as_str(), job.attempts), (Status::Failed, "storage", 1));
+    assert!(problem.detail.contains("tried 4 times"), "{}", problem.detail);
+    // Back before the last try.
+    let id = place.queue("ok", 2).await;
+    place.until(id, |job| job.progress.is_some_and(|p| p.stage == Stage::Store)).await;
+    std::fs::remove_file(&wall).unwrap();
+    let job = place.ended(id).await;
+    assert_eq!((job.status, job.attempts), (Status::Succeeded, 1));
+    place.check_files(&job).await;
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_worker_that_lost_its_lease_stops_and_writes_nothing() {
+    let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
+    let place = Place::fresh(|options| options.clock = clock.clone()).await;
+    let pool = place.start(|options| options.heartbeat = Duration::from_secs(60));
+    let id = place.queue("wait", 1).await;
+    place.until(id, |job| job.progress.is_some()).await;
+    // Its lease runs out, and another takes the job.
+    clock.advance(LEASE);
+    let other = place.store.claim("other", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+    assert_eq!((other.job().id, other.attempt()), (id, 2));
+    assert_eq!(place.ended(place.queue("ok", 2).await).await.status, Status::Succeeded);
+    pool.shutdown(Duration::from_secs(5)).await;
+    let job = place.store.get(id).await.unwrap().unwrap();
+    assert_eq!((job.status, job.attempts, job.version), (Status::Running, 2, other.job().version));
+    assert_eq!(place.visible().len(), 2);
+    place.store.release(other).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn heartbeats_keep_a_lease_that_is_shorter_than_the_job() {
+    let place = Place::fresh(|_| {}).await;
+    let id = place.queue("slow", 1).await;
+    let pool = place.start(|options| {
+        options.workers = 3;
+        options.heartbeat = Duration::from_millis(80);
+        options.lease = Duration::from_millis(400);
+        options.poll = Duration::from_millis(20);
+    });
+    let job = place.ended(id).await;
+    assert_eq!((job.status, job.attempts), (Status::Succeeded, 1));
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_shutdown_lets_short_work_end_and_gives_long_work_back() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start(|options| options.workers = 2);
+    let (short, long) = (place.queue("slow", 1).await, place.queue("wait", 2).await);
+    for id in [short, long] {
+        place.until(id, |job| job.progress.is_some()).await;
+    }
+    let idle = place.queue("ok", 3).await;
+    pool.shutdown(Duration::from_secs(3)).await;
+    assert_eq!(place.store.get(short).await.unwrap().unwrap().status, Status::Succeeded);
+    let job = place.store.get(long).await.unwrap().unwrap();
+    assert_eq!((job.status, job.queue_position, job.progress), (Status::Queued, Some(0), None));
+    let attempts = place.store.attempts(long).await.unwrap();
+    assert_eq!((attempts.len(), attempts[0].outcome), (1, Some(AttemptEnd::Released)));
+    assert_eq!(place.store.get(idle).await.unwrap().unwrap().status, Status::Queued);
+    assert!(place.scratch().is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_error_at_any_point_costs_an_attempt_at_most() {
+    let run = async |point: &'static str| {
+        let place = Place::fresh(|_| {}).await;
+        let pool = place.start(|options| options.faults = Faults::parse(&format!("{point}:error")).unwrap());
+        let script = if point == "during-renewal" { "slow" } else { "ok" };
+        let job = place.ended(place.queue(script, 5).await).await;
+        assert_eq!(job.status, Status::Succeeded, "{point}");
+        place.check_files(&job).await;
+        let unharmed = matches!(point, "during-renewal" | "after-commit");
+        assert_eq!(job.attempts, if unharmed { 1 } else { 2 }, "{point}");
+        pool.shutdown(Duration::from_secs(5)).await;
+        assert_eq!(place.visible().len(), 2, "{point}: files of the broken attempt were left");
+    };
+    join_all(POINTS.into_iter().map(run)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_sweep_removes_what_no_job_names_and_nothing_else() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start(|_| {});
+    let made = place.ended(place.queue("ok", 1).await).await;
+    let shared = NewJob { reuse: true, ..scripted("ok", 1) };
+    let shared = place.store.submit(shared).await.unwrap();
+    assert!(matches!(shared, Submitted::Reused(_)));
+    assert_eq!(place.store.delete(made.id).await.unwrap(), Some(vec![]));
+    // Left by a dead process: a whole file, one half uploaded.
+    let scratch = place.dir.join("orphan");
+    std::fs::write(&scratch, "orphan").unwrap();
+    place.artifacts.put_file("models/gone/1/model.glb", &scratch).await.unwrap();
+    let staged = place.dir.join("artifacts/models/gone/2/model.glb#1");
+    std::fs::create_dir_all(staged.parent().unwrap()).unwrap();
+    std::fs::write(&staged, "half").unwrap();
+
+    let now = Clock::System.now() + Duration::from_secs(60);
+    let sweep = async |age| place.artifacts.sweep_orphans(&*place.store, now, age).await.unwrap();
+    assert_eq!(sweep(Duration::from_secs(3600)).await, 0, "what is young may still be committed");
+    assert!(staged.exists() && place.visible().len() == 3);
+    assert_eq!(sweep(Duration::ZERO).await, 2);
+    assert!(!staged.parent().unwrap().exists());
+    place.check_files(shared.job()).await;
+    assert_eq!(place.visible().len(), 2);
+    pool.shutdown(Duration::from_secs(5)).await;
+}
