@@ -30,6 +30,24 @@ pub(super) fn child(at: &str, name: &str) -> String {
     format!("{at}/{}", name.replace('~', "~0").replace('/', "~1"))
 }
 
+/// Most unknown members of one object that are named one by one, lest a small request draw a huge answer.
+const MAX_UNKNOWN: usize = 64;
+
+/// Notes the unknown members of the object at `at`: the first ones each with a hint, the others by their number.
+pub(super) fn unknown<'a>(
+    at: &str,
+    mut names: impl Iterator<Item = &'a String>,
+    hint: impl Fn(&str) -> String,
+    faults: &mut Vec<Fault>,
+) {
+    let named = names.by_ref().take(MAX_UNKNOWN);
+    faults.extend(named.map(|n| Fault::new(child(at, n), format!("unknown field `{}`{}", shorten(n), hint(n)))));
+    let more = names.count();
+    if more > 0 {
+        faults.push(Fault::new(at, format!("has {more} more unknown fields")));
+    }
+}
+
 /// A value in words, shortened, for a message.
 pub(super) fn describe(value: &Value) -> String {
     match value {

@@ -5,7 +5,7 @@
 //! object, so that a fluctuation can be added to any parameter. A number replaces a schedule as a whole; an
 //! object changes the members that it names, and `keys` is replaced as a whole, as arrays are.
 
-use super::fault::{Fault, child, describe, nearest, shorten};
+use super::fault::{Fault, child, describe, nearest, unknown};
 use super::table::{Field, Kind};
 use serde_json::{Map, Value, json};
 
@@ -21,10 +21,11 @@ pub(super) fn merge(fields: &[Field], base: &Value, patch: &Value, at: &str, fau
             return Value::Object(merged);
         }
     };
+    let known = |name: &str| fields.iter().any(|field| field.name == name);
+    unknown(at, members.keys().filter(|name| !known(name)), |name| hint(fields, name), faults);
     for (name, value) in members {
         let here = child(at, name);
         let Some(field) = fields.iter().find(|field| field.name == name) else {
-            faults.push(Fault::new(here, unknown(fields, name)));
             continue;
         };
         let old = merged.get(name).cloned().unwrap_or_default();
@@ -61,19 +62,16 @@ fn overlaid(base: &Map<String, Value>, patch: &Map<String, Value>) -> Map<String
     merged
 }
 
-/// Says that there is no such parameter, and which one may have been meant.
-fn unknown(fields: &[Field], name: &str) -> String {
-    let hint = match nearest(name, fields.iter().map(|field| field.name)) {
-        Some(near) => format!("; did you mean `{near}`?"),
-        None => match elsewhere(super::table(), name, "") {
-            Some(pointer) => format!("; did you mean `{pointer}`?"),
-            None => {
-                let known: Vec<&str> = fields.iter().map(|field| field.name).collect();
-                format!("; known are {}", known.join(", "))
-            }
-        },
-    };
-    format!("unknown field `{}`{hint}", shorten(name))
+/// Which parameter may have been meant by a name that is none of `fields`.
+fn hint(fields: &[Field], name: &str) -> String {
+    if let Some(near) = nearest(name, fields.iter().map(|field| field.name)) {
+        return format!("; did you mean `{near}`?");
+    }
+    if let Some(pointer) = elsewhere(super::table(), name, "") {
+        return format!("; did you mean `{pointer}`?");
+    }
+    let known: Vec<&str> = fields.iter().map(|field| field.name).collect();
+    format!("; known are {}", known.join(", "))
 }
 
 /// Where in the whole table a parameter of this name is.

@@ -1,7 +1,7 @@
 //! Reads the values of parameters from JSON, naming every fault.
 
 use super::canonical::number;
-use super::fault::{Fault, child, describe, nearest, shorten};
+use super::fault::{Fault, child, describe, nearest, unknown};
 use super::schedule::{Ease, Fluctuation, Schedule};
 use super::table::{Count, Kind, Parameter, Range};
 use serde_json::{Map, Value, json};
@@ -160,13 +160,12 @@ impl Reader {
     /// Notes members that are none of `names`; whether there were none.
     fn only(&mut self, at: &str, members: &Map<String, Value>, names: &[&str]) -> bool {
         let before = self.faults.len();
-        for name in members.keys().filter(|name| !names.contains(&name.as_str())) {
-            let hint = nearest(name, names.iter().copied()).map_or_else(
-                || format!("; known are {}", names.join(", ")),
-                |near| format!("; did you mean `{near}`?"),
-            );
-            self.faults.push(Fault::new(child(at, name), format!("unknown field `{}`{hint}", shorten(name))));
-        }
+        let hint = |name: &str| match nearest(name, names.iter().copied()) {
+            Some(near) => format!("; did you mean `{near}`?"),
+            None => format!("; known are {}", names.join(", ")),
+        };
+        let others = members.keys().filter(|name| !names.contains(&name.as_str()));
+        unknown(at, others, hint, &mut self.faults);
         self.faults.len() == before
     }
 }
