@@ -70,8 +70,8 @@ async fn the_spec_is_merged_into_the_preset_and_echoed_whole() {
     let preset = app.get("/presets/pig").await.json();
     assert_eq!(model["spec"]["length_mm"], 45);
     assert_eq!(
-        model["spec"]["collision"].as_object().map(|m| m.len()),
-        preset["spec"]["collision"].as_object().map(|m| m.len())
+        model["spec"]["collision"].as_object().map(serde_json::Map::len),
+        preset["spec"]["collision"].as_object().map(serde_json::Map::len)
     );
 }
 
