@@ -189,7 +189,7 @@ mod tests {
 
     #[test]
     fn faults_name_line_and_column() {
-        assert_eq!(place(b"{\n  \"a\": nul\n}").0, 2);
+        assert_eq!(place(b"{\n  \"a\": x\n}"), (2, 8));
         assert_eq!(place(b"").0, 1);
         assert_eq!(place(b"{} x"), (1, 4));
         assert_eq!(place(b"{\n\"a\xff\": 1}"), (2, 3));

@@ -1,7 +1,7 @@
 //! The HTTP service: a router over a job store and an artifact store.
 //!
 //! Handlers translate between the wire and the store, nothing more: no SQL, no computing of models, no reading of
-//! clocks. Every error answer is a problem (RFC 9457, [`problem`]); all routes stand on one page ([`router`]).
+//! clocks. Every error answer is a problem (RFC 9457, [`problem`]); all routes stand on one page (`router.rs`).
 
 mod conditional;
 mod create;

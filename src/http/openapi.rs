@@ -18,7 +18,7 @@ use utoipa::{IntoResponses, OpenApi, PartialSchema, ToSchema};
 
 #[derive(OpenApi)]
 #[openapi(
-    components(schemas(ProblemBody, Fault, Backend, Output)),
+    components(schemas(ProblemBody, Fault, Backend, Output, super::sections::Format)),
     tags(
         (name = "models", description = "Ask for models, find, stop and remove them"),
         (name = "events", description = "Follow models as they grow"),

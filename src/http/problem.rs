@@ -1,6 +1,6 @@
 //! Problems (RFC 9457): every error answer of the service is one.
 //!
-//! A handler returns a [`Problem`]; the [envelope](super::envelope) writes its body, because only there the
+//! A handler returns a [`Problem`]; the envelope around the router writes its body, because only there the
 //! request id and the path are known. `type` is `urn:oviduct:problem:{slug}`; slugs are stable, see [`Kind`].
 
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};

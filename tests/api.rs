@@ -1,0 +1,15 @@
+//! The service as a client sees it: the router in process, over a real store and real files.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by it")]
+
+mod api {
+    mod app;
+    mod bad_input;
+    mod create;
+    mod events;
+    mod faulty;
+    mod files;
+    mod models;
+    mod sections;
+    mod service;
+}
