@@ -4,11 +4,13 @@
 
 use super::problem::{Kind, MEDIA_TYPE, Problem};
 use crate::clock::Stopwatch;
+use axum::Router;
 use axum::body::Body;
 use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use tower_http::catch_panic::CatchPanicLayer;
 use tracing::Instrument;
 use uuid::Uuid;
 
@@ -25,8 +27,14 @@ fn request_id(headers: &HeaderMap) -> String {
         .map_or_else(|| Uuid::now_v7().to_string(), str::to_owned)
 }
 
-/// The middleware around the whole router.
-pub(super) async fn envelope(request: Request, next: Next) -> Response {
+/// Puts the envelope around a router. It goes outside of it as a whole, because a router adds `Allow` to its answers
+/// after its own layers.
+pub(super) fn enclose(router: Router) -> Router {
+    let inner = router.layer(CatchPanicLayer::custom(panicked));
+    Router::new().fallback_service(inner).layer(axum::middleware::from_fn(envelope))
+}
+
+async fn envelope(request: Request, next: Next) -> Response {
     let id = request_id(request.headers());
     let method = request.method().clone();
     let path = request.uri().path().to_owned();
@@ -95,7 +103,7 @@ fn options(refused: &Response) -> Response {
 
 /// What a panic in a handler becomes.
 #[expect(clippy::needless_pass_by_value, reason = "the signature that tower-http calls")]
-pub(super) fn panicked(panic: Box<dyn std::any::Any + Send + 'static>) -> Response {
+fn panicked(panic: Box<dyn std::any::Any + Send + 'static>) -> Response {
     let message = panic
         .downcast_ref::<String>()
         .map(String::as_str)
@@ -108,7 +116,7 @@ pub(super) fn panicked(panic: Box<dyn std::any::Any + Send + 'static>) -> Respon
 #[cfg(test)]
 mod tests {
     use super::*;
-    use axum::{Router, routing::get};
+    use axum::routing::get;
     use http_body_util::BodyExt;
     use tower::ServiceExt;
 
@@ -117,10 +125,7 @@ mod tests {
     }
 
     fn app() -> Router {
-        Router::new()
-            .route("/boom", get(boom))
-            .layer(tower_http::catch_panic::CatchPanicLayer::custom(panicked))
-            .layer(axum::middleware::from_fn(envelope))
+        enclose(Router::new().route("/boom", get(boom)))
     }
 
     #[tokio::test]

@@ -1,10 +1,9 @@
 //! All routes on one page, and what surrounds them.
 
-use super::envelope::{envelope, panicked};
+use super::envelope::enclose;
 use super::{AppState, create, events, files, health, home, models, openapi, presets, sections, workers};
 use axum::Router;
 use axum::routing::get;
-use tower_http::catch_panic::CatchPanicLayer;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
@@ -31,9 +30,5 @@ pub(super) fn routes() -> OpenApiRouter<AppState> {
 
 /// The service. Every error answer of it is a problem, every answer carries a request id.
 pub fn router(state: AppState) -> Router {
-    Router::from(routes())
-        .route("/", get(home::page))
-        .layer(CatchPanicLayer::custom(panicked))
-        .layer(axum::middleware::from_fn(envelope))
-        .with_state(state)
+    enclose(Router::from(routes()).route("/", get(home::page)).with_state(state))
 }

@@ -154,7 +154,7 @@ fn no_section(detail: &str) -> Problem {
 
 /// The number of sections in `file`, and section `k` of them.
 async fn read(state: &AppState, file: &File, k: u64) -> Result<(u64, Section), Problem> {
-    let end = file.bytes.saturating_sub(TRAILER_LEN as u64);
+    let end = file.bytes.checked_sub(TRAILER_LEN as u64).ok_or_else(|| damaged(&SectionsError::NotSections))?;
     let tail = part(state, file, end..file.bytes).await?;
     let tail = tail[..].try_into().map_err(|_| damaged(&SectionsError::NotSections))?;
     let trailer = Trailer::parse(tail, file.bytes).map_err(|error| damaged(&error))?;

@@ -102,7 +102,6 @@ impl Track {
         if before.state != told.state {
             names.push(Name::Status);
             before.state = told.state;
-            before.progress = told.progress;
         }
         let mut thinned = |changed: bool, at: &mut Option<Duration>, name: Name| {
             let left = at.map_or(Duration::ZERO, |at| (at + self.interval).saturating_sub(now));

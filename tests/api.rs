@@ -1,0 +1,13 @@
+//! The service as a client sees it: the router in process, over a real store and real files.
+
+mod api {
+    mod app;
+    mod bad_input;
+    mod create;
+    mod events;
+    mod faulty;
+    mod files;
+    mod models;
+    mod sections;
+    mod service;
+}

@@ -1,0 +1,271 @@
+//! A service in process, and a worker in the test's hand.
+//!
+//! Every answer is checked: an error must be a whole problem, a fault of the service must be expected. When the app is
+//! dropped, no stream may be left open.
+
+use axum::Router;
+use axum::body::{Body, Bytes};
+use axum::http::{HeaderMap, Method, Request, StatusCode, header};
+use http_body_util::BodyExt;
+use jiff::Timestamp;
+use oviduct::clock::Clock;
+use oviduct::generate::{Backend, Progress, Stage};
+use oviduct::http::{AppState, Limits, REQUEST_ID, router};
+use oviduct::jobs::artifacts::{Artifacts, key};
+use oviduct::jobs::sqlite::SqliteStore;
+use oviduct::jobs::{
+    BackendReport, ClaimedJob, Directive, File, Finished, JobId, LiveSection, Store, StoreOptions, WorkerInfo,
+};
+use serde_json::{Value, json};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use tempfile::TempDir;
+use tokio_util::sync::CancellationToken;
+use tower::ServiceExt;
+
+/// Lease of the worker in the test's hand.
+pub(super) const LEASE: Duration = Duration::from_secs(8);
+
+pub(super) struct App {
+    router: Router,
+    state: AppState,
+    pub(super) store: Arc<dyn Store>,
+    pub(super) artifacts: Artifacts,
+    pub(super) clock: Clock,
+    pub(super) shutdown: CancellationToken,
+    pub(super) dir: TempDir,
+    faults_expected: AtomicBool,
+}
+
+/// An answer with its whole body.
+#[derive(Debug)]
+pub(super) struct Reply {
+    pub(super) status: StatusCode,
+    pub(super) headers: HeaderMap,
+    pub(super) body: Bytes,
+}
+
+impl Reply {
+    pub(super) fn json(&self) -> Value {
+        serde_json::from_slice(&self.body).unwrap_or_else(|e| panic!("{e}: {}", String::from_utf8_lossy(&self.body)))
+    }
+
+    pub(super) fn header(&self, name: impl header::AsHeaderName) -> Option<&str> {
+        self.headers.get(name).map(|v| v.to_str().unwrap())
+    }
+
+    /// The last part of the problem's type.
+    pub(super) fn slug(&self) -> String {
+        self.json()["type"].as_str().unwrap().strip_prefix("urn:oviduct:problem:").unwrap().to_owned()
+    }
+
+    /// The pointers, parameters and headers that a problem names.
+    pub(super) fn places(&self) -> Vec<String> {
+        let json = self.json();
+        let errors = json["errors"].as_array().unwrap().iter();
+        let place =
+            |e: &Value| ["pointer", "parameter", "header"].into_iter().find_map(|m| Some(e[m].as_str()?.to_owned()));
+        errors.map(|e| place(e).unwrap()).collect()
+    }
+}
+
+impl App {
+    pub(super) async fn new() -> Self {
+        Self::with(Limits::default(), 100).await
+    }
+
+    pub(super) async fn with(limits: Limits, queue_limit: u64) -> Self {
+        let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
+        let options = StoreOptions { clock: clock.clone(), max_attempts: 5, queue_limit };
+        let store = Arc::new(SqliteStore::open_in_memory(options).await.unwrap());
+        Self::over(store, clock, limits)
+    }
+
+    pub(super) fn over(store: Arc<dyn Store>, clock: Clock, limits: Limits) -> Self {
+        let dir = TempDir::new().unwrap();
+        let artifacts = Artifacts::local(&dir.path().join("files")).unwrap();
+        let shutdown = CancellationToken::new();
+        let state = AppState::new(store.clone(), artifacts.clone(), clock.clone(), limits, shutdown.clone());
+        let router = router(state.clone());
+        Self { router, state, store, artifacts, clock, shutdown, dir, faults_expected: AtomicBool::new(false) }
+    }
+
+    /// From here on the service may fail.
+    pub(super) fn expect_faults(&self) {
+        self.faults_expected.store(true, Ordering::Relaxed);
+    }
+
+    pub(super) fn open_streams(&self) -> usize {
+        self.state.open_streams()
+    }
+
+    /// Sends a request; the body of the answer is still to be read.
+    pub(super) async fn start(&self, request: Request<Body>) -> axum::response::Response {
+        let response = self.router.clone().oneshot(request).await.unwrap();
+        assert!(response.headers().contains_key(REQUEST_ID));
+        let faults = self.faults_expected.load(Ordering::Relaxed);
+        assert!(faults || !response.status().is_server_error(), "the service failed: {response:?}");
+        response
+    }
+
+    pub(super) async fn send(&self, request: Request<Body>) -> Reply {
+        let (method, path) = (request.method().clone(), request.uri().path().to_owned());
+        let (parts, body) = self.start(request).await.into_parts();
+        let body = body.collect().await.unwrap().to_bytes();
+        let reply = Reply { status: parts.status, headers: parts.headers, body };
+        if reply.status.as_u16() >= 400 && method != Method::HEAD {
+            assert_eq!(reply.header(header::CONTENT_TYPE), Some("application/problem+json"), "{method} {path}");
+            let problem = reply.json();
+            for member in ["type", "title", "detail", "request_id"] {
+                assert!(problem[member].as_str().is_some_and(|s| !s.is_empty()), "{member} of {problem}");
+            }
+            assert_eq!(problem["status"], reply.status.as_u16());
+            assert_eq!(problem["instance"], path);
+            assert_eq!(problem["request_id"], reply.header(REQUEST_ID).unwrap());
+        }
+        reply
+    }
+
+    pub(super) async fn get(&self, path: &str) -> Reply {
+        self.send(Request::get(path).body(Body::empty()).unwrap()).await
+    }
+
+    pub(super) async fn get_with(&self, path: &str, headers: &[(&str, &str)]) -> Reply {
+        self.request(Method::GET, path, headers, Body::empty()).await
+    }
+
+    pub(super) async fn request(&self, method: Method, path: &str, headers: &[(&str, &str)], body: Body) -> Reply {
+        let mut request = Request::builder().method(method).uri(path);
+        for (name, value) in headers {
+            request = request.header(*name, *value);
+        }
+        self.send(request.body(body).unwrap()).await
+    }
+
+    /// Posts JSON.
+    pub(super) async fn post(&self, path: &str, body: &Value) -> Reply {
+        self.post_with(path, &[], body).await
+    }
+
+    pub(super) async fn post_with(&self, path: &str, headers: &[(&str, &str)], body: &Value) -> Reply {
+        let headers = [&[("content-type", "application/json")], headers].concat();
+        self.request(Method::POST, path, &headers, Body::from(body.to_string())).await
+    }
+
+    pub(super) async fn delete(&self, path: &str) -> Reply {
+        self.request(Method::DELETE, path, &[], Body::empty()).await
+    }
+
+    /// Asks for a model of this seed; returns its address.
+    pub(super) async fn model(&self, seed: u64) -> String {
+        let reply = self.post("/models", &json!({ "seed": seed, "reuse": false })).await;
+        assert_eq!(reply.status, 202, "{reply:?}");
+        reply.header(header::LOCATION).unwrap().to_owned()
+    }
+
+    /// Takes the next model as a worker would.
+    pub(super) async fn claim(&self) -> ClaimedJob {
+        self.store.claim("w1", Backend::Cpu, LEASE, 1).await.unwrap().pop().expect("a model is queued")
+    }
+
+    pub(super) async fn beat(&self, job: &ClaimedJob, step: u32, section: Option<&LiveSection>) -> Directive {
+        let progress = progress(step);
+        self.store.heartbeat(job, LEASE, &used(), Some(&progress), section).await.unwrap()
+    }
+
+    /// Stores files and ends the model as succeeded.
+    pub(super) async fn finish(&self, job: ClaimedJob, contents: &[(&str, &str, Vec<u8>)]) {
+        let mut files = Vec::new();
+        for (name, media_type, bytes) in contents {
+            let path = self.dir.path().join("scratch");
+            std::fs::write(&path, bytes).unwrap();
+            let key = key(job.job().id, job.attempt(), name);
+            let stored = self.artifacts.put_file(&key, &path).await.unwrap();
+            files.push(File {
+                name: (*name).into(),
+                media_type: (*media_type).into(),
+                bytes: stored.bytes,
+                sha256: stored.sha256,
+                key,
+            });
+        }
+        let summary = json!({ "sections": 201, "vertices": 790_211 });
+        self.store.finish(job, Finished { backend: used(), files, summary }).await.unwrap();
+    }
+
+    /// Asks for a model and ends it with these files; returns its address.
+    pub(super) async fn finished(&self, seed: u64, contents: &[(&str, &str, Vec<u8>)]) -> String {
+        let model = self.model(seed).await;
+        let job = self.claim().await;
+        assert_eq!(model, format!("/models/{}", job.job().id));
+        self.finish(job, contents).await;
+        model
+    }
+
+    pub(super) async fn worker(&self, backend: Backend) {
+        let worker = WorkerInfo {
+            id: "w1".into(),
+            host: "here".into(),
+            backend,
+            device: "test".into(),
+            job: None,
+            jobs_done: 3,
+            heartbeat_at: self.clock.now(),
+        };
+        self.store.worker_seen(&worker).await.unwrap();
+    }
+}
+
+impl Drop for App {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            return;
+        }
+        // Tests whose streams were open run on several threads, so their tasks can end while this one waits.
+        for _ in 0..200 {
+            if self.open_streams() == 0 {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        panic!("{} streams were left open", self.open_streams());
+    }
+}
+
+pub(super) fn used() -> BackendReport {
+    BackendReport {
+        requested: Backend::Auto,
+        used: Some(Backend::Cpu),
+        device: Some("test, 2 threads".into()),
+        fallback: None,
+    }
+}
+
+pub(super) fn progress(step: u32) -> Progress {
+    Progress {
+        stage: Stage::Simulate,
+        fraction: f64::from(step) / 2000.0,
+        step,
+        steps: 2000,
+        particles: 710 + step,
+        sections: step / 10,
+        eta_seconds: Some(f64::from(2000 - step) / 100.0),
+    }
+}
+
+pub(super) fn contour(step: u32) -> LiveSection {
+    let ring = |radius: f32| vec![[radius, 0.0], [0.0, radius], [-radius, 0.0], [0.0, -radius]];
+    LiveSection { index: step / 10, step, z_um: f64::from(step) * 30.0, inner: ring(100.0), outer: ring(250.5) }
+}
+
+/// The id in a model's address.
+pub(super) fn id(model: &str) -> JobId {
+    JobId(model.strip_prefix("/models/").unwrap().parse().unwrap())
+}
+
+/// A moment as clients see it.
+pub(super) fn moment(clock: &Clock) -> String {
+    let now: Timestamp = clock.now();
+    now.to_string()
+}

@@ -1,0 +1,250 @@
+//! `POST /models` and `POST /models/validate`.
+
+use super::app::{App, id};
+use axum::http::header;
+use oviduct::generate::Backend;
+use oviduct::http::Limits;
+use serde_json::{Value, json};
+use std::time::Duration;
+
+const GLB: [(&str, &str, &[u8]); 1] = [("model.glb", "model/gltf-binary", b"glTF")];
+
+fn files() -> Vec<(&'static str, &'static str, Vec<u8>)> {
+    GLB.iter().map(|(name, kind, bytes)| (*name, *kind, bytes.to_vec())).collect()
+}
+
+/// Takes out what differs from run to run, and the long spec.
+fn steady(mut model: Value) -> Value {
+    let id = model["id"].as_str().unwrap().to_owned();
+    assert!(model["spec"].as_object().is_some_and(|spec| spec.contains_key("length_mm")));
+    assert_eq!(model["digest"].as_str().unwrap().len(), 64);
+    model["spec"] = "…".into();
+    model["digest"] = "…".into();
+    serde_json::from_str(&model.to_string().replace(&id, "ID")).unwrap()
+}
+
+#[tokio::test]
+async fn a_model_is_accepted_and_queued() {
+    let app = App::new().await;
+    let body = json!({ "preset": "pig", "seed": 7, "outputs": ["glb", "obj"], "labels": { "study": "A3" } });
+    let reply = app.post("/models", &body).await;
+    assert_eq!(reply.status, 202);
+    let model = reply.json();
+    assert_eq!(reply.header(header::LOCATION).unwrap(), format!("/models/{}", model["id"].as_str().unwrap()));
+    assert!(reply.header(header::RETRY_AFTER).unwrap().parse::<u32>().unwrap() >= 1);
+    assert_eq!(reply.header(header::ETAG).unwrap(), format!("\"{}\"", model["version"]));
+    assert_eq!(reply.header("preference-applied"), None);
+    assert_eq!(reply.header("idempotency-replayed"), None);
+    insta::assert_json_snapshot!(steady(model));
+    assert_eq!(app.get(reply.header(header::LOCATION).unwrap()).await.json(), reply.json());
+}
+
+#[tokio::test]
+async fn a_finished_model_shows_everything() {
+    let app = App::new().await;
+    let model = app.model(7).await;
+    app.clock.advance(Duration::from_millis(200));
+    let job = app.claim().await;
+    app.beat(&job, 820, None).await;
+    app.clock.advance(Duration::from_secs(5));
+    app.finish(job, &files()).await;
+    insta::assert_json_snapshot!(steady(app.get(&model).await.json()));
+}
+
+#[tokio::test]
+async fn an_empty_request_takes_the_defaults_and_draws_a_seed() {
+    let app = App::new().await;
+    let (a, b) = (app.post("/models", &json!({})).await.json(), app.post("/models", &json!({})).await.json());
+    for model in [&a, &b] {
+        assert_eq!((&model["preset"], &model["outputs"]), (&json!("pig"), &json!(["glb"])));
+        assert!(model["seed"].as_u64().unwrap() < 1 << 53);
+    }
+    assert_ne!(a["seed"], b["seed"]);
+    assert_ne!(a["digest"], b["digest"]);
+}
+
+#[tokio::test]
+async fn the_spec_is_merged_into_the_preset_and_echoed_whole() {
+    let app = App::new().await;
+    let model = app.post("/models", &json!({ "spec": { "length_mm": 45.0, "collision": null } })).await.json();
+    let preset = app.get("/presets/pig").await.json();
+    assert_eq!(model["spec"]["length_mm"], 45);
+    assert_eq!(
+        model["spec"]["collision"].as_object().map(|m| m.len()),
+        preset["spec"]["collision"].as_object().map(|m| m.len())
+    );
+}
+
+#[tokio::test]
+async fn whole_numbers_with_a_fraction_of_zero_are_integers() {
+    let app = App::new().await;
+    let body = r#"{"seed": 62.0, "spec": {"steps": 2000.0}}"#;
+    let kind = [("content-type", "application/json; charset=utf-8")];
+    let reply = app.request(axum::http::Method::POST, "/models", &kind, body.into()).await;
+    assert_eq!(reply.status, 202);
+    assert_eq!(reply.json()["seed"], 62);
+}
+
+#[tokio::test]
+async fn validating_queues_nothing_and_predicts() {
+    let app = App::new().await;
+    let reply = app.post("/models/validate", &json!({ "seed": 7, "outputs": ["glb", "obj"] })).await;
+    assert_eq!(reply.status, 200);
+    let validation = reply.json();
+    for member in [
+        "/spec/length_mm",
+        "/cost/vertices",
+        "/cost/triangles",
+        "/cost/bytes/glb",
+        "/cost/bytes/obj",
+        "/cost/seconds/cpu/basis",
+    ] {
+        assert!(validation.pointer(member).is_some_and(|v| !v.is_null()), "{member} of {validation}");
+    }
+    assert_eq!(app.get("/models").await.json()["models"], json!([]));
+    let model = app.post("/models", &json!({ "seed": 7 })).await.json();
+    assert_eq!(model["digest"], validation["digest"]);
+    assert_eq!(model["spec"], validation["spec"]);
+    assert_eq!(app.post("/models/validate", &json!({})).await.json()["digest"], Value::Null);
+}
+
+#[tokio::test]
+async fn an_idempotency_key_gives_the_same_model() {
+    let app = App::new().await;
+    let key = [("idempotency-key", "k-1")];
+    let first = app.post_with("/models", &key, &json!({ "labels": { "a": "1", "b": "2" }, "preset": "pig" })).await;
+    assert_eq!((first.status.as_u16(), first.header("idempotency-replayed")), (202, None));
+    // The same body in another layout.
+    let headers = [("content-type", "application/json"), key[0]];
+    let again = r#"{ "preset" : "pig", "labels": {"b":"2", "a":"1"} }"#;
+    let again = app.request(axum::http::Method::POST, "/models", &headers, again.into()).await;
+    assert_eq!((again.status.as_u16(), again.header("idempotency-replayed")), (202, Some("true")));
+    assert_eq!(again.json()["id"], first.json()["id"]);
+    assert_eq!(again.json()["seed"], first.json()["seed"], "the drawn seed too");
+    assert_eq!(again.header(header::LOCATION), first.header(header::LOCATION));
+
+    let other = app.post_with("/models", &key, &json!({ "preset": "paper" })).await;
+    assert_eq!((other.status.as_u16(), other.slug().as_str()), (422, "idempotency-key-reused"));
+    let another = app.post_with("/models", &[("idempotency-key", "k-2")], &json!({ "preset": "pig" })).await;
+    assert_ne!(another.json()["id"], first.json()["id"]);
+
+    // A key lives as long as its model.
+    app.delete(first.header(header::LOCATION).unwrap()).await;
+    let fresh = app.post_with("/models", &key, &json!({ "preset": "paper" })).await;
+    assert_eq!((fresh.status.as_u16(), fresh.header("idempotency-replayed")), (202, None));
+}
+
+#[tokio::test]
+async fn a_replay_of_an_ended_model_shows_it_as_it_is() {
+    let app = App::new().await;
+    let headers = [("idempotency-key", "k"), ("prefer", "wait=1")];
+    let reply = app.post_with("/models", &headers[..1], &json!({ "seed": 1 })).await;
+    app.store.cancel(id(reply.header(header::LOCATION).unwrap())).await.unwrap();
+    let again = app.post_with("/models", &headers, &json!({ "seed": 1 })).await;
+    assert_eq!((again.status.as_u16(), again.header("idempotency-replayed")), (200, Some("true")));
+    assert_eq!(again.json()["status"], "cancelled");
+}
+
+#[tokio::test]
+async fn a_finished_model_of_the_same_digest_is_reused() {
+    let app = App::new().await;
+    let body = json!({ "seed": 7 });
+    let first = app.finished(7, &files()).await;
+    let reply = app.post("/models", &body).await;
+    assert_eq!(reply.status, 201);
+    let model = reply.json();
+    assert_eq!(model["status"], "succeeded");
+    assert_eq!(model["reused_from"].as_str().unwrap(), id(&first).to_string());
+    let location = reply.header(header::LOCATION).unwrap();
+    assert_ne!(location, first);
+    assert_eq!(model["files"][0]["href"], format!("{location}/files/model.glb"));
+
+    // The files stay while one of the two is left.
+    assert_eq!(app.delete(&first).await.status, 204);
+    assert_eq!(app.get(&format!("{location}/files/model.glb")).await.body, "glTF");
+
+    for other in [json!({ "seed": 7, "reuse": false }), json!({ "seed": 8 }), json!({ "seed": 7, "outputs": ["obj"] })]
+    {
+        assert_eq!(app.post("/models", &other).await.status, 202, "{other}");
+    }
+}
+
+#[tokio::test]
+async fn waiting_ends_with_the_model() {
+    let app = App::new().await;
+    let headers = [("prefer", "respond-async, wait=30")];
+    let body = json!({ "seed": 7 });
+    let (reply, ()) = tokio::join!(app.post_with("/models", &headers, &body), async {
+        while app.get("/models").await.json()["models"] == json!([]) {
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+        let job = app.claim().await;
+        app.finish(job, &files()).await;
+    });
+    assert_eq!(reply.status, 200);
+    assert_eq!(reply.json()["status"], "succeeded");
+    assert_eq!(reply.header("preference-applied"), Some("wait=30"));
+    assert_eq!(reply.header(header::RETRY_AFTER), None);
+}
+
+#[tokio::test]
+async fn waiting_ends_with_the_time() {
+    let app = App::new().await;
+    let reply = app.post_with("/models", &[("prefer", "wait=1")], &json!({})).await;
+    assert_eq!(reply.status, 202);
+    assert_eq!(reply.header("preference-applied"), Some("wait=1"));
+    assert!(reply.header(header::RETRY_AFTER).is_some());
+    let reply = app.post_with("/models", &[("prefer", "wait=soon")], &json!({})).await;
+    assert_eq!((reply.status.as_u16(), reply.header("preference-applied")), (202, None));
+}
+
+#[tokio::test]
+async fn waiting_ends_with_the_service() {
+    let app = App::new().await;
+    app.shutdown.cancel();
+    let reply = app.post_with("/models", &[("prefer", "wait=60")], &json!({})).await;
+    assert_eq!(reply.status, 202);
+}
+
+#[tokio::test]
+async fn a_full_queue_refuses_and_everything_else_works() {
+    let app = App::with(Limits::default(), 2).await;
+    let models = [app.model(1).await, app.model(2).await];
+    let reply = app.post("/models", &json!({ "seed": 3 })).await;
+    assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (429, "queue-full"));
+    assert!(reply.header(header::RETRY_AFTER).unwrap().parse::<u32>().unwrap() > 0);
+    assert_eq!(reply.json()["limit"], 2);
+    assert_eq!(app.get(&models[0]).await.status, 200);
+    assert_eq!(app.post(&format!("{}/cancel", models[0]), &json!({})).await.status, 200);
+    assert_eq!(app.delete(&models[1]).await.status, 204);
+    assert_eq!(app.post("/models", &json!({ "seed": 3 })).await.status, 202);
+}
+
+#[tokio::test]
+async fn a_gpu_is_promised_only_where_one_is_alive() {
+    let app = App::new().await;
+    let body = json!({ "backend": "gpu" });
+    let refused = app.post("/models", &body).await;
+    assert_eq!((refused.status.as_u16(), refused.slug().as_str()), (422, "gpu-unavailable"));
+    assert_eq!(refused.places(), ["/backend"]);
+    app.worker(Backend::Cpu).await;
+    assert_eq!(app.post("/models", &body).await.status, 422);
+    app.worker(Backend::Gpu).await;
+    assert_eq!(app.post("/models", &body).await.status, 202);
+    app.clock.advance(Duration::from_secs(301));
+    assert_eq!(app.post("/models", &body).await.status, 422);
+}
+
+#[tokio::test]
+async fn what_would_cost_too_much_is_refused_with_the_prediction() {
+    let limits =
+        Limits { cost: oviduct::spec::Limits { max_vertices: 1000, ..Default::default() }, ..Limits::default() };
+    let app = App::with(limits, 10).await;
+    for path in ["/models", "/models/validate"] {
+        let reply = app.post(path, &json!({})).await;
+        assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (422, "cost-limit"));
+        let problem = reply.json();
+        assert_eq!(problem["limit"], json!({ "vertices": 1000.0 }));
+        assert!(problem["prediction"]["vertices"].as_u64().unwrap() > 1000);
+    }
+}

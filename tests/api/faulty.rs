@@ -1,0 +1,90 @@
+//! A job store that is away, and one whose code has a fault.
+
+use async_trait::async_trait;
+use oviduct::generate::{Backend, Progress};
+use oviduct::jobs::{
+    Attempt, BackendReport, Change, ClaimedJob, Directive, Finished, Job, JobId, ListFilter, LiveSection, NewJob, Page,
+    Problem, Store, StoreError, Submitted, WorkerInfo,
+};
+use std::time::Duration;
+use tokio::sync::broadcast;
+
+/// Fails each call; panics in `list`.
+pub(super) struct Faulty {
+    changes: broadcast::Sender<Change>,
+}
+
+impl Faulty {
+    pub(super) fn new() -> Self {
+        Self { changes: broadcast::Sender::new(1) }
+    }
+}
+
+fn away<T>() -> Result<T, StoreError> {
+    Err(StoreError::Database("connection refused: secret-host:5432".into()))
+}
+
+#[async_trait]
+impl Store for Faulty {
+    async fn submit(&self, _: NewJob) -> Result<Submitted, StoreError> {
+        away()
+    }
+    async fn get(&self, _: JobId) -> Result<Option<Job>, StoreError> {
+        away()
+    }
+    async fn list(&self, _: &ListFilter) -> Result<Page, StoreError> {
+        panic!("a fault, on purpose, with a secret")
+    }
+    async fn cancel(&self, _: JobId) -> Result<Option<Job>, StoreError> {
+        away()
+    }
+    async fn delete(&self, _: JobId) -> Result<Option<Vec<String>>, StoreError> {
+        away()
+    }
+    async fn claim(&self, _: &str, _: Backend, _: Duration, _: u32) -> Result<Vec<ClaimedJob>, StoreError> {
+        away()
+    }
+    async fn heartbeat(
+        &self,
+        _: &ClaimedJob,
+        _: Duration,
+        _: &BackendReport,
+        _: Option<&Progress>,
+        _: Option<&LiveSection>,
+    ) -> Result<Directive, StoreError> {
+        away()
+    }
+    async fn finish(&self, _: ClaimedJob, _: Finished) -> Result<Job, StoreError> {
+        away()
+    }
+    async fn fail(&self, _: ClaimedJob, _: BackendReport, _: Problem) -> Result<Job, StoreError> {
+        away()
+    }
+    async fn cancelled(&self, _: ClaimedJob) -> Result<Job, StoreError> {
+        away()
+    }
+    async fn release(&self, _: ClaimedJob) -> Result<(), StoreError> {
+        away()
+    }
+    async fn retry(&self, _: ClaimedJob, _: Problem) -> Result<Job, StoreError> {
+        away()
+    }
+    async fn attempts(&self, _: JobId) -> Result<Vec<Attempt>, StoreError> {
+        away()
+    }
+    async fn worker_seen(&self, _: &WorkerInfo) -> Result<(), StoreError> {
+        away()
+    }
+    async fn workers(&self) -> Result<Vec<WorkerInfo>, StoreError> {
+        away()
+    }
+    async fn names_key(&self, _: &str) -> Result<bool, StoreError> {
+        away()
+    }
+    fn changes(&self) -> broadcast::Receiver<Change> {
+        self.changes.subscribe()
+    }
+    async fn ready(&self) -> Result<(), StoreError> {
+        away()
+    }
+}

@@ -1,0 +1,158 @@
+//! The service itself: health, presets, workers, the description, faults.
+
+use super::app::{App, moment};
+use super::faulty::Faulty;
+use axum::body::Body;
+use axum::http::{Method, header};
+use oviduct::clock::Clock;
+use oviduct::generate::Backend;
+use oviduct::http::Limits;
+use serde_json::json;
+use std::sync::Arc;
+
+#[tokio::test]
+async fn it_is_alive_and_ready() {
+    let app = App::new().await;
+    for path in ["/healthz", "/readyz"] {
+        let reply = app.get(path).await;
+        assert_eq!((reply.status.as_u16(), &reply.json()["status"]), (200, &json!("ok")));
+    }
+}
+
+#[tokio::test]
+async fn a_store_that_is_away_is_a_problem_without_secrets() {
+    let app = App::over(Arc::new(Faulty::new()), Clock::System, Limits::default());
+    app.expect_faults();
+    assert_eq!(app.get("/healthz").await.status, 200);
+    let model = format!("/models/{}", uuid::Uuid::now_v7());
+    let events = format!("{model}/events");
+    let file = format!("{model}/files/model.glb");
+    for path in ["/readyz", "/workers", &model, &events, &file] {
+        let reply = app.get(path).await;
+        assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (503, "store-unavailable"), "{path}");
+        assert!(reply.header(header::RETRY_AFTER).is_some());
+        assert!(!String::from_utf8_lossy(&reply.body).contains("secret"));
+    }
+    assert_eq!(app.post("/models", &json!({})).await.status, 503);
+    assert_eq!(app.delete(&model).await.status, 503);
+}
+
+#[tokio::test]
+async fn a_panic_is_a_problem_and_the_service_goes_on() {
+    let app = App::over(Arc::new(Faulty::new()), Clock::System, Limits::default());
+    app.expect_faults();
+    let reply = app.get_with("/models", &[("x-request-id", "find-me")]).await;
+    assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (500, "internal"));
+    assert_eq!(reply.json()["request_id"], "find-me");
+    assert!(!String::from_utf8_lossy(&reply.body).contains("secret"));
+    assert_eq!(app.get("/healthz").await.status, 200);
+}
+
+#[tokio::test]
+async fn presets_tell_what_can_be_grown() {
+    let app = App::new().await;
+    let list = app.get("/presets").await.json();
+    let names: Vec<_> = list["presets"].as_array().unwrap().iter().map(|p| p["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["pig", "paper"]);
+    for name in names {
+        let whole = app.post("/models/validate", &json!({ "preset": name })).await.json()["spec"].clone();
+        let preset = app.get(&format!("/presets/{name}")).await.json();
+        assert!(preset["spec"]["length_mm"].is_number());
+        assert!(
+            preset["parameters"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .all(|p| p["source"].as_str().is_some_and(|s| !s.is_empty()))
+        );
+        let body = json!({ "preset": name, "spec": preset["spec"] });
+        assert_eq!(app.post("/models/validate", &body).await.json()["spec"], whole, "{name} changes nothing of itself");
+    }
+    let reply = app.get("/presets/cow").await;
+    assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (404, "preset-not-found"));
+}
+
+#[tokio::test]
+async fn the_schema_is_a_schema() {
+    let app = App::new().await;
+    let reply = app.get("/schema").await;
+    assert_eq!(reply.header(header::CONTENT_TYPE), Some("application/schema+json"));
+    let validator = jsonschema::validator_for(&reply.json()).unwrap();
+    assert!(validator.is_valid(&app.get("/presets/pig").await.json()["spec"]));
+    assert!(!validator.is_valid(&json!({ "lenght_mm": 3 })));
+}
+
+#[tokio::test]
+async fn workers_are_listed() {
+    let app = App::new().await;
+    assert_eq!(app.get("/workers").await.json(), json!({ "workers": [] }));
+    app.worker(Backend::CpuSingle).await;
+    let want = json!({ "workers": [{ "id": "w1", "host": "here", "backend": "cpu-single", "device": "test", "job": null,
+        "jobs_done": 3, "heartbeat_at": moment(&app.clock) }] });
+    assert_eq!(app.get("/workers").await.json(), want);
+}
+
+#[tokio::test]
+async fn the_description_is_served() {
+    let app = App::new().await;
+    let reply = app.get("/openapi.yaml").await;
+    assert_eq!(reply.header(header::CONTENT_TYPE), Some("application/yaml"));
+    assert!(reply.body == oviduct::http::openapi_yaml());
+}
+
+/// Answers fit the schemas of the description, and requests that the service takes fit it too.
+#[tokio::test]
+async fn answers_are_as_described() {
+    let app = App::new().await;
+    let document: serde_json::Value = yaml_serde::from_slice(&app.get("/openapi.yaml").await.body).unwrap();
+    let fits = |name: &str, value: &serde_json::Value| {
+        let schema = json!({ "$ref": format!("#/components/schemas/{name}"), "components": document["components"] });
+        let validator = jsonschema::validator_for(&schema).unwrap();
+        let faults: Vec<_> = validator.iter_errors(value).map(|e| format!("{}: {e}", e.instance_path())).collect();
+        assert!(faults.is_empty(), "{name}: {faults:?} in {value}");
+    };
+    let request = json!({ "preset": "pig", "seed": 62.0, "spec": { "length_mm": null, "collision": { "gap_um": 30 } },
+        "outputs": ["glb", "obj"], "backend": "auto", "labels": { "study": "A3" }, "reuse": false });
+    fits("ModelRequest", &request);
+    let accepted = app.post("/models", &request).await;
+    assert_eq!(accepted.status, 202);
+    fits("Model", &accepted.json());
+    let job = app.claim().await;
+    app.beat(&job, 10, None).await;
+    fits("Model", &app.get("/models").await.json()["models"][0]);
+    app.finish(job, &[("model.glb", "model/gltf-binary", vec![1])]).await;
+    fits("ModelList", &app.get("/models").await.json());
+    fits("Validation", &app.post("/models/validate", &request).await.json());
+    fits("Problem", &app.get("/nowhere").await.json());
+    fits("Problem", &app.post("/models", &json!({ "seed": -1 })).await.json());
+    fits("PresetList", &app.get("/presets").await.json());
+    fits("WorkerList", &app.get("/workers").await.json());
+    fits("Health", &app.get("/healthz").await.json());
+}
+
+#[tokio::test]
+async fn the_page_links_to_what_there_is() {
+    let app = App::new().await;
+    let reply = app.get("/").await;
+    assert_eq!(reply.status, 200);
+    assert!(reply.header(header::CONTENT_TYPE).unwrap().starts_with("text/html"));
+    assert!(reply.header(header::CONTENT_SECURITY_POLICY).is_some());
+    let page = String::from_utf8(reply.body.to_vec()).unwrap();
+    let links: Vec<_> = page.split("href=\"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();
+    assert!(links.len() >= 7);
+    for link in links.into_iter().filter(|link| *link != "/events") {
+        assert_eq!(app.get(link).await.status, 200, "{link}");
+    }
+}
+
+#[tokio::test]
+async fn head_and_options_are_answered() {
+    let app = App::new().await;
+    let head = app.request(Method::HEAD, "/models", &[], Body::empty()).await;
+    assert_eq!((head.status.as_u16(), head.body.len()), (200, 0));
+    let missing = app.request(Method::HEAD, "/nowhere", &[], Body::empty()).await;
+    assert_eq!((missing.status.as_u16(), missing.body.len()), (404, 0));
+    let options = app.request(Method::OPTIONS, "/models", &[], Body::empty()).await;
+    assert_eq!((options.status.as_u16(), options.header(header::ALLOW)), (204, Some("GET,HEAD,POST,OPTIONS")));
+    assert_eq!(app.request(Method::OPTIONS, "/nowhere", &[], Body::empty()).await.status, 404);
+}
