@@ -16,7 +16,9 @@ def body(path):
     mesh = scene.to_geometry() if isinstance(scene, trimesh.Scene) else scene
     positions, index = np.unique(np.asarray(mesh.vertices, dtype=np.float64), axis=0, return_inverse=True)
     faces = index.reshape(-1)[np.asarray(mesh.faces)]
-    return positions * 1e6, faces
+    # Strips are joined by triangles without area, which name a vertex twice.
+    a, b, c = faces.T
+    return positions * 1e6, faces[(a != b) & (b != c) & (c != a)]
 
 
 def judge(path):
