@@ -59,7 +59,7 @@ pub(super) enum Command {
     Demo(DemoArgs),
     /// Ask a running service for a model
     Submit(SubmitArgs),
-    /// Certify the surface in any glb or obj file
+    /// Certify the surface in any glb, gltf, obj, stl or ply file
     Check(CheckArgs),
     /// List what can be grown
     Presets(PresetsArgs),

@@ -24,6 +24,7 @@ mod units;
 use args::{Cli, Command, Global, LogFormat};
 use exit::{Ended, Failure};
 use std::ffi::OsString;
+use std::io::IsTerminal;
 use std::process::ExitCode;
 use std::time::Duration;
 use tracing_subscriber::EnvFilter;
@@ -74,7 +75,8 @@ async fn dispatch(command: Command) -> Ended {
 fn log(global: &Global, default: &str) -> Result<(), Failure> {
     let filter = global.log.as_deref().unwrap_or(default);
     let filter = EnvFilter::try_new(filter).map_err(|error| Failure::usage(format!("--log {filter}: {error}")))?;
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    let colours = std::io::stderr().is_terminal();
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(colours);
     let started = match global.log_format {
         LogFormat::Text => log.try_init(),
         LogFormat::Json => log.json().try_init(),

@@ -1,3 +1,5 @@
+//! Whole generations of small models: bytes, progress, cancel, limits.
+
 use super::*;
 use crate::spec::{ModelSpec, preset};
 use serde_json::json;

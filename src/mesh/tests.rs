@@ -1,3 +1,5 @@
+//! The loft of synthetic tubes, and exact cross-checks of it.
+
 use std::collections::HashMap;
 
 use super::contact::{Triangle, in_contact};

@@ -24,6 +24,8 @@ def main(folder):
     service.start("--cpu-workers", "0")
     cancelled = service.json("POST", "/models", {"seed": 2, "spec": SMALL})["id"]
     service.json("POST", f"/models/{cancelled}/cancel")
+    # One that waits for ever, so that every stream of events has something to say at once.
+    service.json("POST", "/models", {"seed": 3, "spec": SMALL})
 
     live = service.call("GET", "/openapi.yaml")[2]
     with open(os.path.join(ROOT, "openapi.yaml"), "rb") as committed:

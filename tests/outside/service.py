@@ -10,7 +10,7 @@ import urllib.error
 import urllib.request
 
 # A model that takes about a second: few steps, few particles, all stages.
-SMALL = {"steps": 120, "particles": {"total": [[0, 300], [1, 600]]}}
+SMALL = {"steps": 120, "particles": {"total": {"keys": [[0, 300], [1, 600]]}}}
 
 
 def free_port():

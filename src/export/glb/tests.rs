@@ -1,3 +1,5 @@
+//! The writer of GLB against a reader of glTF, and its bytes.
+
 use super::*;
 use crate::export::tests::{meta, turned};
 use crate::model::sample;

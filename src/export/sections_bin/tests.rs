@@ -1,3 +1,5 @@
+//! The container of sections: round trips, random access, damaged files.
+
 use super::*;
 use crate::export::tests::meta;
 use crate::model::{Ring, Section, sample};

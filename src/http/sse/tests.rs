@@ -1,3 +1,5 @@
+//! What a stream sends and what it leaves out.
+
 use super::*;
 use crate::generate::{Backend, Stage};
 use crate::jobs::LiveSection;
