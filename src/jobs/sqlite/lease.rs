@@ -160,6 +160,22 @@ async fn version(tx: &mut SqliteConnection, id: JobId) -> Result<u64, StoreError
     read::count(&row, "version")
 }
 
+/// Names the newest checkpoint; returns the key that it replaces.
+pub(super) async fn set_checkpoint(
+    tx: &mut SqliteConnection,
+    options: &StoreOptions,
+    id: JobId,
+    fence: Fence,
+    key: &str,
+) -> Result<Option<String>, StoreError> {
+    let state = load(tx, id).await?.ok_or(StoreError::Fenced)?;
+    state.on(&Event::Renew(fence), options.max_attempts).map_err(|_| StoreError::Fenced)?;
+    let before: Option<String> =
+        sqlx::query_scalar("SELECT checkpoint FROM jobs WHERE id = ?").bind(id.to_string()).fetch_one(&mut *tx).await?;
+    sqlx::query("UPDATE jobs SET checkpoint = ? WHERE id = ?").bind(key).bind(id.to_string()).execute(tx).await?;
+    Ok(before.filter(|before| before != key))
+}
+
 /// Ends the attempt of a claimed job.
 pub(super) async fn end(
     tx: &mut SqliteConnection,
@@ -174,8 +190,9 @@ pub(super) async fn end(
     match record {
         Record::Nothing => {}
         Record::Finished(finished) => {
-            sqlx::query("UPDATE jobs SET summary = ? WHERE id = ?")
+            sqlx::query("UPDATE jobs SET summary = ?, engine_used = ? WHERE id = ?")
                 .bind(json(&finished.summary))
+                .bind(&finished.engine)
                 .bind(id.to_string())
                 .execute(&mut *tx)
                 .await?;
@@ -291,7 +308,7 @@ async fn write(
         "UPDATE jobs SET status = ?2, attempts = ?3, spent = ?4, cancel_requested = ?5, holder = ?6, \
          lease_until = CASE WHEN ?2 = 'running' THEN COALESCE(?7, lease_until) END, \
          started_at = CASE WHEN ?2 = 'running' THEN COALESCE(started_at, ?8) ELSE started_at END, \
-         finished_at = CASE WHEN ?9 THEN ?8 END, version = version + 1 WHERE id = ?1 RETURNING version",
+         finished_at = CASE WHEN ?9 THEN ?8 END, checkpoint = CASE WHEN ?9 THEN NULL ELSE checkpoint END, version = version + 1 WHERE id = ?1 RETURNING version",
     )
     .bind(id.to_string())
     .bind(word(state.status))

@@ -9,15 +9,16 @@
 //! A file store is held by one process at a time (a lock file beside it says so), which is what makes
 //! [`SqliteStore::recover`] sound.
 
+mod batch;
 mod lease;
 mod read;
 mod submit;
 
-use super::job::{BackendReport, Job, JobId, LiveSection, NewJob, Problem};
+use super::job::{BackendReport, BatchId, Job, JobId, LiveSection, NewJob, Problem};
 use super::state::Event;
 use super::store::{
-    Attempt, Change, ClaimedJob, Directive, Finished, ListFilter, Page, Store, StoreError, StoreOptions, Submitted,
-    WorkerInfo,
+    Attempt, Batch, Change, ClaimedJob, Counts, Directive, Finished, ListFilter, NewBatch, Page, Store, StoreError,
+    StoreOptions, Submitted, SubmittedBatch, WorkerInfo,
 };
 use crate::generate::{Backend, Progress};
 use async_trait::async_trait;
@@ -271,6 +272,42 @@ impl Store for SqliteStore {
         .await
     }
 
+    async fn submit_batch(&self, new: NewBatch) -> Result<SubmittedBatch, StoreError> {
+        self.detached(|inner| async move {
+            let id = BatchId(inner.new_id().0);
+            let jobs: Vec<(JobId, &NewJob)> = new.jobs.iter().map(|job| (inner.new_id(), job)).collect();
+            let mut tx = inner.begin().await?;
+            let submitted = batch::submit(&mut tx, &inner.options, id, &new, &jobs).await?;
+            match submitted {
+                SubmittedBatch::Replayed(_) => tx.rollback().await?,
+                SubmittedBatch::Accepted(_) => {
+                    let changes: Vec<Change> =
+                        jobs.iter().map(|(id, _)| Change { id: *id, version: Some(1) }).collect();
+                    inner.commit(tx, &changes).await?;
+                }
+            }
+            Ok(submitted)
+        })
+        .await
+    }
+
+    async fn batch(&self, id: BatchId) -> Result<Option<Batch>, StoreError> {
+        batch::read(&mut *self.inner.reader.acquire().await?, id).await
+    }
+
+    async fn delete_batch(&self, id: BatchId) -> Result<Option<Vec<String>>, StoreError> {
+        self.detached(move |inner| async move {
+            let mut tx = inner.begin().await?;
+            let Some((jobs, keys)) = batch::delete(&mut tx, id).await? else {
+                return Ok(None);
+            };
+            let changes: Vec<Change> = jobs.into_iter().map(|id| Change { id, version: None }).collect();
+            inner.commit(tx, &changes).await?;
+            Ok(Some(keys))
+        })
+        .await
+    }
+
     async fn claim(
         &self,
         worker: &str,
@@ -313,6 +350,17 @@ impl Store for SqliteStore {
                 None => inner.commit(tx, &[]).await?,
             }
             Ok(directive)
+        })
+        .await
+    }
+
+    async fn set_checkpoint(&self, claimed: &ClaimedJob, key: &str) -> Result<Option<String>, StoreError> {
+        let (id, fence, key) = (claimed.job.id, claimed.fence(), key.to_owned());
+        self.detached(move |inner| async move {
+            let mut tx = inner.begin().await?;
+            let before = lease::set_checkpoint(&mut tx, &inner.options, id, fence, &key).await?;
+            inner.commit(tx, &[]).await?;
+            Ok(before)
         })
         .await
     }
@@ -363,6 +411,18 @@ impl Store for SqliteStore {
 
     async fn names_key(&self, key: &str) -> Result<bool, StoreError> {
         read::names_key(&mut *self.inner.reader.acquire().await?, key).await
+    }
+
+    async fn ended_before(&self, before: Timestamp, limit: u32) -> Result<Vec<JobId>, StoreError> {
+        read::ended_before(&mut *self.inner.reader.acquire().await?, before, limit).await
+    }
+
+    async fn stored_bytes(&self) -> Result<u64, StoreError> {
+        read::stored_bytes(&mut *self.inner.reader.acquire().await?).await
+    }
+
+    async fn counts(&self) -> Result<Counts, StoreError> {
+        read::counts(&mut *self.inner.reader.acquire().await?).await
     }
 
     fn changes(&self) -> broadcast::Receiver<Change> {

@@ -1,8 +1,8 @@
 //! Reading records: rows to jobs, attempts and workers.
 
 use super::{micros, timestamp};
-use crate::jobs::job::{BackendReport, Job, JobId, Status};
-use crate::jobs::store::{Attempt, ListFilter, Page, StoreError, WorkerInfo};
+use crate::jobs::job::{BackendReport, BatchId, Job, JobId, Status};
+use crate::jobs::store::{Attempt, Counts, ListFilter, Page, StoreError, WorkerInfo};
 use jiff::Timestamp;
 use serde::de::DeserializeOwned;
 use sqlx::sqlite::SqliteRow;
@@ -91,6 +91,9 @@ fn to_job(row: &SqliteRow) -> Result<Job, StoreError> {
         summary: parse_optional(row, "summary")?,
         problem: parse_optional(row, "problem")?,
         digest: row.try_get("digest")?,
+        engine: row.try_get("engine")?,
+        batch: row.try_get::<Option<&str>, _>("batch")?.map(id).transpose()?.map(|JobId(id)| BatchId(id)),
+        checkpoint: row.try_get("checkpoint")?,
         reused_from: row.try_get::<Option<&str>, _>("reused_from")?.map(id).transpose()?,
     })
 }
@@ -212,5 +215,45 @@ pub(super) async fn workers(
 }
 
 pub(super) async fn names_key(connection: &mut SqliteConnection, key: &str) -> Result<bool, StoreError> {
-    Ok(sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM files WHERE key = ?)").bind(key).fetch_one(connection).await?)
+    Ok(sqlx::query_scalar(
+        "SELECT EXISTS (SELECT 1 FROM files WHERE key = ?1) OR EXISTS (SELECT 1 FROM jobs WHERE checkpoint = ?1)",
+    )
+    .bind(key)
+    .fetch_one(connection)
+    .await?)
+}
+
+pub(super) async fn ended_before(
+    connection: &mut SqliteConnection,
+    before: Timestamp,
+    limit: u32,
+) -> Result<Vec<JobId>, StoreError> {
+    let ids: Vec<String> = sqlx::query_scalar(
+        "SELECT id FROM jobs INDEXED BY jobs_by_end WHERE finished_at < ? ORDER BY finished_at, id LIMIT ?",
+    )
+    .bind(micros(before))
+    .bind(limit)
+    .fetch_all(connection)
+    .await?;
+    ids.iter().map(|text| id(text)).collect()
+}
+
+pub(super) async fn stored_bytes(connection: &mut SqliteConnection) -> Result<u64, StoreError> {
+    let row = sqlx::query(
+        "SELECT COALESCE(SUM(bytes), 0) AS n FROM (SELECT MAX(bytes) AS bytes FROM files INDEXED BY files_by_key GROUP BY key)",
+    )
+    .fetch_one(connection)
+    .await?;
+    count(&row, "n")
+}
+
+pub(super) async fn counts(connection: &mut SqliteConnection) -> Result<Counts, StoreError> {
+    let rows = sqlx::query("SELECT status, COUNT(*) AS n FROM jobs INDEXED BY jobs_by_status GROUP BY status")
+        .fetch_all(connection)
+        .await?;
+    let mut counts = Counts::default();
+    for row in &rows {
+        *counts.of_mut(variant(row.try_get("status")?)?) = count(row, "n")?;
+    }
+    Ok(counts)
 }

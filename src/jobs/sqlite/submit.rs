@@ -3,7 +3,7 @@
 use super::read::{self, known_job};
 use super::{json, micros, word};
 use crate::generate::Output;
-use crate::jobs::job::{File, Job, JobId, NewJob};
+use crate::jobs::job::{BatchId, File, Job, JobId, NewJob};
 use crate::jobs::state;
 use crate::jobs::store::{StoreError, StoreOptions, Submitted, WorkerInfo};
 use sqlx::{Row, SqliteConnection};
@@ -30,21 +30,35 @@ pub(super) async fn submit(
             return Ok(Submitted::Replayed(known_job(tx, read::id(row.try_get("id")?)?).await?));
         }
     }
-    let source = if new.reuse { reusable(tx, new).await? } else { None };
-    if source.is_none() && queue_is_full(tx, options.queue_limit).await? {
-        return Err(StoreError::QueueFull { limit: options.queue_limit });
-    }
-    insert(tx, options, id, new, source.as_ref()).await?;
+    let mut room = queue_room(tx, options.queue_limit).await?;
+    let reused = place(tx, options, id, new, None, &mut room).await?;
     let job = known_job(tx, id).await?;
-    Ok(if source.is_some() { Submitted::Reused(job) } else { Submitted::Queued(job) })
+    Ok(if reused { Submitted::Reused(job) } else { Submitted::Queued(job) })
+}
+
+/// Queues a job where there is `room` for it, or takes over a finished model. Returns whether it was taken over.
+pub(super) async fn place(
+    tx: &mut SqliteConnection,
+    options: &StoreOptions,
+    id: JobId,
+    new: &NewJob,
+    batch: Option<BatchId>,
+    room: &mut u64,
+) -> Result<bool, StoreError> {
+    let source = if new.reuse { reusable(tx, new).await? } else { None };
+    if source.is_none() {
+        *room = room.checked_sub(1).ok_or(StoreError::QueueFull { limit: options.queue_limit })?;
+    }
+    insert(tx, options, id, new, source.as_ref(), batch).await?;
+    Ok(source.is_some())
 }
 
 /// A finished model that may stand for `new`: the first one made, where it still exists.
 async fn reusable(tx: &mut SqliteConnection, new: &NewJob) -> Result<Option<Job>, StoreError> {
     // One job of each kind is enough: there may be thousands that share the same files.
     let ids: Vec<String> = sqlx::query_scalar(
-        "SELECT MIN(id) FROM jobs INDEXED BY jobs_by_digest WHERE status = 'succeeded' AND digest = ? \
-         GROUP BY backend_used, outputs ORDER BY 1",
+        "SELECT MIN(id) FROM jobs INDEXED BY jobs_by_digest \
+         WHERE status = 'succeeded' AND engine_used = engine AND digest = ? GROUP BY backend_used, outputs ORDER BY 1",
     )
     .bind(&new.digest)
     .fetch_all(&mut *tx)
@@ -59,14 +73,15 @@ async fn reusable(tx: &mut SqliteConnection, new: &NewJob) -> Result<Option<Job>
     Ok(None)
 }
 
-async fn queue_is_full(tx: &mut SqliteConnection, limit: u64) -> Result<bool, StoreError> {
+/// How many more jobs the queue takes.
+pub(super) async fn queue_room(tx: &mut SqliteConnection, limit: u64) -> Result<u64, StoreError> {
     let queued: i64 = sqlx::query_scalar(
         "SELECT COUNT(*) FROM (SELECT 1 FROM jobs INDEXED BY jobs_position WHERE status = 'queued' LIMIT ?)",
     )
     .bind(i64::try_from(limit).unwrap_or(i64::MAX))
     .fetch_one(tx)
     .await?;
-    Ok(u64::try_from(queued).is_ok_and(|queued| queued >= limit))
+    Ok(limit.saturating_sub(u64::try_from(queued).unwrap_or_default()))
 }
 
 async fn insert(
@@ -75,6 +90,7 @@ async fn insert(
     id: JobId,
     new: &NewJob,
     source: Option<&Job>,
+    batch: Option<BatchId>,
 ) -> Result<(), StoreError> {
     let now = micros(options.clock.now());
     let seed = i64::try_from(new.seed)
@@ -83,7 +99,7 @@ async fn insert(
     sqlx::query(
         "INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, backend_used, device, \
          fallback, available_at, created_at, finished_at, reused_from, idempotency_key, idempotency_body, summary, \
-         spec) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+         spec, engine, engine_used, batch) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(id.to_string())
     .bind(if source.is_some() { "succeeded" } else { "queued" })
@@ -103,6 +119,9 @@ async fn insert(
     .bind(new.idempotency.as_ref().map(|(_, body)| body))
     .bind(source.and_then(|job| job.summary.as_ref()).map(json))
     .bind(json(&new.spec))
+    .bind(&new.engine)
+    .bind(source.map(|job| &job.engine))
+    .bind(batch.map(|batch| batch.to_string()))
     .execute(&mut *tx)
     .await?;
     for (name, value) in &new.labels {
@@ -159,8 +178,9 @@ pub(super) async fn delete(tx: &mut SqliteConnection, id: JobId) -> Result<Optio
     .bind(&id)
     .fetch_all(&mut *tx)
     .await?;
-    let deleted = sqlx::query("DELETE FROM jobs WHERE id = ?").bind(&id).execute(tx).await?;
-    Ok((deleted.rows_affected() > 0).then_some(keys))
+    let deleted: Option<Option<String>> =
+        sqlx::query_scalar("DELETE FROM jobs WHERE id = ? RETURNING checkpoint").bind(&id).fetch_optional(tx).await?;
+    Ok(deleted.map(|checkpoint| keys.into_iter().chain(checkpoint).collect()))
 }
 
 pub(super) async fn worker_seen(tx: &mut SqliteConnection, worker: &WorkerInfo) -> Result<(), StoreError> {
