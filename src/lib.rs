@@ -8,7 +8,7 @@
 //!
 //! | floor | modules |
 //! |---|---|
-//! | 0 | [`clock`], [`random`], [`model`], [`geometry`] |
+//! | 0 | [`clock`], [`metrics`], [`random`], [`model`], [`geometry`] |
 //! | 1 | [`spec`] |
 //! | 2 | [`sim`], [`mesh`], [`measure`], [`export`], [`render`] |
 //! | 3 | [`generate`], [`jobs`] |
@@ -17,6 +17,7 @@
 
 pub mod clock;
 pub mod geometry;
+pub mod metrics;
 pub mod model;
 pub mod random;
 
