@@ -170,6 +170,19 @@ impl Artifacts {
         Ok(Stored { bytes, sha256: hex::encode(hash.finalize()) })
     }
 
+    /// Stores bytes under `key`; nothing is visible until all is.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Store`].
+    pub async fn put_bytes(&self, key: &str, bytes: Bytes) -> Result<(), ArtifactError> {
+        let mut upload = BufWriter::with_capacity(Arc::clone(&self.store), Key::from(key), PART);
+        if let Err(error) = upload.put(bytes).await {
+            let _ = upload.abort().await;
+            return Err(error.into());
+        }
+        upload.shutdown().await.map_err(|error| ArtifactError::Store(chain(&error)))
+    }
+
     /// The file under `key`, or the bytes of it in `range`, cut to its end.
     ///
     /// # Errors
