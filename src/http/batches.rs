@@ -119,9 +119,6 @@ pub(super) async fn get(State(state): State<AppState>, BatchId(id): BatchId) -> 
 )]
 pub(super) async fn delete(State(state): State<AppState>, BatchId(id): BatchId) -> Result<StatusCode, Problem> {
     let keys = state.store.delete_batch(id).await?.ok_or_else(|| no_batch(id))?;
-    // The records are gone, so nobody can see the files; what cannot be removed now is swept up later.
-    if let Err(error) = state.artifacts.delete(&keys).await {
-        tracing::warn!(%error, "files of a deleted batch were left to the sweep");
-    }
+    state.forget(keys).await;
     Ok(StatusCode::NO_CONTENT)
 }

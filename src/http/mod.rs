@@ -66,6 +66,8 @@ pub struct Limits {
     /// Time after its end that a model is kept, where it is not kept for good: told in the Model, carried out by the
     /// sweep.
     pub keep: Option<Duration>,
+    /// Whether downloads are sent on to the file store, where it can be asked directly.
+    pub redirect_downloads: bool,
     /// Greatest predicted cost of one model.
     pub cost: crate::spec::Limits,
 }
@@ -82,6 +84,7 @@ impl Default for Limits {
             gpu_memory: Duration::from_secs(300),
             batch: 1000,
             keep: None,
+            redirect_downloads: false,
             cost: crate::spec::Limits::default(),
         }
     }
@@ -121,6 +124,19 @@ impl AppState {
     #[must_use]
     pub fn with_metrics(self, metrics: Metrics) -> Self {
         Self { metrics, ..self }
+    }
+
+    /// Removes files that no record names any more, in the background where that takes long. Nobody can see them; what
+    /// cannot be removed is swept up later.
+    async fn forget(&self, keys: Vec<String>) {
+        let artifacts = self.artifacts.clone();
+        let removal = tokio::spawn(async move {
+            if let Err(error) = artifacts.delete(&keys).await {
+                tracing::warn!(%error, "files of a deleted model were left to the sweep");
+            }
+        });
+        // Where the file store is away, a client need not wait for it.
+        let _ = tokio::time::timeout(Duration::from_secs(1), removal).await;
     }
 
     /// Event streams that are open now.

@@ -157,9 +157,6 @@ pub(super) async fn cancel(State(state): State<AppState>, ModelId(id): ModelId) 
 )]
 pub(super) async fn delete(State(state): State<AppState>, ModelId(id): ModelId) -> Result<StatusCode, Problem> {
     let keys = state.store.delete(id).await?.ok_or_else(|| no_model(id))?;
-    // The record is gone, so nobody can see the files; what cannot be removed now is swept up later.
-    if let Err(error) = state.artifacts.delete(&keys).await {
-        tracing::warn!(%error, "files of a deleted model were left to the sweep");
-    }
+    state.forget(keys).await;
     Ok(StatusCode::NO_CONTENT)
 }

@@ -11,6 +11,7 @@ pub mod scratch;
 pub mod sqlite;
 pub mod state;
 mod store;
+pub mod sweep;
 
 pub use job::{BackendReport, BatchId, File, Job, JobId, LiveSection, NewJob, Problem, Status};
 pub use store::{
