@@ -4,6 +4,7 @@
 //! usage or an invalid spec) or 130 (interrupted).
 
 mod args;
+mod bench;
 mod check;
 mod client;
 mod config;
@@ -11,6 +12,7 @@ mod demo;
 mod exit;
 mod generate;
 mod interrupt;
+mod load;
 mod model;
 mod print;
 mod scratch;
@@ -20,6 +22,7 @@ mod sse;
 mod submit;
 mod term;
 mod units;
+mod upkeep;
 
 use args::{Cli, Command, Global, LogFormat};
 use exit::{Ended, Failure};
@@ -63,7 +66,9 @@ async fn dispatch(command: Command) -> Ended {
         Command::Generate(args) => generate::run(args).await,
         Command::Demo(args) => demo::run(args).await,
         Command::Submit(args) => submit::run(args).await,
+        Command::Load(args) => load::run(args).await,
         Command::Check(args) => check::run(args).await,
+        Command::Bench(args) => bench::run(args).await,
         Command::Presets(args) => print::presets(&args),
         Command::Schema => print::schema(),
         Command::Openapi => print::openapi(),

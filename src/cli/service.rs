@@ -2,13 +2,16 @@
 
 use super::args::ServiceArgs;
 use super::exit::Failure;
+use super::upkeep::{self, Ground, Upkeep};
 use crate::clock::Clock;
 use crate::generate::{Backend, CancelToken, Checkpoint, Outcome, Request, Sink, generate, resume};
 use crate::http::{AppState, Limits, router};
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
 use crate::jobs::sqlite::SqliteStore;
+use crate::jobs::sweep::Retention;
 use crate::jobs::{Store, StoreOptions};
+use crate::metrics::Metrics;
 use crate::spec::{self, ModelSpec};
 use crate::worker::{PoolOptions, Work, WorkError, WorkerPool};
 use anyhow::Context;
@@ -25,6 +28,7 @@ pub(super) struct Service {
     address: SocketAddr,
     store: SqliteStore,
     pool: WorkerPool,
+    upkeep: Upkeep,
     server: JoinHandle<std::io::Result<()>>,
     shutdown: CancellationToken,
     grace: Duration,
@@ -40,25 +44,34 @@ impl Service {
             return Err(Failure::usage("--lease must be at least twice --heartbeat, and this more than 0"));
         }
         let database = local_path("--database", args.database.as_deref(), "sqlite", &args.data, "oviduct.db")?;
-        let files = local_path("--artifacts", args.artifacts.as_deref(), "file", &args.data, "artifacts")?;
-
         let clock = Clock::System;
         let options =
             StoreOptions { clock: clock.clone(), max_attempts: args.max_attempts, queue_limit: args.queue_limit };
         let store = SqliteStore::open(&database, options).await.context("the job store could not be opened")?;
-        let artifacts = Artifacts::local(&files).context("the artifact store could not be opened")?;
+        let (artifacts, orphans) = artifacts(args)?;
         let left = store.recover().await.context("what the last process left could not be taken over")?;
         if !left.is_empty() {
             tracing::warn!(jobs = left.len(), "jobs of a process that ended without notice were taken over");
         }
         let shared: Arc<dyn Store> = Arc::new(store.clone());
-        sweep(shared.clone(), artifacts.clone(), &clock);
+        let metrics = Metrics::default();
+        let limits = &args.upkeep;
+        let ground = Ground {
+            store: shared.clone(),
+            artifacts: artifacts.clone(),
+            clock: clock.clone(),
+            metrics: metrics.clone(),
+        };
+        let upkeep = Upkeep::start(ground, Retention { age: limits.keep, bytes: limits.keep_bytes }, orphans);
 
         let options = PoolOptions {
             workers: args.cpu_workers,
             heartbeat: args.heartbeat,
             lease: args.lease,
             memory_limit_bytes: args.memory_limit,
+            job_timeout: limits.job_timeout,
+            checkpoint_every: Some(limits.checkpoint_every).filter(|every| !every.is_zero()),
+            metrics: metrics.clone(),
             faults: Faults::from_env().map_err(|error| Failure::usage(error.to_string()))?,
             ..PoolOptions::new(args.data.join("scratch"))
         };
@@ -67,10 +80,16 @@ impl Service {
 
         let address = listener.local_addr().context("the listening socket has no address")?;
         let shutdown = CancellationToken::new();
-        let state = AppState::new(shared, artifacts, clock, Limits::default(), shutdown.clone());
+        let limits = Limits {
+            batch: limits.batch_limit as usize,
+            keep: limits.keep,
+            redirect_downloads: limits.redirect_downloads,
+            ..Limits::default()
+        };
+        let state = AppState::new(shared, artifacts, clock, limits, shutdown.clone()).with_metrics(metrics);
         let serving = axum::serve(listener, router(state)).with_graceful_shutdown(shutdown.clone().cancelled_owned());
         let server = tokio::spawn(serving.into_future());
-        Ok(Self { address, store, pool, server, shutdown, grace: args.grace })
+        Ok(Self { address, store, pool, upkeep, server, shutdown, grace: args.grace })
     }
 
     /// Where it listens.
@@ -107,6 +126,7 @@ impl Service {
                 }
             },
         };
+        drop(self.upkeep);
         self.store.close().await;
         ended
     }
@@ -148,18 +168,24 @@ fn grow(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome
 /// Time for the last answers to leave once the workers have stopped.
 const LAST_REQUESTS: Duration = Duration::from_secs(5);
 
-/// Removes, in the background, files that attempts of earlier processes left; no record names them.
+/// The artifact store that the options name, and the age from which files in it that no model names are nobody's.
 ///
-/// The store is this process's alone, so whatever is older than its start and not named is nobody's.
-fn sweep(store: Arc<dyn Store>, artifacts: Artifacts, clock: &Clock) {
-    let now = clock.now();
-    tokio::spawn(async move {
-        match artifacts.sweep_orphans(store.as_ref(), now, Duration::ZERO).await {
-            Ok(0) => {}
-            Ok(files) => tracing::info!(files, "files that no model names were removed"),
-            Err(error) => tracing::warn!(%error, "files that no model names could not be removed"),
+/// # Errors
+/// [`Failure::Usage`] for one that there is not; else where it cannot be opened.
+fn artifacts(args: &ServiceArgs) -> Result<(Artifacts, Duration), Failure> {
+    match args.artifacts.as_deref().filter(|url| url.starts_with("s3:")) {
+        // Others may be writing to a bucket.
+        Some(url) => match Artifacts::s3(url, std::env::vars()) {
+            Ok(artifacts) => Ok((artifacts, upkeep::ORPHAN_AGE)),
+            Err(error) => Err(Failure::usage(format!("--artifacts: {error}"))),
+        },
+        None => {
+            let files = local_path("--artifacts", args.artifacts.as_deref(), "file", &args.data, "artifacts")?;
+            let artifacts = Artifacts::local(&files).context("the artifact store could not be opened")?;
+            // The store is this process's alone: whatever is older than its start and not named is nobody's.
+            Ok((artifacts, Duration::ZERO))
         }
-    });
+    }
 }
 
 /// The path in `scheme:PATH`, `scheme://PATH` or a plain path; `data/name` where none is given.
