@@ -154,7 +154,11 @@ fn the_manifests_are_sound() {
     assert_eq!(commands, ["serve", "worker", "worker"]);
     let names: BTreeSet<String> = deployments.iter().map(|d| name(d)).collect();
     let budgets = of("PodDisruptionBudget");
-    for selector in budgets.iter().map(|d| &d["spec"]["selector"]["matchLabels"]).chain(of("Service").iter().map(|d| &d["spec"]["selector"])) {
+    for selector in budgets
+        .iter()
+        .map(|d| &d["spec"]["selector"]["matchLabels"])
+        .chain(of("Service").iter().map(|d| &d["spec"]["selector"]))
+    {
         let found = deployments.iter().any(|d| d["spec"]["selector"]["matchLabels"] == *selector);
         assert!(found, "{selector} selects nothing");
     }
