@@ -120,6 +120,7 @@ pub(super) async fn create(
             digest: spec.digest(seed),
             reuse: request.reuse,
             idempotency: key.map(|key| (key, hex::encode(Sha256::digest(canonical(&body))))),
+            submitter: None,
         })
         .await?;
     let replayed = matches!(submitted, Submitted::Replayed(_));

@@ -228,7 +228,7 @@ pub trait Store: Send + Sync + 'static {
     /// other job names any more, for removal from the artifact store; `None` where there is no such job.
     async fn delete(&self, id: JobId) -> Result<Option<Vec<String>>, StoreError>;
 
-    /// Claims up to `limit` jobs that `backend` may run, oldest first. Jobs whose lease has expired go back to
+    /// Claims up to `limit` jobs that `backend` may run: submitters take turns, each one's jobs go oldest first. Jobs whose lease has expired go back to
     /// their place in the queue before, so that a long queue cannot hold them up; those whose attempts are used
     /// up fail instead (`attempts-exhausted`, with the history), those asked to stop end as cancelled.
     async fn claim(
@@ -274,4 +274,6 @@ pub trait Store: Send + Sync + 'static {
     fn changes(&self) -> broadcast::Receiver<Change>;
     /// Fails where the store is away.
     async fn ready(&self) -> Result<(), StoreError>;
+    /// Closes it in good order; it cannot be used afterwards.
+    async fn close(&self) {}
 }

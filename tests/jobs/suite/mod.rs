@@ -76,6 +76,7 @@ pub fn new_job(digest: &str) -> NewJob {
         digest: digest.into(),
         reuse: true,
         idempotency: None,
+        submitter: None,
     }
 }
 
