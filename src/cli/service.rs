@@ -1,6 +1,6 @@
 //! A service in this process: job store, artifacts, workers and router put together, and taken apart in order.
 
-use super::args::ServiceArgs;
+use super::args::{DatabaseArgs, ServiceArgs};
 use super::exit::Failure;
 use crate::clock::Clock;
 use crate::generate::{CancelToken, Outcome, Request, Sink, generate};
@@ -19,39 +19,55 @@ use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-/// A running service.
-pub(super) struct Service {
-    address: SocketAddr,
-    store: SqliteStore,
+/// The stores, and the workers of this process over them.
+pub(super) struct Works {
+    store: Arc<dyn Store>,
+    artifacts: Artifacts,
+    clock: Clock,
     pool: WorkerPool,
-    server: JoinHandle<std::io::Result<()>>,
-    shutdown: CancellationToken,
     grace: Duration,
 }
 
-impl Service {
-    /// Opens the stores, takes over what a process before left, starts workers, and serves on `listener`.
+/// A running service.
+pub(super) struct Service {
+    address: SocketAddr,
+    works: Works,
+    server: JoinHandle<std::io::Result<()>>,
+    shutdown: CancellationToken,
+}
+
+/// The database that the options name.
+///
+/// # Errors
+/// [`Failure::Usage`].
+pub(super) fn database(args: &DatabaseArgs) -> Result<Database, Failure> {
+    match &args.database {
+        Some(url) => Database::parse(url).map_err(|fault| Failure::usage(format!("--database: {fault}"))),
+        None => Ok(Database::Sqlite(args.data.join("oviduct.db"))),
+    }
+}
+
+impl Works {
+    /// Opens the stores, takes over what a process before left, starts workers.
     ///
     /// # Errors
     /// [`Failure::Usage`] for stores that there are not; else where something cannot be opened.
-    pub(super) async fn start(args: &ServiceArgs, listener: TcpListener) -> Result<Self, Failure> {
+    pub(super) async fn start(args: &ServiceArgs) -> Result<Self, Failure> {
         if args.heartbeat.is_zero() || args.lease < 2 * args.heartbeat {
             return Err(Failure::usage("--lease must be at least twice --heartbeat, and this more than 0"));
         }
-        let database = local_path("--database", args.database.as_deref(), "sqlite", &args.data, "oviduct.db")?;
-        let files = local_path("--artifacts", args.artifacts.as_deref(), "file", &args.data, "artifacts")?;
+        let database = database(&args.database)?;
+        let data = &args.database.data;
+        let files = local_path("--artifacts", args.artifacts.as_deref(), "file", data, "artifacts")?;
 
         let clock = Clock::System;
         let options =
             StoreOptions { clock: clock.clone(), max_attempts: args.max_attempts, queue_limit: args.queue_limit };
-        let store = SqliteStore::open(&database, options).await.context("the job store could not be opened")?;
+        let store = database.open(options).await.context("the job store could not be opened")?;
         let artifacts = Artifacts::local(&files).context("the artifact store could not be opened")?;
-        let left = store.recover().await.context("what the last process left could not be taken over")?;
-        if !left.is_empty() {
-            tracing::warn!(jobs = left.len(), "jobs of a process that ended without notice were taken over");
-        }
-        let shared: Arc<dyn Store> = Arc::new(store.clone());
-        sweep(shared.clone(), artifacts.clone(), &clock);
+        // What others share, others may just be writing.
+        let age = if database.is_shared() { SHARED_ORPHANS } else { Duration::ZERO };
+        sweep(Arc::clone(&store), artifacts.clone(), &clock, age);
 
         let options = PoolOptions {
             workers: args.cpu_workers,
@@ -59,17 +75,37 @@ impl Service {
             lease: args.lease,
             memory_limit_bytes: args.memory_limit,
             faults: Faults::from_env().map_err(|error| Failure::usage(error.to_string()))?,
-            ..PoolOptions::new(args.data.join("scratch"))
+            ..PoolOptions::new(data.join("scratch"))
         };
-        let pool = WorkerPool::start(shared.clone(), artifacts.clone(), Arc::new(grow), options, clock.clone())
+        let pool = WorkerPool::start(Arc::clone(&store), artifacts.clone(), Arc::new(grow), options, clock.clone())
             .context("the workers could not be started")?;
+        Ok(Self { store, artifacts, clock, pool, grace: args.grace })
+    }
 
+    /// Lets running models end within the grace, gives the others back to the queue, closes the store once `last`
+    /// is done.
+    pub(super) async fn stop<T>(self, last: impl Future<Output = T>) -> T {
+        self.pool.shutdown(self.grace).await;
+        let ended = last.await;
+        self.store.close().await;
+        ended
+    }
+}
+
+impl Service {
+    /// Starts the works, and serves on `listener`.
+    ///
+    /// # Errors
+    /// As [`Works::start`].
+    pub(super) async fn start(args: &ServiceArgs, listener: TcpListener) -> Result<Self, Failure> {
+        let works = Works::start(args).await?;
         let address = listener.local_addr().context("the listening socket has no address")?;
         let shutdown = CancellationToken::new();
-        let state = AppState::new(shared, artifacts, clock, Limits::default(), shutdown.clone());
+        let (store, artifacts, clock) = (Arc::clone(&works.store), works.artifacts.clone(), works.clock.clone());
+        let state = AppState::new(store, artifacts, clock, Limits::default(), shutdown.clone());
         let serving = axum::serve(listener, router(state)).with_graceful_shutdown(shutdown.clone().cancelled_owned());
         let server = tokio::spawn(serving.into_future());
-        Ok(Self { address, store, pool, server, shutdown, grace: args.grace })
+        Ok(Self { address, works, server, shutdown })
     }
 
     /// Where it listens.
@@ -93,21 +129,21 @@ impl Service {
     /// `failed`, or that of the server.
     pub(super) async fn stop(mut self, failed: Option<anyhow::Error>) -> Result<(), Failure> {
         self.shutdown.cancel();
-        self.pool.shutdown(self.grace).await;
-        let ended = match failed {
-            Some(error) => Err(error.into()),
-            // Requests have had the grace too; those that still hang are cut off with the runtime.
-            None => match tokio::time::timeout(LAST_REQUESTS, &mut self.server).await {
-                Ok(Ok(served)) => served.context("the server failed").map_err(Failure::from),
-                Ok(Err(panic)) => Err(anyhow::anyhow!(panic).context("the server panicked").into()),
-                Err(_) => {
-                    tracing::warn!("some requests did not end and were cut off");
-                    Ok(())
-                }
-            },
+        let requests = async {
+            match failed {
+                Some(error) => Err(error.into()),
+                // Requests have had the grace too; those that still hang are cut off with the runtime.
+                None => match tokio::time::timeout(LAST_REQUESTS, &mut self.server).await {
+                    Ok(Ok(served)) => served.context("the server failed").map_err(Failure::from),
+                    Ok(Err(panic)) => Err(anyhow::anyhow!(panic).context("the server panicked").into()),
+                    Err(_) => {
+                        tracing::warn!("some requests did not end and were cut off");
+                        Ok(())
+                    }
+                },
+            }
         };
-        self.store.close().await;
-        ended
+        self.works.stop(requests).await
     }
 }
 
@@ -135,13 +171,15 @@ fn grow(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome
 /// Time for the last answers to leave once the workers have stopped.
 const LAST_REQUESTS: Duration = Duration::from_secs(5);
 
-/// Removes, in the background, files that attempts of earlier processes left; no record names them.
-///
-/// The store is this process's alone, so whatever is older than its start and not named is nobody's.
-fn sweep(store: Arc<dyn Store>, artifacts: Artifacts, clock: &Clock) {
+/// Age from which a file that no record names is nobody's, where other processes share the stores: longer than an
+/// upload takes with its commit.
+const SHARED_ORPHANS: Duration = Duration::from_secs(24 * 60 * 60);
+
+/// Removes, in the background, files that attempts of earlier processes left: older than `age`, named by no record.
+fn sweep(store: Arc<dyn Store>, artifacts: Artifacts, clock: &Clock, age: Duration) {
     let now = clock.now();
     tokio::spawn(async move {
-        match artifacts.sweep_orphans(store.as_ref(), now, Duration::ZERO).await {
+        match artifacts.sweep_orphans(store.as_ref(), now, age).await {
             Ok(0) => {}
             Ok(files) => tracing::info!(files, "files that no model names were removed"),
             Err(error) => tracing::warn!(%error, "files that no model names could not be removed"),
@@ -171,13 +209,13 @@ mod tests {
 
     #[test]
     fn paths_of_stores() {
-        let path = |url| local_path("--database", url, "sqlite", Path::new("d"), "x.db").map_err(|f| f.report().1);
-        assert_eq!(path(None), Ok("d/x.db".into()));
-        assert_eq!(path(Some("a/b.db")), Ok("a/b.db".into()));
-        assert_eq!(path(Some("sqlite:a/b.db")), Ok("a/b.db".into()));
-        assert_eq!(path(Some("sqlite:///a/b.db")), Ok("/a/b.db".into()));
-        assert_eq!(path(Some("C:\\b.db")), Ok("C:\\b.db".into()));
-        for wrong in ["postgres://h/d", "sqlite:", "", "s3://bucket"] {
+        let path = |url| local_path("--artifacts", url, "file", Path::new("d"), "files").map_err(|f| f.report().1);
+        assert_eq!(path(None), Ok("d/files".into()));
+        assert_eq!(path(Some("a/b")), Ok("a/b".into()));
+        assert_eq!(path(Some("file:a/b")), Ok("a/b".into()));
+        assert_eq!(path(Some("file:///a/b")), Ok("/a/b".into()));
+        assert_eq!(path(Some("C:\\b")), Ok("C:\\b".into()));
+        for wrong in ["sqlite:a", "file:", "", "s3://bucket"] {
             assert!(path(Some(wrong)).is_err(), "{wrong}");
         }
     }

@@ -118,6 +118,7 @@ pub(super) async fn create(
             backend: request.backend,
             labels: request.labels,
             digest: spec.digest(seed),
+            engine: crate::ENGINE_VERSION.to_owned(),
             reuse: request.reuse,
             idempotency: key.map(|key| (key, hex::encode(Sha256::digest(canonical(&body))))),
             submitter: None,

@@ -187,7 +187,8 @@ async fn work(
     let ending = match uploaded {
         Ok(Ok(())) => {
             let backend = BackendReport { used: Some(outcome.used), device: Some(outcome.device), ..backend };
-            let finished = Finished { backend, files, summary: outcome.summary };
+            let engine = crate::ENGINE_VERSION.to_owned();
+            let finished = Finished { backend, files, summary: outcome.summary, engine };
             return Ending::Stored(Box::new(finished));
         }
         Ok(Err(UploadError::Injected(injected))) => Ending::Failed(verdict::of_injected(injected)),

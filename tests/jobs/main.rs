@@ -1,8 +1,11 @@
 //! Jobs: one suite over every store, and the worker pool over a store with a scripted generator.
 #![allow(clippy::unwrap_used, missing_docs, unreachable_pub, reason = "a test: what fails, fails here")]
 
+#[path = "../common/postgres.rs"]
+mod cluster;
 mod deaf;
 mod kill;
+mod postgres;
 mod scripted;
 mod sqlite;
 mod suite;

@@ -138,11 +138,7 @@ impl Postgres {
 }
 
 impl Engine for Postgres {
-    async fn transact<O: Operation>(
-        &self,
-        operation: &O,
-        options: &StoreOptions,
-    ) -> Result<Done<O::Output>, SqlError> {
+    async fn transact<O: Operation>(&self, operation: &O, options: &StoreOptions) -> Result<Done<O::Output>, SqlError> {
         let since = Stopwatch::start();
         let mut unknown = false;
         let mut wait = WAITS.0;

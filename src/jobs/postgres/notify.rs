@@ -222,8 +222,9 @@ mod tests {
 
     #[test]
     fn the_longest_notification_fits() {
-        let longest: Vec<Change> =
-            (0..MOST as u128).map(|n| Change { id: JobId(uuid::Uuid::from_u128(n)), version: Some(u64::MAX) }).collect();
+        let longest: Vec<Change> = (0..MOST as u128)
+            .map(|n| Change { id: JobId(uuid::Uuid::from_u128(n)), version: Some(u64::MAX) })
+            .collect();
         assert!(write(&"f".repeat(32), &longest).len() < 8000);
     }
 }

@@ -26,8 +26,7 @@ pub(super) struct Claim {
 pub(super) async fn any_to_claim(link: &mut Link<'_>, backend: Backend) -> Result<bool, SqlError> {
     let now = link.now().await?;
     let mut values = values![now];
-    let mut sql =
-        String::from("SELECT EXISTS (SELECT 1 FROM jobs WHERE status = 'running' AND lease_until <= $1)");
+    let mut sql = String::from("SELECT EXISTS (SELECT 1 FROM jobs WHERE status = 'running' AND lease_until <= $1)");
     for lane in state::accepted(backend) {
         values.push(Value::from(word(lane)));
         sql += &format!(

@@ -102,6 +102,27 @@ impl Operation for Renew {
     }
 }
 
+/// Names the newest checkpoint. Gives the key that it replaces.
+#[derive(Debug)]
+pub(super) struct SetCheckpoint {
+    pub(super) id: JobId,
+    pub(super) fence: Fence,
+    pub(super) key: String,
+}
+
+impl Operation for SetCheckpoint {
+    type Output = Option<String>;
+
+    async fn run(&self, link: &mut Link<'_>, options: &StoreOptions) -> Result<Done<Option<String>>, SqlError> {
+        let (state, _) = load(link, self.id).await?.ok_or(StoreError::Fenced)?;
+        state.on(&Event::Renew(self.fence.clone()), options.max_attempts).map_err(|_| StoreError::Fenced)?;
+        let before = link.one("SELECT checkpoint FROM jobs WHERE id = $1", values![self.id]).await?;
+        let before = before.optional_text("checkpoint")?.map(str::to_owned);
+        link.execute("UPDATE jobs SET checkpoint = $2 WHERE id = $1", values![self.id, &self.key]).await?;
+        Ok(Done::quiet(before.filter(|before| *before != self.key)))
+    }
+}
+
 /// What an end adds to the record.
 #[derive(Debug)]
 pub(super) enum Record {
@@ -131,8 +152,11 @@ impl Operation for End {
         match &self.record {
             Record::Nothing => {}
             Record::Finished(finished) => {
-                link.execute("UPDATE jobs SET summary = $2 WHERE id = $1", values![id, json(&finished.summary)])
-                    .await?;
+                link.execute(
+                    "UPDATE jobs SET summary = $2, engine_used = $3 WHERE id = $1",
+                    values![id, json(&finished.summary), &finished.engine],
+                )
+                .await?;
                 set_backend(link, id, &finished.backend).await?;
                 insert_files(link, id, finished.files.iter()).await?;
             }
@@ -246,12 +270,7 @@ async fn load(link: &mut Link<'_>, id: JobId) -> Result<Option<(State, u64)>, Sq
 
 /// Writes a state down: ends the attempt that ran, then changes the record. A running job without a new
 /// lease keeps the one it has.
-async fn write(
-    link: &mut Link<'_>,
-    id: JobId,
-    next: &Next,
-    lease_until: Option<Timestamp>,
-) -> Result<u64, SqlError> {
+async fn write(link: &mut Link<'_>, id: JobId, next: &Next, lease_until: Option<Timestamp>) -> Result<u64, SqlError> {
     let now = link.now().await?;
     let state = &next.state;
     if let Some(how) = next.ended {
@@ -283,7 +302,8 @@ async fn write(
             "UPDATE jobs SET status = $2, attempts = $3, spent = $4, cancel_requested = $5, holder = $6, \
              lease_until = CASE WHEN $2 = 'running' THEN COALESCE($7, lease_until) END, \
              started_at = CASE WHEN $2 = 'running' THEN COALESCE(started_at, $8) ELSE started_at END, \
-             finished_at = CASE WHEN $9 THEN $8 END, version = version + 1 WHERE id = $1 RETURNING version",
+             finished_at = CASE WHEN $9 THEN $8 END, \
+             checkpoint = CASE WHEN $9 THEN NULL ELSE checkpoint END, version = version + 1 WHERE id = $1 RETURNING version",
             values![
                 id,
                 word(state.status),

@@ -7,7 +7,7 @@ use jiff::Timestamp;
 use sqlx::postgres::{PgArguments, PgRow};
 use sqlx::query::Query;
 use sqlx::sqlite::{SqliteArguments, SqliteRow};
-use sqlx::{AssertSqlSafe, PgConnection, Postgres, Row as _, Sqlite, SqlSafeStr, SqlStr, SqliteConnection};
+use sqlx::{AssertSqlSafe, PgConnection, Postgres, Row as _, SqlSafeStr, SqlStr, Sqlite, SqliteConnection};
 use std::borrow::Cow;
 
 /// Why an operation on the database failed.
@@ -303,7 +303,10 @@ impl Row {
     }
 
     /// A count, in whatever width it is needed.
-    pub(in crate::jobs) fn count<T: TryFrom<i64, Error: std::error::Error>>(&self, column: &str) -> Result<T, SqlError> {
+    pub(in crate::jobs) fn count<T: TryFrom<i64, Error: std::error::Error>>(
+        &self,
+        column: &str,
+    ) -> Result<T, SqlError> {
         T::try_from(self.int(column)?).map_err(|error| super::broken(&error))
     }
 

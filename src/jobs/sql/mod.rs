@@ -6,6 +6,7 @@
 //! Parameters are `$1`, `$2`, …; times are microseconds since 1970 UTC, ids hyphenated UUIDv7, so that they
 //! sort by age.
 
+mod batch;
 mod claim;
 mod lease;
 mod link;
@@ -17,8 +18,8 @@ mod workers;
 
 pub(super) use lease::Expire;
 pub(super) use link::{Connection, Dialect, Link, Row, SqlError, Time, Value};
-pub(super) use store::{Engine, Reader};
 pub use store::SqlStore;
+pub(super) use store::{Engine, Reader};
 
 use super::store::{Change, StoreError, StoreOptions};
 use jiff::Timestamp;

@@ -41,9 +41,9 @@ pub(super) fn submitter(new: &NewJob) -> String {
     new.submitter.clone().unwrap_or_default()
 }
 
-/// Whether no more jobs may be queued. The length of the queue is kept by triggers; where transactions of several
-/// connections run at a time, it is kept as rows to be summed, which are put together here where they grow many.
-pub(super) async fn queue_is_full(link: &mut Link<'_>, options: &StoreOptions) -> Result<bool, SqlError> {
+/// How many more jobs the queue takes. Its length is kept by triggers; where transactions of several connections run
+/// at a time, as rows to be summed, which are put together here where they grow many.
+pub(super) async fn queue_room(link: &mut Link<'_>, options: &StoreOptions) -> Result<u64, SqlError> {
     const MANY: u64 = 256;
     let row = link
         .one("SELECT CAST(COALESCE(SUM(jobs), 0) AS BIGINT) AS queued, COUNT(*) AS parts FROM queue_length", vec![])
@@ -57,7 +57,7 @@ pub(super) async fn queue_is_full(link: &mut Link<'_>, options: &StoreOptions) -
         )
         .await?;
     }
-    Ok(row.int("queued")? >= i64::try_from(options.queue_limit).unwrap_or(i64::MAX))
+    Ok(options.queue_limit.saturating_sub(row.count("queued")?))
 }
 
 /// Sets the position in the queue of those that wait, by lane: each is counted on from the one before it, so that a

@@ -2,8 +2,9 @@
 
 use super::order::set_positions;
 use super::{Link, Row, SqlError, parse, values, variant, word};
-use crate::jobs::job::{BackendReport, Job, JobId};
-use crate::jobs::store::{Attempt, ListFilter, Page, StoreError};
+use crate::jobs::job::{BackendReport, BatchId, Job, JobId};
+use crate::jobs::store::{Attempt, Counts, ListFilter, Page, StoreError};
+use jiff::Timestamp;
 use serde::de::DeserializeOwned;
 
 /// Most jobs on a page.
@@ -73,6 +74,9 @@ pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
         summary: parse_optional(row, "summary")?,
         problem: parse_optional(row, "problem")?,
         digest: row.text("digest")?.to_owned(),
+        engine: row.text("engine")?.to_owned(),
+        batch: row.optional_id("batch")?.map(|JobId(id)| BatchId(id)),
+        checkpoint: owned(row, "checkpoint")?,
         reused_from: row.optional_id("reused_from")?,
     };
     Ok(Record { job, turn: row.int("turn")? })
@@ -156,5 +160,36 @@ pub(super) async fn attempts(link: &mut Link<'_>, id: JobId) -> Result<Vec<Attem
 }
 
 pub(super) async fn names_key(link: &mut Link<'_>, key: &str) -> Result<bool, SqlError> {
-    link.one("SELECT EXISTS (SELECT 1 FROM files WHERE key = $1) AS named", values![key]).await?.flag("named")
+    let sql = "SELECT EXISTS (SELECT 1 FROM files WHERE key = $1) OR EXISTS (SELECT 1 FROM jobs WHERE checkpoint = $1) \
+               AS named";
+    link.one(sql, values![key]).await?.flag("named")
+}
+
+pub(super) async fn ended_before(link: &mut Link<'_>, before: Timestamp, limit: u32) -> Result<Vec<JobId>, SqlError> {
+    let sql = format!(
+        "SELECT id FROM jobs{} WHERE finished_at < $1 ORDER BY finished_at, id LIMIT $2",
+        link.either(" INDEXED BY jobs_by_end", ""),
+    );
+    link.all(sql, values![before, limit]).await?.iter().map(|row| row.id("id")).collect()
+}
+
+pub(super) async fn stored_bytes(link: &mut Link<'_>) -> Result<u64, SqlError> {
+    let sql = format!(
+        "SELECT CAST(COALESCE(SUM(bytes), 0) AS BIGINT) AS n \
+         FROM (SELECT MAX(bytes) AS bytes FROM files{} GROUP BY key) AS kept",
+        link.either(" INDEXED BY files_by_key", ""),
+    );
+    link.one(sql, values![]).await?.count("n")
+}
+
+pub(super) async fn counts(link: &mut Link<'_>) -> Result<Counts, SqlError> {
+    let sql = format!(
+        "SELECT status, COUNT(*) AS n FROM jobs{} GROUP BY status",
+        link.either(" INDEXED BY jobs_by_status", ""),
+    );
+    let mut counts = Counts::default();
+    for row in link.all(sql, values![]).await? {
+        *counts.of_mut(variant(row.text("status")?)?) = row.count("n")?;
+    }
+    Ok(counts)
 }

@@ -1,18 +1,20 @@
 //! The store's contract over either database.
 
+use super::batch::{self, DeleteBatch, SubmitBatch};
 use super::claim::{Claim, any_to_claim};
-use super::lease::{Cancel, End, Record, Renew};
+use super::lease::{Cancel, End, Record, Renew, SetCheckpoint};
 use super::submit::{Delete, Ids, Submit};
 use super::workers::{WorkerSeen, workers};
 use super::{CHANGES, Connection, Done, Link, Operation, SqlError, Time, read};
 use crate::generate::{Backend, Progress};
-use crate::jobs::job::{BackendReport, Job, JobId, LiveSection, NewJob, Problem};
+use crate::jobs::job::{BackendReport, BatchId, Job, JobId, LiveSection, NewJob, Problem};
 use crate::jobs::state::Event;
 use crate::jobs::store::{
-    Attempt, Change, ClaimedJob, Directive, Finished, ListFilter, Page, Store, StoreError, StoreOptions, Submitted,
-    WorkerInfo,
+    Attempt, Batch, Change, ClaimedJob, Counts, Directive, Finished, ListFilter, NewBatch, Page, Store, StoreError,
+    StoreOptions, Submitted, SubmittedBatch, WorkerInfo,
 };
 use async_trait::async_trait;
+use jiff::Timestamp;
 use sqlx::pool::PoolConnection;
 use sqlx::{Postgres, Sqlite};
 use std::future::Future;
@@ -146,6 +148,18 @@ impl<E: Engine> Store for SqlStore<E> {
         self.run(Delete(id)).await
     }
 
+    async fn submit_batch(&self, new: NewBatch) -> Result<SubmittedBatch, StoreError> {
+        self.run(SubmitBatch { new, ids: Arc::clone(&self.shared.ids), tried: Mutex::new(None) }).await
+    }
+
+    async fn batch(&self, id: BatchId) -> Result<Option<Batch>, StoreError> {
+        Ok(batch::read(&mut self.reader().await?.link(self.time()), id).await?)
+    }
+
+    async fn delete_batch(&self, id: BatchId) -> Result<Option<Vec<String>>, StoreError> {
+        self.run(DeleteBatch(id)).await
+    }
+
     async fn claim(
         &self,
         worker: &str,
@@ -169,6 +183,10 @@ impl<E: Engine> Store for SqlStore<E> {
     ) -> Result<Directive, StoreError> {
         let (id, fence, backend) = (claimed.job.id, claimed.fence(), backend.clone());
         self.run(Renew { id, fence, lease, backend, progress: progress.copied(), section: section.cloned() }).await
+    }
+
+    async fn set_checkpoint(&self, claimed: &ClaimedJob, key: &str) -> Result<Option<String>, StoreError> {
+        self.run(SetCheckpoint { id: claimed.job.id, fence: claimed.fence(), key: key.to_owned() }).await
     }
 
     async fn finish(&self, claimed: ClaimedJob, finished: Finished) -> Result<Job, StoreError> {
@@ -205,6 +223,18 @@ impl<E: Engine> Store for SqlStore<E> {
 
     async fn names_key(&self, key: &str) -> Result<bool, StoreError> {
         Ok(read::names_key(&mut self.reader().await?.link(self.time()), key).await?)
+    }
+
+    async fn ended_before(&self, before: Timestamp, limit: u32) -> Result<Vec<JobId>, StoreError> {
+        Ok(read::ended_before(&mut self.reader().await?.link(self.time()), before, limit).await?)
+    }
+
+    async fn stored_bytes(&self) -> Result<u64, StoreError> {
+        Ok(read::stored_bytes(&mut self.reader().await?.link(self.time())).await?)
+    }
+
+    async fn counts(&self) -> Result<Counts, StoreError> {
+        Ok(read::counts(&mut self.reader().await?.link(self.time())).await?)
     }
 
     fn changes(&self) -> broadcast::Receiver<Change> {

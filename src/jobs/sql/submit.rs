@@ -1,10 +1,10 @@
 //! Taking jobs in and removing them.
 
-use super::order::{queue_is_full, submitter, turn};
+use super::order::{queue_room, submitter, turn};
 use super::read::{self, known_job};
 use super::{Before, Done, Link, Operation, SqlError, Value, json, values, variant, word};
 use crate::generate::Output;
-use crate::jobs::job::{File, Job, JobId, NewJob};
+use crate::jobs::job::{BatchId, File, Job, JobId, NewJob};
 use crate::jobs::state;
 use crate::jobs::store::{Change, StoreError, StoreOptions, Submitted};
 use jiff::Timestamp;
@@ -19,7 +19,7 @@ impl Ids {
         Self(Mutex::new(uuid::ContextV7::new()))
     }
 
-    fn at(&self, now: Timestamp) -> JobId {
+    pub(super) fn at(&self, now: Timestamp) -> JobId {
         let seconds = u64::try_from(now.as_second()).unwrap_or_default();
         let nanos = u32::try_from(now.subsec_nanosecond()).unwrap_or_default();
         let context = self.0.lock().unwrap_or_else(PoisonError::into_inner);
@@ -50,16 +50,13 @@ impl Operation for Submit {
                 return Ok(Done::quiet(Submitted::Replayed(known_job(link, row.id("id")?).await?)));
             }
         }
-        let source = if new.reuse { reusable(link, new).await? } else { None };
-        if source.is_none() && queue_is_full(link, options).await? {
-            return Err(StoreError::QueueFull { limit: options.queue_limit }.into());
-        }
+        let mut room = queue_room(link, options).await?;
         let id = self.ids.at(link.now().await?);
         *self.tried.lock().unwrap_or_else(PoisonError::into_inner) = Some(id);
-        insert(link, id, new, source.as_ref()).await?;
+        let reused = place(link, options, id, new, None, &mut room).await?;
         let job = known_job(link, id).await?;
         let change = Change { id, version: Some(job.version) };
-        let submitted = if source.is_some() { Submitted::Reused(job) } else { Submitted::Queued(job) };
+        let submitted = if reused { Submitted::Reused(job) } else { Submitted::Queued(job) };
         Ok(Done::new(submitted, vec![change]))
     }
 
@@ -80,12 +77,29 @@ impl Operation for Submit {
     }
 }
 
+/// Queues a job where there is `room` for it, or takes over a finished model. Returns whether it was taken over.
+pub(super) async fn place(
+    link: &mut Link<'_>,
+    options: &StoreOptions,
+    id: JobId,
+    new: &NewJob,
+    batch: Option<BatchId>,
+    room: &mut u64,
+) -> Result<bool, SqlError> {
+    let source = if new.reuse { reusable(link, new).await? } else { None };
+    if source.is_none() {
+        *room = room.checked_sub(1).ok_or(StoreError::QueueFull { limit: options.queue_limit })?;
+    }
+    insert(link, id, new, source.as_ref(), batch).await?;
+    Ok(source.is_some())
+}
+
 /// A finished model that may stand for `new`: the first one made, where it still exists. It stays until this
 /// transaction has named its files.
 async fn reusable(link: &mut Link<'_>, new: &NewJob) -> Result<Option<Job>, SqlError> {
     // One job of each kind is enough: there may be thousands that share the same files.
     let sql = format!(
-        "SELECT MIN(id) AS id FROM jobs{} WHERE status = 'succeeded' AND digest = $1 \
+        "SELECT MIN(id) AS id FROM jobs{} WHERE status = 'succeeded' AND engine_used = engine AND digest = $1 \
          GROUP BY backend_used, outputs ORDER BY 1",
         link.either(" INDEXED BY jobs_by_digest", ""),
     );
@@ -104,7 +118,13 @@ async fn reusable(link: &mut Link<'_>, new: &NewJob) -> Result<Option<Job>, SqlE
     Ok(None)
 }
 
-async fn insert(link: &mut Link<'_>, id: JobId, new: &NewJob, source: Option<&Job>) -> Result<(), SqlError> {
+async fn insert(
+    link: &mut Link<'_>,
+    id: JobId,
+    new: &NewJob,
+    source: Option<&Job>,
+    batch: Option<BatchId>,
+) -> Result<(), SqlError> {
     let now = link.now().await?;
     let seed = i64::try_from(new.seed)
         .map_err(|_| StoreError::Database(format!("seed {} is beyond the range of records", new.seed)))?;
@@ -113,8 +133,9 @@ async fn insert(link: &mut Link<'_>, id: JobId, new: &NewJob, source: Option<&Jo
     link.execute(
         "INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, backend_used, device, \
          fallback, available_at, created_at, finished_at, reused_from, idempotency_key, idempotency_body, summary, \
-         spec, submitter, turn) \
-         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $11, $12, $13, $14, $15, $16, $17, $18, $19)",
+         spec, engine, engine_used, batch, submitter, turn) \
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, \
+         $22)",
         values![
             id,
             if source.is_some() { "succeeded" } else { "queued" },
@@ -133,6 +154,9 @@ async fn insert(link: &mut Link<'_>, id: JobId, new: &NewJob, source: Option<&Jo
             new.idempotency.as_ref().map(|(_, body)| body.clone()),
             source.and_then(|job| job.summary.as_ref()).map(json),
             json(&new.spec),
+            &new.engine,
+            source.map(|job| job.engine.clone()),
+            batch.map(|batch| batch.to_string()),
             submitter(new),
             turn,
         ],
@@ -197,21 +221,28 @@ impl Operation for Delete {
     type Output = Option<Vec<String>>;
 
     async fn run(&self, link: &mut Link<'_>, _: &StoreOptions) -> Result<Done<Self::Output>, SqlError> {
-        let id = self.0;
-        // Who is about to name its files too comes before or after, not between.
-        let sql = format!("SELECT id FROM jobs WHERE id = $1{}", link.either("", " FOR UPDATE"));
-        if link.optional(sql, values![id]).await?.is_none() {
-            return Ok(Done::quiet(None));
-        }
-        let rows = link
-            .all(
-                "SELECT DISTINCT key FROM files f WHERE job_id = $1 \
-                 AND NOT EXISTS (SELECT 1 FROM files o WHERE o.key = f.key AND o.job_id <> $1)",
-                values![id],
-            )
-            .await?;
-        let keys = rows.iter().map(|row| row.text("key").map(str::to_owned)).collect::<Result<_, _>>()?;
-        link.execute("DELETE FROM jobs WHERE id = $1", values![id]).await?;
-        Ok(Done::new(Some(keys), vec![Change { id, version: None }]))
+        let keys = delete(link, self.0).await?;
+        let change = Change { id: self.0, version: None };
+        let changes = if keys.is_some() { vec![change] } else { vec![] };
+        Ok(Done::new(keys, changes))
     }
+}
+
+pub(super) async fn delete(link: &mut Link<'_>, id: JobId) -> Result<Option<Vec<String>>, SqlError> {
+    // Who is about to name its files too comes before or after, not between.
+    let sql = format!("SELECT id FROM jobs WHERE id = $1{}", link.either("", " FOR UPDATE"));
+    if link.optional(sql, values![id]).await?.is_none() {
+        return Ok(None);
+    }
+    let rows = link
+        .all(
+            "SELECT DISTINCT key FROM files f WHERE job_id = $1 \
+                 AND NOT EXISTS (SELECT 1 FROM files o WHERE o.key = f.key AND o.job_id <> $1)",
+            values![id],
+        )
+        .await?;
+    let mut keys = rows.iter().map(|row| row.text("key").map(str::to_owned)).collect::<Result<Vec<_>, _>>()?;
+    let gone = link.one("DELETE FROM jobs WHERE id = $1 RETURNING checkpoint", values![id]).await?;
+    keys.extend(gone.optional_text("checkpoint")?.map(str::to_owned));
+    Ok(Some(keys))
 }

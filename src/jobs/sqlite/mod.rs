@@ -65,8 +65,7 @@ impl SqliteStore {
             .foreign_keys(true);
         let writer = pool(1).connect_with(connect.clone()).await.map_err(SqlError::from)?;
         migrate(&writer).await?;
-        let reader =
-            pool(READERS).connect_with(connect.pragma("query_only", "ON")).await.map_err(SqlError::from)?;
+        let reader = pool(READERS).connect_with(connect.pragma("query_only", "ON")).await.map_err(SqlError::from)?;
         Ok(Self::with(writer, reader, Some(lock), options))
     }
 
@@ -116,11 +115,7 @@ async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
 }
 
 impl Engine for Sqlite {
-    async fn transact<O: Operation>(
-        &self,
-        operation: &O,
-        options: &StoreOptions,
-    ) -> Result<Done<O::Output>, SqlError> {
+    async fn transact<O: Operation>(&self, operation: &O, options: &StoreOptions) -> Result<Done<O::Output>, SqlError> {
         let mut tx = self.writer.begin_with("BEGIN IMMEDIATE").await?;
         let done = operation.run(&mut Link::new(Connection::Sqlite(&mut tx), &self.time), options).await?;
         tx.commit().await?;

@@ -1,5 +1,13 @@
 -- Records of jobs, as in SQLite. Times are microseconds since 1970 UTC; ids are hyphenated UUIDv7 that sort by age,
 -- in the order of bytes. JSON is kept as the text that was written.
+
+CREATE TABLE batches (
+    id                TEXT   COLLATE "C" NOT NULL PRIMARY KEY,
+    created_at        BIGINT NOT NULL,
+    idempotency_key   TEXT   COLLATE "C" UNIQUE,
+    idempotency_body  TEXT
+);
+
 CREATE TABLE jobs (
     id                TEXT    COLLATE "C" NOT NULL PRIMARY KEY,
     status            TEXT    COLLATE "C" NOT NULL
@@ -34,6 +42,12 @@ CREATE TABLE jobs (
     section           TEXT,
     submitter         TEXT    COLLATE "C" NOT NULL DEFAULT '',
     turn              BIGINT  NOT NULL DEFAULT 0,
+    batch             TEXT    COLLATE "C" REFERENCES batches (id),
+    -- Artifact key of the newest checkpoint of a job that has not ended.
+    checkpoint        TEXT    COLLATE "C",
+    -- The engine version that the digest is of, and the one that made the files.
+    engine            TEXT    COLLATE "C" NOT NULL,
+    engine_used       TEXT    COLLATE "C",
     CHECK ((status = 'running') = (holder IS NOT NULL)),
     CHECK ((status = 'running') = (lease_until IS NOT NULL))
 ) WITH (autovacuum_vacuum_scale_factor = 0.01, autovacuum_vacuum_threshold = 500);
@@ -43,10 +57,12 @@ CREATE INDEX jobs_queue ON jobs (backend_requested, turn, id, available_at) WHER
 CREATE INDEX jobs_queue_by_submitter ON jobs (backend_requested, submitter, turn) WHERE status = 'queued';
 CREATE INDEX jobs_running ON jobs (backend_requested, turn) WHERE status = 'running';
 CREATE INDEX jobs_leases ON jobs (lease_until) WHERE status = 'running';
-CREATE INDEX jobs_by_digest ON jobs (digest, id) WHERE status = 'succeeded';
+CREATE INDEX jobs_by_digest ON jobs (digest, id) WHERE status = 'succeeded' AND engine_used = engine;
 CREATE INDEX jobs_by_status ON jobs (status, id);
 CREATE INDEX jobs_by_preset ON jobs (preset, id);
-CREATE INDEX jobs_by_end ON jobs (finished_at) WHERE finished_at IS NOT NULL;
+CREATE INDEX jobs_by_end ON jobs (finished_at, id) WHERE finished_at IS NOT NULL;
+CREATE INDEX jobs_by_batch ON jobs (batch, id) WHERE batch IS NOT NULL;
+CREATE INDEX jobs_by_checkpoint ON jobs (checkpoint) WHERE checkpoint IS NOT NULL;
 
 -- The last line of defence of the main invariant; the state machine never gets here.
 CREATE FUNCTION refuse_change() RETURNS trigger LANGUAGE plpgsql AS $$
@@ -92,7 +108,7 @@ CREATE TABLE files (
     key        TEXT   COLLATE "C" NOT NULL,
     PRIMARY KEY (job_id, ordinal)
 );
-CREATE INDEX files_by_key ON files (key);
+CREATE INDEX files_by_key ON files (key, bytes);
 
 CREATE TABLE attempts (
     job_id     TEXT   COLLATE "C" NOT NULL REFERENCES jobs (id) ON DELETE CASCADE,
