@@ -3,7 +3,7 @@
 use super::args::{DatabaseArgs, ServiceArgs};
 use super::exit::Failure;
 use crate::clock::Clock;
-use crate::generate::{CancelToken, Outcome, Request, Sink, generate};
+use crate::generate::{Backend, CancelToken, Checkpoint, Outcome, Request, Sink, generate, resume};
 use crate::http::{AppState, Limits, router};
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
@@ -165,7 +165,19 @@ fn grow(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome
         dir: work.dir.to_owned(),
         memory_limit_bytes: work.memory_limit_bytes,
     };
-    Ok(generate(&request, sink, cancel)?)
+    // A model for a GPU begins anew: its arithmetic is not the CPU's.
+    let from = work.checkpoint.filter(|_| request.backend != Backend::Gpu);
+    Ok(match from.map(|bytes| Checkpoint::read(&request, bytes)) {
+        Some(Ok(checkpoint)) => {
+            tracing::info!(job = %job.id, "the model goes on from a checkpoint");
+            resume(&request, checkpoint, sink, cancel)?
+        }
+        Some(Err(error)) => {
+            tracing::warn!(job = %job.id, %error, "the model is grown anew");
+            generate(&request, sink, cancel)?
+        }
+        None => generate(&request, sink, cancel)?,
+    })
 }
 
 /// Time for the last answers to leave once the workers have stopped.

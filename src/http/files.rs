@@ -118,7 +118,9 @@ async fn send(state: &AppState, file: &File, method: &Method, headers: &HeaderMa
         Body::empty()
     } else {
         let part = (status == StatusCode::PARTIAL_CONTENT).then(|| range.clone());
-        Body::from_stream(state.artifacts.get_range(&file.key, part).await?.stream)
+        let stream = state.artifacts.get_range(&file.key, part).await?.stream;
+        state.metrics.bytes_out(range.end - range.start);
+        Body::from_stream(stream)
     };
     let mut response = (status, body).into_response();
     let out = response.headers_mut();

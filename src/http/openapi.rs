@@ -4,7 +4,7 @@
 //! `cargo run -- openapi > openapi.yaml`.
 
 use super::problem::{Fault, Kind, ProblemBody, TYPE_PREFIX};
-use super::request::ModelRequest as Request;
+use super::request::{BatchRequest as Batch, ModelRequest as Request};
 use super::router::routes;
 use crate::generate::{Backend, Output};
 use axum::http::{HeaderValue, header};
@@ -21,6 +21,7 @@ use utoipa::{IntoResponses, OpenApi, PartialSchema, ToSchema};
     components(schemas(ProblemBody, Fault, Backend, Output, super::sections::Format)),
     tags(
         (name = "models", description = "Ask for models, find, stop and remove them"),
+        (name = "batches", description = "Many models of one spec, in one request"),
         (name = "events", description = "Follow models as they grow"),
         (name = "files", description = "What a finished model consists of"),
         (name = "presets", description = "What can be grown"),
@@ -41,6 +42,17 @@ impl PartialSchema for ModelRequest {
 
 impl ToSchema for ModelRequest {}
 
+/// Stands for the request for a batch; its schema is that of [`Batch`].
+pub(super) struct BatchRequest;
+
+impl PartialSchema for BatchRequest {
+    fn schema() -> RefOr<utoipa::openapi::Schema> {
+        utoipa::openapi::Object::new().into()
+    }
+}
+
+impl ToSchema for BatchRequest {}
+
 macro_rules! problems {
     ($($(#[$doc:meta])* $name:ident: $($kind:ident),+;)*) => {$(
         $(#[$doc])*
@@ -57,6 +69,8 @@ macro_rules! problems {
 problems! {
     /// The address names no model.
     ModelMissing: ModelNotFound;
+    /// The address names no batch.
+    BatchMissing: BatchNotFound;
     /// The address names no model, or no file of it.
     FileMissing: ModelNotFound, FileNotFound;
     /// The address names no model, or no section of it.
@@ -112,6 +126,7 @@ pub fn openapi_yaml() -> String {
     document["info"] = info();
     let schemas = &mut document["components"]["schemas"];
     schemas["ModelRequest"] = Request::schema();
+    schemas["BatchRequest"] = Batch::schema(super::Limits::default().batch);
     spec_patch(schemas);
     describe_problems(&mut schemas["Problem"]);
     for item in document["paths"].as_object_mut().into_iter().flat_map(Map::values_mut) {

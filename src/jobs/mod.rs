@@ -14,6 +14,7 @@ mod sql;
 pub mod sqlite;
 pub mod state;
 mod store;
+pub mod sweep;
 
 pub use job::{BackendReport, BatchId, File, Job, JobId, LiveSection, NewJob, Problem, Status};
 pub use open::{Database, open};

@@ -38,6 +38,11 @@ pub(super) struct Work {
 }
 
 impl Work {
+    /// Buffers that remember the clearances of the last step.
+    pub(super) fn with_clearance(clearance: Vec<f32>) -> Self {
+        Self { clearance, ..Self::default() }
+    }
+
     pub(super) fn resize(&mut self, n: usize) {
         for v in self.ax.iter_mut().chain(&mut self.ay) {
             v.resize(n, 0.0);

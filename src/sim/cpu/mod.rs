@@ -11,6 +11,7 @@ mod local;
 mod neighbours;
 mod outer;
 mod pairs;
+mod saved;
 mod thickness;
 mod vectorize;
 
@@ -22,6 +23,7 @@ use crate::model::Section;
 use chain::Chain;
 use neighbours::Neighbours;
 pub use pairs::{PairTerms, reference_force};
+pub use saved::StateError;
 
 /// A simulation on the CPU. Uses as many threads as the rayon pool that it is called in.
 #[derive(Debug)]
