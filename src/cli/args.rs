@@ -71,6 +71,10 @@ pub(super) enum Command {
     Schema,
     /// Print the OpenAPI description of the service
     Openapi,
+    /// Grow models for a service elsewhere that shares the database and the artifacts
+    Worker(WorkerArgs),
+    /// Bring the tables of the database up to date (what serve and worker do on start) and end
+    Migrate(DatabaseArgs),
     /// Ask a service whether it is alive (exit code 0 or 1); for container health checks
     #[command(hide = true)]
     Healthcheck(HealthcheckArgs),
@@ -89,15 +93,32 @@ pub(super) struct ServeArgs {
     pub(super) service: ServiceArgs,
 }
 
+/// Options of `worker`.
+#[derive(Clone, Debug, Args)]
+pub(super) struct WorkerArgs {
+    /// Address to answer /healthz, /readyz and /metrics at [default: none]
+    #[arg(long, value_name = "HOST:PORT")]
+    pub(super) metrics_addr: Option<SocketAddr>,
+    #[command(flatten)]
+    pub(super) service: ServiceArgs,
+}
+
+/// Where the jobs are.
+#[derive(Clone, Debug, Args)]
+pub(super) struct DatabaseArgs {
+    /// Folder of the database, the artifacts and files on their way, where these are not named
+    #[arg(long, value_name = "DIR", default_value = "data")]
+    pub(super) data: PathBuf,
+    /// Database of jobs: `postgres://USER:PASSWORD@HOST/NAME`, `sqlite:PATH` or a path [default: DATA/oviduct.db]
+    #[arg(long, value_name = "URL")]
+    pub(super) database: Option<String>,
+}
+
 /// What a service in this process is made of.
 #[derive(Clone, Debug, Args)]
 pub(super) struct ServiceArgs {
-    /// Folder of the database and the artifacts, where these are not named
-    #[arg(long, value_name = "DIR", default_value = "data")]
-    pub(super) data: PathBuf,
-    /// Database of jobs: `sqlite:PATH` or a path [default: DATA/oviduct.db]
-    #[arg(long, value_name = "URL")]
-    pub(super) database: Option<String>,
+    #[command(flatten)]
+    pub(super) database: DatabaseArgs,
     /// Where finished files go: `s3://BUCKET/PREFIX` with the usual AWS_… variables, `file:PATH` or a path [default: DATA/artifacts]
     #[arg(long, value_name = "URL")]
     pub(super) artifacts: Option<String>,

@@ -13,6 +13,7 @@ mod exit;
 mod generate;
 mod interrupt;
 mod load;
+mod migrate;
 mod model;
 mod print;
 mod scratch;
@@ -23,6 +24,7 @@ mod submit;
 mod term;
 mod units;
 mod upkeep;
+mod worker;
 
 use args::{Cli, Command, Global, LogFormat};
 use exit::{Ended, Failure};
@@ -52,7 +54,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 }
 
 fn start(cli: Cli) -> Ended {
-    let serves = matches!(cli.command, Command::Serve(_));
+    let serves = matches!(cli.command, Command::Serve(_) | Command::Worker(_));
     log(&cli.global, if serves { "info" } else { "warn" })?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let ended = runtime.block_on(dispatch(cli.command));
@@ -70,6 +72,8 @@ async fn dispatch(command: Command) -> Ended {
         Command::Check(args) => check::run(args).await,
         Command::Bench(args) => bench::run(args).await,
         Command::Presets(args) => print::presets(&args),
+        Command::Worker(args) => worker::run(args).await,
+        Command::Migrate(args) => migrate::run(args).await,
         Command::Schema => print::schema(),
         Command::Openapi => print::openapi(),
         Command::Healthcheck(args) => client::Client::new(&args.url)?.get("/healthz").await.map(|_| ()),

@@ -59,6 +59,7 @@ pub(super) async fn create(
         engine: crate::ENGINE_VERSION.to_owned(),
         reuse: request.reuse,
         idempotency: None,
+        submitter: None,
     };
     let seeds = match seeds {
         Seeds::These(seeds) => seeds,

@@ -130,6 +130,7 @@ pub(super) async fn create(
             engine: crate::ENGINE_VERSION.to_owned(),
             reuse: request.reuse,
             idempotency: key.map(|key| (key, hex::encode(Sha256::digest(canonical(&body))))),
+            submitter: None,
         })
         .await?;
     let replayed = matches!(submitted, Submitted::Replayed(_));

@@ -70,7 +70,7 @@ pub struct Model {
 /// The way of a model through the queue.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Queue {
-    /// Models ahead of it; null once it has left the queue.
+    /// Models ahead of it that ask for the same backend, counted up to 1000; null once it has left the queue.
     #[schema(minimum = 0)]
     pub position: Option<u64>,
     /// Seconds it waited; null while it waits.

@@ -129,6 +129,8 @@ pub struct NewJob {
     pub reuse: bool,
     /// Idempotency key, with a hash of the canonical request body.
     pub idempotency: Option<(String, String)>,
+    /// Who submits, for a fair share of the workers; all that are not known are one.
+    pub submitter: Option<String>,
 }
 
 /// The whole record of a job.
@@ -152,7 +154,8 @@ pub struct Job {
     pub labels: BTreeMap<String, String>,
     /// What computes it.
     pub backend: BackendReport,
-    /// Position in the queue from 0, while queued.
+    /// Position in the queue from 0, while queued, among the jobs that ask for the same backend. Exact up to 1000; a
+    /// job further back says 1000.
     pub queue_position: Option<u64>,
     /// Last progress, once it has started.
     pub progress: Option<Progress>,

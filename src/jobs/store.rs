@@ -315,7 +315,8 @@ pub trait Store: Send + Sync + 'static {
     /// Removes a batch with all its jobs, in one transaction; returns as [`Store::delete`] does.
     async fn delete_batch(&self, id: BatchId) -> Result<Option<Vec<String>>, StoreError>;
 
-    /// Claims up to `limit` jobs that `backend` may run, oldest first. Jobs whose lease has expired go back to
+    /// Claims up to `limit` jobs that `backend` may run: submitters take turns, and the jobs of each go
+    /// oldest first. Jobs whose lease has expired go back to
     /// their place in the queue before, so that a long queue cannot hold them up; those whose attempts are used
     /// up fail instead (`attempts-exhausted`, with the history), those asked to stop end as cancelled.
     async fn claim(
@@ -373,4 +374,6 @@ pub trait Store: Send + Sync + 'static {
     fn changes(&self) -> broadcast::Receiver<Change>;
     /// Fails where the store is away.
     async fn ready(&self) -> Result<(), StoreError>;
+    /// Closes it in good order; it cannot be used afterwards.
+    async fn close(&self) {}
 }

@@ -8,12 +8,13 @@ use crate::generate::Backend;
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
 use crate::jobs::scratch::Scratch;
-use crate::jobs::{ClaimedJob, JobId, Store, WorkerInfo};
+use crate::jobs::{Change, ClaimedJob, JobId, Store, WorkerInfo};
 use crate::metrics::Metrics;
 use std::io;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
+use tokio::sync::broadcast::{Receiver, error::RecvError};
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
@@ -209,7 +210,19 @@ async fn claim_loop(slot: Arc<Slot>) {
         tokio::select! {
             _ = phase.changed() => {}
             () = sleep(wait) => {}
-            Ok(_) | Err(tokio::sync::broadcast::error::RecvError::Lagged(_)) = changes.recv(), if !away => {}
+            () = new_job(&mut changes), if !away => {}
+        }
+    }
+}
+
+/// Until a job was queued that nobody has seen yet, or changes were missed. Whatever else makes a job ready to be
+/// claimed (a retry, a lease that ran out) comes with time, and is found by the next look.
+async fn new_job(changes: &mut Receiver<Change>) {
+    loop {
+        match changes.recv().await {
+            Ok(Change { version: Some(1), .. }) | Err(RecvError::Lagged(_)) => return,
+            Ok(_) => {}
+            Err(RecvError::Closed) => return std::future::pending().await,
         }
     }
 }

@@ -4,9 +4,14 @@
 mod artifacts;
 mod bucket;
 mod checkpoint;
+#[path = "../common/postgres.rs"]
+mod cluster;
 mod deaf;
 mod kill;
+mod postgres;
+mod random;
 mod scripted;
 mod sqlite;
+mod streams;
 mod suite;
 mod worker;

@@ -60,6 +60,8 @@ macro_rules! over {
             the_queue_has_a_limit
             lists_are_filtered_and_paged
             queue_positions_are_by_age
+            submitters_take_turns
+            a_job_given_back_keeps_its_turn
             claims_keep_to_their_backend
             workers_are_seen
             four_claimers_end_each_job_once
@@ -88,6 +90,7 @@ pub fn new_job(digest: &str) -> NewJob {
         engine: oviduct::ENGINE_VERSION.into(),
         reuse: true,
         idempotency: None,
+        submitter: None,
     }
 }
 
@@ -126,7 +129,7 @@ fn file(claimed: &ClaimedJob, name: &str) -> File {
     }
 }
 
-fn finished(claimed: &ClaimedJob) -> Finished {
+pub fn finished(claimed: &ClaimedJob) -> Finished {
     let names = ["sections.bin", "report.json", "model.glb"];
     Finished {
         backend: by_cpu(),
