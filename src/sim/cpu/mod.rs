@@ -11,6 +11,7 @@ mod local;
 mod neighbours;
 mod outer;
 mod pairs;
+mod saved;
 mod scalar;
 mod thickness;
 mod vectorize;
@@ -24,6 +25,7 @@ use crate::spec::Search;
 use chain::Chain;
 use neighbours::Neighbours;
 pub use pairs::{PairTerms, reference_force};
+pub use saved::StateError;
 
 /// Arithmetic of the pair forces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
