@@ -3,9 +3,12 @@
 
 #[path = "../common/postgres.rs"]
 mod cluster;
+mod cost;
 mod deaf;
 mod kill;
 mod postgres;
+#[path = "../common/queue.rs"]
+mod queue;
 mod random;
 mod scripted;
 mod sqlite;

@@ -127,13 +127,25 @@ impl Postgres {
     ) -> Result<Done<O::Output>, SqlError> {
         let mut tx = self.pool.begin().await?;
         let mut link = Link::new(Connection::Postgres(&mut tx), &self.time);
-        if *unknown && let Some(done) = operation.done_before(&mut link).await? {
-            return Ok(done);
+        let before = if *unknown { operation.done_before(&mut link).await } else { Ok(None) };
+        let done = match before {
+            Ok(Some(done)) => Ok(done),
+            Ok(None) => operation.run(&mut link, options).await,
+            Err(error) => Err(error),
+        };
+        match done {
+            Ok(done) => {
+                *unknown = true;
+                tx.commit().await?;
+                Ok(done)
+            }
+            Err(error) => {
+                // Here, not some time after the answer: the next claim would pass over rows that are still locked. If
+                // it fails, the connection is lost, and the locks with it.
+                let _ = tx.rollback().await;
+                Err(error)
+            }
         }
-        let done = operation.run(&mut link, options).await?;
-        *unknown = true;
-        tx.commit().await?;
-        Ok(done)
     }
 }
 
