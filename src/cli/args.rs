@@ -61,6 +61,10 @@ pub(super) enum Command {
     Submit(SubmitArgs),
     /// Certify the surface in any glb, gltf, obj, stl or ply file
     Check(CheckArgs),
+    /// Put load on a running service, and say how fast models come
+    Load(LoadArgs),
+    /// Measure how fast this machine grows models
+    Bench(BenchArgs),
     /// List what can be grown
     Presets(PresetsArgs),
     /// Print the JSON Schema of the spec
@@ -112,7 +116,7 @@ pub(super) struct DatabaseArgs {
 pub(super) struct ServiceArgs {
     #[command(flatten)]
     pub(super) database: DatabaseArgs,
-    /// Folder of finished files: `file:PATH` or a path [default: DATA/artifacts]
+    /// Where finished files go: `s3://BUCKET/PREFIX` with the usual AWS_… variables, `file:PATH` or a path [default: DATA/artifacts]
     #[arg(long, value_name = "URL")]
     pub(super) artifacts: Option<String>,
     /// Models grown at the same time; each may use every core [0: grow none here]
@@ -136,6 +140,31 @@ pub(super) struct ServiceArgs {
     /// Memory that one model may need, such as 2GB [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
     pub(super) memory_limit: Option<u64>,
+    #[command(flatten)]
+    pub(super) upkeep: UpkeepArgs,
+}
+
+/// Limits and care of a service.
+#[derive(Clone, Debug, Args)]
+pub(super) struct UpkeepArgs {
+    /// Time between checkpoints of a running simulation, from which another attempt goes on [0: none]
+    #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "30s")]
+    pub(super) checkpoint_every: Duration,
+    /// Time that an attempt at a model may take; one that takes longer fails [default: no limit]
+    #[arg(long, value_name = "TIME", value_parser = units::duration)]
+    pub(super) job_timeout: Option<Duration>,
+    /// Time after its end that a model is kept, such as 30d [default: for good]
+    #[arg(long, value_name = "AGE", value_parser = units::duration)]
+    pub(super) keep: Option<Duration>,
+    /// Bytes of all files; over it the models that ended first are removed [default: no limit]
+    #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
+    pub(super) keep_bytes: Option<u64>,
+    /// Most models of a batch
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 1000)]
+    pub(super) batch_limit: u32,
+    /// Send downloads on to S3 by signed addresses (307) instead of passing the bytes through
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) redirect_downloads: bool,
 }
 
 /// What to grow.
@@ -215,6 +244,28 @@ pub(super) struct SubmitArgs {
     pub(super) json: bool,
 }
 
+/// Options of `load`.
+#[derive(Clone, Debug, Args)]
+pub(super) struct LoadArgs {
+    /// Address of the service
+    #[arg(long, value_name = "URL", default_value = "http://127.0.0.1:8080")]
+    pub(super) url: String,
+    /// Models in all; their seeds follow each other from --seed on
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), default_value_t = 100)]
+    pub(super) models: u64,
+    /// Models asked for at a time
+    #[arg(long, value_name = "C", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 4)]
+    pub(super) concurrency: u32,
+    #[command(flatten)]
+    pub(super) model: ModelArgs,
+    /// Grow them here by the generator alone, as so many workers would: what a service is compared with
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) direct: bool,
+    /// Print one JSON object
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) json: bool,
+}
+
 /// Options of `check`.
 #[derive(Clone, Debug, Args)]
 pub(super) struct CheckArgs {
@@ -227,6 +278,32 @@ pub(super) struct CheckArgs {
     /// Print a JSON array with the certificate of each file
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) json: bool,
+}
+
+/// Options of `bench`.
+#[derive(Clone, Debug, Args)]
+pub(super) struct BenchArgs {
+    /// What to measure
+    #[arg(value_name = "WHAT", value_enum)]
+    pub(super) what: Bench,
+    /// Measure less often: within half a minute
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) quick: bool,
+    /// Print one JSON object
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) json: bool,
+    /// Folder for the results as JSON and text, and for plots
+    #[arg(long, value_name = "DIR")]
+    pub(super) out: Option<PathBuf>,
+}
+
+/// What can be measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Bench {
+    /// The paper's comparison: all pairs, lists, one core and many
+    Paper,
+    /// Time per step by threads and particles
+    Scaling,
 }
 
 /// Options of `presets`.

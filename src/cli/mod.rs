@@ -4,6 +4,7 @@
 //! usage or an invalid spec) or 130 (interrupted).
 
 mod args;
+mod bench;
 mod check;
 mod client;
 mod config;
@@ -11,6 +12,7 @@ mod demo;
 mod exit;
 mod generate;
 mod interrupt;
+mod load;
 mod migrate;
 mod model;
 mod print;
@@ -21,6 +23,7 @@ mod sse;
 mod submit;
 mod term;
 mod units;
+mod upkeep;
 mod worker;
 
 use args::{Cli, Command, Global, LogFormat};
@@ -65,7 +68,9 @@ async fn dispatch(command: Command) -> Ended {
         Command::Generate(args) => generate::run(args).await,
         Command::Demo(args) => demo::run(args).await,
         Command::Submit(args) => submit::run(args).await,
+        Command::Load(args) => load::run(args).await,
         Command::Check(args) => check::run(args).await,
+        Command::Bench(args) => bench::run(args).await,
         Command::Presets(args) => print::presets(&args),
         Command::Worker(args) => worker::run(args).await,
         Command::Migrate(args) => migrate::run(args).await,

@@ -2,12 +2,15 @@
 
 use super::args::{DatabaseArgs, ServiceArgs};
 use super::exit::Failure;
+use super::upkeep::{self, Ground, Upkeep};
 use crate::clock::Clock;
 use crate::generate::{Backend, CancelToken, Checkpoint, Outcome, Request, Sink, generate, resume};
 use crate::http::{AppState, Limits, router};
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
+use crate::jobs::sweep::Retention;
 use crate::jobs::{Database, Store, StoreOptions};
+use crate::metrics::Metrics;
 use crate::spec::{self, ModelSpec};
 use crate::worker::{PoolOptions, Work, WorkError, WorkerPool};
 use anyhow::Context;
@@ -25,6 +28,8 @@ pub(super) struct Works {
     artifacts: Artifacts,
     clock: Clock,
     pool: WorkerPool,
+    upkeep: Upkeep,
+    metrics: Metrics,
     grace: Duration,
 }
 
@@ -57,29 +62,35 @@ impl Works {
             return Err(Failure::usage("--lease must be at least twice --heartbeat, and this more than 0"));
         }
         let database = database(&args.database)?;
-        let data = &args.database.data;
-        let files = local_path("--artifacts", args.artifacts.as_deref(), "file", data, "artifacts")?;
-
         let clock = Clock::System;
         let options =
             StoreOptions { clock: clock.clone(), max_attempts: args.max_attempts, queue_limit: args.queue_limit };
         let store = database.open(options).await.context("the job store could not be opened")?;
-        let artifacts = Artifacts::local(&files).context("the artifact store could not be opened")?;
-        // What others share, others may just be writing.
-        let age = if database.is_shared() { SHARED_ORPHANS } else { Duration::ZERO };
-        sweep(Arc::clone(&store), artifacts.clone(), &clock, age);
+        let (artifacts, orphans) = artifacts(args, &database)?;
+        let metrics = Metrics::default();
+        let limits = &args.upkeep;
+        let ground = Ground {
+            store: Arc::clone(&store),
+            artifacts: artifacts.clone(),
+            clock: clock.clone(),
+            metrics: metrics.clone(),
+        };
+        let upkeep = Upkeep::start(ground, Retention { age: limits.keep, bytes: limits.keep_bytes }, orphans);
 
         let options = PoolOptions {
             workers: args.cpu_workers,
             heartbeat: args.heartbeat,
             lease: args.lease,
             memory_limit_bytes: args.memory_limit,
+            job_timeout: limits.job_timeout,
+            checkpoint_every: Some(limits.checkpoint_every).filter(|every| !every.is_zero()),
+            metrics: metrics.clone(),
             faults: Faults::from_env().map_err(|error| Failure::usage(error.to_string()))?,
-            ..PoolOptions::new(data.join("scratch"))
+            ..PoolOptions::new(args.database.data.join("scratch"))
         };
         let pool = WorkerPool::start(Arc::clone(&store), artifacts.clone(), Arc::new(grow), options, clock.clone())
             .context("the workers could not be started")?;
-        Ok(Self { store, artifacts, clock, pool, grace: args.grace })
+        Ok(Self { store, artifacts, clock, pool, upkeep, metrics, grace: args.grace })
     }
 
     /// Lets running models end within the grace, gives the others back to the queue, closes the store once `last`
@@ -87,6 +98,7 @@ impl Works {
     pub(super) async fn stop<T>(self, last: impl Future<Output = T>) -> T {
         self.pool.shutdown(self.grace).await;
         let ended = last.await;
+        drop(self.upkeep);
         self.store.close().await;
         ended
     }
@@ -102,7 +114,14 @@ impl Service {
         let address = listener.local_addr().context("the listening socket has no address")?;
         let shutdown = CancellationToken::new();
         let (store, artifacts, clock) = (Arc::clone(&works.store), works.artifacts.clone(), works.clock.clone());
-        let state = AppState::new(store, artifacts, clock, Limits::default(), shutdown.clone());
+        let limits = Limits {
+            batch: args.upkeep.batch_limit as usize,
+            keep: args.upkeep.keep,
+            redirect_downloads: args.upkeep.redirect_downloads,
+            ..Limits::default()
+        };
+        let metrics = works.metrics.clone();
+        let state = AppState::new(store, artifacts, clock, limits, shutdown.clone()).with_metrics(metrics);
         let serving = axum::serve(listener, router(state)).with_graceful_shutdown(shutdown.clone().cancelled_owned());
         let server = tokio::spawn(serving.into_future());
         Ok(Self { address, works, server, shutdown })
@@ -183,20 +202,25 @@ fn grow(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome
 /// Time for the last answers to leave once the workers have stopped.
 const LAST_REQUESTS: Duration = Duration::from_secs(5);
 
-/// Age from which a file that no record names is nobody's, where other processes share the stores: longer than an
-/// upload takes with its commit.
-const SHARED_ORPHANS: Duration = Duration::from_secs(24 * 60 * 60);
-
-/// Removes, in the background, files that attempts of earlier processes left: older than `age`, named by no record.
-fn sweep(store: Arc<dyn Store>, artifacts: Artifacts, clock: &Clock, age: Duration) {
-    let now = clock.now();
-    tokio::spawn(async move {
-        match artifacts.sweep_orphans(store.as_ref(), now, age).await {
-            Ok(0) => {}
-            Ok(files) => tracing::info!(files, "files that no model names were removed"),
-            Err(error) => tracing::warn!(%error, "files that no model names could not be removed"),
+/// The artifact store that the options name, and the age from which files in it that no model names are nobody's.
+///
+/// # Errors
+/// [`Failure::Usage`] for one that there is not; else where it cannot be opened.
+fn artifacts(args: &ServiceArgs, database: &Database) -> Result<(Artifacts, Duration), Failure> {
+    match args.artifacts.as_deref().filter(|url| url.starts_with("s3:")) {
+        // Others may be writing to a bucket.
+        Some(url) => match Artifacts::s3(url, std::env::vars()) {
+            Ok(artifacts) => Ok((artifacts, upkeep::ORPHAN_AGE)),
+            Err(error) => Err(Failure::usage(format!("--artifacts: {error}"))),
+        },
+        None => {
+            let data = &args.database.data;
+            let files = local_path("--artifacts", args.artifacts.as_deref(), "file", data, "artifacts")?;
+            let artifacts = Artifacts::local(&files).context("the artifact store could not be opened")?;
+            // A store that is this process's alone: whatever is older than its start and not named is nobody's.
+            Ok((artifacts, if database.is_shared() { upkeep::ORPHAN_AGE } else { Duration::ZERO }))
         }
-    });
+    }
 }
 
 /// The path in `scheme:PATH`, `scheme://PATH` or a plain path; `data/name` where none is given.

@@ -24,10 +24,12 @@ pub(super) struct Grown {
     pub(super) loft_seconds: f64,
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
 pub(super) fn unsound(error: LoftError) -> GenerateError {
     GenerateError::Certificate { detail: error.to_string() }
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
 fn failed(error: SimError) -> GenerateError {
     GenerateError::Simulation { detail: error.to_string() }
 }

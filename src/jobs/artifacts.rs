@@ -198,12 +198,16 @@ impl Artifacts {
     /// [`ArtifactError::NotFound`]; [`ArtifactError::Range`] for a range that is empty or begins after the end.
     pub async fn get_range(&self, key: &str, range: Option<Range<u64>>) -> Result<Download, ArtifactError> {
         let location = Key::from(key);
-        if let Some(range) = &range {
-            let size = self.store.head(&location).await?.size;
-            if range.start >= range.end || range.start >= size {
-                return Err(ArtifactError::Range(format!("{}..{} of {size} bytes", range.start, range.end)));
+        let range = match range {
+            None => None,
+            Some(range) => {
+                let size = self.store.head(&location).await?.size;
+                if range.start >= range.end || range.start >= size {
+                    return Err(ArtifactError::Range(format!("{}..{} of {size} bytes", range.start, range.end)));
+                }
+                Some(range.start..range.end.min(size))
             }
-        }
+        };
         let options = GetOptions { range: range.map(GetRange::Bounded), ..GetOptions::default() };
         let result = self.store.get_opts(&location, options).await?;
         let (size, range) = (result.meta.size, result.range.clone());

@@ -12,6 +12,7 @@ mod neighbours;
 mod outer;
 mod pairs;
 mod saved;
+mod scalar;
 mod thickness;
 mod vectorize;
 
@@ -20,10 +21,21 @@ use super::plan::Plan;
 use super::state::{InnerLoop, OuterLoop};
 use super::{SimError, Simulator, Statistics};
 use crate::model::Section;
+use crate::spec::Search;
 use chain::Chain;
 use neighbours::Neighbours;
 pub use pairs::{PairTerms, reference_force};
 pub use saved::StateError;
+
+/// Arithmetic of the pair forces.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kernel {
+    /// Sixteen segments at a time, with the widest vectors of the processor: what models are made with.
+    #[default]
+    Vector,
+    /// One segment after another, without vectors: the paper's way, for benchmarks. Results differ in rounding.
+    Scalar,
+}
 
 /// A simulation on the CPU. Uses as many threads as the rayon pool that it is called in.
 #[derive(Debug)]
@@ -58,6 +70,21 @@ impl CpuSimulation {
         simulation.work.resize(simulation.inner.len());
         thickness::update(&simulation.plan, simulation.time, &mut simulation.inner);
         simulation
+    }
+
+    /// A copy that goes on from here by another search and arithmetic, its work cut for `threads`: for benchmarks.
+    #[must_use]
+    pub fn fork(&self, search: Search, kernel: Kernel, threads: usize) -> Self {
+        Self {
+            plan: Plan { search, ..self.plan.clone() },
+            time: self.time,
+            inner: self.inner.clone(),
+            outer: self.outer.clone(),
+            chain: self.chain.clone(),
+            neighbours: Neighbours::new(search, threads),
+            work: self.work.clone().with_kernel(kernel),
+            statistics: self.statistics,
+        }
     }
 
     /// The inner loop as it stands.
