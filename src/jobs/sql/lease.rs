@@ -38,11 +38,11 @@ pub(super) async fn expire(
 ) -> Result<Vec<Change>, SqlError> {
     // What another is just writing is left to it.
     let sql = format!(
-        "SELECT id FROM jobs{} WHERE status = 'running' AND lease_until <= $1 ORDER BY lease_until LIMIT $2{}",
+        "SELECT id FROM jobs{} WHERE status = 'running' AND lease_until <= $1 ORDER BY lease_until LIMIT {EXPIRED}{}",
         link.either(" INDEXED BY jobs_leases", ""),
         link.either("", " FOR UPDATE SKIP LOCKED"),
     );
-    let rows = link.all(sql, values![before, EXPIRED]).await?;
+    let rows = link.all(sql, values![before]).await?;
     let mut changes = Vec::with_capacity(rows.len());
     for row in &rows {
         let id = row.id("id")?;
