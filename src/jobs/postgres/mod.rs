@@ -107,8 +107,10 @@ fn may_pass(error: &SqlError) -> bool {
         sqlx::Error::Protocol(_) => true,
         sqlx::Error::Database(error) => {
             let code = error.code().unwrap_or_default();
-            // Two with the same idempotency key at a time: the second finds the first when it looks again.
-            let same_key = code == "23505" && error.constraint().is_some_and(|name| name.contains("idempotency_key"));
+            // Two with the same idempotency key at a time, or a try after one whose commit came through after all: the
+            // second finds the first when it looks again.
+            let is_key = |name: &str| name.contains("idempotency_key") || name.ends_with("_pkey");
+            let same_key = code == "23505" && error.constraint().is_some_and(is_key);
             // Connection lost; serialization, deadlock; no lock, no connection left; shutting down or starting up;
             // broken off for stalling.
             let passing = ["08", "40", "57P"].iter().any(|class| code.starts_with(class))

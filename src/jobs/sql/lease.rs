@@ -186,6 +186,8 @@ impl Operation for End {
     }
 
     async fn done_before(&self, link: &mut Link<'_>) -> Result<Before<Job>, SqlError> {
+        // A commit that is still under way is waited for at the job's row.
+        load(link, self.id).await?;
         // Only the holder ends its attempt in this way, and only once.
         let how = match self.event {
             Event::Finish(_) => AttemptEnd::Succeeded,
