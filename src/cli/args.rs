@@ -96,6 +96,9 @@ pub(super) struct ServeArgs {
 /// Options of `worker`.
 #[derive(Clone, Debug, Args)]
 pub(super) struct WorkerArgs {
+    /// Address to answer /healthz, /readyz and /metrics at [default: none]
+    #[arg(long, value_name = "HOST:PORT")]
+    pub(super) metrics_addr: Option<SocketAddr>,
     #[command(flatten)]
     pub(super) service: ServiceArgs,
 }

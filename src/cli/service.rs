@@ -62,11 +62,14 @@ impl Works {
             return Err(Failure::usage("--lease must be at least twice --heartbeat, and this more than 0"));
         }
         let database = database(&args.database)?;
+        let data = &args.database.data;
         let clock = Clock::System;
         let options =
             StoreOptions { clock: clock.clone(), max_attempts: args.max_attempts, queue_limit: args.queue_limit };
         let store = database.open(options).await.context("the job store could not be opened")?;
-        let (artifacts, orphans) = artifacts(args, &database)?;
+        let (artifacts, shared) = artifacts(args)?;
+        // What others share, others may just be writing.
+        let orphans = if shared || database.is_shared() { upkeep::ORPHAN_AGE } else { Duration::ZERO };
         let metrics = Metrics::default();
         let limits = &args.upkeep;
         let ground = Ground {
@@ -86,11 +89,17 @@ impl Works {
             checkpoint_every: Some(limits.checkpoint_every).filter(|every| !every.is_zero()),
             metrics: metrics.clone(),
             faults: Faults::from_env().map_err(|error| Failure::usage(error.to_string()))?,
-            ..PoolOptions::new(args.database.data.join("scratch"))
+            ..PoolOptions::new(data.join("scratch"))
         };
         let pool = WorkerPool::start(Arc::clone(&store), artifacts.clone(), Arc::new(grow), options, clock.clone())
             .context("the workers could not be started")?;
         Ok(Self { store, artifacts, clock, pool, upkeep, metrics, grace: args.grace })
+    }
+
+    /// What a router over these works shares.
+    pub(super) fn state(&self, limits: Limits, shutdown: &CancellationToken) -> AppState {
+        AppState::new(Arc::clone(&self.store), self.artifacts.clone(), self.clock.clone(), limits, shutdown.clone())
+            .with_metrics(self.metrics.clone())
     }
 
     /// Lets running models end within the grace, gives the others back to the queue, closes the store once `last`
@@ -113,15 +122,13 @@ impl Service {
         let works = Works::start(args).await?;
         let address = listener.local_addr().context("the listening socket has no address")?;
         let shutdown = CancellationToken::new();
-        let (store, artifacts, clock) = (Arc::clone(&works.store), works.artifacts.clone(), works.clock.clone());
         let limits = Limits {
             batch: args.upkeep.batch_limit as usize,
             keep: args.upkeep.keep,
             redirect_downloads: args.upkeep.redirect_downloads,
             ..Limits::default()
         };
-        let metrics = works.metrics.clone();
-        let state = AppState::new(store, artifacts, clock, limits, shutdown.clone()).with_metrics(metrics);
+        let state = works.state(limits, &shutdown);
         let serving = axum::serve(listener, router(state)).with_graceful_shutdown(shutdown.clone().cancelled_owned());
         let server = tokio::spawn(serving.into_future());
         Ok(Self { address, works, server, shutdown })
@@ -202,23 +209,21 @@ fn grow(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome
 /// Time for the last answers to leave once the workers have stopped.
 const LAST_REQUESTS: Duration = Duration::from_secs(5);
 
-/// The artifact store that the options name, and the age from which files in it that no model names are nobody's.
+/// The artifact store that the options name, and whether other processes may be writing to it.
 ///
 /// # Errors
 /// [`Failure::Usage`] for one that there is not; else where it cannot be opened.
-fn artifacts(args: &ServiceArgs, database: &Database) -> Result<(Artifacts, Duration), Failure> {
+fn artifacts(args: &ServiceArgs) -> Result<(Artifacts, bool), Failure> {
     match args.artifacts.as_deref().filter(|url| url.starts_with("s3:")) {
-        // Others may be writing to a bucket.
         Some(url) => match Artifacts::s3(url, std::env::vars()) {
-            Ok(artifacts) => Ok((artifacts, upkeep::ORPHAN_AGE)),
+            Ok(artifacts) => Ok((artifacts, true)),
             Err(error) => Err(Failure::usage(format!("--artifacts: {error}"))),
         },
         None => {
             let data = &args.database.data;
             let files = local_path("--artifacts", args.artifacts.as_deref(), "file", data, "artifacts")?;
             let artifacts = Artifacts::local(&files).context("the artifact store could not be opened")?;
-            // A store that is this process's alone: whatever is older than its start and not named is nobody's.
-            Ok((artifacts, if database.is_shared() { upkeep::ORPHAN_AGE } else { Duration::ZERO }))
+            Ok((artifacts, false))
         }
     }
 }

@@ -32,7 +32,7 @@ pub use dto::{Batch, BatchCounts, Model, ModelEvent, ModelFile, ModelList, Model
 pub use envelope::REQUEST_ID;
 pub use openapi::openapi_yaml;
 pub use request::SEED_MAX;
-pub use router::router;
+pub use router::{router, watch_router};
 
 use crate::clock::Clock;
 use crate::jobs::Store;

@@ -38,3 +38,12 @@ pub fn router(state: AppState) -> Router {
     let counting = axum::middleware::from_fn_with_state(state.metrics.clone(), metrics::count);
     enclose(Router::from(routes()).route("/", get(home::page)).layer(counting).with_state(state))
 }
+
+/// What can be asked of a process that only works: whether it is alive and ready, and its counts.
+pub fn watch_router(state: AppState) -> Router {
+    let routes = OpenApiRouter::new()
+        .routes(routes!(health::alive))
+        .routes(routes!(health::ready))
+        .routes(routes!(metrics::read));
+    enclose(Router::from(routes).with_state(state))
+}

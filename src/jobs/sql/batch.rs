@@ -38,9 +38,8 @@ impl Operation for SubmitBatch {
             }
         }
         let now = link.now().await?;
-        let mut tried = self.tried.lock().unwrap_or_else(PoisonError::into_inner);
-        let id = *tried.get_or_insert_with(|| BatchId(self.ids.at(now).0));
-        drop(tried);
+        let first = || BatchId(self.ids.at(now).0);
+        let id = *self.tried.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(first);
         link.execute(
             "INSERT INTO batches (id, created_at, idempotency_key, idempotency_body) VALUES ($1, $2, $3, $4)",
             values![id.to_string(), now, key, body],
