@@ -6,9 +6,12 @@ mod bucket;
 mod checkpoint;
 #[path = "../common/postgres.rs"]
 mod cluster;
+mod cost;
 mod deaf;
 mod kill;
 mod postgres;
+#[path = "../common/queue.rs"]
+mod queue;
 mod random;
 mod scripted;
 mod sqlite;

@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub(super) struct SubmitBatch {
     pub(super) new: NewBatch,
     pub(super) ids: Arc<Ids>,
-    /// The id under which it was last tried.
+    /// The id under which it is tried.
     pub(super) tried: Mutex<Option<BatchId>>,
 }
 
@@ -38,8 +38,8 @@ impl Operation for SubmitBatch {
             }
         }
         let now = link.now().await?;
-        let id = BatchId(self.ids.at(now).0);
-        *self.tried.lock().unwrap_or_else(PoisonError::into_inner) = Some(id);
+        let first = || BatchId(self.ids.at(now).0);
+        let id = *self.tried.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(first);
         link.execute(
             "INSERT INTO batches (id, created_at, idempotency_key, idempotency_body) VALUES ($1, $2, $3, $4)",
             values![id.to_string(), now, key, body],

@@ -26,11 +26,16 @@ pub(super) struct Claim {
 pub(super) async fn any_to_claim(link: &mut Link<'_>, backend: Backend) -> Result<bool, SqlError> {
     let now = link.now().await?;
     let mut values = values![now];
-    let mut sql = String::from("SELECT EXISTS (SELECT 1 FROM jobs WHERE status = 'running' AND lease_until <= $1)");
+    // Not EXISTS: for that PostgreSQL may take to reading the table, in the hope of an early row that fits.
+    let mut sql = String::from(
+        "SELECT (SELECT 1 FROM jobs WHERE status = 'running' AND lease_until <= $1 ORDER BY lease_until LIMIT 1) \
+         IS NOT NULL",
+    );
     for lane in state::accepted(backend) {
         values.push(Value::from(word(lane)));
         sql += &format!(
-            " OR EXISTS (SELECT 1 FROM jobs WHERE status = 'queued' AND backend_requested = ${} AND available_at <= $1)",
+            " OR (SELECT 1 FROM jobs WHERE status = 'queued' AND backend_requested = ${} AND available_at <= $1 \
+             ORDER BY turn, id LIMIT 1) IS NOT NULL",
             values.len()
         );
     }
@@ -90,21 +95,21 @@ impl Claim {
     }
 
     async fn at_once(&self, link: &mut Link<'_>, now: Timestamp) -> Result<Vec<ClaimedJob>, SqlError> {
+        // The limits stand in the text, so that a plan made once for all values counts on few rows.
+        let (jobs, limit) = (select_jobs(link), self.limit);
         let sql = format!(
             "WITH heads AS MATERIALIZED (SELECT head.id FROM unnest($1::text[]) AS lane (name) CROSS JOIN LATERAL (\
              SELECT id FROM jobs WHERE status = 'queued' AND backend_requested = lane.name AND available_at <= $2 \
-             ORDER BY turn, id LIMIT $3 FOR UPDATE SKIP LOCKED) AS head), \
-             taken AS MATERIALIZED (SELECT id FROM heads ORDER BY id LIMIT $3), \
-             claimed AS (UPDATE jobs SET status = 'running', attempts = attempts + 1, holder = $4, lease_until = $5, \
+             ORDER BY turn, id LIMIT {limit} FOR UPDATE SKIP LOCKED) AS head), \
+             claimed AS (UPDATE jobs SET status = 'running', attempts = attempts + 1, holder = $3, lease_until = $4, \
              started_at = COALESCE(started_at, $2), version = version + 1 \
-             FROM taken WHERE jobs.id = taken.id RETURNING jobs.*), \
+             WHERE id = ANY (ARRAY(SELECT id FROM heads ORDER BY id LIMIT {limit})) RETURNING *), \
              begun AS (INSERT INTO attempts (job_id, attempt, worker, started_at) \
-             SELECT id, attempts, $4, $2 FROM claimed) \
-             {} FROM claimed j ORDER BY j.id",
-            select_jobs(link),
+             SELECT id, attempts, $3, $2 FROM claimed) \
+             {jobs} FROM claimed j ORDER BY j.id"
         );
         let lanes: Vec<String> = state::accepted(self.backend).iter().map(word).collect();
-        let values = values![lanes, now, self.limit, &self.worker, until(now, self.lease)];
+        let values = values![lanes, now, &self.worker, until(now, self.lease)];
         let rows = link.all(sql, values).await?;
         let claimed = |row: &Row| {
             let job = to_record(row)?.job;

@@ -38,11 +38,11 @@ pub(super) async fn expire(
 ) -> Result<Vec<Change>, SqlError> {
     // What another is just writing is left to it.
     let sql = format!(
-        "SELECT id FROM jobs{} WHERE status = 'running' AND lease_until <= $1 ORDER BY lease_until LIMIT $2{}",
+        "SELECT id FROM jobs{} WHERE status = 'running' AND lease_until <= $1 ORDER BY lease_until LIMIT {EXPIRED}{}",
         link.either(" INDEXED BY jobs_leases", ""),
         link.either("", " FOR UPDATE SKIP LOCKED"),
     );
-    let rows = link.all(sql, values![before, EXPIRED]).await?;
+    let rows = link.all(sql, values![before]).await?;
     let mut changes = Vec::with_capacity(rows.len());
     for row in &rows {
         let id = row.id("id")?;
@@ -186,6 +186,8 @@ impl Operation for End {
     }
 
     async fn done_before(&self, link: &mut Link<'_>) -> Result<Before<Job>, SqlError> {
+        // A commit that is still under way is waited for at the job's row.
+        load(link, self.id).await?;
         // Only the holder ends its attempt in this way, and only once.
         let how = match self.event {
             Event::Finish(_) => AttemptEnd::Succeeded,

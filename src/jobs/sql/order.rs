@@ -79,11 +79,11 @@ pub(super) async fn set_positions(link: &mut Link<'_>, records: &mut [Record]) -
             let row = link
                 .one(
                     "SELECT COUNT(*) AS n FROM (SELECT 1 FROM jobs WHERE status = 'queued' AND backend_requested = $1 \
-                     AND (turn, id) >= ($2, $3) AND (turn, id) < ($4, $5) LIMIT $6) AS ahead",
-                    values![lane.clone(), from.0, from.1, here.0, here.1.clone(), POSITIONS - before],
+                     AND (turn, id) >= ($2, $3) AND (turn, id) < ($4, $5) ORDER BY turn, id LIMIT 1000) AS ahead",
+                    values![lane.clone(), from.0, from.1, here.0, here.1.clone()],
                 )
                 .await?;
-            before += row.count::<u64>("n")?;
+            before = POSITIONS.min(before + row.count::<u64>("n")?);
         }
         job.queue_position = Some(before);
         from = here;

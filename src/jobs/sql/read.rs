@@ -118,7 +118,8 @@ pub(super) async fn list(link: &mut Link<'_>, filter: &ListFilter) -> Result<Pag
     }
     let id = if filter.labels.is_empty() { "j.id" } else { "a.job_id" };
     if let Some(status) = filter.status {
-        sql += &format!(" AND j.status = {}", next(word(status).into()));
+        // In the text: how many there are of it decides which index is the right one.
+        sql += &format!(" AND j.status = '{}'", word(status));
     }
     if let Some(preset) = &filter.preset {
         sql += &format!(" AND j.preset = {}", next(preset.into()));
@@ -132,7 +133,7 @@ pub(super) async fn list(link: &mut Link<'_>, filter: &ListFilter) -> Result<Pag
         sql += &format!(" AND {id} < {}", next(before.into()));
     }
     // One more than asked for tells whether there is a next page.
-    sql += &format!(" ORDER BY {id} DESC LIMIT {}", next((i64::from(limit) + 1).into()));
+    sql += &format!(" ORDER BY {id} DESC LIMIT {}", limit + 1);
     let rows = link.all(sql, values).await?;
     let mut records = rows.iter().map(to_record).collect::<Result<Vec<_>, _>>()?;
     let more = records.len() > limit as usize;
@@ -167,10 +168,10 @@ pub(super) async fn names_key(link: &mut Link<'_>, key: &str) -> Result<bool, Sq
 
 pub(super) async fn ended_before(link: &mut Link<'_>, before: Timestamp, limit: u32) -> Result<Vec<JobId>, SqlError> {
     let sql = format!(
-        "SELECT id FROM jobs{} WHERE finished_at < $1 ORDER BY finished_at, id LIMIT $2",
+        "SELECT id FROM jobs{} WHERE finished_at < $1 ORDER BY finished_at, id LIMIT {limit}",
         link.either(" INDEXED BY jobs_by_end", ""),
     );
-    link.all(sql, values![before, limit]).await?.iter().map(|row| row.id("id")).collect()
+    link.all(sql, values![before]).await?.iter().map(|row| row.id("id")).collect()
 }
 
 pub(super) async fn stored_bytes(link: &mut Link<'_>) -> Result<u64, SqlError> {

@@ -32,7 +32,7 @@ impl Ids {
 pub(super) struct Submit {
     pub(super) new: NewJob,
     pub(super) ids: Arc<Ids>,
-    /// The id under which it was last tried.
+    /// The id under which it is tried.
     pub(super) tried: Mutex<Option<JobId>>,
 }
 
@@ -51,8 +51,9 @@ impl Operation for Submit {
             }
         }
         let mut room = queue_room(link, options).await?;
-        let id = self.ids.at(link.now().await?);
-        *self.tried.lock().unwrap_or_else(PoisonError::into_inner) = Some(id);
+        // The same at every try: a commit that is still under way is met at the primary key.
+        let now = link.now().await?;
+        let id = *self.tried.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| self.ids.at(now));
         let reused = place(link, options, id, new, None, &mut room).await?;
         let job = known_job(link, id).await?;
         let change = Change { id, version: Some(job.version) };
