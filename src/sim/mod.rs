@@ -5,6 +5,7 @@
 //! no result depends on the number of threads or on the neighbour search.
 
 pub mod cpu;
+pub mod gpu;
 mod layout;
 mod maths;
 mod plan;
