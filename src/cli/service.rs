@@ -2,15 +2,14 @@
 
 use super::args::ServiceArgs;
 use super::exit::Failure;
+use super::gpu;
 use crate::clock::Clock;
-use crate::generate::{CancelToken, Outcome, Request, Sink, generate};
 use crate::http::{AppState, Limits, router};
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
 use crate::jobs::sqlite::SqliteStore;
 use crate::jobs::{Store, StoreOptions};
-use crate::spec::{self, ModelSpec};
-use crate::worker::{PoolOptions, Work, WorkError, WorkerPool};
+use crate::worker::{BatchGenerator, PoolOptions, WorkerPool, generate_on_cpu};
 use anyhow::Context;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -54,16 +53,29 @@ impl Service {
         let shared: Arc<dyn Store> = Arc::new(store.clone());
         sweep(shared.clone(), artifacts.clone(), &clock);
 
+        let found = gpu::generators(args.gpu).await;
+        let no_gpu = found.as_ref().err().cloned();
+        let gpus: Vec<Arc<dyn BatchGenerator>> =
+            found.into_iter().flatten().map(|gpu| Arc::new(gpu) as Arc<dyn BatchGenerator>).collect();
         let options = PoolOptions {
             workers: args.cpu_workers,
+            batch: args.gpu_batch,
+            no_gpu,
             heartbeat: args.heartbeat,
             lease: args.lease,
             memory_limit_bytes: args.memory_limit,
             faults: Faults::from_env().map_err(|error| Failure::usage(error.to_string()))?,
             ..PoolOptions::new(args.data.join("scratch"))
         };
-        let pool = WorkerPool::start(shared.clone(), artifacts.clone(), Arc::new(grow), options, clock.clone())
-            .context("the workers could not be started")?;
+        let pool = WorkerPool::start_with_gpus(
+            shared.clone(),
+            artifacts.clone(),
+            Arc::new(generate_on_cpu),
+            gpus,
+            options,
+            clock.clone(),
+        )
+        .context("the workers could not be started")?;
 
         let address = listener.local_addr().context("the listening socket has no address")?;
         let shutdown = CancellationToken::new();
@@ -110,27 +122,6 @@ impl Service {
         self.store.close().await;
         ended
     }
-}
-
-/// What workers run: the stored spec, resolved again, to files.
-fn grow(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, WorkError> {
-    let job = work.job;
-    // A canonical spec names every parameter, so it means the same on whichever preset it is laid.
-    let preset = spec::preset(&job.preset).unwrap_or(&spec::presets()[0]);
-    let spec = ModelSpec::resolve(preset, &job.spec).map_err(|faults| {
-        let faults: Vec<String> = faults.iter().map(ToString::to_string).collect();
-        WorkError::Spec { detail: faults.join("; ") }
-    })?;
-    let request = Request {
-        preset: job.preset.clone(),
-        spec,
-        seed: job.seed,
-        backend: job.backend.requested,
-        outputs: job.outputs.clone(),
-        dir: work.dir.to_owned(),
-        memory_limit_bytes: work.memory_limit_bytes,
-    };
-    Ok(generate(&request, sink, cancel)?)
 }
 
 /// Time for the last answers to leave once the workers have stopped.

@@ -1,4 +1,4 @@
-//! One attempt at a job, from its claim to its end.
+//! One attempt at a job, from its claim to its end. An attempt that a GPU cannot do goes on on the CPU.
 
 use super::generator::{Generator, Work, WorkError};
 use super::keeper::{Interrupt, Keeper, Phase};
@@ -7,15 +7,16 @@ use super::pool::PoolOptions;
 use super::upload::{self, UploadError};
 use super::verdict::{self, Verdict};
 use crate::clock::Clock;
-use crate::generate::{Backend, CancelToken, Outcome};
+use crate::generate::{Backend, CancelToken, GenerateError, Outcome};
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::scratch::{AttemptDir, Scratch};
 use crate::jobs::{BackendReport, ClaimedJob, Finished, Store, StoreError};
 use rayon::ThreadPool;
+use std::future::Future;
+use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::watch;
-use tokio::task::JoinHandle;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
 /// How long the record of an attempt that was broken off waits for its thread.
 const STOP_WAIT: Duration = Duration::from_millis(300);
@@ -56,16 +57,48 @@ pub(super) fn device(threads: usize) -> String {
     format!("cpu, {threads} thread{}", if threads == 1 { "" } else { "s" })
 }
 
-/// A generation on a thread of its own. Dropping it asks it to stop; the thread cannot be dropped.
-struct Generation {
-    thread: JoinHandle<Result<Outcome, WorkError>>,
+/// Why a generation gave no model.
+pub(super) enum Broken {
+    /// For the model's sake, or the service's.
+    Verdict(Verdict),
+    /// The GPU could not do it, for this reason.
+    Gpu(String),
+}
+
+type Made = Pin<Box<dyn Future<Output = Result<Outcome, Broken>> + Send>>;
+
+/// A generation on threads of its own. Dropping it asks it to stop; the threads cannot be dropped.
+pub(super) struct Generation {
+    made: Made,
     cancel: CancelToken,
+    /// Its turn on the CPU, where it has to wait for one.
+    turn: Option<OwnedSemaphorePermit>,
+}
+
+impl Generation {
+    /// `made` resolves when the threads have stopped working on it, also after `cancel`.
+    pub(super) fn new(made: Made, cancel: CancelToken) -> Self {
+        Self { made, cancel, turn: None }
+    }
 }
 
 impl Drop for Generation {
     fn drop(&mut self) {
         self.cancel.cancel();
     }
+}
+
+/// What an attempt works with.
+pub(super) struct Prepared {
+    pub(super) dir: Arc<AttemptDir>,
+    pub(super) live: Arc<Live>,
+    pub(super) cancel: CancelToken,
+}
+
+/// Where an attempt goes on that a GPU could not do.
+pub(super) struct Second<'a> {
+    pub(super) threads: &'a Threads,
+    pub(super) turn: &'a Arc<Semaphore>,
 }
 
 /// How the work of an attempt went.
@@ -78,22 +111,71 @@ enum Ending {
     Failed(Verdict),
 }
 
-/// Runs a claimed job and ends it. Returns whether the job has ended by it.
-pub(super) async fn run(context: &Context, threads: &Threads, claimed: ClaimedJob) -> bool {
+/// Runs a claimed job on the CPU and ends it; `why` is said where it was asked of `auto`. Returns whether the job has
+/// ended by it.
+pub(super) async fn run_on_cpu(context: &Context, threads: &Threads, why: Option<String>, claimed: ClaimedJob) -> bool {
+    let (pool, mut report) = threads.choose(claimed.job().backend.requested);
+    report.fallback = why.filter(|_| report.requested == Backend::Auto);
+    match prepare(context, &claimed).await {
+        Ok(prepared) => {
+            let used = report.used.unwrap_or_default();
+            let generation = generate(context, pool, &claimed, &prepared, used);
+            run(context, claimed, report, prepared, generation, None).await
+        }
+        Err(verdict) => refuse(context, claimed, report, verdict).await,
+    }
+}
+
+/// Makes an attempt ready.
+pub(super) async fn prepare(context: &Context, claimed: &ClaimedJob) -> Result<Prepared, Verdict> {
     let (id, attempt) = (claimed.job().id, claimed.attempt());
     tracing::info!(job = %id, attempt, "attempt begins");
-    let (pool, backend) = threads.choose(claimed.job().backend.requested);
-    let mut generation = None;
-    let ending = work(context, pool, backend.clone(), &claimed, &mut generation).await;
-    let (how, result) = end(context, claimed, backend, ending).await;
-    if let Some(mut generation) = generation {
+    context.options.faults.point("after-claim").await.map_err(verdict::of_injected)?;
+    let dir = context.scratch.attempt(id, attempt).map_err(|error| verdict::of_scratch(&error))?;
+    let cancel = CancelToken::default();
+    let live = Arc::new(Live::new(context.options.faults.clone(), cancel.clone()));
+    Ok(Prepared { dir: Arc::new(dir), live, cancel })
+}
+
+/// Ends an attempt that could not be made ready. Returns whether the job has ended by it.
+pub(super) async fn refuse(context: &Context, claimed: ClaimedJob, report: BackendReport, verdict: Verdict) -> bool {
+    conclude(context, claimed, report, Ending::Failed(verdict), None).await
+}
+
+/// Follows the generation of a claimed job, stores its files, and ends it. Returns whether the job has ended by it.
+pub(super) async fn run(
+    context: &Context,
+    claimed: ClaimedJob,
+    mut report: BackendReport,
+    prepared: Prepared,
+    generation: Generation,
+    second: Option<&Second<'_>>,
+) -> bool {
+    let mut broken_off = None;
+    let ending = work(context, &claimed, &mut report, &prepared, generation, second, &mut broken_off).await;
+    drop(prepared);
+    conclude(context, claimed, report, ending, broken_off).await
+}
+
+/// Records how an attempt went, and waits for what it left at work. Returns whether the job has ended by it.
+async fn conclude(
+    context: &Context,
+    claimed: ClaimedJob,
+    report: BackendReport,
+    ending: Ending,
+    broken_off: Option<Generation>,
+) -> bool {
+    let (id, attempt) = (claimed.job().id, claimed.attempt());
+    let (used, fallback) = (report.used, report.fallback.clone());
+    let (how, result) = end(context, claimed, report, ending).await;
+    if let Some(mut generation) = broken_off {
         // What was broken off is recorded at once, even where a stage is slow to stop; the worker's threads are
         // free only now. What it made or how it failed is of no interest any more.
         generation.cancel.cancel();
-        let _ = (&mut generation.thread).await;
+        let _ = (&mut generation.made).await;
     }
     match result {
-        Ok(()) => tracing::info!(job = %id, attempt, "attempt {how}"),
+        Ok(()) => tracing::info!(job = %id, attempt, ?used, fallback, "attempt {how}"),
         Err(StoreError::Fenced) => tracing::warn!(job = %id, attempt, "attempt {how}, but its lease was lost"),
         Err(ref error) => tracing::error!(job = %id, attempt, %error, "attempt {how}, but that was not recorded"),
     }
@@ -144,37 +226,48 @@ async fn commit(context: &Context, claimed: ClaimedJob, finished: Finished) -> R
 /// Generates and stores the files, keeping the lease. Leaves a generation that was broken off in `broken_off`.
 async fn work(
     context: &Context,
-    pool: Arc<ThreadPool>,
-    backend: BackendReport,
     claimed: &ClaimedJob,
+    report: &mut BackendReport,
+    prepared: &Prepared,
+    mut generation: Generation,
+    second: Option<&Second<'_>>,
     broken_off: &mut Option<Generation>,
 ) -> Ending {
-    if let Err(injected) = context.options.faults.point("after-claim").await {
-        return Ending::Failed(verdict::of_injected(injected));
-    }
-    let dir = match context.scratch.attempt(claimed.job().id, claimed.attempt()) {
-        Ok(dir) => Arc::new(dir),
-        Err(error) => return Ending::Failed(verdict::of_scratch(&error)),
-    };
-    let cancel = CancelToken::default();
-    let live = Arc::new(Live::new(context.options.faults.clone(), cancel.clone()));
-    let mut keeper = Keeper::new(context, claimed, backend.clone(), &live);
-
-    let mut generation = generate(context, pool, claimed, &dir, &live, cancel);
-    let joined = match keeper.keep(&mut generation.thread).await {
-        Ok(joined) => joined,
-        Err(interrupt) => {
-            generation.cancel.cancel();
-            // Most stop within milliseconds: then the record says so once it is true.
-            let stopped = tokio::time::timeout(STOP_WAIT, &mut generation.thread).await;
-            *broken_off = stopped.is_err().then_some(generation);
-            return Ending::Interrupted(interrupt);
-        }
-    };
-    let result = match joined {
-        Ok(Ok(outcome)) => Ok(outcome),
-        Ok(Err(error)) => Err(verdict::of_error(&error)),
-        Err(error) => Err(verdict::of_join(error)),
+    let live = &prepared.live;
+    let mut keeper = Keeper::new(context, claimed, report.clone(), live);
+    let result = loop {
+        let made = match keeper.keep(&mut generation.made).await {
+            Ok(made) => made,
+            Err(interrupt) => {
+                generation.cancel.cancel();
+                // Most stop within milliseconds: then the record says so once it is true.
+                let stopped = tokio::time::timeout(STOP_WAIT, &mut generation.made).await;
+                *broken_off = stopped.is_err().then_some(generation);
+                return Ending::Interrupted(interrupt);
+            }
+        };
+        let reason = match made {
+            Ok(outcome) => break Ok(outcome),
+            Err(Broken::Verdict(verdict)) => break Err(verdict),
+            Err(Broken::Gpu(reason)) => reason,
+        };
+        let Some(second) = second.filter(|_| report.requested == Backend::Auto) else {
+            break Err(Verdict::Fail(verdict::of_gpu(reason)));
+        };
+        tracing::warn!(job = %claimed.job().id, reason, "the job goes on on the CPU");
+        let turn = match keeper.keep(Arc::clone(second.turn).acquire_owned()).await {
+            Ok(turn) => turn.ok(),
+            Err(interrupt) => return Ending::Interrupted(interrupt),
+        };
+        let (pool, cpu) = second.threads.choose(Backend::Cpu);
+        *report = BackendReport { requested: report.requested, fallback: Some(reason), ..cpu };
+        keeper.report(report.clone());
+        // The old generation takes its token with it.
+        let cancel = CancelToken::default();
+        live.restart(cancel.clone());
+        let prepared = Prepared { cancel, dir: Arc::clone(&prepared.dir), live: Arc::clone(live) };
+        generation = generate(context, pool, claimed, &prepared, Backend::Cpu);
+        generation.turn = turn;
     };
     let outcome = match (result, live.injected()) {
         (_, Some(injected)) => return Ending::Failed(verdict::of_injected(injected)),
@@ -183,11 +276,11 @@ async fn work(
     };
 
     let files = upload::files(claimed, &outcome);
-    let uploaded = keeper.keep(upload::upload(context, &live, &files, dir.path())).await;
+    let uploaded = keeper.keep(upload::upload(context, live, &files, prepared.dir.path())).await;
     let ending = match uploaded {
         Ok(Ok(())) => {
-            let backend = BackendReport { used: Some(outcome.used), device: Some(outcome.device), ..backend };
-            let finished = Finished { backend, files, summary: outcome.summary };
+            *report = BackendReport { used: Some(outcome.used), device: Some(outcome.device), ..report.clone() };
+            let finished = Finished { backend: report.clone(), files, summary: outcome.summary };
             return Ending::Stored(Box::new(finished));
         }
         Ok(Err(UploadError::Injected(injected))) => Ending::Failed(verdict::of_injected(injected)),
@@ -198,21 +291,29 @@ async fn work(
     ending
 }
 
-/// Runs the generator on a thread that may block and whose panic is caught.
+/// Runs the CPU's generator on a thread that may block and whose panic is caught.
 fn generate(
     context: &Context,
     pool: Arc<ThreadPool>,
     claimed: &ClaimedJob,
-    dir: &Arc<AttemptDir>,
-    live: &Arc<Live>,
-    cancel: CancelToken,
+    prepared: &Prepared,
+    backend: Backend,
 ) -> Generation {
     let generator = Arc::clone(&context.generator);
     let memory_limit_bytes = context.options.memory_limit_bytes;
-    let (job, dir, live, token) = (claimed.job().clone(), Arc::clone(dir), Arc::clone(live), cancel.clone());
+    let (job, dir, live) = (claimed.job().clone(), Arc::clone(&prepared.dir), Arc::clone(&prepared.live));
+    let token = prepared.cancel.clone();
     let thread = tokio::task::spawn_blocking(move || {
-        let work = Work { job: &job, dir: dir.path(), memory_limit_bytes };
+        let work = Work { job: &job, backend, dir: dir.path(), memory_limit_bytes };
         pool.install(|| generator.generate(work, &*live, &token))
     });
-    Generation { thread, cancel }
+    let made = async move {
+        match thread.await {
+            Ok(Ok(outcome)) => Ok(outcome),
+            Ok(Err(WorkError::Generate(GenerateError::Gpu(error)))) => Err(Broken::Gpu(error.to_string())),
+            Ok(Err(error)) => Err(Broken::Verdict(verdict::of_error(&error))),
+            Err(error) => Err(Broken::Verdict(verdict::of_join(error))),
+        }
+    };
+    Generation::new(Box::pin(made), prepared.cancel.clone())
 }

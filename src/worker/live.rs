@@ -21,7 +21,10 @@ struct State {
     section: Option<LiveSection>,
     /// Sections recorded so far.
     sections: u32,
+    /// Least fraction to tell.
+    floor: f64,
     injected: Option<Injected>,
+    cancel: CancelToken,
 }
 
 /// The newest state of a generation.
@@ -29,7 +32,6 @@ struct State {
 pub(super) struct Live {
     state: Mutex<State>,
     faults: Faults,
-    cancel: CancelToken,
 }
 
 /// What is new since the last time.
@@ -48,7 +50,7 @@ impl News {
 impl Live {
     /// An injected fault stops the generation by `cancel`.
     pub(super) fn new(faults: Faults, cancel: CancelToken) -> Self {
-        Self { state: Mutex::default(), faults, cancel }
+        Self { state: Mutex::new(State { cancel, ..State::default() }), faults }
     }
 
     pub(super) fn news(&self) -> News {
@@ -85,6 +87,16 @@ impl Live {
         state.new_progress = true;
     }
 
+    /// The generation begins again from the start: sections are counted anew. The fraction that was told stays until
+    /// the new one has passed it, so that it never falls. An injected fault now stops it by `cancel`.
+    pub(super) fn restart(&self, cancel: CancelToken) {
+        let mut state = self.state();
+        state.cancel = cancel;
+        state.sections = 0;
+        state.section = None;
+        state.floor = state.progress.map_or(0.0, |progress| progress.fraction);
+    }
+
     /// The fault that was injected into the generation.
     pub(super) fn injected(&self) -> Option<Injected> {
         self.state().injected
@@ -99,12 +111,13 @@ impl Sink for Live {
     fn progress(&self, progress: &Progress) {
         {
             let mut state = self.state();
-            state.progress = Some(*progress);
+            state.progress = Some(Progress { fraction: progress.fraction.max(state.floor), ..*progress });
             state.new_progress = true;
         }
         if let Err(injected) = self.faults.point_blocking(name(progress.stage)) {
-            self.state().injected = Some(injected);
-            self.cancel.cancel();
+            let mut state = self.state();
+            state.injected = Some(injected);
+            state.cancel.cancel();
         }
     }
 
@@ -187,6 +200,32 @@ mod tests {
         assert_eq!(live.news().section.unwrap().index, 1);
         live.storing();
         assert_eq!(live.news().progress.unwrap().stage, Stage::Store);
+    }
+
+    #[test]
+    fn a_second_start_counts_anew_but_never_falls_back() {
+        let live = Live::new(Faults::none(), CancelToken::default());
+        let at = |fraction| Progress {
+            stage: Stage::Simulate,
+            fraction,
+            step: 1,
+            steps: 10,
+            particles: 3,
+            sections: 1,
+            eta_seconds: None,
+        };
+        let section = Section { inner: ring(3), outer: ring(4), ..Section::default() };
+        live.progress(&at(0.4));
+        live.section(&section);
+        live.section(&section);
+        live.restart(CancelToken::default());
+        assert!(live.news().section.is_none());
+        live.progress(&at(0.1));
+        live.section(&section);
+        let news = live.news();
+        assert_eq!((news.progress.unwrap().fraction, news.section.unwrap().index), (0.4, 0));
+        live.progress(&at(0.5));
+        assert_eq!(live.news().progress.unwrap().fraction, 0.5);
     }
 
     #[test]
