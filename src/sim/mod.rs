@@ -13,7 +13,7 @@ mod state;
 
 pub use layout::{LANES, StepRow};
 pub use plan::{Lobe, Plan, Wave};
-pub use state::{InnerLoop, OuterLoop};
+pub use state::{Checkpoint, InnerLoop, OuterLoop};
 
 use crate::model::Section;
 

@@ -53,6 +53,11 @@ impl Work {
         }
     }
 
+    /// Buffers of a simulation that goes on with these clearances.
+    pub(super) fn resume(clearance: Vec<f32>) -> Self {
+        Self { clearance, ..Self::default() }
+    }
+
     /// Clearances at the start of the last step; empty before the first one.
     pub(super) fn clearance(&self) -> &[f32] {
         &self.clearance

@@ -4,10 +4,18 @@
 
 mod adapter;
 mod batch;
+mod course;
 mod device;
 mod error;
+pub mod layout;
+mod memory;
+mod pipelines;
+mod record;
+mod ring;
+pub mod shaders;
 
+pub use crate::sim::Checkpoint;
 pub use adapter::{Adapter, AdapterKind, GpuOptions, adapters};
-pub use batch::{BatchReport, BatchSink, Checkpoint, replay, run_batch};
+pub use batch::{BatchReport, BatchSink, advance, replay, run_batch};
 pub use device::GpuDevice;
 pub use error::GpuError;
