@@ -1,7 +1,7 @@
 //! The device that all tests share, and plans to run on it.
 
-use oviduct::sim::gpu::{GpuDevice, GpuOptions, adapters};
 use oviduct::sim::Plan;
+use oviduct::sim::gpu::{GpuDevice, GpuOptions, adapters};
 use oviduct::spec::{ModelSpec, preset};
 use serde_json::{Value, json};
 use std::sync::OnceLock;

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, missing_docs, unreachable_pub, reason = "a test: what fails, fails here")]
 
 mod deaf;
+mod gpu;
 mod kill;
 mod scripted;
 mod sqlite;
