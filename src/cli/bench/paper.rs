@@ -107,7 +107,7 @@ pub(super) fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
         Version::whole("lists-multi", many("lists, vectors"), &multi),
     ];
     versions.extend(on_gpu);
-    report(versions, &plan, Basis { runs, repeats, check, whole: lists.seconds, no_gpu })
+    report(versions, &plan, &Basis { runs, repeats, check, whole: lists.seconds, no_gpu })
 }
 
 /// Whole runs on the GPU, sections read back. The first one, in which drivers do what they put off, does not count.
@@ -146,7 +146,7 @@ struct Basis {
     no_gpu: Option<String>,
 }
 
-fn report(mut versions: Vec<Version>, plan: &Plan, basis: Basis) -> anyhow::Result<Report> {
+fn report(mut versions: Vec<Version>, plan: &Plan, basis: &Basis) -> anyhow::Result<Report> {
     let seconds = |id: &str| versions.iter().find(|v| v.id == id).map_or(f64::NAN, |v| v.seconds);
     let single = seconds("paper-single");
     let ratios = [
