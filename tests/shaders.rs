@@ -120,7 +120,7 @@ fn structures_are_laid_out_alike() {
                 padding,
             }
         );
-        assert_same!(module, Now { row, copy, event, extent, outer_extent });
+        assert_same!(module, Now { row, copy, rest, event, extent, outer_extent });
     }
 }
 
