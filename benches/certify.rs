@@ -1,5 +1,4 @@
 //! Time of a certificate at the size of the paper's models: about 790,000 vertices and 1.6 million triangles.
-#![expect(missing_docs, reason = "criterion makes undocumented functions")]
 
 #[path = "common/tube.rs"]
 mod tube;

@@ -22,12 +22,13 @@ const ALLOWED: [(&str, &str); 1] = [("jobs", "generate")];
 const FORBIDDEN: [(&str, &str); 4] = [("jobs", "sim"), ("jobs", "mesh"), ("jobs", "measure"), ("jobs", "export")];
 
 /// Crates that only some places may name.
-const NAMES: [(&str, &[&str]); 6] = [
+const NAMES: [(&str, &[&str]); 7] = [
     ("spade", &["geometry/triangulate"]),
     ("object_store", &["jobs/artifacts"]),
     ("sqlx", &["jobs/sqlite"]),
     ("axum", &["http", "cli"]),
     ("wgpu", &["sim/gpu", "render"]),
+    ("plotters", &["cli/bench"]),
     ("anyhow", &["cli", "main"]),
 ];
 

@@ -3,19 +3,22 @@
 
 use std::f64::consts::TAU;
 
+/// Points of a closed contour.
+type Ring = Vec<[f32; 2]>;
+
 /// A tube: sections as rings in micrometres, surface in metres.
-pub struct Tube {
+pub(crate) struct Tube {
     /// Place along the tube, inner and outer ring of each section.
-    pub sections: Vec<(f64, Vec<[f32; 2]>, Vec<[f32; 2]>)>,
+    pub(crate) sections: Vec<(f64, Ring, Ring)>,
     /// Vertices of the tissue.
-    pub positions: Vec<[f32; 3]>,
+    pub(crate) positions: Vec<[f32; 3]>,
     /// Triangles, counter-clockwise from outside.
-    pub triangles: Vec<[u32; 3]>,
+    pub(crate) triangles: Vec<[u32; 3]>,
 }
 
 /// Grows a tube of `sections` sections with `inner` and `outer` points a ring and `folds` folds.
 #[must_use]
-pub fn tube(sections: usize, inner: usize, outer: usize, folds: usize) -> Tube {
+pub(crate) fn tube(sections: usize, inner: usize, outer: usize, folds: usize) -> Tube {
     let length = 300.0 * (sections - 1) as f64;
     let (low, high, wall) = (0.2, 1.0, 1.4);
     let radius = inner as f64 * 8.0 / (folds as f64 * 1.6 + TAU);

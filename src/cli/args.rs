@@ -61,6 +61,8 @@ pub(super) enum Command {
     Submit(SubmitArgs),
     /// Certify the surface in any glb, gltf, obj, stl or ply file
     Check(CheckArgs),
+    /// Measure how fast this machine grows models
+    Bench(BenchArgs),
     /// List what can be grown
     Presets(PresetsArgs),
     /// Print the JSON Schema of the spec
@@ -209,6 +211,32 @@ pub(super) struct CheckArgs {
     /// Print a JSON array with the certificate of each file
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) json: bool,
+}
+
+/// Options of `bench`.
+#[derive(Clone, Debug, Args)]
+pub(super) struct BenchArgs {
+    /// What to measure
+    #[arg(value_name = "WHAT", value_enum)]
+    pub(super) what: Bench,
+    /// Measure less often: within half a minute
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) quick: bool,
+    /// Print one JSON object
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) json: bool,
+    /// Folder for the results as JSON and text, and for plots
+    #[arg(long, value_name = "DIR")]
+    pub(super) out: Option<PathBuf>,
+}
+
+/// What can be measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum Bench {
+    /// The paper's comparison: all pairs, lists, one core and many
+    Paper,
+    /// Time per step by threads and particles
+    Scaling,
 }
 
 /// Options of `presets`.

@@ -4,6 +4,7 @@
 //! usage or an invalid spec) or 130 (interrupted).
 
 mod args;
+mod bench;
 mod check;
 mod client;
 mod config;
@@ -64,6 +65,7 @@ async fn dispatch(command: Command) -> Ended {
         Command::Demo(args) => demo::run(args).await,
         Command::Submit(args) => submit::run(args).await,
         Command::Check(args) => check::run(args).await,
+        Command::Bench(args) => bench::run(args).await,
         Command::Presets(args) => print::presets(&args),
         Command::Schema => print::schema(),
         Command::Openapi => print::openapi(),

@@ -21,7 +21,12 @@ pub(super) async fn run(args: SubmitArgs) -> Ended {
     let accepted = client.submit(&body, &key).await?;
     let id = read(&accepted)?.id;
     if !args.wait && args.out.is_none() {
-        return Ok(if args.json { term::print_json(&accepted)? } else { term::print(&id)? });
+        if args.json {
+            term::print_json(&accepted)?;
+        } else {
+            term::print(&id)?;
+        }
+        return Ok(());
     }
     let ended = tokio::select! {
         ended = wait(&client, accepted) => ended?,

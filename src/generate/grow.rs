@@ -23,10 +23,12 @@ pub(super) struct Grown {
     pub(super) loft_seconds: f64,
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
 pub(super) fn unsound(error: LoftError) -> GenerateError {
     GenerateError::Certificate { detail: error.to_string() }
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
 fn failed(error: SimError) -> GenerateError {
     GenerateError::Simulation { detail: error.to_string() }
 }
@@ -36,7 +38,7 @@ pub(super) fn grow(request: &Request, pace: &mut Pace<'_>, cancel: &CancelToken)
     let plan = Plan::new(&request.spec, request.seed);
     let mut simulation = CpuSimulation::new(plan, rayon::current_num_threads());
     while simulation.time() < 0 {
-        advance(&mut simulation, pace, 0, cancel)?;
+        advance(&mut simulation, pace, cancel)?;
     }
     let first = simulation.section();
     pace.section(&first);
@@ -46,16 +48,14 @@ pub(super) fn grow(request: &Request, pace: &mut Pace<'_>, cancel: &CancelToken)
     let mut history = Vec::with_capacity(every as usize);
     let mut loft_seconds = 0.0;
     let mut flipped = 0;
-    let mut recorded = 1;
     while simulation.time() < steps {
-        advance(&mut simulation, pace, recorded, cancel)?;
+        advance(&mut simulation, pace, cancel)?;
         history.push(simulation.section());
         let time = simulation.time();
         if time % every == 0 || time == steps {
             let watch = Stopwatch::start();
             let accepted = lofter.advance(&history).map_err(unsound)?;
             loft_seconds += watch.seconds();
-            recorded += 1;
             flipped += accepted.flipped;
             sections.extend(accepted.sections);
             if let Some(section) = history.last() {
@@ -67,16 +67,11 @@ pub(super) fn grow(request: &Request, pace: &mut Pace<'_>, cancel: &CancelToken)
     Ok(Grown { lofter, sections, flipped, statistics: simulation.statistics(), loft_seconds })
 }
 
-fn advance(
-    simulation: &mut CpuSimulation,
-    pace: &mut Pace<'_>,
-    recorded: u32,
-    cancel: &CancelToken,
-) -> Result<(), GenerateError> {
+fn advance(simulation: &mut CpuSimulation, pace: &mut Pace<'_>, cancel: &CancelToken) -> Result<(), GenerateError> {
     if cancel.is_cancelled() {
         return Err(GenerateError::Cancelled);
     }
     simulation.step().map_err(failed)?;
-    pace.step(simulation.time(), simulation.particles(), recorded);
+    pace.step(simulation.time(), simulation.particles());
     Ok(())
 }

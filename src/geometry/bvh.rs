@@ -106,8 +106,9 @@ impl Block {
         (0..WIDTH).fold(Bounds::EMPTY, |sum, lane| sum.with(&self.lane(lane)))
     }
 
-    /// Bit `l` is set where item `l` overlaps `query`.
+    /// Bit `l` is set where item `l` overlaps `query`. An empty lane is at infinity; what is not a number is apart.
     #[inline]
+    #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "what cannot be compared must count as apart")]
     fn overlaps(&self, query: &Bounds) -> u32 {
         let mut apart = [0u32; WIDTH];
         for axis in 0..AXES {

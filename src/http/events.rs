@@ -5,10 +5,9 @@
 //! model, with the connection, or with the service.
 
 use super::AppState;
-use super::dto::ModelEvent;
 use super::extract::{ModelId, no_model};
 use super::headers::last_event_id;
-use super::openapi::{ModelMissing, StreamAway};
+use super::openapi::{ModelMissing, ServerSentEvent, StreamAway};
 use super::problem::{Kind, Problem};
 use super::sse::{self, Name, Track};
 use crate::clock::Stopwatch;
@@ -99,7 +98,7 @@ where
         ("last-event-id" = Option<String>, Header, description = "Version that the client knows; newer is sent at once"),
     ),
     responses(
-        (status = 200, description = "Events", content_type = "text/event-stream", body = ModelEvent),
+        (status = 200, description = "Events", content_type = "text/event-stream", body = ServerSentEvent),
         ModelMissing, StreamAway,
     )
 )]
@@ -174,7 +173,7 @@ async fn store_failed(out: &Out, error: &StoreError) -> Result<(), Closed> {
     get, path = "/events", operation_id = "follow_all", tag = "events",
     params(("last-event-id" = Option<String>, Header, description = "Cursor of the last event that the client has")),
     responses(
-        (status = 200, description = "Events", content_type = "text/event-stream", body = ModelEvent),
+        (status = 200, description = "Events", content_type = "text/event-stream", body = ServerSentEvent),
         StreamAway,
     )
 )]

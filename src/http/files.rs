@@ -1,4 +1,4 @@
-//! `GET /models/{id}/files/{name}` and `GET /models/{id}/report`: the stored bytes.
+//! `GET /models/{id}/files/{name}`: the stored bytes. `GET /models/{id}/report`: the stored report, and what computed it.
 //!
 //! A name is looked up among the files of the model's record; it never becomes part of a path. Files never change,
 //! so their tag is their SHA-256 and they may be cached for ever.
@@ -10,11 +10,14 @@ use super::openapi::{FileMissing, RangeOutside, StoreAway};
 use super::problem::{Kind, Problem};
 use super::range::{Selection, select};
 use crate::jobs::artifacts::ArtifactError;
-use crate::jobs::{File, Job, JobId};
+use crate::jobs::{BackendReport, File, Job, JobId};
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use futures_util::TryStreamExt;
+use serde_json::{Map, Value};
+use sha2::{Digest, Sha256};
 
 /// Files never change.
 pub(super) const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
@@ -30,11 +33,11 @@ pub(super) const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max
         ("if-none-match" = Option<String>, Header, description = "Tags that the client has"),
     ),
     responses(
-        (status = 200, description = "The file", content_type = "application/octet-stream", body = Vec<u8>, headers(
+        (status = 200, description = "The file", headers(
             ("etag" = String, description = "SHA-256 of the file"),
             ("accept-ranges" = String, description = "`bytes`"),
             ("content-disposition" = String, description = "A name to save it under"))),
-        (status = 206, description = "The range", content_type = "application/octet-stream", body = Vec<u8>, headers(
+        (status = 206, description = "The range", headers(
             ("content-range" = String, description = "Which bytes of how many"))),
         (status = 304, description = "The client has it"),
         FileMissing, RangeOutside, StoreAway,
@@ -56,7 +59,25 @@ pub(super) async fn download(
     Ok(response)
 }
 
-/// Read the report of a model: its certificate.
+/// The report of a model: what `report.json` holds, and what computed it.
+#[derive(serde::Serialize, utoipa::ToSchema)]
+pub(super) struct Report {
+    /// What computed the model. Not in the file, which is the same wherever the model is grown.
+    backend: BackendReport,
+    /// SHA-256 of the canonical spec (without `solver.search`), the seed and the engine's version, as in the model.
+    digest: String,
+    /// Preset that the spec was resolved on.
+    preset: String,
+    /// Seed.
+    #[schema(minimum = 0, maximum = 9007199254740991i64)]
+    seed: u64,
+    /// The members of `report.json`: `engine`, `spec`, `summary`, `certificate`.
+    #[serde(flatten)]
+    #[schema(value_type = Object)]
+    stored: Map<String, Value>,
+}
+
+/// Read the report of a model: its certificate, its counts, and what computed it.
 #[utoipa::path(
     get, path = "/models/{id}/report", operation_id = "get_report", tag = "files",
     params(
@@ -64,7 +85,8 @@ pub(super) async fn download(
         ("if-none-match" = Option<String>, Header, description = "Tags that the client has"),
     ),
     responses(
-        (status = 200, description = "The report", content_type = "application/json", body = serde_json::Value),
+        (status = 200, description = "The report", body = Report, headers(
+            ("etag" = String, description = "SHA-256 of the report"))),
         (status = 304, description = "The client has it"),
         FileMissing, StoreAway,
     )
@@ -72,12 +94,26 @@ pub(super) async fn download(
 pub(super) async fn report(
     State(state): State<AppState>,
     ModelId(id): ModelId,
-    method: Method,
-    mut headers: HeaderMap,
+    headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let (_, file) = find(&state, id, "report.json").await?;
-    headers.remove(header::RANGE);
-    send(&state, &file, &method, &headers).await
+    let (job, file) = find(&state, id, "report.json").await?;
+    let chunks: Vec<_> = state.artifacts.get_range(&file.key, None).await?.stream.try_collect().await?;
+    let mut stored: Map<String, Value> = serde_json::from_slice(&chunks.concat()).map_err(|error| {
+        tracing::error!(%error, "a stored report cannot be read");
+        Problem::new(Kind::Internal, "The stored report is damaged.")
+    })?;
+    for own in ["backend", "digest", "preset", "seed"] {
+        stored.remove(own);
+    }
+    let report = Report { backend: job.backend, digest: job.digest, preset: job.preset, seed: job.seed, stored };
+    let body = serde_json::to_vec(&report).expect("a report has string keys only");
+    let tag = ETag::strong(hex::encode(Sha256::digest(&body)));
+    if tag.matches_none(&headers) {
+        return tag.not_modified(IMMUTABLE);
+    }
+    let kind = HeaderValue::from_static("application/json");
+    let headers = [(header::CONTENT_TYPE, kind), (header::ETAG, tag.header()?), (header::CACHE_CONTROL, IMMUTABLE)];
+    Ok((headers, body).into_response())
 }
 
 /// A model and its file of this name.

@@ -3,9 +3,11 @@
 //! The committed `openapi.yaml` is this, byte for byte; a test compares them. Write it anew with
 //! `cargo run -- openapi > openapi.yaml`.
 
+use super::dto::{DeletedEvent, ModelEvent};
 use super::problem::{Fault, Kind, ProblemBody, TYPE_PREFIX};
 use super::request::ModelRequest as Request;
 use super::router::routes;
+use crate::export::{glb, obj, sections_bin};
 use crate::generate::{Backend, Output};
 use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse, Response};
@@ -18,7 +20,7 @@ use utoipa::{IntoResponses, OpenApi, PartialSchema, ToSchema};
 
 #[derive(OpenApi)]
 #[openapi(
-    components(schemas(ProblemBody, Fault, Backend, Output, super::sections::Format)),
+    components(schemas(ProblemBody, Fault, Backend, Output, super::sections::Format, ModelEvent, DeletedEvent)),
     tags(
         (name = "models", description = "Ask for models, find, stop and remove them"),
         (name = "events", description = "Follow models as they grow"),
@@ -40,6 +42,18 @@ impl PartialSchema for ModelRequest {
 }
 
 impl ToSchema for ModelRequest {}
+
+/// Stands for one event of a stream in the descriptions of routes.
+pub(super) struct ServerSentEvent;
+
+impl PartialSchema for ServerSentEvent {
+    fn schema() -> RefOr<utoipa::openapi::Schema> {
+        // Replaced by `server_sent_event` below: utoipa knows no `contentSchema`.
+        utoipa::openapi::Object::new().into()
+    }
+}
+
+impl ToSchema for ServerSentEvent {}
 
 macro_rules! problems {
     ($($(#[$doc:meta])* $name:ident: $($kind:ident),+;)*) => {$(
@@ -113,7 +127,12 @@ pub fn openapi_yaml() -> String {
     let schemas = &mut document["components"]["schemas"];
     schemas["ModelRequest"] = Request::schema();
     spec_patch(schemas);
+    schemas["ServerSentEvent"] = server_sent_event();
     describe_problems(&mut schemas["Problem"]);
+    let paths = &mut document["paths"];
+    describe_files(&mut paths["/models/{id}/files/{name}"]["get"]["responses"]);
+    // Text: a reader that parses YAML would find an object where a schema of it says string.
+    paths["/openapi.yaml"]["get"]["responses"]["200"]["content"] = json!({ "application/yaml": {} });
     for item in document["paths"].as_object_mut().into_iter().flat_map(Map::values_mut) {
         for operation in item.as_object_mut().into_iter().flat_map(Map::values_mut) {
             complete(operation);
@@ -140,13 +159,14 @@ fn info() -> Value {
 
 /// What every operation may answer besides.
 fn complete(operation: &mut Value) {
-    for parameter in operation["parameters"].as_array_mut().into_iter().flatten() {
+    // By `get_mut`: an index would put in null where nothing is.
+    for parameter in operation.get_mut("parameters").and_then(Value::as_array_mut).into_iter().flatten() {
         // A header or a parameter may be absent, never null.
-        if let Some(kinds) = parameter["schema"]["type"].as_array().cloned() {
+        if let Some(kinds) = parameter.pointer("/schema/type").and_then(Value::as_array).cloned() {
             parameter["schema"]["type"] = kinds.into_iter().find(|kind| kind != "null").unwrap_or_default();
         }
     }
-    let Some(responses) = operation["responses"].as_object_mut() else { return };
+    let Some(responses) = operation.get_mut("responses").and_then(Value::as_object_mut) else { return };
     for (status, response) in problem_responses(&[Kind::Internal]) {
         responses.entry(status).or_insert_with(|| serde_json::to_value(response).unwrap_or_default());
     }
@@ -159,6 +179,41 @@ fn complete(operation: &mut Value) {
         response["headers"]["content-range"] =
             json!({ "description": "`bytes */` and the size of the file", "schema": { "type": "string" } });
     }
+}
+
+/// The media types of files. What they hold is not for JSON Schema to say; half a file of JSON is not even JSON.
+fn describe_files(responses: &mut Value) {
+    let types = [glb::MEDIA_TYPE, obj::MEDIA_TYPE, sections_bin::MEDIA_TYPE, "application/json"];
+    let content: Map<String, Value> = types.map(|media_type| (media_type.to_owned(), json!({}))).into_iter().collect();
+    for status in ["200", "206"] {
+        responses[status]["content"] = Value::Object(content.clone());
+    }
+}
+
+/// One event of a stream: its three fields as they arrive, and what is in the text of `data`.
+fn server_sent_event() -> Value {
+    json!({
+        "type": "object",
+        "description": "One event of the stream (WHATWG server-sent events).",
+        "required": ["event", "id", "data"],
+        "properties": {
+            "event": {
+                "type": "string",
+                "enum": ["status", "progress", "section", "end"],
+                "description": "What it tells of; `end` is the last of its model",
+            },
+            "id": { "type": "string", "description": "To be sent back as `Last-Event-ID`" },
+            "data": {
+                "type": "string",
+                "contentMediaType": "application/json",
+                "contentSchema": { "anyOf": [
+                    { "$ref": "#/components/schemas/ModelEvent" },
+                    { "$ref": "#/components/schemas/DeletedEvent" },
+                ] },
+                "description": "The state, as JSON",
+            },
+        },
+    })
 }
 
 /// Removes the formats `int32` and `int64`, which utoipa gives to unsigned integers too.

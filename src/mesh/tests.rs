@@ -322,10 +322,10 @@ fn quick_tests_never_clear_a_contact() {
             }
         }
         let parted = slab.parted_from_next();
-        for i in 0..slab.len() {
+        for (i, &parted) in parted.iter().enumerate() {
             for j in 0..slab.len() {
                 let neighbours = slab.lower.next(i) == j;
-                let clear = if neighbours { parted[i] } else { slab.lower.next(j) != i && slab.apart(i, j) };
+                let clear = if neighbours { parted } else { slab.lower.next(j) != i && slab.apart(i, j) };
                 if i == j || slab.degenerate(i) || slab.degenerate(j) {
                     assert!(!(clear && neighbours));
                     continue;

@@ -173,11 +173,18 @@ async fn a_file_that_was_lost_is_a_problem() {
 }
 
 #[tokio::test]
-async fn the_report_is_its_file() {
+async fn the_report_is_its_file_and_what_computed_it() {
     let (app, model) = app(10).await;
     let reply = app.get(&format!("{model}/report")).await;
     assert_eq!((reply.status.as_u16(), reply.header(header::CONTENT_TYPE)), (200, Some("application/json")));
     assert_eq!(reply.json()["certificate"]["passed"], true);
+    let told = app.get(&model).await.json();
+    for name in ["backend", "digest", "preset", "seed"] {
+        assert!(!told[name].is_null());
+        assert_eq!(reply.json()[name], told[name], "{name}");
+    }
+    let file = app.get(&format!("{model}/files/report.json")).await.json();
+    assert_eq!(file.get("backend"), None, "the file is the same wherever the model is grown");
     assert_eq!(reply.header(header::CONTENT_DISPOSITION), None);
     let tag = reply.header(header::ETAG).unwrap();
     assert_eq!(app.get_with(&format!("{model}/report"), &[("if-none-match", tag)]).await.status, 304);

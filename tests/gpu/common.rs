@@ -1,7 +1,7 @@
 //! The device that all tests share, plans to run on it, and a sink that keeps what it is told.
 
 use oviduct::model::Section;
-use oviduct::sim::gpu::{BatchSink, Checkpoint, GpuDevice, GpuOptions, adapters};
+use oviduct::sim::gpu::{Adapter, BatchSink, Checkpoint, GpuDevice, GpuOptions, adapters};
 use oviduct::sim::{Plan, SimError, Statistics};
 use oviduct::spec::{ModelSpec, preset};
 use serde_json::{Value, json};
@@ -14,12 +14,16 @@ pub(crate) fn no_vulkan() -> bool {
     std::env::var_os("OVIDUCT_TEST_NO_VULKAN").is_some_and(|v| v == "1")
 }
 
+/// The adapters of this machine; without any the test fails.
+pub(crate) fn found() -> Vec<Adapter> {
+    adapters(&OPTIONS).unwrap_or_else(|e| {
+        panic!("{e}\nThese tests need a Vulkan adapter: apt-get install mesa-vulkan-drivers libvulkan1")
+    })
+}
+
 /// A device of its own.
 pub(crate) fn open() -> GpuDevice {
-    let found = adapters(&OPTIONS).unwrap_or_else(|e| {
-        panic!("{e}\nThese tests need a Vulkan adapter: apt-get install mesa-vulkan-drivers libvulkan1")
-    });
-    GpuDevice::open(&found[0], &OPTIONS).unwrap()
+    GpuDevice::open(&found()[0], &OPTIONS).unwrap()
 }
 
 /// The device that tests share.

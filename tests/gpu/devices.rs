@@ -1,6 +1,6 @@
 //! Adapters: what is offered, and what is said where there is none.
 
-use crate::common::{OPTIONS, no_vulkan, open};
+use crate::common::{OPTIONS, found, no_vulkan, open};
 use oviduct::sim::gpu::{AdapterKind, GpuDevice, GpuError, GpuOptions, adapters};
 
 #[test]
@@ -18,7 +18,7 @@ fn software_adapters_count_only_where_they_are_allowed() {
     if no_vulkan() {
         return;
     }
-    let all = adapters(&OPTIONS).unwrap();
+    let all = found();
     let software: Vec<_> = all.iter().filter(|a| a.kind == AdapterKind::Software).collect();
     let strict = GpuOptions::default();
     match adapters(&strict) {
@@ -38,7 +38,7 @@ fn adapters_say_what_they_are() {
     if no_vulkan() {
         return;
     }
-    for adapter in adapters(&OPTIONS).unwrap() {
+    for adapter in found() {
         println!("{adapter:?}");
         assert!(!adapter.name.is_empty() && !adapter.driver.is_empty());
         assert!(["vulkan", "metal", "dx12"].contains(&adapter.backend.as_str()));

@@ -1,8 +1,7 @@
 //! Small functions of the shaders, called from a kernel of their own: random numbers bit for bit, the others against f64.
 
-use crate::common::{OPTIONS, no_vulkan};
+use crate::common::{found, no_vulkan};
 use oviduct::random::{Stream, words};
-use oviduct::sim::gpu::adapters;
 use std::future::Future;
 use std::pin::pin;
 use std::task::{Context, Poll, Waker};
@@ -21,7 +20,7 @@ fn call(functions: &str) -> Vec<[u32; 4]> {
          }",
     ]
     .concat();
-    let name = &adapters(&OPTIONS).unwrap()[0].name;
+    let name = &found()[0].name;
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let found = ready(instance.enumerate_adapters(wgpu::Backends::PRIMARY));
     let adapter = found.iter().find(|a| a.get_info().name == *name).unwrap();

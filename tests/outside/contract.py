@@ -3,6 +3,7 @@
 Usage: contract.py OVIDUCT_BINARY
 """
 
+import json
 import os
 import subprocess
 import sys
@@ -43,6 +44,8 @@ def main(folder):
             "PYTHONPATH": HERE,
             "OVIDUCT_SUCCEEDED": succeeded,
             "OVIDUCT_CANCELLED": cancelled,
+            "OVIDUCT_URL": service.url,
+            "OVIDUCT_SMALL": json.dumps(SMALL),
         },
         cwd=folder,
     )

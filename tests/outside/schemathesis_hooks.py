@@ -1,6 +1,8 @@
 """What schemathesis must know of this service."""
 
+import json
 import os
+import urllib.request
 import uuid
 
 import schemathesis
@@ -8,28 +10,41 @@ from schemathesis.core.parameters import ParameterLocation
 
 KNOWN = [os.environ["OVIDUCT_SUCCEEDED"], os.environ["OVIDUCT_CANCELLED"]]
 FILES = ["model.glb", "model.obj", "sections.bin", "report.json"]
+PRESETS = ["pig", "paper"]
 COUNT = {"calls": 0}
 
 
 @schemathesis.hook
 def before_call(context, case, kwargs):
-    """Leads two of three requests for something to models that exist, and keeps those from being deleted."""
+    """Leads two of three requests for something to models that exist, and has copies of those deleted in their place."""
     COUNT["calls"] += 1
     turn = COUNT["calls"] % 3
     parameters = dict(case.path_parameters or {})
     if case.method.upper() == "DELETE" and parameters.get("id") in KNOWN:
-        case.path_parameters = {**parameters, "id": str(uuid.uuid4())}
+        case.path_parameters = {**parameters, "id": copy()}
     elif "id" in parameters and turn < 2 and case.method.upper() == "GET" and not chained(case) and plain(case):
         parameters["id"] = KNOWN[turn]
         if "name" in parameters:
             parameters["name"] = FILES[COUNT["calls"] // 3 % len(FILES)]
         case.path_parameters = parameters
+    elif case.path == "/presets/{name}" and turn < 2 and plain(case):
+        case.path_parameters = {**parameters, "name": PRESETS[turn]}
     for name in list(case.headers or {}):
         # Waiting is not the point, and a key that was used for another body is refused by design.
         if name.lower() == "prefer" and "wait=" in str(case.headers[name]):
             case.headers[name] = "wait=1"
         if name.lower() == "idempotency-key" and case.headers[name]:
             case.headers[name] = str(uuid.uuid4())
+
+
+def copy():
+    """A new model, which shares the files of the one that succeeded."""
+    body = json.dumps({"seed": 1, "spec": json.loads(os.environ["OVIDUCT_SMALL"]), "outputs": ["glb", "obj"]}).encode()
+    request = urllib.request.Request(
+        os.environ["OVIDUCT_URL"] + "/models", data=body, headers={"Content-Type": "application/json"}
+    )
+    with urllib.request.urlopen(request, timeout=20) as answer:
+        return json.load(answer)["id"]
 
 
 def chained(case):

@@ -120,9 +120,9 @@ fn contact<C: Coordinate>(surface: &Surface<'_, C>, a: &Triangle, first: usize, 
     let (ta, tb) = (surface.triangles[first], surface.triangles[second]);
     // Bit 3i + j: corner i of the first is corner j of the second.
     let mut same = 0u32;
-    for i in 0..3 {
-        for j in 0..3 {
-            same |= u32::from(ta[i] == tb[j]) << (3 * i + j);
+    for (i, a) in ta.iter().enumerate() {
+        for (j, b) in tb.iter().enumerate() {
+            same |= u32::from(a == b) << (3 * i + j);
         }
     }
     let b = Triangle::new(surface.corners(second));

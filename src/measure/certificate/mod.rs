@@ -141,7 +141,7 @@ fn surface<C: Coordinate>(
         closed: topology.open_edges == 0,
         manifold: topology.open_edges == 0 && topology.bad_edges == 0 && topology.bad_vertices == 0,
         oriented: topology.disoriented_edges == 0,
-        euler: topology.bodies.iter().map(|body| body.euler()).sum(),
+        euler: topology.bodies.iter().map(topology::Body::euler).sum(),
         components: topology.bodies.len() as u64,
         bodies: bodies.map(|(body, volume)| body.report(volume * unit_mm.powi(3))).collect(),
         vertices: topology.bodies.iter().map(|body| body.vertices).sum(),

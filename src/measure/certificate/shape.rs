@@ -85,9 +85,9 @@ fn part<C: Coordinate>(
     for (i, t) in triangles.iter().enumerate() {
         let [a, b, c] = t.map(|v| surface.point(v));
         for p in [a, b, c] {
-            for axis in 0..3 {
-                part.low[axis] = part.low[axis].min(p[axis]);
-                part.high[axis] = part.high[axis].max(p[axis]);
+            for (axis, x) in p.into_iter().enumerate() {
+                part.low[axis] = part.low[axis].min(x);
+                part.high[axis] = part.high[axis].max(x);
             }
         }
         let (u, v, w) = (sub(b, a), sub(c, a), sub(c, b));

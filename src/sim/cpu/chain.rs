@@ -24,7 +24,7 @@ impl Block {
 ///
 /// `x, y, vx, vy` have a copy of the last particle in front and of the first one behind, so that neighbours of
 /// particle i stand at i, i + 1 (itself) and i + 2.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Chain {
     pub(super) x: Vec<f32>,
     pub(super) y: Vec<f32>,

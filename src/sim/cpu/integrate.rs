@@ -5,10 +5,10 @@
 //! sides together close by less than their distance, so the straight path from step to step is free of contact.
 
 use super::chain::Chain;
-use super::local;
 use super::neighbours::{Neighbours, Part};
 use super::pairs::{CLEARANCE_CAP, PairTerms, Sums, add_block, greatest, reduce};
 use super::vectorize::vectorize;
+use super::{Kernel, local, scalar};
 use crate::sim::Statistics;
 use crate::sim::layout::{LANES, StepRow};
 use crate::sim::maths::{max, min};
@@ -23,8 +23,10 @@ pub(super) const SHARE: f32 = 0.45;
 pub(super) const LIMITS: [f32; 2] = [1e-5, 5.0];
 
 /// Buffers of a step.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Work {
+    /// Arithmetic of the pair forces.
+    kernel: Kernel,
     /// Accelerations of the stages.
     ax: [Vec<f32>; 4],
     ay: [Vec<f32>; 4],
@@ -38,6 +40,10 @@ pub(super) struct Work {
 }
 
 impl Work {
+    pub(super) fn with_kernel(self, kernel: Kernel) -> Self {
+        Self { kernel, ..self }
+    }
+
     pub(super) fn resize(&mut self, n: usize) {
         for v in self.ax.iter_mut().chain(&mut self.ay) {
             v.resize(n, 0.0);
@@ -168,6 +174,7 @@ fn evaluate(
     neighbours.prepare(chain, s, row);
     let chain = &*chain;
     let mut outputs = Vec::with_capacity(neighbours.parts.len());
+    let kernel = work.kernel;
     let (mut fx, mut fy) = (&mut work.ax[stage][..], &mut work.ay[stage][..]);
     let mut near = &mut work.vertex_near[..];
     for part in &mut neighbours.parts {
@@ -179,6 +186,11 @@ fn evaluate(
         outputs.push((part, fx1, fy1, near1));
     }
     let work_on = |(part, fx, fy, near): (&mut Part, &mut [f32], &mut [f32], &mut [f32])| {
+        if kernel == Kernel::Scalar {
+            scalar::gather(clearance, chain, s, row, part, fx, fy, near);
+            local::add(chain, s, row, modifier, part.particles.clone(), fx, fy);
+            return;
+        }
         vectorize(
             #[inline(always)]
             || {

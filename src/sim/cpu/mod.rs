@@ -1,6 +1,6 @@
 //! The simulation on the CPU: one thread or many, same bytes.
 //!
-//! Each particle gathers its forces from blocks of segments in ascending order into [`LANES`] partial sums that
+//! Each particle gathers its forces from blocks of segments in ascending order into [`layout::LANES`](super::layout::LANES) partial sums that
 //! are reduced in a fixed order; pairs out of range add exact zeros. So neither the number of threads nor the
 //! neighbour search can change a bit. Fused multiply-add is never used.
 
@@ -11,6 +11,7 @@ mod local;
 mod neighbours;
 mod outer;
 mod pairs;
+mod scalar;
 mod thickness;
 mod vectorize;
 
@@ -19,6 +20,7 @@ use super::plan::Plan;
 use super::state::{Checkpoint, InnerLoop, OuterLoop};
 use super::{SimError, Simulator, Statistics};
 use crate::model::Section;
+use crate::spec::Search;
 use chain::Chain;
 use neighbours::Neighbours;
 pub use pairs::{PairTerms, reference_force};
@@ -39,6 +41,16 @@ pub const CONSTANTS: [(&str, f32); 13] = [
     ("TAUT", outer::TAUT),
     ("PULL", outer::PULL),
 ];
+
+/// Arithmetic of the pair forces.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kernel {
+    /// Sixteen segments at a time, with the widest vectors of the processor: what models are made with.
+    #[default]
+    Vector,
+    /// One segment after another, without vectors: the paper's way, for benchmarks. Results differ in rounding.
+    Scalar,
+}
 
 /// A simulation on the CPU. Uses as many threads as the rayon pool that it is called in.
 #[derive(Debug)]
@@ -73,6 +85,21 @@ impl CpuSimulation {
         simulation.work.resize(simulation.inner.len());
         thickness::update(&simulation.plan, simulation.time, &mut simulation.inner);
         simulation
+    }
+
+    /// A copy that goes on from here by another search and arithmetic, its work cut for `threads`: for benchmarks.
+    #[must_use]
+    pub fn fork(&self, search: Search, kernel: Kernel, threads: usize) -> Self {
+        Self {
+            plan: Plan { search, ..self.plan.clone() },
+            time: self.time,
+            inner: self.inner.clone(),
+            outer: self.outer.clone(),
+            chain: self.chain.clone(),
+            neighbours: Neighbours::new(search, threads),
+            work: self.work.clone().with_kernel(kernel),
+            statistics: self.statistics,
+        }
     }
 
     /// The inner loop as it stands.

@@ -63,6 +63,7 @@ impl Sums {
 /// Adds the forces of one block of segments. `own` marks lanes to leave out (the particle's own segments).
 /// Returns 1/d of every lane.
 #[inline(always)]
+#[expect(clippy::needless_range_loop, reason = "one loop over lanes of many arrays, which the compiler vectorises")]
 pub(super) fn add_block(sums: &mut Sums, t: &PairTerms, block: &Block, own: Option<&[bool; LANES]>) -> [f32; LANES] {
     let mut near = [0.0f32; LANES];
     for l in 0..LANES {
@@ -153,7 +154,7 @@ mod tests {
         #[test]
         fn a_block_equals_the_reference(
             p in prop::array::uniform2(-100f32..100.0),
-            angle in 0f32..6.28,
+            angle in 0f32..std::f32::consts::TAU,
             scale in 0.4f32..2.5,
             points in prop::collection::vec(prop::array::uniform2(-150f32..150.0), LANES + 1),
         ) {

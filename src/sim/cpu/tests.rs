@@ -112,6 +112,24 @@ fn a_resumed_simulation_goes_on_as_if_nothing_had_been() {
 }
 
 #[test]
+fn the_scalar_kernel_goes_the_same_way() {
+    let mut sim = simulation(&json!({}), 2, 1);
+    run(&mut sim, |_| {});
+    for (search, threads) in [(Search::AllPairs, 1), (Search::Lists, 2)] {
+        let mut vector = sim.fork(Search::Lists, Kernel::Vector, 1);
+        let mut scalar = sim.fork(search, Kernel::Scalar, threads);
+        for _ in 0..5 {
+            vector.step().unwrap();
+            scalar.step().unwrap();
+        }
+        assert!(scalar.inner != vector.inner, "it is not another kernel");
+        let far = |a: &[f32], b: &[f32]| a.iter().zip(b).fold(0f32, |m, (a, b)| m.max((a - b).abs()));
+        assert!(far(&scalar.inner.x, &vector.inner.x) < 0.01);
+        assert!(far(&scalar.inner.y, &vector.inner.y) < 0.01);
+    }
+}
+
+#[test]
 fn growth_leaves_the_contour_and_its_rest_length_unchanged() {
     let mut sim = simulation(&json!({}), 1, 1);
     run(&mut sim, |_| {});

@@ -1,0 +1,40 @@
+//! What machine it is: numbers mean nothing without its name.
+
+use serde_json::{Value, json};
+
+/// The processor as it names itself; `unknown` where it cannot be asked.
+pub(super) fn processor() -> String {
+    let told = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let field = |name: &str| {
+        let line = told.lines().find(|line| line.split(':').next().is_some_and(|key| key.trim() == name))?;
+        line.split_once(':').map(|(_, value)| value.trim().to_owned()).filter(|value| !value.is_empty())
+    };
+    let Some(model) = field("model name") else { return "unknown processor".to_owned() };
+    match (field("cpu family"), field("model")) {
+        // Virtual machines tend to hide all but the maker.
+        (Some(family), Some(number)) => format!("{model} (family {family}, model {number})"),
+        _ => model,
+    }
+}
+
+/// Threads that can run at a time.
+pub(super) fn threads() -> usize {
+    std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
+}
+
+/// All of it.
+pub(super) fn describe() -> Value {
+    json!({
+        "processor": processor(),
+        "threads": threads(),
+        "os": std::env::consts::OS,
+        "architecture": std::env::consts::ARCH,
+        "optimised": !cfg!(debug_assertions),
+    })
+}
+
+/// The same in a line.
+pub(super) fn line() -> String {
+    let slow = if cfg!(debug_assertions) { "; NOT an optimised build" } else { "" };
+    format!("{}, {} threads, {} {}{slow}", processor(), threads(), std::env::consts::OS, std::env::consts::ARCH)
+}

@@ -1,0 +1,60 @@
+//! `oviduct bench`: how fast this machine grows models.
+//!
+//! | what | subject |
+//! |---|---|
+//! | `paper` | the paper's Figures 10 and 11: time per step against particles, total running times |
+//! | `scaling` | time per step by threads and particles |
+
+mod curve;
+mod machine;
+mod paper;
+mod plot;
+mod probe;
+mod scaling;
+
+use super::args::{Bench, BenchArgs};
+use super::exit::{Ended, Failure};
+use super::interrupt;
+use super::scratch::Scratch;
+use super::term;
+use anyhow::Context;
+use serde_json::Value;
+
+/// What a benchmark has to say.
+struct Report {
+    /// For people, line by line.
+    lines: Vec<String>,
+    /// For programs.
+    json: Value,
+    /// Further files for `--out`, by name.
+    files: Vec<(String, String)>,
+}
+
+pub(super) async fn run(args: BenchArgs) -> Ended {
+    let out = args.out.clone();
+    let json = args.json;
+    let (name, task) = match args.what {
+        Bench::Paper => ("bench-paper", tokio::task::spawn_blocking(move || paper::run(args.quick))),
+        Bench::Scaling => ("bench-scaling", tokio::task::spawn_blocking(move || scaling::run(args.quick))),
+    };
+    let report = tokio::select! {
+        ended = task => ended.context("the benchmark panicked")??,
+        () = interrupt::asked_to_stop() => return Err(Failure::Interrupted),
+    };
+    if let Some(out) = out {
+        let scratch = Scratch::new(&out).with_context(|| format!("--out {}", out.display()))?;
+        let text = serde_json::to_string_pretty(&report.json)?;
+        let main = [(format!("{name}.json"), text), (format!("{name}.txt"), report.lines.join("\n") + "\n")];
+        for (name, text) in main.into_iter().chain(report.files) {
+            std::fs::write(scratch.dir().join(&name), text).with_context(|| name.clone())?;
+            scratch.publish(&name).with_context(|| name.clone())?;
+        }
+    }
+    if json {
+        return Ok(term::print_json(&report.json)?);
+    }
+    for line in report.lines {
+        term::print(&line)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,190 @@
+//! `bench paper`: the paper's Figures 10 and 11 on this machine.
+//!
+//! All versions run the same model (preset `paper`, burn-in included). Those with neighbour lists run it whole. All
+//! pairs would take from minutes to a quarter of an hour: their time per step is measured at a few particle counts, on
+//! states of a real run, and integrated over the counts of that run's steps. The output says which is which.
+
+use super::curve::{self, Point};
+use super::plot::{self, Line, Scale};
+use super::probe::{self, Run, Way};
+use super::{Report, machine};
+use crate::cli::term;
+use crate::sim::Plan;
+use crate::sim::cpu::{CpuSimulation, Kernel};
+use crate::spec::{ModelSpec, Search, preset};
+use anyhow::Context;
+use serde::Serialize;
+use serde_json::json;
+
+/// Particles at which all pairs are sampled: of the start, of the kink of the schedule, of the end, and between.
+const COUNTS: [u32; 6] = [710, 1175, 2000, 3500, 5500, 8300];
+/// Steps of a sample with lists: one growth event and what follows from it.
+const WINDOW: u32 = 10;
+/// Steps that a point of a curve of a whole run stands for.
+const SMOOTH: usize = 50;
+const SEED: u64 = 1;
+
+/// What the paper measured (its Figure 11), in seconds.
+const PAPER: [(&str, f64); 3] = [
+    ("single core of an Intel Core 2 Quad Q6700", 29_007.491),
+    ("four cores of it", 8_932.576),
+    ("NVidia GeForce GTX 280", 62.646),
+];
+
+/// A version of the simulation, measured.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Version {
+    /// Name for programs.
+    pub(super) id: &'static str,
+    /// Name for people.
+    pub(super) label: String,
+    /// Whether `seconds` was measured as a whole run, or integrated from samples.
+    pub(super) sampled: bool,
+    /// Seconds of the whole run.
+    pub(super) seconds: f64,
+    /// How many times faster than the paper's single core on this machine.
+    pub(super) times_paper_single: f64,
+    /// Time per step against particles.
+    pub(super) points: Vec<Point>,
+}
+
+impl Version {
+    fn whole(id: &'static str, label: String, run: &Run) -> Self {
+        let points = curve::smooth(&run.steps, SMOOTH);
+        Self { id, label, sampled: false, seconds: run.seconds, times_paper_single: 0.0, points }
+    }
+
+    fn sampled(id: &'static str, label: String, points: Vec<Point>, counts: &[u32]) -> Self {
+        let seconds = curve::integrate(&points, counts.iter().copied());
+        Self { id, label, sampled: true, seconds, times_paper_single: 0.0, points }
+    }
+}
+
+pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
+    let spec = ModelSpec::resolve(preset("paper").context("there is no preset `paper`")?, &json!({}))
+        .map_err(|faults| anyhow::anyhow!("the preset `paper` is not valid: {faults:?}"))?;
+    let plan = Plan::new(&spec, SEED);
+    let cores = machine::threads();
+    let (runs, repeats) = if quick { (1, 1) } else { (5, 7) };
+    let way = |search, kernel, threads| Way { search, kernel, threads };
+    let all = |way: Way| whole(&plan, way, runs);
+
+    term::note("whole runs with neighbour lists …");
+    let lists = all(way(Search::Lists, Kernel::Vector, 1))?;
+    let multi = all(way(Search::Lists, Kernel::Vector, cores))?;
+    let counts: Vec<u32> = lists.steps.iter().map(|step| step.particles as u32).collect();
+    let states = probe::states(&plan, &COUNTS, cores)?;
+
+    term::note("all pairs, sampled …");
+    let pairs = |kernel, threads| samples(&states, way(Search::AllPairs, kernel, threads), 1, repeats);
+    let paper_single = pairs(Kernel::Scalar, 1)?;
+    let paper_multi = pairs(Kernel::Scalar, cores)?;
+    let vector_pairs = pairs(Kernel::Vector, 1)?;
+    let scalar_lists = if quick {
+        let points = samples(&states, way(Search::Lists, Kernel::Scalar, 1), WINDOW, repeats)?;
+        Version::sampled("lists-scalar", "lists, scalar, one core".into(), points, &counts)
+    } else {
+        let run = whole(&plan, way(Search::Lists, Kernel::Scalar, 1), 1)?;
+        Version::whole("lists-scalar", "lists, scalar, one core".into(), &run)
+    };
+    // The same sampling where the whole is known tells how far it can be trusted.
+    let check = samples(&states, way(Search::Lists, Kernel::Vector, 1), WINDOW, repeats.max(3))?;
+    let check = curve::integrate(&check, counts.iter().copied());
+
+    let many = |what: &str| format!("{what}, {cores} threads");
+    let versions = vec![
+        Version::sampled("paper-single", "paper's: all pairs, scalar, one core".into(), paper_single, &counts),
+        Version::sampled("paper-multi", many("paper's: all pairs, scalar"), paper_multi, &counts),
+        Version::sampled("all-pairs-vector", "all pairs, vectors, one core".into(), vector_pairs, &counts),
+        scalar_lists,
+        Version::whole("lists", "lists, vectors, one core".into(), &lists),
+        Version::whole("lists-multi", many("lists, vectors"), &multi),
+    ];
+    report(versions, &plan, &Basis { runs, repeats, check, whole: lists.seconds })
+}
+
+/// The run of middling time of `runs`.
+fn whole(plan: &Plan, way: Way, runs: usize) -> anyhow::Result<Run> {
+    let mut all: Vec<Run> = (0..runs).map(|_| probe::whole(plan, way, |_| {})).collect::<anyhow::Result<_>>()?;
+    all.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
+    Ok(all.swap_remove((runs - 1) / 2))
+}
+
+fn samples(states: &[CpuSimulation], way: Way, window: u32, repeats: usize) -> anyhow::Result<Vec<Point>> {
+    let pool = way.pool()?;
+    states.iter().map(|state| probe::sample(state, way, &pool, window, repeats)).collect()
+}
+
+/// How it was measured.
+struct Basis {
+    runs: usize,
+    repeats: usize,
+    /// Seconds that sampling gives for a run with lists, and seconds that it took.
+    check: f64,
+    whole: f64,
+}
+
+fn report(mut versions: Vec<Version>, plan: &Plan, basis: &Basis) -> anyhow::Result<Report> {
+    let seconds = |id: &str| versions.iter().find(|v| v.id == id).map_or(f64::NAN, |v| v.seconds);
+    let single = seconds("paper-single");
+    let ratios = [
+        ("all pairs over lists, both scalar, one core", single / seconds("lists-scalar")),
+        ("all pairs over lists, both with vectors, one core", seconds("all-pairs-vector") / seconds("lists")),
+        ("all pairs scalar over lists with vectors, one core", single / seconds("lists")),
+    ];
+    for version in &mut versions {
+        version.times_paper_single = single / version.seconds;
+    }
+
+    let steps = plan.steps + plan.burn_in;
+    let how = format!(
+        "whole runs: {steps} steps ({} of them burn-in), median of {}; sampled: time per step at {} particles, median of \
+         {}, on states of a real run, integrated over the counts of its steps by power laws between them",
+        plan.burn_in,
+        basis.runs,
+        COUNTS.map(|n| n.to_string()).join(", "),
+        basis.repeats,
+    );
+    let check =
+        format!("check of the sampling: lists on one core sampled {}, whole {}", show(basis.check), show(basis.whole));
+    let mut lines = vec![machine::line(), format!("preset paper, seed {SEED}"), how.clone(), check, String::new()];
+    lines.push(format!("{:<40} {:>8} {:>14} {:>12}", "version", "", "total", "times faster"));
+    for v in &versions {
+        let how = if v.sampled { "sampled" } else { "whole" };
+        lines.push(format!("{:<40} {how:>8} {:>14} {:>12.1}", v.label, show(v.seconds), v.times_paper_single));
+    }
+    lines.push(String::new());
+    lines.extend(ratios.iter().map(|(what, ratio)| format!("{what}: {ratio:.1}")));
+    lines.push(format!("the paper's own: {}", PAPER.map(|(what, s)| format!("{what} {s} s")).join("; ")));
+
+    let curves: Vec<Line> =
+        versions.iter().map(|v| Line { label: v.label.clone(), points: v.points.clone() }).collect();
+    let title = format!("Time per step, preset paper: {}", machine::line());
+    let files = vec![
+        ("time-per-step.svg".to_owned(), plot::draw(&title, &curves, Scale::Linear)?),
+        ("time-per-step-log.svg".to_owned(), plot::draw(&title, &curves, Scale::Logarithmic)?),
+    ];
+    let json = json!({
+        "bench": "paper", "engine": crate::ENGINE_VERSION, "machine": machine::describe(), "preset": "paper",
+        "seed": SEED, "steps": plan.steps, "burn_in": plan.burn_in, "method": how,
+        "sampled_at_particles": COUNTS, "runs": basis.runs, "samples": basis.repeats,
+        "sampling_check": { "lists_sampled_seconds": basis.check, "lists_whole_seconds": basis.whole },
+        "versions": versions,
+        "ratios": {
+            "all_pairs_over_lists_scalar": ratios[0].1,
+            "all_pairs_over_lists_vector": ratios[1].1,
+            "all_pairs_scalar_over_lists_vector": ratios[2].1,
+        },
+        "paper": PAPER.map(|(what, seconds)| json!({ "device": what, "seconds": seconds })),
+    });
+    Ok(Report { lines, json, files })
+}
+
+/// Seconds for people.
+fn show(seconds: f64) -> String {
+    match seconds {
+        s if s >= 100.0 => format!("{s:.0} s"),
+        s if s >= 1.0 => format!("{s:.2} s"),
+        s => format!("{:.1} ms", 1e3 * s),
+    }
+}

@@ -1,0 +1,114 @@
+//! Measuring steps of the simulation on the CPU.
+
+use super::curve::Point;
+use crate::clock::Stopwatch;
+use crate::sim::cpu::{CpuSimulation, Kernel};
+use crate::sim::{Plan, Simulator};
+use crate::spec::Search;
+use rayon::ThreadPool;
+
+/// A way to run the simulation.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Way {
+    pub(super) search: Search,
+    pub(super) kernel: Kernel,
+    pub(super) threads: usize,
+}
+
+impl Way {
+    /// A pool of as many threads.
+    pub(super) fn pool(self) -> anyhow::Result<ThreadPool> {
+        Ok(rayon::ThreadPoolBuilder::new().num_threads(self.threads).build()?)
+    }
+}
+
+/// Every step of a whole run, burn-in included.
+pub(super) struct Run {
+    pub(super) steps: Vec<Point>,
+    pub(super) seconds: f64,
+}
+
+/// Runs `plan` from start to end in its own way, and shows the state before each growth event to `each`.
+/// Time spent in `each` does not count.
+pub(super) fn whole(plan: &Plan, way: Way, mut each: impl FnMut(&CpuSimulation) + Send) -> anyhow::Result<Run> {
+    let plan = Plan { search: way.search, ..plan.clone() };
+    let pool = way.pool()?;
+    pool.install(|| {
+        let mut simulation = CpuSimulation::new(plan.clone(), way.threads).fork(way.search, way.kernel, way.threads);
+        let mut steps = Vec::with_capacity(plan.rows.len());
+        let mut seconds = 0.0;
+        while simulation.time() < i64::from(plan.steps) {
+            if plan.grows_at(simulation.time()) {
+                each(&simulation);
+            }
+            let watch = Stopwatch::start();
+            simulation.step()?;
+            let taken = watch.seconds();
+            seconds += taken;
+            steps.push(Point { particles: f64::from(simulation.particles()), seconds_per_step: taken });
+        }
+        Ok(Run { steps, seconds })
+    })
+}
+
+/// Median over `repeats` of the time of a step in `window` steps that start from `state`, in another way.
+pub(super) fn sample(
+    state: &CpuSimulation,
+    way: Way,
+    pool: &ThreadPool,
+    window: u32,
+    repeats: usize,
+) -> anyhow::Result<Point> {
+    pool.install(|| {
+        let mut taken = Vec::with_capacity(repeats);
+        let mut particles = 0;
+        for _ in 0..repeats {
+            let mut fork = state.fork(way.search, way.kernel, way.threads);
+            let watch = Stopwatch::start();
+            for _ in 0..window {
+                fork.step()?;
+            }
+            taken.push(watch.seconds() / f64::from(window));
+            particles = fork.particles();
+        }
+        taken.sort_by(f64::total_cmp);
+        Ok(Point { particles: f64::from(particles), seconds_per_step: taken[(taken.len() - 1) / 2] })
+    })
+}
+
+/// States of a run with about `counts` particles (ascending), each just before a growth event; the last one is the
+/// last such state of the run.
+pub(super) fn states(plan: &Plan, counts: &[u32], threads: usize) -> anyhow::Result<Vec<CpuSimulation>> {
+    let way = Way { search: Search::Lists, kernel: Kernel::Vector, threads };
+    let mut states: Vec<CpuSimulation> = Vec::new();
+    let last = (plan.steps - 1) / plan.grow_every * plan.grow_every;
+    whole(plan, way, |simulation| {
+        let due = counts.get(states.len()).is_some_and(|&count| simulation.particles() >= count);
+        if due || (simulation.time() == i64::from(last) && states.len() < counts.len()) {
+            states.push(simulation.fork(way.search, way.kernel, way.threads));
+        }
+    })?;
+    Ok(states)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spec::{ModelSpec, preset};
+    use serde_json::json;
+
+    #[test]
+    fn states_have_the_counts_asked_for() {
+        let patch = json!({ "steps": 60, "burn_in": 5, "particles": {
+            "total": { "keys": [[0, 200], [1, 500]] }, "outer": { "keys": [[0, 60], [1, 90]] } } });
+        let spec = ModelSpec::resolve(preset("paper").unwrap(), &patch).unwrap();
+        let plan = Plan::new(&spec, 1);
+        let states = states(&plan, &[200, 300, 500], 1).unwrap();
+        let counts: Vec<u32> = states.iter().map(Simulator::particles).collect();
+        assert_eq!(counts.len(), 3);
+        assert!(counts[0] == 200 && (300..=350).contains(&counts[1]) && (400..500).contains(&counts[2]), "{counts:?}");
+        let way = Way { search: Search::AllPairs, kernel: Kernel::Scalar, threads: 1 };
+        let point = sample(&states[2], way, &way.pool().unwrap(), 1, 3).unwrap();
+        assert!((f64::from(counts[2])..=500.0).contains(&point.particles) && point.seconds_per_step > 0.0);
+    }
+}
