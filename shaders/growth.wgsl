@@ -186,11 +186,13 @@ fn split(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     let splits = winner == i;
     let to = i + before;
     let other = (1u - now.copy) * COPIED;
-    let rest = load(member, current(REST), i) * select(1.0, 0.5, splits);
+    let rest = load(member, rest_field(), i) * select(1.0, 0.5, splits);
     for (var field = 0u; field < COPIED; field++) {
-        particles[slot(member, other + field, to)] = particles[slot(member, current(field), i)];
+        if field != REST {
+            particles[slot(member, other + field, to)] = particles[slot(member, current(field), i)];
+        }
     }
-    store(member, other + REST, to, rest);
+    store(member, next_rest_field(), to, rest);
     let here = load2(member, current(X), i);
     let scale = thickness(member, row, here);
     store(member, other + SCALE, to, scale);
@@ -203,7 +205,7 @@ fn split(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
         particles[slot(member, other + ID, to + 1u)] = id;
         store2(member, other + X, to + 1u, p);
         store2(member, other + VX, to + 1u, v);
-        store(member, other + REST, to + 1u, rest);
+        store(member, next_rest_field(), to + 1u, rest);
         store2(member, other + ANCHOR_X, to + 1u, nearest_on_ellipse(p, rows[row].r_in, rows[row].squash));
         store(member, other + SIGN, to + 1u, contortion_sign(member, id));
         let new_scale = thickness(member, row, p);

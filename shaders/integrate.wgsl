@@ -183,8 +183,8 @@ fn advance(member: u32, n: u32, row: u32, from_field: u32, i: u32, thread: u32) 
     let v0 = load2(member, from_field + 2u, before);
     let v1 = load2(member, from_field + 2u, i);
     let v2 = load2(member, from_field + 2u, after);
-    let pull = tension(row, p1, p2, v1, v2, load(member, current(REST), i))
-        - tension(row, p0, p1, v0, v1, load(member, current(REST), before));
+    let pull = tension(row, p1, p2, v1, v2, load(member, rest_field(), i))
+        - tension(row, p0, p1, v0, v1, load(member, rest_field(), before));
     let modifier = rows[row].contortion[(EVALUATION + 1u) / 2u];
     let direction = load2(member, current(ANCHOR_X), i);
     let sign = load(member, current(SIGN), i);
@@ -253,8 +253,8 @@ fn conclude(member: u32, row: u32, i: u32, thread: u32, sum: vec2<f32>, velocity
     let p = load2(member, current(X), i) + factor * sum;
     store2(member, current(X), i, p);
     store2(member, current(VX), i, factor * velocity);
-    let rest = load(member, current(REST), i);
-    store(member, current(REST), i, rest + rows[row].relaxation * (rows[row].edge - rest));
+    let rest = load(member, rest_field(), i);
+    store(member, next_rest_field(), i, rest + rows[row].relaxation * (rows[row].edge - rest));
     if !is_finite(p.x) || !is_finite(p.y) {
         atomicMin(&states[member].broken, now.row);
     }

@@ -20,7 +20,8 @@ fn record(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
     }
     if i < min(states[member].inner, now.extent) {
         for (var field = 0u; field < COPIED; field++) {
-            record_out[base + HEADER + field * now.extent + i] = particles[slot(member, current(field), i)];
+            let from_field = select(current(field), rest_field(), field == REST);
+            record_out[base + HEADER + field * now.extent + i] = particles[slot(member, from_field, i)];
         }
         record_out[base + HEADER + COPIED * now.extent + i] = particles[slot(member, CLEARANCE, i)];
     }

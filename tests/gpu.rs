@@ -1,10 +1,16 @@
 //! The GPU against its twin on the CPU: stage by stage within stated tolerances, whole runs by what must hold.
 //!
 //! Runs on any adapter, software ones included (Debian packages mesa-vulkan-drivers, libvulkan1). Nothing is skipped where
-//! there is none: the tests fail and name the packages. With `OVIDUCT_TEST_NO_VULKAN=1` they test instead that the
-//! missing loader is told.
+//! there is none: the tests fail and name the packages. With `OVIDUCT_TEST_NO_VULKAN=1` only what a machine without a
+//! Vulkan loader does is tested.
 
+#[path = "gpu/batches.rs"]
+mod batches;
 #[path = "gpu/common.rs"]
 mod common;
-#[path = "gpu/runs.rs"]
-mod runs;
+#[path = "gpu/devices.rs"]
+mod devices;
+#[path = "gpu/functions.rs"]
+mod functions;
+#[path = "gpu/stages.rs"]
+mod stages;

@@ -3,6 +3,8 @@
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{Expression, Literal, Module, TypeInner};
+use oviduct::random::Stream;
+use oviduct::sim::cpu::CONSTANTS;
 use oviduct::sim::gpu::layout::{self, Batch, Member, Now, Status};
 use oviduct::sim::gpu::shaders::{ALL, Shader};
 use oviduct::sim::{LANES, StepRow};
@@ -120,20 +122,20 @@ fn structures_are_laid_out_alike() {
                 padding,
             }
         );
-        assert_same!(module, Now { row, copy, event, extent, outer_extent });
+        assert_same!(module, Now { row, copy, rest, event, extent, outer_extent });
+    }
+}
+
+fn literal(module: &Module, name: &str) -> Option<Literal> {
+    let (_, found) = module.constants.iter().find(|(_, c)| c.name.as_deref() == Some(name))?;
+    match module.global_expressions[found.init] {
+        Expression::Literal(literal) => Some(literal),
+        ref other => panic!("{name} is {other:?}"),
     }
 }
 
 fn constant(module: &Module, name: &str) -> Literal {
-    let (_, found) = module
-        .constants
-        .iter()
-        .find(|(_, c)| c.name.as_deref() == Some(name))
-        .unwrap_or_else(|| panic!("no constant {name}"));
-    match module.global_expressions[found.init] {
-        Expression::Literal(literal) => literal,
-        ref other => panic!("{name} is {other:?}"),
-    }
+    literal(module, name).unwrap_or_else(|| panic!("no constant {name}"))
 }
 
 #[test]
@@ -159,4 +161,23 @@ fn constants_are_the_same() {
         }
     }
     assert_eq!(layout::BLOCK_THREADS as usize, LANES * LANES);
+}
+
+#[test]
+fn constants_of_the_model_are_those_of_the_cpu() {
+    let modules = ALL.map(|shader| parse(&shader));
+    let streams = [("STREAM_CONTORTION", Stream::Contortion), ("STREAM_GROWTH", Stream::Growth)];
+    let shared = CONSTANTS.into_iter().chain(streams.map(|(name, stream)| (name, stream as u32 as f32)));
+    for (name, value) in shared {
+        let found: Vec<f32> = modules
+            .iter()
+            .filter_map(|module| match literal(module, name)? {
+                Literal::F32(x) => Some(x),
+                Literal::U32(x) => Some(x as f32),
+                other => panic!("{name} is {other:?}"),
+            })
+            .collect();
+        assert!(!found.is_empty(), "no shader has {name}");
+        assert!(found.iter().all(|&x| x == value), "{name} is {value} on the CPU, {found:?} in shaders");
+    }
 }

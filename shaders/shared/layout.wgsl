@@ -109,6 +109,8 @@ struct Now {
     row: u32,
     // Which of the two copies of the particles is current: 0 or 1.
     copy: u32,
+    // Which of the two copies of the rest lengths is current: they change in every step, while neighbours read them.
+    rest: u32,
     // Ordinal of the growth event.
     event: u32,
     // Particles of the inner and of the outer loop that a record has room for.
@@ -197,6 +199,15 @@ fn store2(member: u32, field: u32, i: u32, value: vec2<f32>) {
 // A copied field in the current copy.
 fn current(field: u32) -> u32 {
     return now.copy * COPIED + field;
+}
+
+// The current rest lengths, and where the next ones go.
+fn rest_field() -> u32 {
+    return now.rest * COPIED + REST;
+}
+
+fn next_rest_field() -> u32 {
+    return (1u - now.rest) * COPIED + REST;
 }
 
 // Row `row` of a member, or its last one.

@@ -18,9 +18,9 @@ use crate::spec::Integrator;
 use rayon::prelude::*;
 
 /// Share of the free distance that one side may close.
-const SHARE: f32 = 0.45;
+pub(super) const SHARE: f32 = 0.45;
 /// Least and greatest limit of a move, µm.
-const LIMITS: [f32; 2] = [1e-5, 5.0];
+pub(super) const LIMITS: [f32; 2] = [1e-5, 5.0];
 
 /// Buffers of a step.
 #[derive(Clone, Debug, Default)]

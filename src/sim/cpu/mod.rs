@@ -25,6 +25,23 @@ use chain::Chain;
 use neighbours::Neighbours;
 pub use pairs::{PairTerms, reference_force};
 
+/// Constants of the model that every backend must share, by the names that shaders give them.
+pub const CONSTANTS: [(&str, f32); 13] = [
+    ("SHARE", integrate::SHARE),
+    ("LEAST_MOVE", integrate::LIMITS[0]),
+    ("GREATEST_MOVE", integrate::LIMITS[1]),
+    ("SKIN", neighbours::SKIN),
+    ("CLEARANCE_CAP", pairs::CLEARANCE_CAP),
+    ("TINY", pairs::TINY),
+    ("ROOM", growth::ROOM),
+    ("SPAN", growth::SPAN as f32),
+    ("CUT", thickness::CUT),
+    ("MARGIN", outer::MARGIN),
+    ("MOVE", outer::MOVE),
+    ("TAUT", outer::TAUT),
+    ("PULL", outer::PULL),
+];
+
 /// Arithmetic of the pair forces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kernel {

@@ -294,6 +294,7 @@ impl<'a> Run<'a> {
                 continue;
             }
             self.particles[member] = entry.particles();
+            sink.progress(member, record.time, entry.particles());
             let checkpoint = entry.checkpoint();
             sink.section(member, checkpoint.section(plan), checkpoint);
             if record.time == self.course.last() {

@@ -25,6 +25,7 @@ pub(super) struct Course {
     /// Whether the first record, that of the start itself, is still to come.
     opening: bool,
     copy: u32,
+    rest: u32,
 }
 
 impl Course {
@@ -59,6 +60,7 @@ impl Course {
             every_step,
             opening: !every_step && start.time == 0,
             copy: 0,
+            rest: 0,
         }
     }
 
@@ -128,7 +130,7 @@ impl Course {
     }
 
     fn now(&self) -> Now {
-        Now { row: (self.time + self.burn_in) as u32, copy: self.copy, ..Now::default() }
+        Now { row: (self.time + self.burn_in) as u32, copy: self.copy, rest: self.rest, ..Now::default() }
     }
 
     fn step(&mut self, pass: &mut Pass<'_>, pipelines: &Pipelines) {
@@ -139,6 +141,7 @@ impl Course {
             pass.dispatch(&pipelines.growth, &now, members, 1);
             pass.dispatch(&pipelines.split, &now, before.div_ceil(THREADS), members);
             self.copy = 1 - self.copy;
+            self.rest = 1 - self.rest;
         }
         let now = self.now();
         let particles = self.most_before(self.time + 1)[0];
@@ -150,6 +153,7 @@ impl Course {
             pass.dispatch(stage, &now, blocks, members);
         }
         pass.dispatch(&pipelines.outer, &now, members, 1);
+        self.rest = 1 - self.rest;
         self.time += 1;
     }
 }

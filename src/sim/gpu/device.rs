@@ -2,7 +2,7 @@
 
 use super::adapter::{Adapter, GpuOptions, ready};
 use super::error::GpuError;
-use super::memory::{RING, Sizes};
+use super::memory::Sizes;
 use super::pipelines::{IMMEDIATES, Pipelines, STORAGE_BUFFERS};
 use crate::sim::Plan;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -137,8 +137,7 @@ impl GpuDevice {
     /// Bytes of device memory that a batch of `members` simulations like `plan` takes, staging buffers included.
     #[must_use]
     pub fn batch_bytes(plan: &Plan, members: usize) -> u64 {
-        let bytes = Sizes::new(&[plan], members).bytes();
-        bytes.iter().map(|(_, bytes)| bytes).sum::<u64>() + RING as u64 * bytes[8].1
+        Sizes::new(&[plan], members).total_bytes()
     }
 
     /// Runs `what` on the device; tells an error that it caused, or that the device is gone.

@@ -115,6 +115,8 @@ pub struct Now {
     pub row: u32,
     /// Which copy of the particles is current.
     pub copy: u32,
+    /// Which copy of the rest lengths is current.
+    pub rest: u32,
     /// Ordinal of the growth event.
     pub event: u32,
     /// Inner particles that a record has room for.

@@ -10,8 +10,11 @@ use crate::sim::{Checkpoint, Plan, StepRow};
 use std::f64::consts::TAU;
 use std::mem::size_of;
 
-/// Staging buffers of the ring.
-pub(super) const RING: usize = 4;
+/// Bytes that the staging buffers of a batch may take together, where fewer than [`LEAST_RING`] do not take more.
+const RING_BYTES: u64 = 256 << 20;
+/// Least and greatest number of staging buffers: half of them are filled by the device while half are read.
+const LEAST_RING: u64 = 4;
+const GREATEST_RING: u64 = 32;
 /// Clearance of particles of which none is known, µm: room for everything.
 const UNKNOWN_CLEARANCE: f32 = 1e9;
 
@@ -57,6 +60,21 @@ impl Sizes {
         self.members as u64 * u64::from(words)
     }
 
+    /// Number of staging buffers.
+    pub(super) fn ring(&self) -> usize {
+        (RING_BYTES / self.record_bytes().max(1)).clamp(LEAST_RING, GREATEST_RING) as usize
+    }
+
+    /// Bytes of the largest record.
+    fn record_bytes(&self) -> u64 {
+        4 * self.record_words(self.batch.capacity, self.batch.outer_capacity)
+    }
+
+    /// Bytes of all buffers together.
+    pub(super) fn total_bytes(&self) -> u64 {
+        self.bytes().iter().map(|(_, bytes)| bytes).sum::<u64>() + self.ring() as u64 * self.record_bytes()
+    }
+
     /// Bytes of each storage buffer, in the order of their bindings from 1 on.
     pub(super) fn bytes(&self) -> [(&'static str, u64); 9] {
         let b = &self.batch;
@@ -71,7 +89,7 @@ impl Sizes {
             ("near", each(capacity)),
             ("lists", each(u64::from(LIST) * capacity)),
             ("wall", each(u64::from(WALL_FIELDS) * outer)),
-            ("record", 4 * self.record_words(b.capacity, b.outer_capacity)),
+            ("record", self.record_bytes()),
         ]
     }
 
@@ -128,8 +146,8 @@ impl Memory {
             .into_iter()
             .map(|(label, size)| buffer(label, size, Use::STORAGE | Use::COPY_DST | Use::COPY_SRC))
             .collect();
-        let bytes = sizes.bytes()[8].1;
-        let staging = (0..RING).map(|_| buffer("staging", bytes, Use::MAP_READ | Use::COPY_DST)).collect();
+        let staging =
+            (0..sizes.ring()).map(|_| buffer("staging", sizes.record_bytes(), Use::MAP_READ | Use::COPY_DST)).collect();
         let entries: Vec<wgpu::BindGroupEntry<'_>> = std::iter::once(&uniform)
             .chain(&buffers)
             .zip(0..)

@@ -6,7 +6,10 @@ use super::memory::{Memory, Sizes};
 use super::record::Record;
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, channel};
+use std::time::Duration;
 
+/// How long the answer to a mapping may be behind the end of its submission.
+const ANSWER: Duration = Duration::from_secs(5);
 /// Passes of a chunk that can be timed.
 const PASSES: u32 = 64;
 
@@ -60,9 +63,10 @@ impl Ring {
         })
     }
 
-    /// Whether a record can be taken.
+    /// Whether the chunk that is being encoded can have another record: a chunk fills half of the ring at most, so that
+    /// the device has another half while this one is read.
     pub(super) fn is_free(&self) -> bool {
-        !self.free.is_empty()
+        !self.free.is_empty() && self.copied.len() < self.sizes.ring() / 2
     }
 
     /// Passes that the chunk can still have.
@@ -123,7 +127,11 @@ impl Ring {
     /// The next record; its submission must be done.
     pub(super) fn take(&mut self) -> Result<Record, GpuError> {
         let (slot, receiver) = self.mapped.pop_front().ok_or_else(|| lost("no record is due"))?;
-        let words = read(&slot.buffer, slot.bytes, &receiver)?;
+        // The submission is done; another thread that polls the device may still be about to say so.
+        if receiver.recv_timeout(ANSWER) != Ok(true) {
+            return Err(lost("a staging buffer could not be mapped"));
+        }
+        let words = read(&slot.buffer, slot.bytes)?;
         self.free.push(slot.buffer);
         Ok(Record { time: slot.time, extent: slot.extent, outer_extent: slot.outer_extent, words })
     }
@@ -177,11 +185,12 @@ impl Clock {
 
     fn collect(&mut self) {
         while let Some((buffer, passes, receiver)) = self.mapped.pop_front() {
-            let Ok(words) = read(&buffer, u64::from(16 * passes), &receiver) else {
+            if receiver.try_recv() != Ok(true) {
                 // Not there yet, or never: time is not worth a failure.
                 self.mapped.push_front((buffer, passes, receiver));
                 return;
-            };
+            }
+            let Ok(words) = read(&buffer, u64::from(16 * passes)) else { return };
             let ticks: Vec<u64> = words.chunks_exact(2).map(|w| u64::from(w[0]) | u64::from(w[1]) << 32).collect();
             let taken: u64 = ticks.chunks_exact(2).map(|t| t[1].saturating_sub(t[0])).sum();
             self.seconds += taken as f64 * self.period * 1e-9;
@@ -205,10 +214,7 @@ fn request(buffer: &wgpu::Buffer, bytes: u64) -> Receiver<bool> {
 }
 
 /// The words of a mapped buffer, which is unmapped again.
-fn read(buffer: &wgpu::Buffer, bytes: u64, mapped: &Receiver<bool>) -> Result<Vec<u32>, GpuError> {
-    if mapped.try_recv() != Ok(true) {
-        return Err(lost("a staging buffer could not be mapped"));
-    }
+fn read(buffer: &wgpu::Buffer, bytes: u64) -> Result<Vec<u32>, GpuError> {
     let words = match buffer.get_mapped_range(0..bytes) {
         Ok(view) => bytemuck::pod_collect_to_vec(&view[..]),
         Err(error) => return Err(lost(&error.to_string())),
