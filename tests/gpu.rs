@@ -1,4 +1,4 @@
-//! The GPU against its twin on the CPU: stage by stage within stated tolerances, whole runs by what must hold.
+//! The GPU against its twin on the CPU: stage by stage within stated tolerances, whole runs by what must hold, whole models by their certificates.
 //!
 //! Runs on any adapter, software ones included (Debian packages mesa-vulkan-drivers, libvulkan1). Nothing is skipped where
 //! there is none: the tests fail and name the packages. With `OVIDUCT_TEST_NO_VULKAN=1` only what a machine without a
@@ -12,5 +12,7 @@ mod common;
 mod devices;
 #[path = "gpu/functions.rs"]
 mod functions;
+#[path = "gpu/models.rs"]
+mod models;
 #[path = "gpu/stages.rs"]
 mod stages;
