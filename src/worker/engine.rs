@@ -82,7 +82,6 @@ impl GpuGenerator {
         let mut same = found.iter().filter(|adapter| adapter.name == self.name);
         let gone = || GpuError::NotOpened { adapter: self.name.clone(), detail: "it is no longer there".to_owned() };
         let device = GpuDevice::open(same.nth(self.ordinal).ok_or_else(gone)?, &self.options)?;
-        tracing::info!(adapter = self.name, "GPU opened");
         Ok(place.insert(device).clone())
     }
 

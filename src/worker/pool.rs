@@ -114,8 +114,17 @@ struct Slot {
 struct At {
     job: Option<JobId>,
     done: u64,
-    /// Whether its GPU could not be opened.
-    unable: bool,
+    gpu: GpuState,
+}
+
+/// How it stands with the GPU of a worker.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum GpuState {
+    /// Not asked for yet, or there is none.
+    #[default]
+    Unknown,
+    Open,
+    Unable,
 }
 
 impl WorkerPool {
@@ -284,17 +293,17 @@ impl Slot {
         let generator = Arc::clone(&gpu.generator);
         let opened = tokio::task::spawn_blocking(move || generator.open()).await;
         let opened = opened.unwrap_or_else(|panic| Err(panic.to_string()));
-        let was_unable = self.at(|_| {}).unable;
-        self.at(|at| at.unable = opened.is_err());
-        match opened {
-            Ok(()) => true,
-            Err(reason) => {
-                if !was_unable {
-                    tracing::error!(worker = self.id, reason, "the GPU could not be opened");
-                }
-                false
+        let before = self.at(|_| {}).gpu;
+        let state = if opened.is_ok() { GpuState::Open } else { GpuState::Unable };
+        let at = self.at(|at| at.gpu = state);
+        if before != state {
+            match &opened {
+                Ok(()) => tracing::info!(worker = self.id, device = gpu.generator.device(), "the GPU is ready"),
+                Err(reason) => tracing::error!(worker = self.id, reason, "the GPU could not be opened"),
             }
+            self.seen(at).await;
         }
+        opened.is_ok()
     }
 
     async fn run(&self, claimed: Vec<ClaimedJob>, share: Share) {
@@ -321,8 +330,8 @@ impl Slot {
     }
 
     /// Leaves a sign of life; not for a GPU worker without its GPU, which nobody should count on.
-    async fn seen(&self, At { job, done, unable }: At) {
-        if unable {
+    async fn seen(&self, At { job, done, gpu }: At) {
+        if self.gpu.is_some() && gpu != GpuState::Open {
             return;
         }
         let (backend, device) = match &self.gpu {

@@ -120,7 +120,7 @@ async fn a_device_lost_in_mid_batch_harms_no_job_and_is_opened_anew() {
     };
     let mut ids = Vec::new();
     for seed in 1..=3 {
-        ids.push(submit(seed, 3000).await);
+        ids.push(submit(seed, 1200).await);
     }
     let gpu = Arc::new(GpuGenerator::all(OPTIONS).unwrap().swap_remove(0));
     let options = PoolOptions {
