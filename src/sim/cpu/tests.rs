@@ -1,3 +1,5 @@
+//! Whole runs of the simulation: growth, bytes that do not depend on threads or search, and guards.
+
 use super::*;
 use crate::geometry::polygon::{check_contour, check_nested};
 use crate::spec::{ModelSpec, preset};
