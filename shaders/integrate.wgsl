@@ -21,6 +21,9 @@ const STRIDE: u32 = 17u;
 var<workgroup> lane_x: array<f32, 272>;
 var<workgroup> lane_y: array<f32, 272>;
 var<workgroup> lane_near: array<f32, 272>;
+// Read by one thread for all: particles of the member (0 where it does not run), and whether its lists hold.
+var<workgroup> member_count: u32;
+var<workgroup> member_lists: u32;
 // Of each particle: squared displacement since the lists were built, squared elliptic radius, whether it was shortened.
 var<workgroup> far: array<f32, 16>;
 var<workgroup> wide: array<f32, 16>;
@@ -71,13 +74,17 @@ fn reduced_y(first: u32) -> f32 {
 @compute @workgroup_size(BLOCK_THREADS)
 fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let member = group.y;
-    let n = states[member].inner;
-    let on = runs_on(member);
+    if thread == 0u {
+        member_count = select(0u, states[member].inner, runs_on(member));
+        member_lists = u32(trusted(member));
+    }
+    workgroupBarrier();
+    let n = member_count;
     let row = row_index(member, now.row);
     let from_field = source();
 
     let gatherer = group.x * LANES + thread / LANES;
-    if on && gatherer < n {
+    if gatherer < n {
         gather(member, n, row, from_field, gatherer, thread);
     }
     workgroupBarrier();
@@ -86,12 +93,12 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
         far[thread] = 0.0;
         wide[thread] = 0.0;
         shortened[thread] = 0u;
-        if on && i < n {
+        if i < n {
             advance(member, n, row, from_field, i, thread);
         }
     }
     workgroupBarrier();
-    if thread == 0u && on {
+    if thread == 0u && group.x * LANES < n {
         if group.x == 0u {
             // The slot of the evaluation before was read for the last time.
             if !EULER {
@@ -103,7 +110,7 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
                 states[member].built = states[member].built_next;
             }
         }
-        if !EULER && group.x * LANES < n {
+        if !EULER {
             summarize(member);
         }
     }
@@ -113,23 +120,22 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
 @compute @workgroup_size(BLOCK_THREADS)
 fn guard(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let member = group.y;
-    let n = states[member].inner;
-    let on = runs_on(member);
+    let n = select(0u, states[member].inner, runs_on(member));
     let i = group.x * LANES + thread;
     if thread < LANES {
         far[thread] = 0.0;
         wide[thread] = 0.0;
         shortened[thread] = 0u;
-        if on && i < n {
+        if i < n {
             keep_clearance(member, n, i);
             }
     }
     workgroupBarrier();
-    if thread < LANES && on && i < n {
+    if thread < LANES && i < n {
         conclude(member, row_index(member, now.row), i, thread, load2(member, SUM_X, i), load2(member, SUM_X, i));
     }
     workgroupBarrier();
-    if thread == 0u && on && group.x * LANES < n {
+    if thread == 0u && group.x * LANES < n {
         summarize(member);
     }
 }
@@ -142,7 +148,7 @@ fn gather(member: u32, n: u32, row: u32, from_field: u32, i: u32, thread: u32) {
     let normal = normal_of(load2(member, from_field, before), load2(member, from_field, after));
     let terms = pair_terms(row, load2(member, from_field, i), normal, load(member, current(SCALE), i));
     let listed = particles[slot(member, COUNT, i)];
-    let use_list = listed <= LIST && trusted(member);
+    let use_list = listed <= LIST && member_lists != 0u;
     let blocks = (n + LANES - 1u) / LANES;
     let count = select(blocks, listed, use_list);
     let list = (member * batch.capacity + i) * LIST;

@@ -4,6 +4,8 @@
 //! there is none: the tests fail and name the packages. With `OVIDUCT_TEST_NO_VULKAN=1` only what a machine without a
 //! Vulkan loader does is tested.
 
+#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "a test fails by panic and tells what it measured")]
+
 #[path = "gpu/batches.rs"]
 mod batches;
 #[path = "gpu/common.rs"]

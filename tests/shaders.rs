@@ -1,6 +1,8 @@
 //! The shaders without any adapter: all of them parse and are valid, and every structure, constant and workgroup size
 //! that host and shaders share is the same on both sides.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panic")]
+
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{Expression, Literal, Module, TypeInner};
 use oviduct::random::Stream;

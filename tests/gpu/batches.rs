@@ -7,12 +7,18 @@ use oviduct::mesh::Lofter;
 use oviduct::model::Section;
 use oviduct::sim::gpu::{GpuError, replay, run_batch};
 use oviduct::sim::{Plan, SimError};
+use oviduct::spec::Integrator;
 use serde_json::json;
 
 fn run(plans: &[Plan]) -> Kept {
     let mut kept = Kept::new(plans.len());
     let report = run_batch(device(), plans, &mut kept).unwrap();
     println!("{report:?}");
+    let plan = &plans[0];
+    let a_step = if plan.integrator == Integrator::Rk4 { 6 } else { 4 };
+    let (steps, events) = (plan.burn_in + plan.steps, plan.steps / plan.grow_every);
+    let wanted = steps * a_step + 2 * events + plan.steps / plan.record_every + 1;
+    assert_eq!(report.dispatches, u64::from(wanted), "as docs/performance.md counts them");
     kept
 }
 
@@ -103,7 +109,7 @@ fn euler_runs_too() {
         return;
     }
     let mut one = short(5);
-    one.integrator = oviduct::spec::Integrator::Euler;
+    one.integrator = Integrator::Euler;
     let kept = run(&[one]);
     assert_eq!(kept.sections[0].len(), 7);
     kept.sections[0].iter().for_each(|(s, _)| assert_sound(s));

@@ -142,8 +142,9 @@ struct Run<'a> {
     in_flight: VecDeque<Chunk>,
     chunk_steps: i64,
     watch: Stopwatch,
-    /// Seconds at which the last chunk was seen to end.
+    /// Seconds at which the last chunk was seen to end, and seconds that the sink took since.
     ended: f64,
+    taken: f64,
     report: BatchReport,
 }
 
@@ -186,6 +187,7 @@ impl<'a> Run<'a> {
             chunk_steps: 2,
             watch: Stopwatch::start(),
             ended: 0.0,
+            taken: 0.0,
             report: BatchReport::default(),
         })
     }
@@ -204,6 +206,7 @@ impl<'a> Run<'a> {
             if let Some(chunk) = self.in_flight.pop_front() {
                 self.pace(&chunk);
                 self.ring.collect();
+                let begun = self.watch.seconds();
                 for _ in 0..chunk.records {
                     let record = self.ring.take()?;
                     self.report.bytes_back += 4 * record.words.len() as u64;
@@ -212,6 +215,7 @@ impl<'a> Run<'a> {
                 for member in (0..self.plans.len()).filter(|&m| self.running[m]) {
                     sink.progress(member, chunk.time, self.particles[member]);
                 }
+                self.taken = self.watch.seconds() - begun;
             }
         }
         self.report.seconds = self.watch.seconds();
@@ -274,7 +278,8 @@ impl<'a> Run<'a> {
         let now = self.watch.seconds();
         let seconds = (now - chunk.submitted.max(self.ended)).max(1e-6);
         self.ended = now;
-        if chunk.steps > 0 {
+        // Where the sink took most of the time, nothing is known of the device's.
+        if chunk.steps > 0 && self.taken < 0.5 * seconds.max(CHUNK_SECONDS) {
             let wanted = chunk.steps as f64 * CHUNK_SECONDS / seconds;
             // Grows gently: the next steps may be dearer.
             self.chunk_steps = (wanted as i64).clamp(1, (2 * self.chunk_steps).min(CHUNK_STEPS));
