@@ -18,7 +18,7 @@ use crate::sim::{Plan, SimError, Statistics};
 use std::any::Any;
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -124,7 +124,6 @@ struct Growing<'a, M> {
     inbox: Mutex<Inbox<M>>,
     /// `None` once the member has ended.
     loft: Mutex<Option<Loft<M>>>,
-    recorded: AtomicU32,
     /// Whether the device has nothing more to tell of it.
     simulated: AtomicBool,
     ended: AtomicBool,
@@ -139,7 +138,6 @@ impl<'a, M> Growing<'a, M> {
             pace: Mutex::new(Pace::new(&member.request.spec, member.sink)),
             inbox: Mutex::new(Inbox { items: VecDeque::new(), scheduled: false }),
             loft: Mutex::new(Some(None)),
-            recorded: AtomicU32::new(0),
             simulated: AtomicBool::new(false),
             ended: AtomicBool::new(false),
         }
@@ -288,7 +286,6 @@ impl<'scope, D: Device> Feed<'_, 'scope, '_, D> {
 
 impl<D: Device> Told<D::Mark> for Feed<'_, '_, '_, D> {
     fn section(&mut self, member: usize, section: Section, mark: D::Mark) {
-        self.batch.growing[member].recorded.fetch_add(1, Ordering::Relaxed);
         self.tell(member, Item::Section(section, mark));
         let backlog = lock(&self.batch.backlog);
         if *backlog > BACKLOG {
@@ -300,7 +297,7 @@ impl<D: Device> Told<D::Mark> for Feed<'_, '_, '_, D> {
     fn progress(&mut self, member: usize, step: i64, particles: u32) {
         let member = &self.batch.growing[member];
         if !member.ended.load(Ordering::Relaxed) {
-            lock(&member.pace).step(step, particles, member.recorded.load(Ordering::Relaxed));
+            lock(&member.pace).step(step, particles);
         }
     }
 

@@ -9,7 +9,7 @@ use crate::spec::{ModelSpec, Search, preset};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::atomic::AtomicU64;
+use std::sync::atomic::{AtomicU32, AtomicU64};
 
 /// All members in step, on one thread.
 #[derive(Default)]
