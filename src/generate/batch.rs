@@ -108,6 +108,15 @@ struct Lofting<M> {
     mark: M,
 }
 
+impl<M> Lofting<M> {
+    fn new(section: Section, mark: M) -> Result<Self, GenerateError> {
+        let sections = vec![section.clone()];
+        let lofter = Lofter::new(section).map_err(unsound)?;
+        let grown = Grown { lofter, sections, flipped: 0, statistics: Statistics::default(), loft_seconds: 0.0 };
+        Ok(Self { grown, mark })
+    }
+}
+
 struct Inbox<M> {
     items: VecDeque<Item<M>>,
     /// Whether a task works it off, or will.
@@ -192,10 +201,10 @@ impl<'a, D: Device> Batch<'a, D> {
             *lock(&self.backlog) -= 1;
             self.shorter.notify_all();
             let mut place = lock(&member.loft);
-            let Some(loft) = place.take() else { continue };
-            match catch_unwind(AssertUnwindSafe(|| self.handle(member, loft, item))) {
-                Ok(Ok(Step::Goes(loft))) => *place = Some(loft),
-                Ok(Ok(Step::Made(outcome))) => self.end(member, Ok(*outcome)),
+            let Some(mut loft) = place.take() else { continue };
+            match catch_unwind(AssertUnwindSafe(|| self.handle(member, &mut loft, item))) {
+                Ok(Ok(None)) => *place = Some(loft),
+                Ok(Ok(Some(outcome))) => self.end(member, Ok(outcome)),
                 Ok(Err(error)) => self.end(member, Err(error)),
                 Err(panic) => self.end(member, Err(GenerateError::Panic { detail: message(panic.as_ref()) })),
             }
@@ -207,39 +216,35 @@ impl<'a, D: Device> Batch<'a, D> {
         (self.ended)(member.index, result);
     }
 
+    /// Does what an item asks for; gives the model once it is made.
     fn handle(
         &self,
         member: &Growing<'a, D::Mark>,
-        loft: Loft<D::Mark>,
+        loft: &mut Loft<D::Mark>,
         item: Item<D::Mark>,
-    ) -> Result<Step<D::Mark>, GenerateError> {
+    ) -> Result<Option<Outcome>, GenerateError> {
         let Member { request, cancel, .. } = member.member;
         if cancel.is_cancelled() {
             return Err(GenerateError::Cancelled);
         }
-        match (item, loft) {
-            (Item::Broken(error), _) => Err(error),
-            (Item::Section(section, mark), None) => {
+        match item {
+            Item::Broken(error) => Err(error),
+            Item::Section(section, mark) => {
+                match loft {
+                    Some(loft) => {
+                        self.advance(member, loft, &section)?;
+                        loft.mark = mark;
+                    }
+                    None => *loft = Some(Lofting::new(section.clone(), mark)?),
+                }
                 lock(&member.pace).section(&section);
-                let sections = vec![section.clone()];
-                let lofter = Lofter::new(section).map_err(unsound)?;
-                let grown =
-                    Grown { lofter, sections, flipped: 0, statistics: Statistics::default(), loft_seconds: 0.0 };
-                Ok(Step::Goes(Some(Lofting { grown, mark })))
+                Ok(None)
             }
-            (Item::Section(section, mark), Some(mut loft)) => {
-                self.advance(member, &mut loft, &section)?;
-                lock(&member.pace).section(&section);
-                Ok(Step::Goes(Some(Lofting { mark, ..loft })))
-            }
-            (Item::Simulated(statistics, simulate), Some(loft)) => {
-                let grown = Grown { statistics, ..loft.grown };
+            Item::Simulated(statistics, simulate) => {
+                let none = || GenerateError::Simulation { detail: "the device recorded no section".to_owned() };
+                let grown = Grown { statistics, ..loft.take().ok_or_else(none)?.grown };
                 let ran = Ran { used: Backend::Gpu, device: self.device.name(), simulate, total: self.total };
-                let outcome = finish(request, grown, ran, |stage| lock(&member.pace).stage(stage), cancel)?;
-                Ok(Step::Made(Box::new(outcome)))
-            }
-            (Item::Simulated(..), None) => {
-                Err(GenerateError::Simulation { detail: "the device recorded no section".to_owned() })
+                finish(request, grown, ran, |stage| lock(&member.pace).stage(stage), cancel).map(Some)
             }
         }
     }
@@ -264,12 +269,6 @@ impl<'a, D: Device> Batch<'a, D> {
         loft.grown.sections.extend(accepted.sections);
         Ok(())
     }
-}
-
-/// What an item led to.
-enum Step<M> {
-    Goes(Loft<M>),
-    Made(Box<Outcome>),
 }
 
 /// Hands on what the device tells.
