@@ -1,3 +1,5 @@
+//! The CPU backend: walls that never cross, counts, ids, and the same bytes by every way.
+
 use super::*;
 use crate::geometry::polygon::{check_contour, check_nested};
 use crate::spec::{ModelSpec, preset};
