@@ -1,4 +1,4 @@
-//! The CPU backend: walls that never cross, counts, ids, and the same bytes by every way.
+//! Whole runs of the simulation: growth, bytes that do not depend on threads or search, and guards.
 
 use super::*;
 use crate::geometry::polygon::{check_contour, check_nested};
