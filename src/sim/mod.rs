@@ -1,6 +1,6 @@
 //! The particle simulation that grows cross sections (paper, section 3).
 //!
-//! [`Plan`] turns a specification and a seed into plain tables, one row a step; a backend ([`cpu`]) turns the
+//! [`Plan`] turns a specification and a seed into plain tables, one row a step; a backend ([`cpu`], [`gpu`]) turns the
 //! tables into motion. State and forces are f32 on every backend. Nothing random happens inside a step, and
 //! no result depends on the number of threads or on the neighbour search.
 

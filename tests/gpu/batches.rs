@@ -104,6 +104,20 @@ fn results_depend_neither_on_the_batch_nor_on_the_run_and_replays_repeat_them() 
 }
 
 #[test]
+fn threads_can_share_a_device() {
+    if no_vulkan() {
+        return;
+    }
+    let plans = [short(6), short(7)];
+    let shared = std::thread::scope(|scope| {
+        plans.each_ref().map(|plan| scope.spawn(|| run(std::slice::from_ref(plan)))).map(|run| run.join().unwrap())
+    });
+    for (plan, shared) in plans.iter().zip(shared) {
+        assert_eq!(shared.sections, run(std::slice::from_ref(plan)).sections);
+    }
+}
+
+#[test]
 fn euler_runs_too() {
     if no_vulkan() {
         return;

@@ -3,8 +3,10 @@
 /// What may go wrong with an adapter or a batch. None of these is the model's fault: the same plans run on the CPU.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GpuError {
-    /// No graphics interface could be loaded.
-    #[error("no graphics interface could be loaded (on Linux the Vulkan loader, Debian package libvulkan1)")]
+    /// No graphics interface could be loaded: no loader, or none that found a driver.
+    #[error(
+        "no graphics interface could be loaded (on Linux: the Vulkan loader, Debian package libvulkan1, and a driver)"
+    )]
     NoLoader,
     /// There is no adapter that may be used.
     #[error("no GPU was found{}", if *.software { "; a software adapter is there but not allowed" } else { "" })]
