@@ -8,7 +8,7 @@
 //!
 //! | floor | modules |
 //! |---|---|
-//! | 0 | [`clock`], [`random`], [`model`], [`geometry`] |
+//! | 0 | [`clock`], [`metrics`], [`random`], [`tls`], [`model`], [`geometry`] |
 //! | 1 | [`spec`] |
 //! | 2 | [`sim`], [`mesh`], [`measure`], [`export`], [`render`] |
 //! | 3 | [`generate`], [`jobs`] |
@@ -17,8 +17,10 @@
 
 pub mod clock;
 pub mod geometry;
+pub mod metrics;
 pub mod model;
 pub mod random;
+pub mod tls;
 
 pub mod spec;
 

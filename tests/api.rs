@@ -5,6 +5,7 @@
 mod api {
     mod app;
     mod bad_input;
+    mod batches;
     mod create;
     mod events;
     mod faulty;

@@ -1,5 +1,9 @@
 //! The command as its users meet it: arguments in, exit code and streams out.
 
+#[allow(dead_code, unreachable_pub, reason = "shared with tests that need more of it")]
+#[path = "common/postgres.rs"]
+mod cluster;
+
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 use std::io::{BufRead, BufReader};
@@ -93,11 +97,16 @@ fn the_command_line_wins_over_variables_and_these_over_the_file() {
 #[test]
 fn stores_that_there_are_not_are_named() {
     let at = folder();
-    for (option, url) in [("--database", "postgres://h/d"), ("--artifacts", "s3://bucket")] {
+    for (option, url, named) in
+        [("--database", "mysql://u:secret@h/d", "not mysql:"), ("--artifacts", "s3://bucket", "s3://bucket")]
+    {
         let output = run(at.path(), &["serve", "--addr", "127.0.0.1:0", option, url]);
         assert_eq!(code(&output), 2, "{}", said(&output));
-        assert!(said(&output).contains(url), "{}", said(&output));
+        assert!(said(&output).contains(named) && !said(&output).contains("secret"), "{}", said(&output));
     }
+    // A worker needs a database that a service shares.
+    assert_eq!(code(&run(at.path(), &["worker"])), 2);
+    assert_eq!(code(&run(at.path(), &["worker", "--database", "jobs.db"])), 2);
 }
 
 #[test]
@@ -225,8 +234,13 @@ struct Server {
 
 impl Server {
     fn start(at: &Path) -> Self {
+        Self::start_with(at, &[])
+    }
+
+    fn start_with(at: &Path, options: &[&str]) -> Self {
         let mut child = oviduct(at)
             .args(["serve", "--addr", "127.0.0.1:0", "--log", "warn"])
+            .args(options)
             .stdout(Stdio::piped())
             .spawn()
             .expect("it starts");
@@ -278,6 +292,23 @@ fn submit_over_http_and_a_graceful_end() {
     assert_eq!(server.child.wait().expect("it ends").code(), Some(0));
     assert_eq!(code(&run(at.path(), &["healthcheck", "--url", &url])), 1);
     assert_eq!(code(&run(at.path(), &["submit", "--url", &url])), 1);
+}
+
+#[test]
+#[cfg(unix)]
+fn a_service_and_a_worker_share_a_database() {
+    let at = folder();
+    let database = cluster::Cluster::shared().database();
+    let options = ["--database", database.as_str()];
+    assert_eq!(code(&run(at.path(), &["migrate", "--database", &database])), 0);
+    let server = Server::start_with(at.path(), &[options[0], options[1], "--cpu-workers", "0"]);
+    let mut worker = oviduct(at.path()).arg("worker").args(options).spawn().expect("it starts");
+    let mut arguments = vec!["submit", "--url", &server.url, "--seed", "7", "--wait", "--json"];
+    arguments.extend(TINY);
+    let model = json(&run(at.path(), &arguments));
+    assert_eq!((&model["status"], &model["attempts"]), (&"succeeded".into(), &1.into()));
+    signal(&worker, "-TERM");
+    assert_eq!(worker.wait().expect("it ends").code(), Some(0));
 }
 
 #[test]

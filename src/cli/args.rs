@@ -61,6 +61,8 @@ pub(super) enum Command {
     Submit(SubmitArgs),
     /// Certify the surface in any glb, gltf, obj, stl or ply file
     Check(CheckArgs),
+    /// Put load on a running service, and say how fast models come
+    Load(LoadArgs),
     /// Measure how fast this machine grows models
     Bench(BenchArgs),
     /// List what can be grown
@@ -69,6 +71,10 @@ pub(super) enum Command {
     Schema,
     /// Print the OpenAPI description of the service
     Openapi,
+    /// Grow models for a service elsewhere that shares the database and the artifacts
+    Worker(WorkerArgs),
+    /// Bring the tables of the database up to date (what serve and worker do on start) and end
+    Migrate(DatabaseArgs),
     /// Ask a service whether it is alive (exit code 0 or 1); for container health checks
     #[command(hide = true)]
     Healthcheck(HealthcheckArgs),
@@ -87,16 +93,33 @@ pub(super) struct ServeArgs {
     pub(super) service: ServiceArgs,
 }
 
+/// Options of `worker`.
+#[derive(Clone, Debug, Args)]
+pub(super) struct WorkerArgs {
+    /// Address to answer /healthz, /readyz and /metrics at [default: none]
+    #[arg(long, value_name = "HOST:PORT")]
+    pub(super) metrics_addr: Option<SocketAddr>,
+    #[command(flatten)]
+    pub(super) service: ServiceArgs,
+}
+
+/// Where the jobs are.
+#[derive(Clone, Debug, Args)]
+pub(super) struct DatabaseArgs {
+    /// Folder of the database, the artifacts and files on their way, where these are not named
+    #[arg(long, value_name = "DIR", default_value = "data")]
+    pub(super) data: PathBuf,
+    /// Database of jobs: `postgres://USER:PASSWORD@HOST/NAME`, `sqlite:PATH` or a path [default: DATA/oviduct.db]
+    #[arg(long, value_name = "URL")]
+    pub(super) database: Option<String>,
+}
+
 /// What a service in this process is made of.
 #[derive(Clone, Debug, Args)]
 pub(super) struct ServiceArgs {
-    /// Folder of the database and the artifacts, where these are not named
-    #[arg(long, value_name = "DIR", default_value = "data")]
-    pub(super) data: PathBuf,
-    /// Database of jobs: `sqlite:PATH` or a path [default: DATA/oviduct.db]
-    #[arg(long, value_name = "URL")]
-    pub(super) database: Option<String>,
-    /// Folder of finished files: `file:PATH` or a path [default: DATA/artifacts]
+    #[command(flatten)]
+    pub(super) database: DatabaseArgs,
+    /// Where finished files go: `s3://BUCKET/PREFIX` with the usual AWS_… variables, `file:PATH` or a path [default: DATA/artifacts]
     #[arg(long, value_name = "URL")]
     pub(super) artifacts: Option<String>,
     /// Models grown at the same time; each may use every core [0: grow none here]
@@ -125,6 +148,31 @@ pub(super) struct ServiceArgs {
     /// Memory that one model may need, such as 2GB [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
     pub(super) memory_limit: Option<u64>,
+    #[command(flatten)]
+    pub(super) upkeep: UpkeepArgs,
+}
+
+/// Limits and care of a service.
+#[derive(Clone, Debug, Args)]
+pub(super) struct UpkeepArgs {
+    /// Time between checkpoints of a running simulation, from which another attempt goes on [0: none]
+    #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "30s")]
+    pub(super) checkpoint_every: Duration,
+    /// Time that an attempt at a model may take; one that takes longer fails [default: no limit]
+    #[arg(long, value_name = "TIME", value_parser = units::duration)]
+    pub(super) job_timeout: Option<Duration>,
+    /// Time after its end that a model is kept, such as 30d [default: for good]
+    #[arg(long, value_name = "AGE", value_parser = units::duration)]
+    pub(super) keep: Option<Duration>,
+    /// Bytes of all files; over it the models that ended first are removed [default: no limit]
+    #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
+    pub(super) keep_bytes: Option<u64>,
+    /// Most models of a batch
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 1000)]
+    pub(super) batch_limit: u32,
+    /// Send downloads on to S3 by signed addresses (307) instead of passing the bytes through
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) redirect_downloads: bool,
 }
 
 /// Which GPUs to use.
@@ -222,6 +270,28 @@ pub(super) struct SubmitArgs {
     #[arg(long, value_name = "DIR")]
     pub(super) out: Option<PathBuf>,
     /// Print the model as JSON
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) json: bool,
+}
+
+/// Options of `load`.
+#[derive(Clone, Debug, Args)]
+pub(super) struct LoadArgs {
+    /// Address of the service
+    #[arg(long, value_name = "URL", default_value = "http://127.0.0.1:8080")]
+    pub(super) url: String,
+    /// Models in all; their seeds follow each other from --seed on
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), default_value_t = 100)]
+    pub(super) models: u64,
+    /// Models asked for at a time
+    #[arg(long, value_name = "C", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 4)]
+    pub(super) concurrency: u32,
+    #[command(flatten)]
+    pub(super) model: ModelArgs,
+    /// Grow them here by the generator alone, as so many workers would: what a service is compared with
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) direct: bool,
+    /// Print one JSON object
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) json: bool,
 }

@@ -123,12 +123,13 @@ impl Client {
     /// A client of the service at `url`.
     ///
     /// # Errors
-    /// [`Failure::Usage`] where that is no `http:` address.
+    /// [`Failure::Usage`] where that is no `http:` or `https:` address.
     pub(super) fn new(url: &str) -> Result<Self, Failure> {
         let parsed = reqwest::Url::parse(url).map_err(|e| Failure::usage(format!("--url {url}: {e}")))?;
-        if parsed.scheme() != "http" || !parsed.has_host() {
-            return Err(Failure::usage(format!("--url {url}: must begin with http:// and name a host")));
+        if !matches!(parsed.scheme(), "http" | "https") || !parsed.has_host() {
+            return Err(Failure::usage(format!("--url {url}: must begin with http:// or https:// and name a host")));
         }
+        crate::tls::install();
         let http = reqwest::Client::builder().connect_timeout(Duration::from_secs(10)).build()?;
         Ok(Self { http, base: url.trim_end_matches('/').to_owned() })
     }
@@ -156,6 +157,35 @@ impl Client {
         let request = self.http.post(&address).header("Idempotency-Key", idempotency_key).json(body);
         let answer = request.timeout(Duration::from_secs(60)).send().await;
         Ok(accept(answer.with_context(|| format!("POST {address}"))?).await?.json().await?)
+    }
+
+    /// Asks for a model, again and again while the queue is full. Also gives how often it was.
+    ///
+    /// # Errors
+    /// As [`Client::submit`].
+    pub(super) async fn submit_patiently(&self, body: &Value, key: &str) -> Result<(Value, u64), Failure> {
+        let address = self.address("/models");
+        let mut refused = 0;
+        loop {
+            let request = self.http.post(&address).header("Idempotency-Key", key).json(body);
+            let answer = request.timeout(Duration::from_secs(60)).send().await;
+            let answer = answer.with_context(|| format!("POST {address}"))?;
+            if answer.status() != StatusCode::TOO_MANY_REQUESTS {
+                return Ok((accept(answer).await?.json().await?, refused));
+            }
+            refused += 1;
+            let seconds = answer.headers().get(header::RETRY_AFTER).and_then(|v| v.to_str().ok()?.parse().ok());
+            tokio::time::sleep(Duration::from_secs(seconds.unwrap_or(1))).await;
+        }
+    }
+
+    /// Waits until a model has ended, without its progress.
+    ///
+    /// # Errors
+    /// Where the service stays away or the model is deleted.
+    pub(super) async fn wait_for(&self, id: &str) -> Result<Value, Failure> {
+        self.follow(id, |_| {}).await?;
+        self.model(id).await
     }
 
     /// Gets a model.

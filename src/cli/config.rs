@@ -250,6 +250,7 @@ mod tests {
         assert!(run("", "generate --out x --backend cpu-single --outputs glb,obj").is_ok());
         assert!(run("", "check a.glb b.obj --euler -4 --json").is_ok());
         assert!(run("", "check").is_err());
-        assert!(run("", "worker").is_err());
+        assert!(run("", "worker --database postgres://h/d --cpu-workers 2").is_ok());
+        assert!(run("", "worker --addr 127.0.0.1:9").is_err());
     }
 }

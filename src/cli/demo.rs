@@ -34,7 +34,7 @@ pub(super) async fn run(mut args: DemoArgs) -> Ended {
     body["labels"] = json!({ "made-by": "demo" });
 
     let mut service = Defaults::try_parse_from(["oviduct"]).context("the defaults are not valid")?.service;
-    service.data = Path::new(FOLDER).join("data");
+    service.database.data = Path::new(FOLDER).join("data");
     // Once the model is there, or no longer wanted, nothing is worth waiting for but the last answers.
     service.grace = Duration::ZERO;
     let mut service = Service::start(&service, listen().await?).await?;

@@ -13,6 +13,8 @@ mod exit;
 mod generate;
 mod gpu;
 mod interrupt;
+mod load;
+mod migrate;
 mod model;
 mod print;
 mod scratch;
@@ -22,6 +24,8 @@ mod sse;
 mod submit;
 mod term;
 mod units;
+mod upkeep;
+mod worker;
 
 use args::{Cli, Command, Global, LogFormat};
 use exit::{Ended, Failure};
@@ -51,7 +55,7 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 }
 
 fn start(cli: Cli) -> Ended {
-    let serves = matches!(cli.command, Command::Serve(_));
+    let serves = matches!(cli.command, Command::Serve(_) | Command::Worker(_));
     log(&cli.global, if serves { "info" } else { "warn" })?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let ended = runtime.block_on(dispatch(cli.command));
@@ -65,9 +69,12 @@ async fn dispatch(command: Command) -> Ended {
         Command::Generate(args) => generate::run(args).await,
         Command::Demo(args) => demo::run(args).await,
         Command::Submit(args) => submit::run(args).await,
+        Command::Load(args) => load::run(args).await,
         Command::Check(args) => check::run(args).await,
         Command::Bench(args) => bench::run(args).await,
         Command::Presets(args) => print::presets(&args),
+        Command::Worker(args) => worker::run(args).await,
+        Command::Migrate(args) => migrate::run(args).await,
         Command::Schema => print::schema(),
         Command::Openapi => print::openapi(),
         Command::Healthcheck(args) => client::Client::new(&args.url)?.get("/healthz").await.map(|_| ()),

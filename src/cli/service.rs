@@ -1,14 +1,16 @@
 //! A service in this process: job store, artifacts, workers and router put together, and taken apart in order.
 
-use super::args::ServiceArgs;
+use super::args::{DatabaseArgs, ServiceArgs};
 use super::exit::Failure;
 use super::gpu;
+use super::upkeep::{self, Ground, Upkeep};
 use crate::clock::Clock;
 use crate::http::{AppState, Limits, router};
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
-use crate::jobs::sqlite::SqliteStore;
-use crate::jobs::{Store, StoreOptions};
+use crate::jobs::sweep::Retention;
+use crate::jobs::{Database, Store, StoreOptions};
+use crate::metrics::Metrics;
 use crate::worker::{BatchGenerator, PoolOptions, WorkerPool, generate_on_cpu};
 use anyhow::Context;
 use std::net::SocketAddr;
@@ -19,39 +21,63 @@ use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-/// A running service.
-pub(super) struct Service {
-    address: SocketAddr,
-    store: SqliteStore,
+/// The stores, and the workers of this process over them.
+pub(super) struct Works {
+    store: Arc<dyn Store>,
+    artifacts: Artifacts,
+    clock: Clock,
     pool: WorkerPool,
-    server: JoinHandle<std::io::Result<()>>,
-    shutdown: CancellationToken,
+    upkeep: Upkeep,
+    metrics: Metrics,
     grace: Duration,
 }
 
-impl Service {
-    /// Opens the stores, takes over what a process before left, starts workers, and serves on `listener`.
+/// A running service.
+pub(super) struct Service {
+    address: SocketAddr,
+    works: Works,
+    server: JoinHandle<std::io::Result<()>>,
+    shutdown: CancellationToken,
+}
+
+/// The database that the options name.
+///
+/// # Errors
+/// [`Failure::Usage`].
+pub(super) fn database(args: &DatabaseArgs) -> Result<Database, Failure> {
+    match &args.database {
+        Some(url) => Database::parse(url).map_err(|fault| Failure::usage(format!("--database: {fault}"))),
+        None => Ok(Database::Sqlite(args.data.join("oviduct.db"))),
+    }
+}
+
+impl Works {
+    /// Opens the stores, takes over what a process before left, starts workers.
     ///
     /// # Errors
     /// [`Failure::Usage`] for stores that there are not; else where something cannot be opened.
-    pub(super) async fn start(args: &ServiceArgs, listener: TcpListener) -> Result<Self, Failure> {
+    pub(super) async fn start(args: &ServiceArgs) -> Result<Self, Failure> {
         if args.heartbeat.is_zero() || args.lease < 2 * args.heartbeat {
             return Err(Failure::usage("--lease must be at least twice --heartbeat, and this more than 0"));
         }
-        let database = local_path("--database", args.database.as_deref(), "sqlite", &args.data, "oviduct.db")?;
-        let files = local_path("--artifacts", args.artifacts.as_deref(), "file", &args.data, "artifacts")?;
-
+        let database = database(&args.database)?;
+        let data = &args.database.data;
         let clock = Clock::System;
         let options =
             StoreOptions { clock: clock.clone(), max_attempts: args.max_attempts, queue_limit: args.queue_limit };
-        let store = SqliteStore::open(&database, options).await.context("the job store could not be opened")?;
-        let artifacts = Artifacts::local(&files).context("the artifact store could not be opened")?;
-        let left = store.recover().await.context("what the last process left could not be taken over")?;
-        if !left.is_empty() {
-            tracing::warn!(jobs = left.len(), "jobs of a process that ended without notice were taken over");
-        }
-        let shared: Arc<dyn Store> = Arc::new(store.clone());
-        sweep(shared.clone(), artifacts.clone(), &clock);
+        let store = database.open(options).await.context("the job store could not be opened")?;
+        let (artifacts, shared) = artifacts(args)?;
+        // What others share, others may just be writing.
+        let orphans = if shared || database.is_shared() { upkeep::ORPHAN_AGE } else { Duration::ZERO };
+        let metrics = Metrics::default();
+        let limits = &args.upkeep;
+        let ground = Ground {
+            store: Arc::clone(&store),
+            artifacts: artifacts.clone(),
+            clock: clock.clone(),
+            metrics: metrics.clone(),
+        };
+        let upkeep = Upkeep::start(ground, Retention { age: limits.keep, bytes: limits.keep_bytes }, orphans);
 
         let found = gpu::generators(args.gpu).await;
         let no_gpu = found.as_ref().err().cloned();
@@ -64,11 +90,14 @@ impl Service {
             heartbeat: args.heartbeat,
             lease: args.lease,
             memory_limit_bytes: args.memory_limit,
+            job_timeout: limits.job_timeout,
+            checkpoint_every: Some(limits.checkpoint_every).filter(|every| !every.is_zero()),
+            metrics: metrics.clone(),
             faults: Faults::from_env().map_err(|error| Failure::usage(error.to_string()))?,
-            ..PoolOptions::new(args.data.join("scratch"))
+            ..PoolOptions::new(data.join("scratch"))
         };
         let pool = WorkerPool::start_with_gpus(
-            shared.clone(),
+            Arc::clone(&store),
             artifacts.clone(),
             Arc::new(generate_on_cpu),
             gpus,
@@ -76,13 +105,45 @@ impl Service {
             clock.clone(),
         )
         .context("the workers could not be started")?;
+        Ok(Self { store, artifacts, clock, pool, upkeep, metrics, grace: args.grace })
+    }
 
+    /// What a router over these works shares.
+    pub(super) fn state(&self, limits: Limits, shutdown: &CancellationToken) -> AppState {
+        AppState::new(Arc::clone(&self.store), self.artifacts.clone(), self.clock.clone(), limits, shutdown.clone())
+            .with_metrics(self.metrics.clone())
+    }
+
+    /// Lets running models end within the grace, gives the others back to the queue, closes the store once `last`
+    /// is done.
+    pub(super) async fn stop<T>(self, last: impl Future<Output = T>) -> T {
+        self.pool.shutdown(self.grace).await;
+        let ended = last.await;
+        drop(self.upkeep);
+        self.store.close().await;
+        ended
+    }
+}
+
+impl Service {
+    /// Starts the works, and serves on `listener`.
+    ///
+    /// # Errors
+    /// As [`Works::start`].
+    pub(super) async fn start(args: &ServiceArgs, listener: TcpListener) -> Result<Self, Failure> {
+        let works = Works::start(args).await?;
         let address = listener.local_addr().context("the listening socket has no address")?;
         let shutdown = CancellationToken::new();
-        let state = AppState::new(shared, artifacts, clock, Limits::default(), shutdown.clone());
+        let limits = Limits {
+            batch: args.upkeep.batch_limit as usize,
+            keep: args.upkeep.keep,
+            redirect_downloads: args.upkeep.redirect_downloads,
+            ..Limits::default()
+        };
+        let state = works.state(limits, &shutdown);
         let serving = axum::serve(listener, router(state)).with_graceful_shutdown(shutdown.clone().cancelled_owned());
         let server = tokio::spawn(serving.into_future());
-        Ok(Self { address, store, pool, server, shutdown, grace: args.grace })
+        Ok(Self { address, works, server, shutdown })
     }
 
     /// Where it listens.
@@ -106,39 +167,44 @@ impl Service {
     /// `failed`, or that of the server.
     pub(super) async fn stop(mut self, failed: Option<anyhow::Error>) -> Result<(), Failure> {
         self.shutdown.cancel();
-        self.pool.shutdown(self.grace).await;
-        let ended = match failed {
-            Some(error) => Err(error.into()),
-            // Requests have had the grace too; those that still hang are cut off with the runtime.
-            None => match tokio::time::timeout(LAST_REQUESTS, &mut self.server).await {
-                Ok(Ok(served)) => served.context("the server failed").map_err(Failure::from),
-                Ok(Err(panic)) => Err(anyhow::anyhow!(panic).context("the server panicked").into()),
-                Err(_) => {
-                    tracing::warn!("some requests did not end and were cut off");
-                    Ok(())
-                }
-            },
+        let requests = async {
+            match failed {
+                Some(error) => Err(error.into()),
+                // Requests have had the grace too; those that still hang are cut off with the runtime.
+                None => match tokio::time::timeout(LAST_REQUESTS, &mut self.server).await {
+                    Ok(Ok(served)) => served.context("the server failed").map_err(Failure::from),
+                    Ok(Err(panic)) => Err(anyhow::anyhow!(panic).context("the server panicked").into()),
+                    Err(_) => {
+                        tracing::warn!("some requests did not end and were cut off");
+                        Ok(())
+                    }
+                },
+            }
         };
-        self.store.close().await;
-        ended
+        self.works.stop(requests).await
     }
 }
 
 /// Time for the last answers to leave once the workers have stopped.
 const LAST_REQUESTS: Duration = Duration::from_secs(5);
 
-/// Removes, in the background, files that attempts of earlier processes left; no record names them.
+/// The artifact store that the options name, and whether other processes may be writing to it.
 ///
-/// The store is this process's alone, so whatever is older than its start and not named is nobody's.
-fn sweep(store: Arc<dyn Store>, artifacts: Artifacts, clock: &Clock) {
-    let now = clock.now();
-    tokio::spawn(async move {
-        match artifacts.sweep_orphans(store.as_ref(), now, Duration::ZERO).await {
-            Ok(0) => {}
-            Ok(files) => tracing::info!(files, "files that no model names were removed"),
-            Err(error) => tracing::warn!(%error, "files that no model names could not be removed"),
+/// # Errors
+/// [`Failure::Usage`] for one that there is not; else where it cannot be opened.
+fn artifacts(args: &ServiceArgs) -> Result<(Artifacts, bool), Failure> {
+    match args.artifacts.as_deref().filter(|url| url.starts_with("s3:")) {
+        Some(url) => match Artifacts::s3(url, std::env::vars()) {
+            Ok(artifacts) => Ok((artifacts, true)),
+            Err(error) => Err(Failure::usage(format!("--artifacts: {error}"))),
+        },
+        None => {
+            let data = &args.database.data;
+            let files = local_path("--artifacts", args.artifacts.as_deref(), "file", data, "artifacts")?;
+            let artifacts = Artifacts::local(&files).context("the artifact store could not be opened")?;
+            Ok((artifacts, false))
         }
-    });
+    }
 }
 
 /// The path in `scheme:PATH`, `scheme://PATH` or a plain path; `data/name` where none is given.
@@ -163,13 +229,13 @@ mod tests {
 
     #[test]
     fn paths_of_stores() {
-        let path = |url| local_path("--database", url, "sqlite", Path::new("d"), "x.db").map_err(|f| f.report().1);
-        assert_eq!(path(None), Ok("d/x.db".into()));
-        assert_eq!(path(Some("a/b.db")), Ok("a/b.db".into()));
-        assert_eq!(path(Some("sqlite:a/b.db")), Ok("a/b.db".into()));
-        assert_eq!(path(Some("sqlite:///a/b.db")), Ok("/a/b.db".into()));
-        assert_eq!(path(Some("C:\\b.db")), Ok("C:\\b.db".into()));
-        for wrong in ["postgres://h/d", "sqlite:", "", "s3://bucket"] {
+        let path = |url| local_path("--artifacts", url, "file", Path::new("d"), "files").map_err(|f| f.report().1);
+        assert_eq!(path(None), Ok("d/files".into()));
+        assert_eq!(path(Some("a/b")), Ok("a/b".into()));
+        assert_eq!(path(Some("file:a/b")), Ok("a/b".into()));
+        assert_eq!(path(Some("file:///a/b")), Ok("/a/b".into()));
+        assert_eq!(path(Some("C:\\b")), Ok("C:\\b".into()));
+        for wrong in ["sqlite:a", "file:", "", "s3://bucket"] {
             assert!(path(Some(wrong)).is_err(), "{wrong}");
         }
     }

@@ -1,6 +1,7 @@
 //! The simulation and the loft side by side: each slab is tested while the steps between its sections are still at
 //! hand, so that a slab that needs mending can have a section of them.
 
+use super::checkpoint::Checkpoint;
 use super::pace::Pace;
 use super::types::{CancelToken, GenerateError, Request};
 use crate::clock::Stopwatch;
@@ -33,38 +34,133 @@ fn failed(error: SimError) -> GenerateError {
     GenerateError::Simulation { detail: error.to_string() }
 }
 
-/// Runs the whole simulation and lofts its sections.
-pub(super) fn grow(request: &Request, pace: &mut Pace<'_>, cancel: &CancelToken) -> Result<Grown, GenerateError> {
-    let plan = Plan::new(&request.spec, request.seed);
-    let mut simulation = CpuSimulation::new(plan, rayon::current_num_threads());
-    while simulation.time() < 0 {
-        advance(&mut simulation, pace, cancel)?;
-    }
-    let first = simulation.section();
-    pace.section(&first);
-    let mut sections = vec![first.clone()];
-    let mut lofter = Lofter::new(first).map_err(unsound)?;
+/// A growth under way.
+struct Growth<'a> {
+    request: &'a Request,
+    simulation: CpuSimulation,
+    lofter: Lofter,
+    sections: Vec<Section>,
+    /// The sections of the steps since the last recorded one.
+    history: Vec<Section>,
+    flipped: usize,
+    recorded: u32,
+    loft_seconds: f64,
+}
+
+/// Runs the whole simulation, or the rest of it, and lofts its sections.
+pub(super) fn grow(
+    request: &Request,
+    from: Option<Checkpoint>,
+    pace: &mut Pace<'_>,
+    cancel: &CancelToken,
+) -> Result<Grown, GenerateError> {
+    let mut growth = match from {
+        None => Growth::begin(request, pace, cancel)?,
+        Some(checkpoint) => Growth::resume(request, checkpoint, pace, cancel)?,
+    };
     let (steps, every) = (i64::from(request.spec.steps), i64::from(request.spec.solver.record_every));
-    let mut history = Vec::with_capacity(every as usize);
-    let mut loft_seconds = 0.0;
-    let mut flipped = 0;
-    while simulation.time() < steps {
-        advance(&mut simulation, pace, cancel)?;
-        history.push(simulation.section());
-        let time = simulation.time();
+    while growth.simulation.time() < steps {
+        if pace.wants_checkpoint() {
+            growth.save(pace)?;
+        }
+        advance(&mut growth.simulation, pace, cancel)?;
+        growth.history.push(growth.simulation.section());
+        let time = growth.simulation.time();
         if time % every == 0 || time == steps {
-            let watch = Stopwatch::start();
-            let accepted = lofter.advance(&history).map_err(unsound)?;
-            loft_seconds += watch.seconds();
-            flipped += accepted.flipped;
-            sections.extend(accepted.sections);
-            if let Some(section) = history.last() {
-                pace.section(section);
-            }
-            history.clear();
+            growth.record(pace)?;
         }
     }
-    Ok(Grown { lofter, sections, flipped, statistics: simulation.statistics(), loft_seconds })
+    Ok(Grown {
+        lofter: growth.lofter,
+        sections: growth.sections,
+        flipped: growth.flipped,
+        statistics: growth.simulation.statistics(),
+        loft_seconds: growth.loft_seconds,
+    })
+}
+
+impl<'a> Growth<'a> {
+    /// Runs the burn-in and records the first section.
+    fn begin(request: &'a Request, pace: &mut Pace<'_>, cancel: &CancelToken) -> Result<Self, GenerateError> {
+        let plan = Plan::new(&request.spec, request.seed);
+        let mut simulation = CpuSimulation::new(plan, rayon::current_num_threads());
+        while simulation.time() < 0 {
+            advance(&mut simulation, pace, cancel)?;
+        }
+        let first = simulation.section();
+        pace.section(&first);
+        Ok(Self {
+            request,
+            simulation,
+            lofter: Lofter::new(first.clone()).map_err(unsound)?,
+            sections: vec![first],
+            history: Vec::with_capacity(request.spec.solver.record_every as usize),
+            flipped: 0,
+            recorded: 1,
+            loft_seconds: 0.0,
+        })
+    }
+
+    /// Restores the simulation and lofts the sections of the surface again.
+    fn resume(
+        request: &'a Request,
+        from: Checkpoint,
+        pace: &mut Pace<'_>,
+        cancel: &CancelToken,
+    ) -> Result<Self, GenerateError> {
+        let plan = Plan::new(&request.spec, request.seed);
+        let simulation = CpuSimulation::restore(plan, rayon::current_num_threads(), &from.simulation)
+            .map_err(|error| GenerateError::Simulation { detail: error.to_string() })?;
+        pace.resumed(simulation.time(), simulation.particles());
+        let watch = Stopwatch::start();
+        let mut sections = from.accepted.iter();
+        let first = sections.next().ok_or_else(|| unsound(LoftError::NoSection))?;
+        pace.section(first);
+        let mut lofter = Lofter::new(first.clone()).map_err(unsound)?;
+        for section in sections {
+            if cancel.is_cancelled() {
+                return Err(GenerateError::Cancelled);
+            }
+            lofter.advance(std::slice::from_ref(section)).map_err(unsound)?;
+            if !section.added {
+                pace.section(section);
+            }
+        }
+        Ok(Self {
+            request,
+            simulation,
+            lofter,
+            sections: from.accepted,
+            history: from.history,
+            flipped: from.flipped,
+            recorded: from.recorded,
+            loft_seconds: watch.seconds(),
+        })
+    }
+
+    /// Lofts up to the step reached.
+    fn record(&mut self, pace: &mut Pace<'_>) -> Result<(), GenerateError> {
+        let watch = Stopwatch::start();
+        let accepted = self.lofter.advance(&self.history).map_err(unsound)?;
+        self.loft_seconds += watch.seconds();
+        self.recorded += 1;
+        self.flipped += accepted.flipped;
+        self.sections.extend(accepted.sections);
+        if let Some(section) = self.history.last() {
+            pace.section(section);
+        }
+        self.history.clear();
+        Ok(())
+    }
+
+    /// Hands on the state between two steps.
+    fn save(&self, pace: &Pace<'_>) -> Result<(), GenerateError> {
+        let state = self.simulation.save();
+        let bytes = Checkpoint::write(self.request, &state, &self.sections, &self.history, self.flipped, self.recorded)
+            .map_err(|source| GenerateError::Io { name: "checkpoint".into(), source })?;
+        pace.checkpoint(bytes);
+        Ok(())
+    }
 }
 
 fn advance(simulation: &mut CpuSimulation, pace: &mut Pace<'_>, cancel: &CancelToken) -> Result<(), GenerateError> {

@@ -4,6 +4,7 @@
 //! module only with a certificate that it passed.
 
 mod batch;
+mod checkpoint;
 mod device;
 mod files;
 mod grow;
@@ -11,6 +12,7 @@ mod pace;
 mod types;
 
 pub use batch::{Member, generate_batch};
+pub use checkpoint::{Checkpoint, CheckpointError};
 pub use types::{
     Backend, CancelToken, FileOutput, GenerateError, Outcome, Output, Progress, Request, Seconds, Sink, Stage,
 };
@@ -29,23 +31,50 @@ use serde_json::json;
 /// # Errors
 /// See [`GenerateError`]; files already written to the folder are then left for the caller to remove.
 pub fn generate(request: &Request, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, GenerateError> {
+    begin(request, None, sink, cancel)
+}
+
+/// Goes on with a model from a checkpoint of it, on the CPU; the files are those of [`generate`].
+///
+/// # Errors
+/// See [`GenerateError`].
+pub fn resume(
+    request: &Request,
+    checkpoint: Checkpoint,
+    sink: &dyn Sink,
+    cancel: &CancelToken,
+) -> Result<Outcome, GenerateError> {
+    begin(request, Some(checkpoint), sink, cancel)
+}
+
+fn begin(
+    request: &Request,
+    from: Option<Checkpoint>,
+    sink: &dyn Sink,
+    cancel: &CancelToken,
+) -> Result<Outcome, GenerateError> {
     match request.backend {
         Backend::Gpu => Err(GenerateError::Backend { detail: "a GPU needs a device: see generate_batch".into() }),
-        Backend::Auto | Backend::Cpu => run(request, sink, cancel),
+        Backend::Auto | Backend::Cpu => run(request, from, sink, cancel),
         Backend::CpuSingle => rayon::ThreadPoolBuilder::new()
             .num_threads(1)
             .build()
             .map_err(|e| GenerateError::Backend { detail: e.to_string() })?
-            .install(|| run(request, sink, cancel)),
+            .install(|| run(request, from, sink, cancel)),
     }
 }
 
-fn run(request: &Request, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, GenerateError> {
+fn run(
+    request: &Request,
+    from: Option<Checkpoint>,
+    sink: &dyn Sink,
+    cancel: &CancelToken,
+) -> Result<Outcome, GenerateError> {
     check_memory(request)?;
     let total = Stopwatch::start();
     let mut pace = Pace::new(&request.spec, sink);
     let watch = Stopwatch::start();
-    let grown = grow::grow(request, &mut pace, cancel)?;
+    let grown = grow::grow(request, from, &mut pace, cancel)?;
     let simulate = watch.seconds() - grown.loft_seconds;
     let threads = rayon::current_num_threads();
     let ran = Ran {

@@ -20,6 +20,8 @@ fn begins_at(stage: Stage) -> f64 {
 pub(super) struct Pace<'a> {
     sink: &'a dyn Sink,
     watch: Stopwatch,
+    /// Fraction that was done when the watch was started.
+    begun: f64,
     burn_in: f64,
     /// Particles summed over the steps up to each step.
     work: Vec<f64>,
@@ -45,7 +47,7 @@ impl<'a> Pace<'a> {
             eta_seconds: None,
         };
         sink.progress(&now);
-        Self { sink, watch: Stopwatch::start(), burn_in: f64::from(spec.burn_in), work, now }
+        Self { sink, watch: Stopwatch::start(), begun: 0.0, burn_in: f64::from(spec.burn_in), work, now }
     }
 
     /// A step is done.
@@ -58,6 +60,23 @@ impl<'a> Pace<'a> {
         self.now.step = time.max(0) as u32;
         self.now.particles = particles;
         self.tell(begins_at(Stage::Mesh) * done / all);
+    }
+
+    /// What follows goes on from a checkpoint at this step.
+    pub(super) fn resumed(&mut self, time: i64, particles: u32) {
+        self.step(time, particles);
+        self.watch = Stopwatch::start();
+        self.begun = self.now.fraction;
+    }
+
+    /// Whether the state is wanted.
+    pub(super) fn wants_checkpoint(&self) -> bool {
+        self.sink.wants_checkpoint()
+    }
+
+    /// The state that was wanted.
+    pub(super) fn checkpoint(&self, bytes: Vec<u8>) {
+        self.sink.checkpoint(bytes);
     }
 
     /// A section is recorded.
@@ -75,8 +94,9 @@ impl<'a> Pace<'a> {
     fn tell(&mut self, fraction: f64) {
         self.now.fraction = fraction.max(self.now.fraction);
         let elapsed = self.watch.seconds();
-        let basis = elapsed > 0.2 && self.now.fraction > 0.01;
-        self.now.eta_seconds = basis.then(|| elapsed * (1.0 - self.now.fraction) / self.now.fraction);
+        let done = self.now.fraction - self.begun;
+        let basis = elapsed > 0.2 && done > 0.01;
+        self.now.eta_seconds = basis.then(|| elapsed * (1.0 - self.now.fraction) / done);
         self.sink.progress(&self.now);
     }
 }

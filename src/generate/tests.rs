@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 /// A tube of some hundred particles, with every force and the thickness field at work.
-fn small(patch: &serde_json::Value) -> ModelSpec {
+pub(super) fn small(patch: &serde_json::Value) -> ModelSpec {
     let mut whole = json!({
         "steps": 120, "burn_in": 40,
         "particles": { "total": { "keys": [[0, 260], [1, 620]] }, "outer": { "keys": [[0, 60], [1, 90]] } },
@@ -17,7 +17,7 @@ fn small(patch: &serde_json::Value) -> ModelSpec {
     ModelSpec::resolve(preset("pig").unwrap(), &whole).unwrap()
 }
 
-fn request(spec: ModelSpec, backend: Backend, dir: &std::path::Path) -> Request {
+pub(super) fn request(spec: ModelSpec, backend: Backend, dir: &std::path::Path) -> Request {
     Request {
         preset: "pig".into(),
         spec,

@@ -85,6 +85,12 @@ pub trait Sink: Sync {
     fn progress(&self, progress: &Progress);
     /// Called for each recorded section.
     fn section(&self, section: &Section);
+    /// Whether the state is wanted, so that the generation can go on elsewhere; asked between steps.
+    fn wants_checkpoint(&self) -> bool {
+        false
+    }
+    /// The state that was wanted, as [`crate::generate::Checkpoint::read`] takes it.
+    fn checkpoint(&self, _: Vec<u8>) {}
 }
 
 /// A sink that ignores everything.

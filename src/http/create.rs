@@ -24,16 +24,25 @@ use std::time::Duration;
 use utoipa::ToSchema;
 
 /// A request that will be taken, save for a full queue.
-struct Accepted {
-    request: ModelRequest,
-    spec: ModelSpec,
+pub(super) struct Accepted {
+    pub(super) request: ModelRequest,
+    pub(super) spec: ModelSpec,
     cost: Cost,
 }
 
-/// Checks everything about a request.
-async fn check(state: &AppState, body: &Value) -> Result<Accepted, Problem> {
+/// Checks everything about a body.
+async fn check_body(state: &AppState, body: &Value) -> Result<Accepted, Problem> {
     let mut faults = Vec::new();
     let request = ModelRequest::read(body, &mut faults);
+    check(state, request, faults).await
+}
+
+/// Checks everything about a request in which `faults` were found so far.
+pub(super) async fn check(
+    state: &AppState,
+    request: ModelRequest,
+    mut faults: Vec<Fault>,
+) -> Result<Accepted, Problem> {
     let resolved = preset(&request.preset).map(|preset| ModelSpec::resolve(preset, &request.spec));
     match &resolved {
         Some(Err(wrong)) => faults.extend(wrong.iter().map(|f| Fault::at(format!("/spec{}", f.pointer), &f.detail))),
@@ -104,7 +113,7 @@ pub(super) async fn create(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     let key = idempotency_key(&headers)?;
-    let Accepted { request, spec, .. } = check(&state, &body).await?;
+    let Accepted { request, spec, .. } = check_body(&state, &body).await?;
     let seed = request.seed.unwrap_or_else(draw_seed);
     // Subscribed before the model exists, so that its end cannot be missed.
     let mut watch = state.feed.watch();
@@ -118,8 +127,10 @@ pub(super) async fn create(
             backend: request.backend,
             labels: request.labels,
             digest: spec.digest(seed),
+            engine: crate::ENGINE_VERSION.to_owned(),
             reuse: request.reuse,
             idempotency: key.map(|key| (key, hex::encode(Sha256::digest(canonical(&body))))),
+            submitter: None,
         })
         .await?;
     let replayed = matches!(submitted, Submitted::Replayed(_));
@@ -134,7 +145,7 @@ pub(super) async fn create(
         () if waited.is_some() && job.status.is_ended() => StatusCode::OK,
         () => StatusCode::ACCEPTED,
     };
-    let mut response = answer(status, &job)?;
+    let mut response = answer(&state, status, &job)?;
     let headers = response.headers_mut();
     if let Ok(location) = HeaderValue::try_from(format!("/models/{}", job.id)) {
         headers.insert(header::LOCATION, location);
@@ -152,7 +163,7 @@ pub(super) async fn create(
 }
 
 /// A seed nobody chose: 53 of the random bits of a UUIDv4.
-fn draw_seed() -> u64 {
+pub(super) fn draw_seed() -> u64 {
     uuid::Uuid::new_v4().as_u64_pair().1 & SEED_MAX
 }
 
@@ -204,7 +215,7 @@ pub(super) struct Validation {
     responses((status = 200, description = "The request is valid", body = Validation), BodyProblems, StoreAway)
 )]
 pub(super) async fn validate(State(state): State<AppState>, JsonBody(body): JsonBody) -> Result<Response, Problem> {
-    let Accepted { request, spec, cost } = check(&state, &body).await?;
+    let Accepted { request, spec, cost } = check_body(&state, &body).await?;
     let digest = request.seed.map(|seed| spec.digest(seed));
     Ok(Json(Validation { preset: request.preset, seed: request.seed, spec: spec.to_json(), digest, cost })
         .into_response())

@@ -7,6 +7,7 @@ use jiff::Timestamp;
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
+use std::time::Duration;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
@@ -69,7 +70,7 @@ pub struct Model {
 /// The way of a model through the queue.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Queue {
-    /// Models ahead of it; null once it has left the queue.
+    /// Models ahead of it that ask for the same backend, counted up to 1000; null once it has left the queue.
     #[schema(minimum = 0)]
     pub position: Option<u64>,
     /// Seconds it waited; null while it waits.
@@ -103,8 +104,10 @@ pub struct ModelProblem {
     pub detail: String,
 }
 
-impl From<&Job> for Model {
-    fn from(job: &Job) -> Self {
+impl Model {
+    /// The model of a job, where models are kept so long after their end.
+    #[must_use]
+    pub fn of(job: &Job, keep: Option<Duration>) -> Self {
         let file = |file: &crate::jobs::File| ModelFile {
             href: format!("/models/{}/files/{}", job.id, file.name),
             name: file.name.clone(),
@@ -138,7 +141,7 @@ impl From<&Job> for Model {
             created_at: job.created_at,
             started_at: job.started_at,
             finished_at: job.finished_at,
-            expires_at: None,
+            expires_at: job.finished_at.zip(keep).and_then(|(end, keep)| end.checked_add(keep).ok()),
             files: job.files.iter().map(file).collect(),
             summary: job.summary.clone(),
             problem: job.problem.as_ref().map(problem),
@@ -155,6 +158,62 @@ pub struct ModelList {
     pub models: Vec<Model>,
     /// Value of `cursor` for the next page; null on the last.
     pub next: Option<String>,
+}
+
+/// A batch: many models of one spec, asked for together. Models deleted one by one are missing from it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
+pub struct Batch {
+    /// Identity, a UUIDv7.
+    pub id: Uuid,
+    /// When it was accepted.
+    #[schema(value_type = String, format = DateTime)]
+    pub created_at: Timestamp,
+    /// Its models by status.
+    pub counts: BatchCounts,
+    /// Ids of its models, in the order of the seeds.
+    pub models: Vec<Uuid>,
+}
+
+/// How many models of a batch stand where.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ToSchema)]
+pub struct BatchCounts {
+    /// All of them.
+    #[schema(minimum = 0)]
+    pub total: u64,
+    /// Waiting.
+    #[schema(minimum = 0)]
+    pub queued: u64,
+    /// Being grown.
+    #[schema(minimum = 0)]
+    pub running: u64,
+    /// Ended with a model.
+    #[schema(minimum = 0)]
+    pub succeeded: u64,
+    /// Ended with a problem.
+    #[schema(minimum = 0)]
+    pub failed: u64,
+    /// Ended by request.
+    #[schema(minimum = 0)]
+    pub cancelled: u64,
+}
+
+impl From<&crate::jobs::Batch> for Batch {
+    fn from(batch: &crate::jobs::Batch) -> Self {
+        let counts = &batch.counts;
+        Self {
+            id: batch.id.0,
+            created_at: batch.created_at,
+            counts: BatchCounts {
+                total: counts.total(),
+                queued: counts.queued,
+                running: counts.running,
+                succeeded: counts.succeeded,
+                failed: counts.failed,
+                cancelled: counts.cancelled,
+            },
+            models: batch.jobs.iter().map(|job| job.0).collect(),
+        }
+    }
 }
 
 /// The data of an event: the whole state of a model, and in `section` events its last contour.

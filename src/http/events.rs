@@ -130,7 +130,7 @@ async fn follow(
     loop {
         let (names, again) = track.next(&job, out.age.elapsed());
         for name in names {
-            out.send(sse::event(name, &job, &job.version.to_string())).await?;
+            out.send(sse::event(name, &job, &job.version.to_string(), out.state.limits.keep)).await?;
         }
         if job.status.is_ended() {
             return Ok(());
@@ -285,7 +285,9 @@ impl All {
             self.tracks.remove(&job.id);
         }
         for name in names {
-            self.out.send(sse::event(name, job, &self.out.state.feed.cursor(cursor))).await?;
+            self.out
+                .send(sse::event(name, job, &self.out.state.feed.cursor(cursor), self.out.state.limits.keep))
+                .await?;
         }
         Ok(again)
     }

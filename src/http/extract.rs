@@ -1,7 +1,7 @@
 //! Extractors whose refusals are problems.
 
 use super::problem::{Fault, Kind, Problem};
-use crate::jobs::JobId;
+use crate::jobs::{self, JobId};
 use axum::extract::{FromRequestParts, Path, Query};
 use axum::http::request::Parts;
 use uuid::Uuid;
@@ -18,6 +18,20 @@ impl<S: Send + Sync> FromRequestParts<S> for ModelId {
         let id = parse_id(text).ok_or_else(|| no_model(text))?;
         tracing::Span::current().record("model", tracing::field::display(id));
         Ok(Self(id))
+    }
+}
+
+/// The id in a batch's address. What is no UUID is no batch: 404.
+pub(super) struct BatchId(pub(super) jobs::BatchId);
+
+impl<S: Send + Sync> FromRequestParts<S> for BatchId {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        let texts = PathTexts::from_request_parts(parts, state).await?;
+        let text = texts.get("id");
+        let JobId(id) = parse_id(text).ok_or_else(|| no_batch(text))?;
+        Ok(Self(jobs::BatchId(id)))
     }
 }
 
@@ -71,6 +85,11 @@ impl<S: Send + Sync> FromRequestParts<S> for Parameters {
 /// A model's id: a UUID in its hyphenated form.
 pub(super) fn parse_id(text: &str) -> Option<JobId> {
     (text.len() == 36).then(|| Uuid::try_parse(text).ok()).flatten().map(JobId)
+}
+
+/// 404 for a batch.
+pub(super) fn no_batch(id: impl std::fmt::Display) -> Problem {
+    Problem::new(Kind::BatchNotFound, format!("There is no batch {id}; it never was, or it was deleted."))
 }
 
 /// 404 for a model.

@@ -18,9 +18,13 @@ use axum::response::{IntoResponse, Response};
 use futures_util::TryStreamExt;
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
+use std::time::Duration;
 
 /// Files never change.
 pub(super) const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
+
+/// Time that a signed address is good for.
+const SIGNED_FOR: Duration = Duration::from_secs(300);
 
 /// Download a file.
 #[utoipa::path(
@@ -40,6 +44,8 @@ pub(super) const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max
         (status = 206, description = "The range", headers(
             ("content-range" = String, description = "Which bytes of how many"))),
         (status = 304, description = "The client has it"),
+        (status = 307, description = "The file store hands it out, at this address for five minutes; only where that is a setting of the service", headers(
+            ("location" = String, description = "Where to get it"))),
         FileMissing, RangeOutside, StoreAway,
     )
 )]
@@ -52,11 +58,39 @@ pub(super) async fn download(
 ) -> Result<Response, Problem> {
     let (job, file) = find(&state, id, path.get("name")).await?;
     let disposition = format!("attachment; filename=\"{}-{}-{}\"", job.preset, job.seed, file.name);
+    if let Some(redirect) = redirect(&state, &job, &file, &method, &headers).await? {
+        return Ok(redirect);
+    }
     let mut response = send(&state, &file, &method, &headers).await?;
     if let Ok(value) = HeaderValue::try_from(disposition) {
         response.headers_mut().insert(header::CONTENT_DISPOSITION, value);
     }
     Ok(response)
+}
+
+/// Sends a download on to the file store, where that is set and the store can sign addresses. Ranges go along: a
+/// client repeats its headers there.
+async fn redirect(
+    state: &AppState,
+    job: &Job,
+    file: &File,
+    method: &Method,
+    headers: &HeaderMap,
+) -> Result<Option<Response>, Problem> {
+    if !state.limits.redirect_downloads || method != Method::GET || ETag::strong(&file.sha256).matches_none(headers) {
+        return Ok(None);
+    }
+    let name = format!("{}-{}-{}", job.preset, job.seed, file.name);
+    let Some(url) = state.artifacts.signed_url(&file.key, &name, &file.media_type, SIGNED_FOR).await? else {
+        return Ok(None);
+    };
+    let location = HeaderValue::try_from(url).map_err(|error| {
+        tracing::error!(%error, "a signed address is no header value");
+        Problem::new(Kind::Internal, "The download could not be sent on.")
+    })?;
+    state.metrics.bytes_out(file.bytes);
+    let headers = [(header::LOCATION, location), (header::CACHE_CONTROL, HeaderValue::from_static("no-store"))];
+    Ok(Some((StatusCode::TEMPORARY_REDIRECT, headers).into_response()))
 }
 
 /// The report of a model: what `report.json` holds, and what computed it.
@@ -154,7 +188,9 @@ async fn send(state: &AppState, file: &File, method: &Method, headers: &HeaderMa
         Body::empty()
     } else {
         let part = (status == StatusCode::PARTIAL_CONTENT).then(|| range.clone());
-        Body::from_stream(state.artifacts.get_range(&file.key, part).await?.stream)
+        let stream = state.artifacts.get_range(&file.key, part).await?.stream;
+        state.metrics.bytes_out(range.end - range.start);
+        Body::from_stream(stream)
     };
     let mut response = (status, body).into_response();
     let out = response.headers_mut();

@@ -3,6 +3,7 @@
 //! Handlers translate between the wire and the store, nothing more: no SQL, no computing of models, no reading of
 //! clocks. Every error answer is a problem (RFC 9457, [`problem`]); all routes stand on one page (`router.rs`).
 
+mod batches;
 mod conditional;
 mod create;
 mod dto;
@@ -15,6 +16,7 @@ mod headers;
 mod health;
 mod home;
 mod json;
+mod metrics;
 mod models;
 mod openapi;
 mod presets;
@@ -26,15 +28,16 @@ mod sections;
 mod sse;
 mod workers;
 
-pub use dto::{Model, ModelEvent, ModelFile, ModelList, ModelProblem, Queue, Worker, WorkerList};
+pub use dto::{Batch, BatchCounts, Model, ModelEvent, ModelFile, ModelList, ModelProblem, Queue, Worker, WorkerList};
 pub use envelope::REQUEST_ID;
 pub use openapi::openapi_yaml;
 pub use request::SEED_MAX;
-pub use router::router;
+pub use router::{router, watch_router};
 
 use crate::clock::Clock;
 use crate::jobs::Store;
 use crate::jobs::artifacts::Artifacts;
+use crate::metrics::Metrics;
 use feed::Feed;
 use std::sync::Arc;
 use std::time::Duration;
@@ -58,6 +61,13 @@ pub struct Limits {
     pub event_comment: Duration,
     /// Time since its last sign of life after which a GPU worker no longer counts.
     pub gpu_memory: Duration,
+    /// Most models of a batch.
+    pub batch: usize,
+    /// Time after its end that a model is kept, where it is not kept for good: told in the Model, carried out by the
+    /// sweep.
+    pub keep: Option<Duration>,
+    /// Whether downloads are sent on to the file store, where it can be asked directly.
+    pub redirect_downloads: bool,
     /// Greatest predicted cost of one model.
     pub cost: crate::spec::Limits,
 }
@@ -72,6 +82,9 @@ impl Default for Limits {
             event_poll: Duration::from_secs(2),
             event_comment: Duration::from_secs(15),
             gpu_memory: Duration::from_secs(300),
+            batch: 1000,
+            keep: None,
+            redirect_downloads: false,
             cost: crate::spec::Limits::default(),
         }
     }
@@ -85,6 +98,7 @@ pub struct AppState {
     pub(crate) clock: Clock,
     pub(crate) limits: Arc<Limits>,
     pub(crate) shutdown: CancellationToken,
+    pub(crate) metrics: Metrics,
     feed: Arc<Feed>,
     streams: Arc<Semaphore>,
 }
@@ -103,7 +117,26 @@ impl AppState {
     ) -> Self {
         let feed = Feed::follow(store.changes(), shutdown.clone());
         let streams = Arc::new(Semaphore::new(limits.streams));
-        Self { store, artifacts, clock, limits: Arc::new(limits), shutdown, feed, streams }
+        Self { store, artifacts, clock, limits: Arc::new(limits), shutdown, metrics: Metrics::default(), feed, streams }
+    }
+
+    /// The same, counting into `metrics`.
+    #[must_use]
+    pub fn with_metrics(self, metrics: Metrics) -> Self {
+        Self { metrics, ..self }
+    }
+
+    /// Removes files that no record names any more, in the background where that takes long. Nobody can see them; what
+    /// cannot be removed is swept up later.
+    async fn forget(&self, keys: Vec<String>) {
+        let artifacts = self.artifacts.clone();
+        let removal = tokio::spawn(async move {
+            if let Err(error) = artifacts.delete(&keys).await {
+                tracing::warn!(%error, "files of a deleted model were left to the sweep");
+            }
+        });
+        // Where the file store is away, a client need not wait for it.
+        let _ = tokio::time::timeout(Duration::from_secs(1), removal).await;
     }
 
     /// Event streams that are open now.

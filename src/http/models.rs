@@ -27,8 +27,8 @@ pub(super) fn tag(job: &Job) -> ETag {
 }
 
 /// The model as an answer.
-pub(super) fn answer(status: StatusCode, job: &Job) -> Result<Response, Problem> {
-    Ok((status, [(header::ETAG, tag(job).header()?)], Json(Model::from(job))).into_response())
+pub(super) fn answer(state: &AppState, status: StatusCode, job: &Job) -> Result<Response, Problem> {
+    Ok((status, [(header::ETAG, tag(job).header()?)], Json(Model::of(job, state.limits.keep))).into_response())
 }
 
 /// When to look again at a model that has not ended: as long as it will take, between 1 and 30 seconds.
@@ -51,7 +51,7 @@ pub(super) fn retry_after(job: &Job) -> HeaderValue {
 )]
 pub(super) async fn list(State(state): State<AppState>, parameters: Parameters) -> Result<Json<ModelList>, Problem> {
     let page = state.store.list(&filter(&parameters)?).await?;
-    let models = page.jobs.iter().map(Model::from).collect();
+    let models = page.jobs.iter().map(|job| Model::of(job, state.limits.keep)).collect();
     Ok(Json(ModelList { models, next: page.next.map(|id| id.to_string()) }))
 }
 
@@ -124,7 +124,7 @@ pub(super) async fn get(
     let mut response = if tag(&job).matches_none(&headers) {
         tag(&job).not_modified(cache)?
     } else {
-        let mut response = answer(StatusCode::OK, &job)?;
+        let mut response = answer(&state, StatusCode::OK, &job)?;
         response.headers_mut().insert(header::CACHE_CONTROL, cache);
         response
     };
@@ -144,7 +144,7 @@ pub(super) async fn get(
 )]
 pub(super) async fn cancel(State(state): State<AppState>, ModelId(id): ModelId) -> Result<Response, Problem> {
     let job = state.store.cancel(id).await?.ok_or_else(|| no_model(id))?;
-    answer(StatusCode::OK, &job)
+    answer(&state, StatusCode::OK, &job)
 }
 
 /// Remove a model and its files; it is stopped where needed.
@@ -157,9 +157,6 @@ pub(super) async fn cancel(State(state): State<AppState>, ModelId(id): ModelId) 
 )]
 pub(super) async fn delete(State(state): State<AppState>, ModelId(id): ModelId) -> Result<StatusCode, Problem> {
     let keys = state.store.delete(id).await?.ok_or_else(|| no_model(id))?;
-    // The record is gone, so nobody can see the files; what cannot be removed now is swept up later.
-    if let Err(error) = state.artifacts.delete(&keys).await {
-        tracing::warn!(%error, "files of a deleted model were left to the sweep");
-    }
+    state.forget(keys).await;
     Ok(StatusCode::NO_CONTENT)
 }

@@ -5,7 +5,7 @@
 
 use super::dto::{DeletedEvent, ModelEvent};
 use super::problem::{Fault, Kind, ProblemBody, TYPE_PREFIX};
-use super::request::ModelRequest as Request;
+use super::request::{BatchRequest as Batch, ModelRequest as Request};
 use super::router::routes;
 use crate::export::{glb, obj, sections_bin};
 use crate::generate::{Backend, Output};
@@ -23,6 +23,7 @@ use utoipa::{IntoResponses, OpenApi, PartialSchema, ToSchema};
     components(schemas(ProblemBody, Fault, Backend, Output, super::sections::Format, ModelEvent, DeletedEvent)),
     tags(
         (name = "models", description = "Ask for models, find, stop and remove them"),
+        (name = "batches", description = "Many models of one spec, in one request"),
         (name = "events", description = "Follow models as they grow"),
         (name = "files", description = "What a finished model consists of"),
         (name = "presets", description = "What can be grown"),
@@ -42,6 +43,17 @@ impl PartialSchema for ModelRequest {
 }
 
 impl ToSchema for ModelRequest {}
+
+/// Stands for the request for a batch; its schema is that of [`Batch`].
+pub(super) struct BatchRequest;
+
+impl PartialSchema for BatchRequest {
+    fn schema() -> RefOr<utoipa::openapi::Schema> {
+        utoipa::openapi::Object::new().into()
+    }
+}
+
+impl ToSchema for BatchRequest {}
 
 /// Stands for one event of a stream in the descriptions of routes.
 pub(super) struct ServerSentEvent;
@@ -71,6 +83,8 @@ macro_rules! problems {
 problems! {
     /// The address names no model.
     ModelMissing: ModelNotFound;
+    /// The address names no batch.
+    BatchMissing: BatchNotFound;
     /// The address names no model, or no file of it.
     FileMissing: ModelNotFound, FileNotFound;
     /// The address names no model, or no section of it.
@@ -126,6 +140,7 @@ pub fn openapi_yaml() -> String {
     document["info"] = info();
     let schemas = &mut document["components"]["schemas"];
     schemas["ModelRequest"] = Request::schema();
+    schemas["BatchRequest"] = Batch::schema(super::Limits::default().batch);
     spec_patch(schemas);
     schemas["ServerSentEvent"] = server_sent_event();
     describe_problems(&mut schemas["Problem"]);

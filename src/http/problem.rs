@@ -52,6 +52,8 @@ kinds! {
     NotFound = "not-found", NOT_FOUND, "There is nothing at this address";
     /// No model has this id.
     ModelNotFound = "model-not-found", NOT_FOUND, "There is no such model";
+    /// No batch has this id.
+    BatchNotFound = "batch-not-found", NOT_FOUND, "There is no such batch";
     /// The model has no such file (yet).
     FileNotFound = "file-not-found", NOT_FOUND, "The model has no such file";
     /// The model has no such section (yet).

@@ -19,6 +19,7 @@ pub(super) const LABEL_KEY_MAX: usize = 64;
 pub(super) const LABEL_VALUE_MAX: usize = 256;
 
 const MEMBERS: [&str; 7] = ["preset", "seed", "spec", "outputs", "backend", "labels", "reuse"];
+const BATCH_MEMBERS: [&str; 8] = ["preset", "seeds", "count", "spec", "outputs", "backend", "labels", "reuse"];
 
 /// A request whose own members are well formed; the spec is checked by resolving it on the preset.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,18 +36,23 @@ pub(super) struct ModelRequest {
 impl ModelRequest {
     /// Reads a body. What is wrong is added to `faults`, with the default in its place.
     pub(super) fn read(body: &Value, faults: &mut Vec<Fault>) -> Self {
+        Self::read_members(body, &MEMBERS, faults)
+    }
+
+    /// Reads the members that it has of a body that may have `known` ones.
+    fn read_members(body: &Value, known: &[&str], faults: &mut Vec<Fault>) -> Self {
         let empty = Map::new();
         let members = body.as_object().unwrap_or_else(|| {
             faults.push(Fault::at("", format!("must be an object, not {}", describe(body))));
             &empty
         });
-        for name in members.keys().filter(|name| !MEMBERS.contains(&name.as_str())) {
-            let detail = format!("is unknown; a request has {}", MEMBERS.join(", "));
+        for name in members.keys().filter(|name| !known.contains(&name.as_str())) {
+            let detail = format!("is unknown; a request has {}", known.join(", "));
             faults.push(Fault::at(format!("/{}", escape(name)), detail));
         }
         Self {
             preset: members.get("preset").map_or_else(|| DEFAULT_PRESET.to_owned(), |v| text(v, "/preset", faults)),
-            seed: members.get("seed").and_then(|v| seed(v, faults)),
+            seed: members.get("seed").filter(|_| known.contains(&"seed")).and_then(|v| seed(v, "/seed", faults)),
             spec: members.get("spec").map_or_else(|| json!({}), |v| spec(v, faults)),
             outputs: members.get("outputs").map_or_else(|| vec![Output::Glb], |v| outputs(v, faults)),
             backend: members
@@ -83,6 +89,90 @@ impl ModelRequest {
     }
 }
 
+/// The seeds of a batch.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Seeds {
+    /// Those named.
+    These(Vec<u64>),
+    /// So many, to be drawn.
+    Count(usize),
+}
+
+/// A request for a batch.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct BatchRequest {
+    pub(super) seeds: Seeds,
+    /// What is the same for all of its models.
+    pub(super) each: ModelRequest,
+}
+
+impl BatchRequest {
+    /// Reads a body, as [`ModelRequest::read`] does; `most` is the greatest number of models.
+    pub(super) fn read(body: &Value, most: usize, faults: &mut Vec<Fault>) -> Self {
+        let each = ModelRequest::read_members(body, &BATCH_MEMBERS, faults);
+        let seeds = match (body.get("seeds"), body.get("count")) {
+            (Some(list), None) => seeds(list, most, faults),
+            (None, Some(value)) => count(value, most, faults),
+            (None, None) if !body.is_object() => None,
+            _ => {
+                faults.push(Fault::at("", "must have either seeds or count"));
+                None
+            }
+        };
+        Self { seeds: seeds.unwrap_or(Seeds::Count(0)), each }
+    }
+
+    /// JSON Schema of a request; `most` is the greatest number of models by default.
+    pub(super) fn schema(most: usize) -> Value {
+        let mut schema = ModelRequest::schema();
+        schema["description"] =
+            json!("Many models of one spec: either `seeds` or `count`, the rest as in a ModelRequest.");
+        schema["example"] = json!({ "preset": "pig", "count": 100, "labels": { "study": "A3" } });
+        schema["properties"]["seeds"] = json!({ "type": "array", "uniqueItems": true, "minItems": 1, "maxItems": most,
+            "items": { "type": "integer", "format": "int64", "minimum": 0, "maximum": SEED_MAX },
+            "description": "One model for each. The greatest number of models is a setting of the service." });
+        schema["properties"]["count"] = json!({ "type": "integer", "minimum": 1, "maximum": most,
+            "description": "So many models, whose seeds the service draws." });
+        if let Some(members) = schema["properties"].as_object_mut() {
+            members.remove("seed");
+        }
+        schema["oneOf"] = json!([{ "required": ["seeds"] }, { "required": ["count"] }]);
+        schema
+    }
+}
+
+fn seeds(value: &Value, most: usize, faults: &mut Vec<Fault>) -> Option<Seeds> {
+    let Some(items) = value.as_array() else {
+        faults.push(Fault::at("/seeds", format!("must be an array, not {}", describe(value))));
+        return None;
+    };
+    if !(1..=most).contains(&items.len()) {
+        faults.push(Fault::at("/seeds", format!("must have 1 to {most} members, not {}", items.len())));
+        return None;
+    }
+    let mut seen = std::collections::BTreeSet::new();
+    let mut list = Vec::with_capacity(items.len());
+    for (i, item) in items.iter().enumerate() {
+        let pointer = format!("/seeds/{i}");
+        if let Some(seed) = seed(item, &pointer, faults) {
+            if !seen.insert(seed) {
+                faults.push(Fault::at(pointer, "stands more than once"));
+            }
+            list.push(seed);
+        }
+    }
+    Some(Seeds::These(list))
+}
+
+fn count(value: &Value, most: usize, faults: &mut Vec<Fault>) -> Option<Seeds> {
+    let whole = value.as_u64().or_else(|| value.as_f64().filter(|x| x.fract() == 0.0 && *x >= 0.0).map(|x| x as u64));
+    let count = whole.and_then(|n| usize::try_from(n).ok()).filter(|n| (1..=most).contains(n));
+    if count.is_none() {
+        faults.push(Fault::at("/count", format!("must be an integer from 1 to {most}, not {}", describe(value))));
+    }
+    count.map(Seeds::Count)
+}
+
 fn text(value: &Value, pointer: &str, faults: &mut Vec<Fault>) -> String {
     value.as_str().map_or_else(
         || {
@@ -100,14 +190,14 @@ fn flag(value: &Value, pointer: &str, faults: &mut Vec<Fault>) -> bool {
     })
 }
 
-fn seed(value: &Value, faults: &mut Vec<Fault>) -> Option<u64> {
+fn seed(value: &Value, pointer: &str, faults: &mut Vec<Fault>) -> Option<u64> {
     let whole = value.as_u64().or_else(|| {
         // 62.0 is an integer in JSON.
         value.as_f64().filter(|x| x.fract() == 0.0 && (0.0..=SEED_MAX as f64).contains(x)).map(|x| x as u64)
     });
     let seed = whole.filter(|&s| s <= SEED_MAX);
     if seed.is_none() {
-        faults.push(Fault::at("/seed", format!("must be an integer from 0 to {SEED_MAX}, not {}", describe(value))));
+        faults.push(Fault::at(pointer, format!("must be an integer from 0 to {SEED_MAX}, not {}", describe(value))));
     }
     seed
 }
@@ -271,12 +361,44 @@ mod tests {
     }
 
     #[test]
+    fn a_batch_has_either_seeds_or_a_count() {
+        let read = |body: Value| {
+            let mut faults = Vec::new();
+            let request = BatchRequest::read(&body, 3, &mut faults);
+            if faults.is_empty() {
+                Ok(request.seeds)
+            } else {
+                Err(faults.into_iter().filter_map(|f| f.pointer).collect())
+            }
+        };
+        assert_eq!(read(json!({"seeds": [7, 8.0]})), Ok(Seeds::These(vec![7, 8])));
+        assert_eq!(read(json!({"count": 3, "preset": "pig"})), Ok(Seeds::Count(3)));
+        let faults: [(Value, Vec<&str>); 9] = [
+            (json!({}), vec![""]),
+            (json!({"seeds": [1], "count": 1}), vec![""]),
+            (json!({"seeds": []}), vec!["/seeds"]),
+            (json!({"seeds": [1, 2, 3, 4]}), vec!["/seeds"]),
+            (json!({"seeds": [1, 1, -1]}), vec!["/seeds/1", "/seeds/2"]),
+            (json!({"count": 4}), vec!["/count"]),
+            (json!({"count": 0}), vec!["/count"]),
+            (json!({"count": 2, "seed": 1}), vec!["/seed"]),
+            (json!([]), vec![""]),
+        ];
+        for (body, pointers) in faults {
+            assert_eq!(read(body.clone()), Err(pointers.into_iter().map(str::to_owned).collect::<Vec<_>>()), "{body}");
+        }
+    }
+
+    #[test]
     fn the_schema_names_the_members_that_are_read() {
-        let schema = ModelRequest::schema();
-        let mut named: Vec<_> = schema["properties"].as_object().unwrap().keys().cloned().collect();
-        let mut members: Vec<_> = MEMBERS.map(str::to_owned).into();
-        named.sort();
-        members.sort();
-        assert_eq!(named, members);
+        for (schema, members) in
+            [(ModelRequest::schema(), MEMBERS.as_slice()), (BatchRequest::schema(9), BATCH_MEMBERS.as_slice())]
+        {
+            let mut named: Vec<_> = schema["properties"].as_object().unwrap().keys().cloned().collect();
+            let mut members = members.to_vec();
+            named.sort();
+            members.sort_unstable();
+            assert_eq!(named, members);
+        }
     }
 }

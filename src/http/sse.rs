@@ -29,10 +29,10 @@ impl Name {
     }
 }
 
-/// An event of `job` with the given id.
-pub(super) fn event(name: Name, job: &Job, id: &str) -> Event {
+/// An event of `job` with the given id; models are kept so long after their end.
+pub(super) fn event(name: Name, job: &Job, id: &str, keep: Option<Duration>) -> Event {
     let section = job.section.clone().filter(|_| name == Name::Section);
-    let data = ModelEvent { model: Model::from(job), section };
+    let data = ModelEvent { model: Model::of(job, keep), section };
     write(name, &data, id)
 }
 

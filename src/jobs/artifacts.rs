@@ -3,7 +3,10 @@
 //! Invariants: a key shows either nothing or the whole file (a local file is staged beside its place, synced
 //! and renamed; an object store makes an upload visible at its end); a key belongs to one attempt
 //! ([`key`]), so that two attempts never write the same one; a file counts only once a job's record names it,
-//! what no record names is swept away ([`Artifacts::sweep_orphans`]).
+//! what no record names is swept away ([`Artifacts::sweep_orphans`]). A file is hashed while it goes up, and its size
+//! compared once it is there.
+
+mod s3;
 
 use super::job::JobId;
 use super::store::{Store, StoreError};
@@ -116,6 +119,8 @@ pub struct Artifacts {
     store: Arc<dyn ObjectStore>,
     /// Root on this machine's disk, where it is there.
     local: Option<PathBuf>,
+    /// What signs addresses, where the store knows such.
+    signing: Option<s3::Signing>,
 }
 
 impl Artifacts {
@@ -127,13 +132,13 @@ impl Artifacts {
     pub fn local(root: &Path) -> Result<Self, ArtifactError> {
         std::fs::create_dir_all(root).map_err(|e| ArtifactError::Store(format!("{}: {e}", root.display())))?;
         let store = LocalFileSystem::new_with_prefix(root)?.with_fsync(true).with_automatic_cleanup(true);
-        Ok(Self { store: Arc::new(store), local: Some(root.to_owned()) })
+        Ok(Self { store: Arc::new(store), local: Some(root.to_owned()), signing: None })
     }
 
     /// Files in any object store.
     #[must_use]
     pub fn over(store: Arc<dyn ObjectStore>) -> Self {
-        Self { store, local: None }
+        Self { store, local: None, signing: None }
     }
 
     /// Stores the file at `path` under `key`, streaming it; nothing is visible until all is.
@@ -167,7 +172,24 @@ impl Artifacts {
             }
         }
         upload.shutdown().await.map_err(|error| ArtifactError::Store(chain(&error)))?;
+        let there = self.store.head(&Key::from(key)).await?.size;
+        if there != bytes {
+            return Err(ArtifactError::Store(format!("{bytes} bytes went up to {key}, {there} are there")));
+        }
         Ok(Stored { bytes, sha256: hex::encode(hash.finalize()) })
+    }
+
+    /// Stores bytes under `key`; nothing is visible until all is.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Store`].
+    pub async fn put_bytes(&self, key: &str, bytes: Bytes) -> Result<(), ArtifactError> {
+        let mut upload = BufWriter::with_capacity(Arc::clone(&self.store), Key::from(key), PART);
+        if let Err(error) = upload.put(bytes).await {
+            let _ = upload.abort().await;
+            return Err(error.into());
+        }
+        upload.shutdown().await.map_err(|error| ArtifactError::Store(chain(&error)))
     }
 
     /// The file under `key`, or the bytes of it in `range`, cut to its end.
@@ -176,12 +198,16 @@ impl Artifacts {
     /// [`ArtifactError::NotFound`]; [`ArtifactError::Range`] for a range that is empty or begins after the end.
     pub async fn get_range(&self, key: &str, range: Option<Range<u64>>) -> Result<Download, ArtifactError> {
         let location = Key::from(key);
-        if let Some(range) = &range {
-            let size = self.store.head(&location).await?.size;
-            if range.start >= range.end || range.start >= size {
-                return Err(ArtifactError::Range(format!("{}..{} of {size} bytes", range.start, range.end)));
+        let range = match range {
+            None => None,
+            Some(range) => {
+                let size = self.store.head(&location).await?.size;
+                if range.start >= range.end || range.start >= size {
+                    return Err(ArtifactError::Range(format!("{}..{} of {size} bytes", range.start, range.end)));
+                }
+                Some(range.start..range.end.min(size))
             }
-        }
+        };
         let options = GetOptions { range: range.map(GetRange::Bounded), ..GetOptions::default() };
         let result = self.store.get_opts(&location, options).await?;
         let (size, range) = (result.meta.size, result.range.clone());
@@ -202,14 +228,28 @@ impl Artifacts {
     /// The first error, after all have been tried.
     pub async fn delete(&self, keys: &[String]) -> Result<(), ArtifactError> {
         let mut first = Ok(());
-        for key in keys {
-            match self.store.delete(&Key::from(key.as_str())).await {
-                Ok(()) | Err(object_store::Error::NotFound { .. }) => {}
+        // Some stores remove a thousand in one request.
+        let locations: Vec<_> = keys.iter().map(|key| Ok(Key::from(key.as_str()))).collect();
+        let mut removed = self.store.delete_stream(futures_util::stream::iter(locations).boxed());
+        while let Some(result) = removed.next().await {
+            match result {
+                Ok(_) | Err(object_store::Error::NotFound { .. }) => {}
                 Err(error) if first.is_ok() => first = Err(error.into()),
                 Err(_) => {}
             }
         }
         first
+    }
+
+    /// Fails where the store cannot be reached.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Store`].
+    pub async fn ready(&self) -> Result<(), ArtifactError> {
+        match self.store.head(&Key::from("models/ready")).await {
+            Ok(_) | Err(object_store::Error::NotFound { .. }) => Ok(()),
+            Err(error) => Err(error.into()),
+        }
     }
 
     /// Removes files older than `age` that no job names: left by attempts that lost their lease, or by a

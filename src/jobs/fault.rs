@@ -2,8 +2,9 @@
 //! exactly there.
 //!
 //! `OVIDUCT_FAULT=<point>[:kill|error|stall][:<n>]` arms one fault, at the n-th passage of the point (from 1).
-//! Without it, every point costs one comparison.
+//! Without it, every point costs one comparison. [`Faults::random`] strikes at many passages instead, by a seed.
 
+use crate::random::{Stream, below, words};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
@@ -33,18 +34,34 @@ pub const POINTS: [&str; 11] = [
 enum Kind {
     Kill,
     Error,
-    Stall,
+    Stall(Duration),
 }
 
 #[derive(Debug)]
-struct Armed {
-    point: &'static str,
-    kind: Kind,
-    /// Passages left until it strikes; it strikes once.
-    left: AtomicU32,
+enum Armed {
+    /// At one passage of one point.
+    Once {
+        point: &'static str,
+        kind: Kind,
+        /// Passages left until it strikes; it strikes once.
+        left: AtomicU32,
+    },
+    /// At passages of any point.
+    Random {
+        seed: u64,
+        one_in: u32,
+        stall: Duration,
+        /// Passages so far.
+        passages: AtomicU32,
+        /// Faults left.
+        left: AtomicU32,
+    },
 }
 
-/// The fault that is armed, if any. Clones share it.
+/// One random fault in so many is a stall, the others are errors.
+const STALLS: u32 = 16;
+
+/// The faults that are armed, if any. Clones share them.
 #[derive(Clone, Debug, Default)]
 pub struct Faults(Option<Arc<Armed>>);
 
@@ -88,14 +105,31 @@ impl Faults {
         let kind = match parts.next() {
             None | Some("kill") => Kind::Kill,
             Some("error") => Kind::Error,
-            Some("stall") => Kind::Stall,
+            Some("stall") => Kind::Stall(STALL),
             Some(_) => return Err(bad()),
         };
         let passage = parts.next().map_or(Ok(1), str::parse).map_err(|_| bad())?;
         if passage == 0 || parts.next().is_some() {
             return Err(bad());
         }
-        Ok(Self(Some(Arc::new(Armed { point, kind, left: AtomicU32::new(passage) }))))
+        Ok(Self(Some(Arc::new(Armed::Once { point, kind, left: AtomicU32::new(passage) }))))
+    }
+
+    /// Strikes at one passage in `one_in` of whatever point, `faults` times in all: with errors, and now and then with
+    /// a stall of `stall`. Which passages, and how, is a function of `seed` and of the number of the passage alone.
+    #[must_use]
+    pub fn random(seed: u64, one_in: u32, faults: u32, stall: Duration) -> Self {
+        let (passages, left) = (AtomicU32::new(0), AtomicU32::new(faults));
+        Self(Some(Arc::new(Armed::Random { seed, one_in, stall, passages, left })))
+    }
+
+    /// Random faults, or the passages of the one point, that are still to come.
+    #[must_use]
+    pub fn left(&self) -> u32 {
+        match self.0.as_deref() {
+            None => 0,
+            Some(Armed::Once { left, .. } | Armed::Random { left, .. }) => left.load(Ordering::Relaxed),
+        }
     }
 
     /// Passes a point on a thread that may block.
@@ -107,8 +141,8 @@ impl Faults {
             None => Ok(()),
             Some(Kind::Kill) => std::process::abort(),
             Some(Kind::Error) => Err(Injected(point)),
-            Some(Kind::Stall) => {
-                std::thread::sleep(STALL);
+            Some(Kind::Stall(time)) => {
+                std::thread::sleep(time);
                 Ok(())
             }
         }
@@ -123,18 +157,29 @@ impl Faults {
             None => Ok(()),
             Some(Kind::Kill) => std::process::abort(),
             Some(Kind::Error) => Err(Injected(point)),
-            Some(Kind::Stall) => {
-                tokio::time::sleep(STALL).await;
+            Some(Kind::Stall(time)) => {
+                tokio::time::sleep(time).await;
                 Ok(())
             }
         }
     }
 
     fn strikes(&self, point: &str) -> Option<Kind> {
-        let armed = self.0.as_deref().filter(|armed| armed.point == point)?;
-        let before = armed.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)).ok()?;
-        (before == 1).then_some(armed.kind)
+        match self.0.as_deref()? {
+            Armed::Once { point: armed, kind, left } => (*armed == point && take_one(left) == Some(1)).then_some(*kind),
+            Armed::Random { seed, one_in, stall, passages, left } => {
+                let passage = passages.fetch_add(1, Ordering::Relaxed);
+                let [whether, how, ..] = words(*seed, Stream::Growth, passage, 0);
+                let strikes = below(whether, *one_in) == 0 && take_one(left).is_some();
+                strikes.then_some(if below(how, STALLS) == 0 { Kind::Stall(*stall) } else { Kind::Error })
+            }
+        }
     }
+}
+
+/// Counts down to 0; what was left before.
+fn take_one(left: &AtomicU32) -> Option<u32> {
+    left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)).ok()
 }
 
 #[cfg(test)]
@@ -148,6 +193,20 @@ mod tests {
         assert_eq!(hits, [false, false, true, false, false, false]);
         assert!(faults.point_blocking("after-commit").is_ok());
         assert!(Faults::none().point_blocking("before-commit").is_ok());
+    }
+
+    #[test]
+    fn random_faults_come_by_their_seed_and_end() {
+        let hits = |seed| {
+            let faults = Faults::random(seed, 7, 20, Duration::ZERO);
+            let hits: Vec<bool> = (0..400).map(|n| faults.point_blocking(POINTS[n % 11]).is_err()).collect();
+            assert_eq!(faults.left(), 0);
+            hits
+        };
+        assert_eq!(hits(1), hits(1));
+        assert_ne!(hits(1), hits(2));
+        let errors = hits(1).iter().filter(|hit| **hit).count();
+        assert!((15..=20).contains(&errors), "{errors}");
     }
 
     #[test]

@@ -16,6 +16,17 @@ impl std::fmt::Display for JobId {
     }
 }
 
+/// Identity of a batch: a UUIDv7.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct BatchId(pub uuid::Uuid);
+
+impl std::fmt::Display for BatchId {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.0.hyphenated().fmt(f)
+    }
+}
+
 /// Where a job stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]
@@ -111,11 +122,15 @@ pub struct NewJob {
     pub labels: BTreeMap<String, String>,
     /// Digest of spec, seed and engine version.
     pub digest: String,
+    /// The engine version that the digest is of.
+    pub engine: String,
     /// Whether a finished model with the same digest may be reused (it must have all `outputs`, and have been
     /// made by the backend asked for: `cpu` and `cpu-single` give the same bytes; `auto` takes either).
     pub reuse: bool,
     /// Idempotency key, with a hash of the canonical request body.
     pub idempotency: Option<(String, String)>,
+    /// Who submits, for a fair share of the workers; all that are not known are one.
+    pub submitter: Option<String>,
 }
 
 /// The whole record of a job.
@@ -139,7 +154,8 @@ pub struct Job {
     pub labels: BTreeMap<String, String>,
     /// What computes it.
     pub backend: BackendReport,
-    /// Position in the queue from 0, while queued.
+    /// Position in the queue from 0, while queued, among the jobs that ask for the same backend. Exact up to 1000; a
+    /// job further back says 1000.
     pub queue_position: Option<u64>,
     /// Last progress, once it has started.
     pub progress: Option<Progress>,
@@ -163,6 +179,13 @@ pub struct Job {
     pub problem: Option<Problem>,
     /// Digest of spec, seed and engine version.
     pub digest: String,
+    /// The engine version that the digest is of. A worker of another version may run the job; then its files are
+    /// not taken for others of this digest.
+    pub engine: String,
+    /// The batch that it was asked for in.
+    pub batch: Option<BatchId>,
+    /// Artifact key of the newest checkpoint, while it has not ended.
+    pub checkpoint: Option<String>,
     /// The model whose files it shares.
     pub reused_from: Option<JobId>,
 }

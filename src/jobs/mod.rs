@@ -7,13 +7,19 @@
 pub mod artifacts;
 pub mod fault;
 mod job;
+mod open;
+pub mod postgres;
 pub mod scratch;
+mod sql;
 pub mod sqlite;
 pub mod state;
 mod store;
+pub mod sweep;
 
-pub use job::{BackendReport, File, Job, JobId, LiveSection, NewJob, Problem, Status};
+pub use job::{BackendReport, BatchId, File, Job, JobId, LiveSection, NewJob, Problem, Status};
+pub use open::{Database, open};
+pub use sql::SqlStore;
 pub use store::{
-    Attempt, Change, ClaimedJob, Directive, Finished, ListFilter, Page, Store, StoreError, StoreOptions, Submitted,
-    WorkerInfo,
+    Attempt, Batch, Change, ClaimedJob, Counts, Directive, Finished, ListFilter, NewBatch, Page, Store, StoreError,
+    StoreOptions, Submitted, SubmittedBatch, WorkerInfo,
 };

@@ -1,6 +1,6 @@
 //! The contract of a job store. One test suite runs over every implementation.
 
-use super::job::{BackendReport, File, Job, JobId, LiveSection, NewJob, Problem, Status};
+use super::job::{BackendReport, BatchId, File, Job, JobId, LiveSection, NewJob, Problem, Status};
 use super::state::{AttemptEnd, Fence};
 use crate::clock::Clock;
 use crate::generate::{Backend, Progress};
@@ -43,6 +43,81 @@ impl Submitted {
     pub fn job(&self) -> &Job {
         match self {
             Self::Queued(job) | Self::Reused(job) | Self::Replayed(job) => job,
+        }
+    }
+}
+
+/// Jobs to be queued together: all or none.
+#[derive(Clone, Debug)]
+pub struct NewBatch {
+    /// The jobs, in order; their own `idempotency` is not looked at.
+    pub jobs: Vec<NewJob>,
+    /// Idempotency key, with a hash of the canonical request body. Keys of batches and of jobs are apart.
+    pub idempotency: Option<(String, String)>,
+}
+
+/// How many jobs stand where.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Waiting.
+    pub queued: u64,
+    /// Held by workers.
+    pub running: u64,
+    /// Ended with a model.
+    pub succeeded: u64,
+    /// Ended with a problem.
+    pub failed: u64,
+    /// Ended by request.
+    pub cancelled: u64,
+}
+
+impl Counts {
+    /// The count of one status.
+    pub fn of_mut(&mut self, status: Status) -> &mut u64 {
+        match status {
+            Status::Queued => &mut self.queued,
+            Status::Running => &mut self.running,
+            Status::Succeeded => &mut self.succeeded,
+            Status::Failed => &mut self.failed,
+            Status::Cancelled => &mut self.cancelled,
+        }
+    }
+
+    /// All of them.
+    #[must_use]
+    pub fn total(&self) -> u64 {
+        self.queued + self.running + self.succeeded + self.failed + self.cancelled
+    }
+}
+
+/// A batch as it stands. It lives until it is deleted; jobs deleted one by one are missing from it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Batch {
+    /// Identity.
+    pub id: BatchId,
+    /// When it was accepted.
+    pub created_at: Timestamp,
+    /// Its jobs by status.
+    pub counts: Counts,
+    /// Its jobs, in the order in which they were asked for.
+    pub jobs: Vec<JobId>,
+}
+
+/// What became of a batch.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SubmittedBatch {
+    /// Taken; some jobs may be reused models and have ended already.
+    Accepted(Batch),
+    /// The same idempotency key and body were seen before: the batch made then.
+    Replayed(Batch),
+}
+
+impl SubmittedBatch {
+    /// The batch.
+    #[must_use]
+    pub fn batch(&self) -> &Batch {
+        match self {
+            Self::Accepted(batch) | Self::Replayed(batch) => batch,
         }
     }
 }
@@ -163,6 +238,8 @@ pub struct Finished {
     pub files: Vec<File>,
     /// Counts and measures in short.
     pub summary: serde_json::Value,
+    /// The engine version that made them. Where it is not that of the job's digest, the model is never reused.
+    pub engine: String,
 }
 
 /// A worker as others see it.
@@ -225,10 +302,21 @@ pub trait Store: Send + Sync + 'static {
     /// Cancels: a queued job ends at once, a running one is asked to stop; an ended one stays as it is.
     async fn cancel(&self, id: JobId) -> Result<Option<Job>, StoreError>;
     /// Removes the record (a running attempt is thereby fenced out). Returns the keys of files that no
-    /// other job names any more, for removal from the artifact store; `None` where there is no such job.
+    /// other job names any more, and that of its checkpoint, for removal from the artifact store; `None` where there
+    /// is no such job.
     async fn delete(&self, id: JobId) -> Result<Option<Vec<String>>, StoreError>;
 
-    /// Claims up to `limit` jobs that `backend` may run, oldest first. Jobs whose lease has expired go back to
+    /// Queues all jobs of a batch in one transaction, or none ([`StoreError::QueueFull`] where not all find room).
+    /// Each is a job like any other; finished models are reused as [`Store::submit`] does. Ids ascend in the order
+    /// of the jobs.
+    async fn submit_batch(&self, new: NewBatch) -> Result<SubmittedBatch, StoreError>;
+    /// A batch by id.
+    async fn batch(&self, id: BatchId) -> Result<Option<Batch>, StoreError>;
+    /// Removes a batch with all its jobs, in one transaction; returns as [`Store::delete`] does.
+    async fn delete_batch(&self, id: BatchId) -> Result<Option<Vec<String>>, StoreError>;
+
+    /// Claims up to `limit` jobs that `backend` may run: submitters take turns, and the jobs of each go
+    /// oldest first. Jobs whose lease has expired go back to
     /// their place in the queue before, so that a long queue cannot hold them up; those whose attempts are used
     /// up fail instead (`attempts-exhausted`, with the history), those asked to stop end as cancelled.
     async fn claim(
@@ -247,6 +335,11 @@ pub trait Store: Send + Sync + 'static {
         progress: Option<&Progress>,
         section: Option<&LiveSection>,
     ) -> Result<Directive, StoreError>;
+    /// Names `key` as the newest checkpoint of the job: the next attempt begins there. Returns the key that it
+    /// replaces, for removal from the artifact store. Fails as [`StoreError::Fenced`] where the lease was lost. The
+    /// version does not grow. The name outlives the attempt; it goes when the job ends, and with it the right of the
+    /// file to be kept.
+    async fn set_checkpoint(&self, claimed: &ClaimedJob, key: &str) -> Result<Option<String>, StoreError>;
     /// Ends the job as succeeded. Files and state become visible together.
     async fn finish(&self, claimed: ClaimedJob, finished: Finished) -> Result<Job, StoreError>;
     /// Ends the job as failed.
@@ -267,11 +360,20 @@ pub trait Store: Send + Sync + 'static {
     async fn worker_seen(&self, worker: &WorkerInfo) -> Result<(), StoreError>;
     /// Workers seen in the last minutes.
     async fn workers(&self) -> Result<Vec<WorkerInfo>, StoreError>;
-    /// Whether an artifact key is named by any job (for the sweep of orphans).
+    /// Whether an artifact key is named by any job, as a file or as a checkpoint (for the sweep of orphans).
     async fn names_key(&self, key: &str) -> Result<bool, StoreError>;
+
+    /// Jobs that ended before `before`, the first to end first, at most `limit`.
+    async fn ended_before(&self, before: Timestamp, limit: u32) -> Result<Vec<JobId>, StoreError>;
+    /// Bytes of all files that jobs name, each key counted once.
+    async fn stored_bytes(&self) -> Result<u64, StoreError>;
+    /// All jobs by status.
+    async fn counts(&self) -> Result<Counts, StoreError>;
 
     /// Changes as they happen; a receiver that lags is told so and reads the records again.
     fn changes(&self) -> broadcast::Receiver<Change>;
     /// Fails where the store is away.
     async fn ready(&self) -> Result<(), StoreError>;
+    /// Closes it in good order; it cannot be used afterwards.
+    async fn close(&self) {}
 }

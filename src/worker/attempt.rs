@@ -4,13 +4,15 @@ use super::generator::{Generator, Work, WorkError};
 use super::keeper::{Interrupt, Keeper, Phase};
 use super::live::Live;
 use super::pool::PoolOptions;
+use super::saver::Saver;
 use super::upload::{self, UploadError};
 use super::verdict::{self, Verdict};
-use crate::clock::Clock;
+use crate::clock::{Clock, Stopwatch};
 use crate::generate::{Backend, CancelToken, GenerateError, Outcome};
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::scratch::{AttemptDir, Scratch};
 use crate::jobs::{BackendReport, ClaimedJob, Finished, Store, StoreError};
+use bytes::Bytes;
 use rayon::ThreadPool;
 use std::future::Future;
 use std::pin::Pin;
@@ -20,6 +22,8 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
 /// How long the record of an attempt that was broken off waits for its thread.
 const STOP_WAIT: Duration = Duration::from_millis(300);
+/// How long an attempt that is given back waits for its last checkpoint to be taken and stored.
+const SAVE_WAIT: Duration = Duration::from_secs(6);
 
 /// What all workers of a pool share.
 pub(super) struct Context {
@@ -58,14 +62,14 @@ pub(super) fn device(threads: usize) -> String {
 }
 
 /// Why a generation gave no model.
-pub(super) enum Broken {
+pub(super) enum Unmade {
     /// For the model's sake, or the service's.
     Verdict(Verdict),
     /// The GPU could not do it, for this reason.
     Gpu(String),
 }
 
-type Made = Pin<Box<dyn Future<Output = Result<Outcome, Broken>> + Send>>;
+type Made = Pin<Box<dyn Future<Output = Result<Outcome, Unmade>> + Send>>;
 
 /// A generation on threads of its own. Dropping it asks it to stop; the threads cannot be dropped.
 pub(super) struct Generation {
@@ -101,6 +105,29 @@ pub(super) struct Second<'a> {
     pub(super) turn: &'a Arc<Semaphore>,
 }
 
+impl Second<'_> {
+    async fn take_turn(&self) -> Option<OwnedSemaphorePermit> {
+        Arc::clone(self.turn).acquire_owned().await.ok()
+    }
+}
+
+/// What an attempt leaves behind.
+#[derive(Default)]
+struct Leavings {
+    /// A generation that was broken off and has not stopped yet.
+    generation: Option<Generation>,
+    /// The checkpoint that the record named last.
+    checkpoint: Option<String>,
+}
+
+/// Where the generation of an attempt comes from.
+pub(super) enum Start {
+    /// It is to be begun on these threads of the CPU.
+    Cpu(Arc<ThreadPool>),
+    /// It has begun, as a member of a batch.
+    Made(Generation),
+}
+
 /// How the work of an attempt went.
 enum Ending {
     /// The files are stored; all is ready to be committed.
@@ -117,29 +144,29 @@ pub(super) async fn run_on_cpu(context: &Context, threads: &Threads, why: Option
     let (pool, mut report) = threads.choose(claimed.job().backend.requested);
     report.fallback = why.filter(|_| report.requested == Backend::Auto);
     match prepare(context, &claimed).await {
-        Ok(prepared) => {
-            let used = report.used.unwrap_or_default();
-            let generation = generate(context, pool, &claimed, &prepared, used);
-            run(context, claimed, report, prepared, generation, None).await
-        }
+        Ok(prepared) => run(context, claimed, report, prepared, Start::Cpu(pool), None).await,
         Err(verdict) => refuse(context, claimed, report, verdict).await,
     }
 }
 
 /// Makes an attempt ready.
 pub(super) async fn prepare(context: &Context, claimed: &ClaimedJob) -> Result<Prepared, Verdict> {
-    let (id, attempt) = (claimed.job().id, claimed.attempt());
+    let (id, attempt, options) = (claimed.job().id, claimed.attempt(), &context.options);
     tracing::info!(job = %id, attempt, "attempt begins");
-    context.options.faults.point("after-claim").await.map_err(verdict::of_injected)?;
+    if attempt == 1 {
+        let waited = context.clock.now().duration_since(claimed.job().created_at);
+        options.metrics.waited(Duration::try_from(waited).unwrap_or_default());
+    }
+    options.faults.point("after-claim").await.map_err(verdict::of_injected)?;
     let dir = context.scratch.attempt(id, attempt).map_err(|error| verdict::of_scratch(&error))?;
     let cancel = CancelToken::default();
-    let live = Arc::new(Live::new(context.options.faults.clone(), cancel.clone()));
+    let live = Arc::new(Live::new(options.faults.clone(), cancel.clone(), options.checkpoint_every));
     Ok(Prepared { dir: Arc::new(dir), live, cancel })
 }
 
 /// Ends an attempt that could not be made ready. Returns whether the job has ended by it.
 pub(super) async fn refuse(context: &Context, claimed: ClaimedJob, report: BackendReport, verdict: Verdict) -> bool {
-    conclude(context, claimed, report, Ending::Failed(verdict), None).await
+    conclude(context, claimed, report, Ending::Failed(verdict), Leavings::default()).await
 }
 
 /// Follows the generation of a claimed job, stores its files, and ends it. Returns whether the job has ended by it.
@@ -148,13 +175,13 @@ pub(super) async fn run(
     claimed: ClaimedJob,
     mut report: BackendReport,
     prepared: Prepared,
-    generation: Generation,
+    start: Start,
     second: Option<&Second<'_>>,
 ) -> bool {
-    let mut broken_off = None;
-    let ending = work(context, &claimed, &mut report, &prepared, generation, second, &mut broken_off).await;
+    let mut leavings = Leavings::default();
+    let ending = work(context, &claimed, &mut report, &prepared, start, second, &mut leavings).await;
     drop(prepared);
-    conclude(context, claimed, report, ending, broken_off).await
+    conclude(context, claimed, report, ending, leavings).await
 }
 
 /// Records how an attempt went, and waits for what it left at work. Returns whether the job has ended by it.
@@ -163,12 +190,13 @@ async fn conclude(
     claimed: ClaimedJob,
     report: BackendReport,
     ending: Ending,
-    broken_off: Option<Generation>,
+    leavings: Leavings,
 ) -> bool {
     let (id, attempt) = (claimed.job().id, claimed.attempt());
     let (used, fallback) = (report.used, report.fallback.clone());
     let (how, result) = end(context, claimed, report, ending).await;
-    if let Some(mut generation) = broken_off {
+    context.options.metrics.attempt(if matches!(result, Err(StoreError::Fenced)) { "lost" } else { how });
+    if let Some(mut generation) = leavings.generation {
         // What was broken off is recorded at once, even where a stage is slow to stop; the worker's threads are
         // free only now. What it made or how it failed is of no interest any more.
         generation.cancel.cancel();
@@ -179,7 +207,13 @@ async fn conclude(
         Err(StoreError::Fenced) => tracing::warn!(job = %id, attempt, "attempt {how}, but its lease was lost"),
         Err(ref error) => tracing::error!(job = %id, attempt, %error, "attempt {how}, but that was not recorded"),
     }
-    result.is_ok() && !matches!(how, "lost" | "given back")
+    let ended = result.is_ok() && !matches!(how, "lost" | "given back" | "retried");
+    if let Some(checkpoint) = leavings.checkpoint.filter(|_| ended)
+        && let Err(error) = context.artifacts.delete(&[checkpoint]).await
+    {
+        tracing::warn!(job = %id, %error, "the checkpoint of an ended job is left to the sweep");
+    }
+    ended
 }
 
 /// Records how the work went.
@@ -196,7 +230,7 @@ async fn end(
         Ending::Interrupted(Interrupt::Cancelled) => ("cancelled", store.cancelled(claimed).await.map(drop)),
         Ending::Interrupted(Interrupt::Shutdown) => ("given back", store.release(claimed).await),
         Ending::Failed(Verdict::Fail(problem)) => ("failed", store.fail(claimed, backend, problem).await.map(drop)),
-        Ending::Failed(Verdict::Retry(problem)) => ("given back", store.retry(claimed, problem).await.map(drop)),
+        Ending::Failed(Verdict::Retry(problem)) => ("retried", store.retry(claimed, problem).await.map(drop)),
     }
 }
 
@@ -223,40 +257,61 @@ async fn commit(context: &Context, claimed: ClaimedJob, finished: Finished) -> R
     Ok(())
 }
 
-/// Generates and stores the files, keeping the lease. Leaves a generation that was broken off in `broken_off`.
+/// Generates and stores the files, keeping the lease.
 async fn work(
     context: &Context,
     claimed: &ClaimedJob,
     report: &mut BackendReport,
     prepared: &Prepared,
-    mut generation: Generation,
+    start: Start,
     second: Option<&Second<'_>>,
-    broken_off: &mut Option<Generation>,
+    leavings: &mut Leavings,
 ) -> Ending {
+    let watch = Stopwatch::start();
     let live = &prepared.live;
     let mut keeper = Keeper::new(context, claimed, report.clone(), live);
+    let mut saver = Saver::new(context, claimed, live);
+    let mut generation = match start {
+        Start::Made(generation) => generation,
+        Start::Cpu(pool) => match keeper.keep(saver.load()).await {
+            Ok(from) => generate(context, pool, claimed, from, prepared, report.used.unwrap_or_default()),
+            Err(interrupt) => return Ending::Interrupted(interrupt),
+        },
+    };
     let result = loop {
-        let made = match keeper.keep(&mut generation.made).await {
+        let kept = keep_in_time(context, &watch, &mut keeper, &mut saver, &mut generation.made).await;
+        leavings.checkpoint = saver.named();
+        let made = match kept {
             Ok(made) => made,
-            Err(interrupt) => {
+            Err(broken) => {
+                let mut running = true;
+                // A GPU takes no checkpoints that another attempt could go on from.
+                if let (Broken::Interrupt(Interrupt::Shutdown), true) = (&broken, report.used != Some(Backend::Gpu)) {
+                    running = last_checkpoint(context, live, &mut saver, &mut generation.made).await;
+                    leavings.checkpoint = saver.named();
+                }
                 generation.cancel.cancel();
                 // Most stop within milliseconds: then the record says so once it is true.
-                let stopped = tokio::time::timeout(STOP_WAIT, &mut generation.made).await;
-                *broken_off = stopped.is_err().then_some(generation);
-                return Ending::Interrupted(interrupt);
+                if running && tokio::time::timeout(STOP_WAIT, &mut generation.made).await.is_err() {
+                    leavings.generation = Some(generation);
+                }
+                return match broken {
+                    Broken::Interrupt(interrupt) => Ending::Interrupted(interrupt),
+                    Broken::Late(limit) => Ending::Failed(verdict::of_timeout(limit)),
+                };
             }
         };
         let reason = match made {
             Ok(outcome) => break Ok(outcome),
-            Err(Broken::Verdict(verdict)) => break Err(verdict),
-            Err(Broken::Gpu(reason)) => reason,
+            Err(Unmade::Verdict(verdict)) => break Err(verdict),
+            Err(Unmade::Gpu(reason)) => reason,
         };
         let Some(second) = second.filter(|_| report.requested == Backend::Auto) else {
             break Err(Verdict::Fail(verdict::of_gpu(reason)));
         };
         tracing::warn!(job = %claimed.job().id, reason, "the job goes on on the CPU");
-        let turn = match keeper.keep(Arc::clone(second.turn).acquire_owned()).await {
-            Ok(turn) => turn.ok(),
+        let (turn, from) = match keeper.keep(async { (second.take_turn().await, saver.load().await) }).await {
+            Ok(ready) => ready,
             Err(interrupt) => return Ending::Interrupted(interrupt),
         };
         let (pool, cpu) = second.threads.choose(Backend::Cpu);
@@ -266,7 +321,7 @@ async fn work(
         let cancel = CancelToken::default();
         live.restart(cancel.clone());
         let prepared = Prepared { cancel, dir: Arc::clone(&prepared.dir), live: Arc::clone(live) };
-        generation = generate(context, pool, claimed, &prepared, Backend::Cpu);
+        generation = generate(context, pool, claimed, from, &prepared, Backend::Cpu);
         generation.turn = turn;
     };
     let outcome = match (result, live.injected()) {
@@ -275,12 +330,22 @@ async fn work(
         (Err(verdict), None) => return Ending::Failed(verdict),
     };
 
+    let seconds = outcome.seconds;
+    for (stage, seconds) in [
+        ("simulate", seconds.simulate),
+        ("mesh", seconds.mesh),
+        ("certify", seconds.certify),
+        ("export", seconds.export),
+    ] {
+        context.options.metrics.stage(stage, seconds);
+    }
     let files = upload::files(claimed, &outcome);
     let uploaded = keeper.keep(upload::upload(context, live, &files, prepared.dir.path())).await;
     let ending = match uploaded {
         Ok(Ok(())) => {
             *report = BackendReport { used: Some(outcome.used), device: Some(outcome.device), ..report.clone() };
-            let finished = Finished { backend: report.clone(), files, summary: outcome.summary };
+            let engine = crate::ENGINE_VERSION.to_owned();
+            let finished = Finished { backend: report.clone(), files, summary: outcome.summary, engine };
             return Ending::Stored(Box::new(finished));
         }
         Ok(Err(UploadError::Injected(injected))) => Ending::Failed(verdict::of_injected(injected)),
@@ -291,11 +356,64 @@ async fn work(
     ending
 }
 
+/// Why a generation was broken off.
+enum Broken {
+    Interrupt(Interrupt),
+    /// It took longer than this.
+    Late(Duration),
+}
+
+/// Drives a generation while keeping the lease and storing checkpoints, within the time that a job may take.
+async fn keep_in_time<T>(
+    context: &Context,
+    since: &Stopwatch,
+    keeper: &mut Keeper<'_>,
+    saver: &mut Saver<'_>,
+    made: impl Future<Output = T>,
+) -> Result<T, Broken> {
+    let limit = context.options.job_timeout;
+    let late = async {
+        match limit {
+            Some(limit) => {
+                tokio::time::sleep(limit.saturating_sub(since.elapsed())).await;
+                limit
+            }
+            None => std::future::pending().await,
+        }
+    };
+    tokio::select! {
+        kept = keeper.keep(made) => kept.map_err(Broken::Interrupt),
+        limit = late => Err(Broken::Late(limit)),
+        never = saver.run() => match never {},
+    }
+}
+
+/// Waits a little for a last checkpoint. Returns whether the thread is still at work.
+async fn last_checkpoint<T>(
+    context: &Context,
+    live: &Live,
+    saver: &mut Saver<'_>,
+    made: impl Future<Output = T>,
+) -> bool {
+    live.ask_for_checkpoint();
+    if !live.takes_checkpoints() {
+        return true;
+    }
+    // Nobody renews the lease meanwhile.
+    let left = context.options.lease.saturating_sub(context.options.heartbeat).mul_f32(0.75);
+    tokio::select! {
+        () = saver.save_next() => true,
+        () = tokio::time::sleep(left.min(SAVE_WAIT)) => true,
+        _ = made => false,
+    }
+}
+
 /// Runs the CPU's generator on a thread that may block and whose panic is caught.
 fn generate(
     context: &Context,
     pool: Arc<ThreadPool>,
     claimed: &ClaimedJob,
+    from: Option<Bytes>,
     prepared: &Prepared,
     backend: Backend,
 ) -> Generation {
@@ -304,15 +422,15 @@ fn generate(
     let (job, dir, live) = (claimed.job().clone(), Arc::clone(&prepared.dir), Arc::clone(&prepared.live));
     let token = prepared.cancel.clone();
     let thread = tokio::task::spawn_blocking(move || {
-        let work = Work { job: &job, backend, dir: dir.path(), memory_limit_bytes };
+        let work = Work { job: &job, backend, dir: dir.path(), memory_limit_bytes, checkpoint: from.as_deref() };
         pool.install(|| generator.generate(work, &*live, &token))
     });
     let made = async move {
         match thread.await {
             Ok(Ok(outcome)) => Ok(outcome),
-            Ok(Err(WorkError::Generate(GenerateError::Gpu(error)))) => Err(Broken::Gpu(error.to_string())),
-            Ok(Err(error)) => Err(Broken::Verdict(verdict::of_error(&error))),
-            Err(error) => Err(Broken::Verdict(verdict::of_join(error))),
+            Ok(Err(WorkError::Generate(GenerateError::Gpu(error)))) => Err(Unmade::Gpu(error.to_string())),
+            Ok(Err(error)) => Err(Unmade::Verdict(verdict::of_error(&error))),
+            Err(error) => Err(Unmade::Verdict(verdict::of_join(error))),
         }
     };
     Generation::new(Box::pin(made), prepared.cancel.clone())

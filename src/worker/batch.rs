@@ -1,6 +1,6 @@
 //! The attempts of a batch side by side: one generation of all of them, each with its own lease, cancel and end.
 
-use super::attempt::{self, Broken, Context, Generation, Prepared, Second, Threads};
+use super::attempt::{self, Context, Generation, Prepared, Second, Start, Threads, Unmade};
 use super::generator::{BatchGenerator, BatchWork, Work, WorkError};
 use super::verdict;
 use crate::generate::{Backend, GenerateError, Outcome};
@@ -49,12 +49,12 @@ pub(super) async fn run(context: &Context, gpu: &Gpu, threads: &Threads, claimed
     tracing::info!(device = gpu.generator.device(), jobs = members.len(), "batch begins");
     let (generations, thread) = match &admitted {
         Ok(_) => generate(context, gpu, &members, &prepared),
-        Err(reason) => (prepared.iter().map(|ready| broken(ready, reason)).collect(), None),
+        Err(reason) => (prepared.iter().map(|ready| unmade(ready, reason)).collect(), None),
     };
     let second = Second { threads, turn: &gpu.turn };
     let attempts = members.into_iter().zip(prepared).zip(generations).map(|((claimed, ready), generation)| {
         let report = BackendReport { requested: claimed.job().backend.requested, ..report(gpu, &[&claimed]) };
-        attempt::run(context, claimed, report, ready, generation, Some(&second))
+        attempt::run(context, claimed, report, ready, Start::Made(generation), Some(&second))
     });
     ended += join_all(attempts).await.into_iter().map(u64::from).sum::<u64>();
     if let Some(thread) = thread {
@@ -81,9 +81,9 @@ async fn give_back(context: &Context, claimed: ClaimedJob) {
 }
 
 /// A generation that the device never began.
-fn broken(ready: &Prepared, reason: &str) -> Generation {
+fn unmade(ready: &Prepared, reason: &str) -> Generation {
     let reason = reason.to_owned();
-    Generation::new(Box::pin(async move { Err(Broken::Gpu(reason)) }), ready.cancel.clone())
+    Generation::new(Box::pin(async move { Err(Unmade::Gpu(reason)) }), ready.cancel.clone())
 }
 
 /// Starts the generation of all members on a thread that may block; each gets its own end of it.
@@ -102,9 +102,9 @@ fn generate(
         let made = async move {
             match result.await {
                 Ok(Ok(outcome)) => Ok(outcome),
-                Ok(Err(WorkError::Generate(GenerateError::Gpu(error)))) => Err(Broken::Gpu(error.to_string())),
-                Ok(Err(error)) => Err(Broken::Verdict(verdict::of_error(&error))),
-                Err(_) => Err(Broken::Verdict(verdict::of_silence())),
+                Ok(Err(WorkError::Generate(GenerateError::Gpu(error)))) => Err(Unmade::Gpu(error.to_string())),
+                Ok(Err(error)) => Err(Unmade::Verdict(verdict::of_error(&error))),
+                Err(_) => Err(Unmade::Verdict(verdict::of_silence())),
             }
         };
         generations.push(Generation::new(Box::pin(made), ready.cancel.clone()));
@@ -120,7 +120,7 @@ fn generate(
             .iter()
             .zip(&parts)
             .map(|(job, (dir, live, cancel))| {
-                let work = Work { job, backend: Backend::Gpu, dir: dir.path(), memory_limit_bytes };
+                let work = Work { job, backend: Backend::Gpu, dir: dir.path(), memory_limit_bytes, checkpoint: None };
                 BatchWork { work, sink: &**live, cancel }
             })
             .collect();

@@ -1,7 +1,9 @@
 //! What workers run in earnest: the stored spec, resolved again, to files.
 
 use super::generator::{BatchEnds, BatchGenerator, BatchWork, Work, WorkError};
-use crate::generate::{CancelToken, Member, Outcome, Request, Sink, generate, generate_batch};
+use crate::generate::{
+    CancelToken, Checkpoint, GenerateError, Member, Outcome, Request, Sink, generate, generate_batch, resume,
+};
 use crate::jobs::Job;
 use crate::sim::Plan;
 use crate::sim::gpu::{Adapter, GpuDevice, GpuError, GpuOptions, adapters};
@@ -16,7 +18,18 @@ const ALIKE: f64 = 1.25;
 /// # Errors
 /// [`WorkError`].
 pub fn generate_on_cpu(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, WorkError> {
-    Ok(generate(&request(work)?, sink, cancel)?)
+    let request = request(work)?;
+    Ok(match work.checkpoint.map(|bytes| Checkpoint::read(&request, bytes)) {
+        Some(Ok(checkpoint)) => {
+            tracing::info!(job = %work.job.id, "the model goes on from a checkpoint");
+            resume(&request, checkpoint, sink, cancel)?
+        }
+        Some(Err(error)) => {
+            tracing::warn!(job = %work.job.id, %error, "the model is grown anew");
+            generate(&request, sink, cancel)?
+        }
+        None => generate(&request, sink, cancel)?,
+    })
 }
 
 fn resolve(job: &Job) -> Result<ModelSpec, WorkError> {
@@ -162,7 +175,7 @@ impl BatchGenerator for GpuGenerator {
             }
             Err(error) => {
                 for &place in &places {
-                    ended(place, Err(crate::generate::GenerateError::Gpu(error.clone()).into()));
+                    ended(place, Err(GenerateError::Gpu(error.clone()).into()));
                 }
             }
         }

@@ -15,6 +15,8 @@ pub struct Work<'a> {
     pub dir: &'a Path,
     /// Memory that it may use.
     pub memory_limit_bytes: Option<u64>,
+    /// What an earlier attempt left with [`Sink::checkpoint`]; to begin there, where it can be used.
+    pub checkpoint: Option<&'a [u8]>,
 }
 
 /// Why a worker made no model.

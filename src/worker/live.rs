@@ -3,11 +3,14 @@
 //! The sink only leaves the newest state here; the keeper fetches it at its own pace, so a generation never
 //! waits for the store.
 
+use crate::clock::Stopwatch;
 use crate::generate::{CancelToken, Progress, Sink, Stage};
 use crate::jobs::LiveSection;
 use crate::jobs::fault::{Faults, Injected};
 use crate::model::{Ring, Section};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::sync::Notify;
 
 /// Most points of a thinned ring.
 const POINTS: usize = 512;
@@ -24,7 +27,14 @@ struct State {
     /// Least fraction to tell.
     floor: f64,
     injected: Option<Injected>,
+    /// Stops the generation that is at work.
     cancel: CancelToken,
+    /// Since the last checkpoint, or the start.
+    unsaved: Option<Stopwatch>,
+    /// A checkpoint not fetched yet.
+    checkpoint: Option<Vec<u8>>,
+    /// Whether a checkpoint is wanted out of turn.
+    asked: bool,
 }
 
 /// The newest state of a generation.
@@ -32,6 +42,10 @@ struct State {
 pub(super) struct Live {
     state: Mutex<State>,
     faults: Faults,
+    /// Time between checkpoints.
+    every: Option<Duration>,
+    /// Tells that a checkpoint is there.
+    saved: Notify,
 }
 
 /// What is new since the last time.
@@ -48,9 +62,31 @@ impl News {
 }
 
 impl Live {
-    /// An injected fault stops the generation by `cancel`.
-    pub(super) fn new(faults: Faults, cancel: CancelToken) -> Self {
-        Self { state: Mutex::new(State { cancel, ..State::default() }), faults }
+    /// An injected fault stops the generation by `cancel`. A checkpoint is taken `every` so often, where it is given.
+    pub(super) fn new(faults: Faults, cancel: CancelToken, every: Option<Duration>) -> Self {
+        let state = State { cancel, unsaved: Some(Stopwatch::start()), ..State::default() };
+        Self { state: Mutex::new(state), faults, every, saved: Notify::new() }
+    }
+
+    /// Asks for a checkpoint at the next step, where checkpoints are taken at all.
+    pub(super) fn ask_for_checkpoint(&self) {
+        self.state().asked = self.every.is_some();
+    }
+
+    /// Whether checkpoints are taken at all.
+    pub(super) fn takes_checkpoints(&self) -> bool {
+        self.every.is_some()
+    }
+
+    /// The next checkpoint, once it is there.
+    pub(super) async fn next_checkpoint(&self) -> Vec<u8> {
+        loop {
+            let told = self.saved.notified();
+            if let Some(bytes) = self.state().checkpoint.take() {
+                return bytes;
+            }
+            told.await;
+        }
     }
 
     pub(super) fn news(&self) -> News {
@@ -92,6 +128,7 @@ impl Live {
     pub(super) fn restart(&self, cancel: CancelToken) {
         let mut state = self.state();
         state.cancel = cancel;
+        state.unsaved = Some(Stopwatch::start());
         state.sections = 0;
         state.section = None;
         state.floor = state.progress.map_or(0.0, |progress| progress.fraction);
@@ -136,6 +173,23 @@ impl Sink for Live {
             outer: thin(&section.outer),
         });
     }
+
+    fn wants_checkpoint(&self) -> bool {
+        let Some(every) = self.every else { return false };
+        let state = self.state();
+        let due = state.unsaved.is_none_or(|since| since.elapsed() >= every);
+        // One that is still on its way goes first.
+        state.asked || (due && state.checkpoint.is_none())
+    }
+
+    fn checkpoint(&self, bytes: Vec<u8>) {
+        let mut state = self.state();
+        state.checkpoint = Some(bytes);
+        state.unsaved = Some(Stopwatch::start());
+        state.asked = false;
+        drop(state);
+        self.saved.notify_one();
+    }
 }
 
 fn name(stage: Stage) -> &'static str {
@@ -176,7 +230,7 @@ mod tests {
 
     #[test]
     fn news_are_the_newest_and_told_once() {
-        let live = Live::new(Faults::none(), CancelToken::default());
+        let live = Live::new(Faults::none(), CancelToken::default(), None);
         let at = |step| Progress {
             stage: Stage::Simulate,
             fraction: 0.1,
@@ -204,7 +258,7 @@ mod tests {
 
     #[test]
     fn a_second_start_counts_anew_but_never_falls_back() {
-        let live = Live::new(Faults::none(), CancelToken::default());
+        let live = Live::new(Faults::none(), CancelToken::default(), None);
         let at = |fraction| Progress {
             stage: Stage::Simulate,
             fraction,
@@ -231,7 +285,7 @@ mod tests {
     #[test]
     fn an_injected_error_stops_the_generation() {
         let cancel = CancelToken::default();
-        let live = Live::new(Faults::parse("mesh:error").unwrap(), cancel.clone());
+        let live = Live::new(Faults::parse("mesh:error").unwrap(), cancel.clone(), None);
         let mut progress = Progress {
             stage: Stage::Simulate,
             fraction: 0.5,
@@ -246,5 +300,26 @@ mod tests {
         progress.stage = Stage::Mesh;
         live.progress(&progress);
         assert!(live.injected() == Some(Injected("mesh")) && cancel.is_cancelled());
+    }
+
+    #[tokio::test]
+    async fn checkpoints_are_taken_in_turn_or_when_asked_for() {
+        let never = Live::new(Faults::none(), CancelToken::default(), None);
+        never.ask_for_checkpoint();
+        assert!(!never.wants_checkpoint());
+        let live = Live::new(Faults::none(), CancelToken::default(), Some(Duration::from_secs(3600)));
+        assert!(!live.wants_checkpoint());
+        live.ask_for_checkpoint();
+        assert!(live.wants_checkpoint());
+        live.checkpoint(vec![1]);
+        assert!(!live.wants_checkpoint());
+        assert_eq!(live.next_checkpoint().await, [1]);
+        let always = Live::new(Faults::none(), CancelToken::default(), Some(Duration::ZERO));
+        assert!(always.wants_checkpoint());
+        always.checkpoint(vec![2]);
+        assert!(!always.wants_checkpoint(), "the last one is still on its way");
+        let (bytes, ()) = tokio::join!(always.next_checkpoint(), async {});
+        assert_eq!(bytes, [2]);
+        assert!(always.wants_checkpoint());
     }
 }

@@ -24,6 +24,7 @@
 //! | `attempt` | one attempt at a job, from its claim to its end |
 //! | `keeper` | the lease while work goes on: heartbeat up, cancel down |
 //! | `live` | progress and sections on their way to the heartbeat |
+//! | `saver` | checkpoints to the artifact store, and back to the next attempt |
 //! | `upload` | files to the artifact store |
 //! | `verdict` | what an error means for the job |
 
@@ -34,6 +35,7 @@ mod generator;
 mod keeper;
 mod live;
 mod pool;
+mod saver;
 mod share;
 mod upload;
 mod verdict;

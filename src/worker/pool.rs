@@ -10,11 +10,13 @@ use crate::generate::Backend;
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
 use crate::jobs::scratch::Scratch;
-use crate::jobs::{ClaimedJob, JobId, Store, StoreError, WorkerInfo};
+use crate::jobs::{Change, ClaimedJob, JobId, Store, StoreError, WorkerInfo};
+use crate::metrics::Metrics;
 use std::io;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
+use tokio::sync::broadcast::{Receiver, error::RecvError};
 use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
@@ -47,6 +49,10 @@ pub struct PoolOptions {
     pub poll: Duration,
     /// Memory that a job may use.
     pub memory_limit_bytes: Option<u64>,
+    /// Time that an attempt's generation may take; a job that takes longer fails.
+    pub job_timeout: Option<Duration>,
+    /// Time between checkpoints; `None` takes none.
+    pub checkpoint_every: Option<Duration>,
     /// Tries to store a file before the job fails.
     pub storage_tries: u32,
     /// Wait after the first try, doubled after each further one.
@@ -57,6 +63,8 @@ pub struct PoolOptions {
     pub host: String,
     /// Faults to inject.
     pub faults: Faults,
+    /// Where the workers count what they do.
+    pub metrics: Metrics,
 }
 
 impl PoolOptions {
@@ -73,11 +81,15 @@ impl PoolOptions {
             progress: Duration::from_millis(250),
             poll: Duration::from_secs(1),
             memory_limit_bytes: None,
-            storage_tries: 4,
+            job_timeout: None,
+            checkpoint_every: Some(Duration::from_secs(30)),
+            // Waits of 0.5, 1, 2 … 30 s: an artifact store may be away for about a minute.
+            storage_tries: 8,
             storage_wait: Duration::from_millis(500),
             scratch,
             host: host(),
             faults: Faults::none(),
+            metrics: Metrics::default(),
         }
     }
 }
@@ -244,7 +256,19 @@ async fn claim_loop(slot: Arc<Slot>) {
         tokio::select! {
             _ = phase.changed() => {}
             () = sleep(wait) => {}
-            Ok(_) | Err(tokio::sync::broadcast::error::RecvError::Lagged(_)) = changes.recv(), if !away => {}
+            () = new_job(&mut changes), if !away => {}
+        }
+    }
+}
+
+/// Until a job was queued that nobody has seen yet, or changes were missed. Whatever else makes a job ready to be
+/// claimed (a retry, a lease that ran out) comes with time, and is found by the next look.
+async fn new_job(changes: &mut Receiver<Change>) {
+    loop {
+        match changes.recv().await {
+            Ok(Change { version: Some(1), .. }) | Err(RecvError::Lagged(_)) => return,
+            Ok(_) => {}
+            Err(RecvError::Closed) => return std::future::pending().await,
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::attempt::Context;
 use super::live::Live;
+use crate::clock::Stopwatch;
 use crate::generate::Outcome;
 use crate::jobs::fault::Injected;
 use crate::jobs::{ClaimedJob, File, artifacts};
@@ -38,6 +39,7 @@ pub(super) fn files(claimed: &ClaimedJob, outcome: &Outcome) -> Vec<File> {
 /// the checksum that the generator told.
 pub(super) async fn upload(context: &Context, live: &Live, files: &[File], dir: &Path) -> Result<(), UploadError> {
     live.storing();
+    let watch = Stopwatch::start();
     context.options.faults.point("store").await?;
     context.options.faults.point("before-upload").await?;
     for file in files {
@@ -54,6 +56,8 @@ pub(super) async fn upload(context: &Context, live: &Live, files: &[File], dir: 
         }
     }
     context.options.faults.point("after-upload").await?;
+    context.options.metrics.stage("store", watch.seconds());
+    context.options.metrics.bytes_in(files.iter().map(|file| file.bytes).sum());
     Ok(())
 }
 

@@ -87,6 +87,13 @@ pub(super) fn of_storage(detail: String) -> Verdict {
     Verdict::Fail(problem("storage", "The files could not be stored", detail))
 }
 
+/// The verdict on a generation that took longer than `limit`.
+pub(super) fn of_timeout(limit: std::time::Duration) -> Verdict {
+    let detail =
+        format!("it was not done after {} seconds, the longest that a model may take here", limit.as_secs_f64());
+    Verdict::Fail(problem("timeout", "The model took too long", detail))
+}
+
 /// The verdict on an injected fault.
 pub(super) fn of_injected(injected: Injected) -> Verdict {
     Verdict::Retry(problem("fault", "A fault was injected", injected.to_string()))

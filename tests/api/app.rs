@@ -191,7 +191,10 @@ impl App {
             });
         }
         let summary = json!({ "sections": 201, "vertices": 790_211 });
-        self.store.finish(job, Finished { backend: used(), files, summary }).await.unwrap();
+        self.store
+            .finish(job, Finished { backend: used(), files, summary, engine: oviduct::ENGINE_VERSION.into() })
+            .await
+            .unwrap();
     }
 
     /// Asks for a model and ends it with these files; returns its address.

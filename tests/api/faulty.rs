@@ -1,10 +1,11 @@
 //! A job store that is away, and one whose code has a fault.
 
 use async_trait::async_trait;
+use jiff::Timestamp;
 use oviduct::generate::{Backend, Progress};
 use oviduct::jobs::{
-    Attempt, BackendReport, Change, ClaimedJob, Directive, Finished, Job, JobId, ListFilter, LiveSection, NewJob, Page,
-    Problem, Store, StoreError, Submitted, WorkerInfo,
+    Attempt, BackendReport, Batch, BatchId, Change, ClaimedJob, Counts, Directive, Finished, Job, JobId, ListFilter,
+    LiveSection, NewBatch, NewJob, Page, Problem, Store, StoreError, Submitted, SubmittedBatch, WorkerInfo,
 };
 use std::time::Duration;
 use tokio::sync::broadcast;
@@ -85,6 +86,27 @@ impl Store for Faulty {
         self.changes.subscribe()
     }
     async fn ready(&self) -> Result<(), StoreError> {
+        away()
+    }
+    async fn submit_batch(&self, _: NewBatch) -> Result<SubmittedBatch, StoreError> {
+        away()
+    }
+    async fn batch(&self, _: BatchId) -> Result<Option<Batch>, StoreError> {
+        away()
+    }
+    async fn delete_batch(&self, _: BatchId) -> Result<Option<Vec<String>>, StoreError> {
+        away()
+    }
+    async fn set_checkpoint(&self, _: &ClaimedJob, _: &str) -> Result<Option<String>, StoreError> {
+        away()
+    }
+    async fn ended_before(&self, _: Timestamp, _: u32) -> Result<Vec<JobId>, StoreError> {
+        away()
+    }
+    async fn stored_bytes(&self) -> Result<u64, StoreError> {
+        away()
+    }
+    async fn counts(&self) -> Result<Counts, StoreError> {
         away()
     }
 }

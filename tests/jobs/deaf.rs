@@ -1,10 +1,11 @@
 //! A store that never tells of changes, as a worker on another machine sees one whose notifications are lost.
 
 use async_trait::async_trait;
+use jiff::Timestamp;
 use oviduct::generate::{Backend, Progress};
 use oviduct::jobs::{
-    Attempt, BackendReport, Change, ClaimedJob, Directive, Finished, Job, JobId, ListFilter, LiveSection, NewJob, Page,
-    Problem, Store, StoreError, Submitted, WorkerInfo,
+    Attempt, BackendReport, Batch, BatchId, Change, ClaimedJob, Counts, Directive, Finished, Job, JobId, ListFilter,
+    LiveSection, NewBatch, NewJob, Page, Problem, Store, StoreError, Submitted, SubmittedBatch, WorkerInfo,
 };
 use std::sync::Arc;
 use std::time::Duration;
@@ -98,5 +99,33 @@ impl Store for Deaf {
 
     async fn ready(&self) -> Result<(), StoreError> {
         self.0.ready().await
+    }
+
+    async fn submit_batch(&self, new: NewBatch) -> Result<SubmittedBatch, StoreError> {
+        self.0.submit_batch(new).await
+    }
+
+    async fn batch(&self, id: BatchId) -> Result<Option<Batch>, StoreError> {
+        self.0.batch(id).await
+    }
+
+    async fn delete_batch(&self, id: BatchId) -> Result<Option<Vec<String>>, StoreError> {
+        self.0.delete_batch(id).await
+    }
+
+    async fn set_checkpoint(&self, claimed: &ClaimedJob, key: &str) -> Result<Option<String>, StoreError> {
+        self.0.set_checkpoint(claimed, key).await
+    }
+
+    async fn ended_before(&self, before: Timestamp, limit: u32) -> Result<Vec<JobId>, StoreError> {
+        self.0.ended_before(before, limit).await
+    }
+
+    async fn stored_bytes(&self) -> Result<u64, StoreError> {
+        self.0.stored_bytes().await
+    }
+
+    async fn counts(&self) -> Result<Counts, StoreError> {
+        self.0.counts().await
     }
 }

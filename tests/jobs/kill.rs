@@ -1,83 +1,103 @@
-//! `kill -9` at every point of a job's life: a process of its own works on a store in files, dies at the
-//! point, and another takes over.
+//! `kill -9` at every point of a job's life, over both stores: a process of its own works, dies at the point, and
+//! another takes over.
 
-use crate::scripted::{NAMES, Place, content, visible};
+use crate::scripted::{Ground, NAMES, Place, content, visible};
 use oviduct::jobs::fault::{Faults, POINTS, VARIABLE};
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{ListFilter, Status};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 const FOLDER: &str = "OVIDUCT_TEST_FOLDER";
+const DATABASE: &str = "OVIDUCT_TEST_DATABASE";
 const JOBS: u64 = 3;
 
-/// The process that is killed: does all that is queued in the folder.
+/// The process that is killed or stopped: does all that is queued.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-#[ignore = "started by a_killed_worker_loses_nothing"]
+#[ignore = "started by other tests"]
 async fn child() {
     // Run by hand, it has nothing to do.
-    let Ok(folder) = std::env::var(FOLDER) else { return };
-    let place = Place::at(Path::new(&folder)).await;
+    let (Ok(folder), Ok(url)) = (std::env::var(FOLDER), std::env::var(DATABASE)) else { return };
+    let place = Place::at(Path::new(&folder), &url).await;
     let faults = Faults::from_env().unwrap();
     let pool = place.start(|options| {
         options.workers = 2;
         options.faults = faults;
+        options.heartbeat = Duration::from_millis(250);
+        options.lease = Duration::from_secs(1);
+        options.poll = Duration::from_millis(100);
     });
     for job in place.store.list(&ListFilter { limit: 100, ..ListFilter::default() }).await.unwrap().jobs {
         place.ended(job.id).await;
     }
     pool.shutdown(Duration::from_secs(5)).await;
+    place.store.close().await;
 }
 
-fn start_child(folder: &Path, fault: &str) -> std::process::ExitStatus {
+/// Starts the process over a place, with a fault.
+pub fn start_child(folder: &Path, url: &str, fault: &str) -> Child {
     Command::new(std::env::current_exe().unwrap())
         .args(["--exact", "kill::child", "--ignored", "--test-threads=1"])
         .env(FOLDER, folder)
+        .env(DATABASE, url)
         .env(VARIABLE, fault)
         .stdout(Stdio::null())
         .stderr(Stdio::null())
-        .status()
+        .spawn()
         .unwrap()
 }
 
+async fn kill_at(ground: Ground, point: &str) {
+    let dir = tempfile::tempdir().unwrap();
+    let url = ground.url(dir.path()).await;
+    let place = Place::at(dir.path(), &url).await;
+    for seed in 1..=JOBS {
+        place.queue(if point == "during-renewal" { "slow" } else { "ok" }, seed).await;
+    }
+    place.store.close().await;
+    drop(place);
+
+    let died = start_child(dir.path(), &url, &format!("{point}:kill")).wait().unwrap();
+    assert_eq!(died.code(), None, "{point}: the child was not killed");
+    // Whatever is visible is whole.
+    for path in visible(&dir.path().join("artifacts")) {
+        let name = path.file_name().unwrap().to_str().unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let whole = NAMES.contains(&name) && (1..=JOBS).any(|seed| bytes == content(seed, name));
+        assert!(whole, "{point}: {} is half a file", path.display());
+    }
+    let status = start_child(dir.path(), &url, "").wait().unwrap();
+    assert!(status.success(), "{point}: {status}");
+
+    let place = Place::at(dir.path(), &url).await;
+    let jobs = place.store.list(&ListFilter { limit: 100, ..ListFilter::default() }).await.unwrap().jobs;
+    assert_eq!(jobs.len() as u64, JOBS, "{point}");
+    for job in &jobs {
+        assert_eq!(job.status, Status::Succeeded, "{point}: {:?}", job.problem);
+        place.check_files(job).await;
+        let attempts = place.store.attempts(job.id).await.unwrap();
+        let ends = attempts.iter().filter(|a| a.outcome == Some(AttemptEnd::Succeeded)).count();
+        assert_eq!(ends, 1, "{point}");
+        assert!(attempts.iter().all(|a| a.outcome.is_some()), "{point}: {attempts:?}");
+    }
+    // What the dead process uploaded and never committed is swept.
+    let far = "2200-01-01T00:00:00Z".parse().unwrap();
+    place.artifacts.sweep_orphans(&*place.store, far, Duration::ZERO).await.unwrap();
+    assert_eq!(place.visible().len() as u64, JOBS * NAMES.len() as u64, "{point}");
+    assert!(place.scratch().is_empty(), "{point}");
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_killed_worker_loses_nothing() {
+async fn a_killed_worker_loses_nothing_on_sqlite() {
     for point in POINTS {
-        let dir = tempfile::tempdir().unwrap();
-        let place = Place::at(dir.path()).await;
-        for seed in 1..=JOBS {
-            place.queue(if point == "during-renewal" { "slow" } else { "ok" }, seed).await;
-        }
-        drop(place);
+        kill_at(Ground::Sqlite, point).await;
+    }
+}
 
-        let died = start_child(dir.path(), &format!("{point}:kill"));
-        assert_eq!(died.code(), None, "{point}: the child was not killed");
-        // Whatever is visible is whole.
-        for path in visible(&dir.path().join("artifacts")) {
-            let name = path.file_name().unwrap().to_str().unwrap();
-            let bytes = std::fs::read(&path).unwrap();
-            let whole = NAMES.contains(&name) && (1..=JOBS).any(|seed| bytes == content(seed, name));
-            assert!(whole, "{point}: {} is half a file", path.display());
-        }
-        let status = start_child(dir.path(), "");
-        assert!(status.success(), "{point}: {status}");
-
-        let place = Place::at(dir.path()).await;
-        let jobs = place.store.list(&ListFilter { limit: 100, ..ListFilter::default() }).await.unwrap().jobs;
-        assert_eq!(jobs.len() as u64, JOBS, "{point}");
-        for job in &jobs {
-            assert_eq!(job.status, Status::Succeeded, "{point}: {:?}", job.problem);
-            place.check_files(job).await;
-            let attempts = place.store.attempts(job.id).await.unwrap();
-            let ends = attempts.iter().filter(|a| a.outcome == Some(AttemptEnd::Succeeded)).count();
-            assert_eq!(ends, 1, "{point}");
-            assert!(attempts.iter().all(|a| a.outcome.is_some()), "{point}: {attempts:?}");
-        }
-        // What the dead process uploaded and never committed is swept.
-        let far = "2200-01-01T00:00:00Z".parse().unwrap();
-        place.artifacts.sweep_orphans(&*place.store, far, Duration::ZERO).await.unwrap();
-        assert_eq!(place.visible().len() as u64, JOBS * NAMES.len() as u64, "{point}");
-        assert!(place.scratch().is_empty(), "{point}");
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_killed_worker_loses_nothing_on_postgres() {
+    for point in POINTS {
+        kill_at(Ground::Postgres, point).await;
     }
 }

@@ -1,10 +1,21 @@
 //! Jobs: one suite over every store, and the worker pool over a store with a scripted generator.
 #![allow(clippy::unwrap_used, missing_docs, unreachable_pub, reason = "a test: what fails, fails here")]
 
+mod artifacts;
+mod bucket;
+mod checkpoint;
+#[path = "../common/postgres.rs"]
+mod cluster;
+mod cost;
 mod deaf;
 mod gpu;
 mod kill;
+mod postgres;
+#[path = "../common/queue.rs"]
+mod queue;
+mod random;
 mod scripted;
 mod sqlite;
+mod streams;
 mod suite;
 mod worker;

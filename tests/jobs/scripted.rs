@@ -1,5 +1,6 @@
 //! A generator that follows a script in the job's spec, and a place to run it in.
 
+use crate::cluster::Cluster;
 use crate::suite::new_job;
 use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{Backend, CancelToken, FileOutput, GenerateError, Outcome, Progress, Seconds, Sink, Stage};
@@ -8,7 +9,7 @@ use oviduct::jobs::sqlite::SqliteStore;
 use oviduct::jobs::{Job, JobId, NewJob, Store, StoreOptions};
 use oviduct::model::{Ring, Section};
 use oviduct::sim::gpu::GpuError;
-use oviduct::worker::{BatchEnds, BatchGenerator, BatchWork, PoolOptions, Work, WorkError, WorkerPool};
+use oviduct::worker::{BatchEnds, BatchGenerator, BatchWork, Generator, PoolOptions, Work, WorkError, WorkerPool};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
@@ -179,12 +180,29 @@ pub fn scripted(script: &str, seed: u64) -> NewJob {
     NewJob { seed, spec, reuse: false, ..new_job(&format!("{script} {seed}")) }
 }
 
+/// Which database a place stands on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ground {
+    Sqlite,
+    Postgres,
+}
+
+impl Ground {
+    /// A new database, in `dir` where it is a file.
+    pub async fn url(self, dir: &Path) -> String {
+        match self {
+            Self::Sqlite => format!("sqlite:{}", dir.join("jobs.db").display()),
+            Self::Postgres => tokio::task::spawn_blocking(|| Cluster::shared().database()).await.unwrap(),
+        }
+    }
+}
+
 /// A store, artifacts and scratch in a folder.
 pub struct Place {
     pub dir: PathBuf,
     pub store: Arc<dyn Store>,
     pub artifacts: Artifacts,
-    _own: Option<tempfile::TempDir>,
+    own: Option<tempfile::TempDir>,
 }
 
 impl Place {
@@ -198,16 +216,28 @@ impl Place {
             dir: own.path().to_owned(),
             store: Arc::new(store),
             artifacts: Artifacts::local(&own.path().join("artifacts")).unwrap(),
-            _own: Some(own),
+            own: Some(own),
         }
     }
 
-    /// In files under `dir`, recovered.
-    pub async fn at(dir: &Path) -> Self {
-        let store = SqliteStore::open(dir.join("jobs.db"), StoreOptions::default()).await.unwrap();
-        store.recover().await.unwrap();
+    /// On a new database of the kind, and a temporary folder.
+    pub async fn on(ground: Ground, options: StoreOptions) -> Self {
+        let own = tempfile::tempdir().unwrap();
+        let url = ground.url(own.path()).await;
+        let mut place = Self::with(own.path(), &url, options).await;
+        place.own = Some(own);
+        place
+    }
+
+    /// Over the database at `url`, with files under `dir`.
+    pub async fn at(dir: &Path, url: &str) -> Self {
+        Self::with(dir, url, StoreOptions::default()).await
+    }
+
+    pub async fn with(dir: &Path, url: &str, options: StoreOptions) -> Self {
+        let store = oviduct::jobs::open(url, options).await.unwrap();
         let artifacts = Artifacts::local(&dir.join("artifacts")).unwrap();
-        Self { dir: dir.to_owned(), store: Arc::new(store), artifacts, _own: None }
+        Self { dir: dir.to_owned(), store, artifacts, own: None }
     }
 
     pub fn options(&self) -> PoolOptions {
@@ -230,9 +260,24 @@ impl Place {
 
     /// Starts workers that see the store in their own way.
     pub fn start_over(&self, store: Arc<dyn Store>, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
+        self.start_with(store, Clock::System, Arc::new(generate), change)
+    }
+
+    /// Starts workers whose signs of life are by `clock`.
+    pub fn start_by(&self, clock: Clock, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
+        self.start_with(Arc::clone(&self.store), clock, Arc::new(generate), change)
+    }
+
+    pub fn start_with(
+        &self,
+        store: Arc<dyn Store>,
+        clock: Clock,
+        generator: Arc<dyn Generator>,
+        change: impl FnOnce(&mut PoolOptions),
+    ) -> WorkerPool {
         let mut options = self.options();
         change(&mut options);
-        WorkerPool::start(store, self.artifacts.clone(), Arc::new(generate), options, Clock::System).unwrap()
+        WorkerPool::start(store, self.artifacts.clone(), generator, options, clock).unwrap()
     }
 
     pub async fn queue(&self, script: &str, seed: u64) -> JobId {
@@ -248,7 +293,8 @@ impl Place {
                 if done(&job) {
                     return job;
                 }
-                changes.recv().await.unwrap();
+                // What is not told is found all the same.
+                let _ = tokio::time::timeout(Duration::from_millis(500), changes.recv()).await;
             }
         };
         tokio::time::timeout(Duration::from_secs(60), wait).await.expect("it never came about")

@@ -1,14 +1,14 @@
 //! The worker pool: success, every way to fail, cancel, lost leases, shutdown, restart.
 
 use crate::deaf::Deaf;
-use crate::scripted::{Place, scripted};
+use crate::scripted::{Ground, Place, scripted};
 use crate::suite::LEASE;
 use futures_util::future::join_all;
 use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{Backend, Stage};
 use oviduct::jobs::fault::{Faults, POINTS};
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{NewJob, Status, Submitted};
+use oviduct::jobs::{NewJob, Status, StoreOptions, Submitted};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -238,9 +238,18 @@ async fn a_shutdown_lets_short_work_end_and_gives_long_work_back() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn an_error_at_any_point_costs_an_attempt_at_most() {
+async fn an_error_at_any_point_costs_an_attempt_at_most_on_sqlite() {
+    errors_at_all_points(Ground::Sqlite).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_error_at_any_point_costs_an_attempt_at_most_on_postgres() {
+    errors_at_all_points(Ground::Postgres).await;
+}
+
+async fn errors_at_all_points(ground: Ground) {
     let run = async |point: &'static str| {
-        let place = Place::fresh(|_| {}).await;
+        let place = Place::on(ground, StoreOptions::default()).await;
         let pool = place.start(|options| options.faults = Faults::parse(&format!("{point}:error")).unwrap());
         let script = if point == "during-renewal" { "slow" } else { "ok" };
         let job = place.ended(place.queue(script, 5).await).await;
@@ -250,6 +259,7 @@ async fn an_error_at_any_point_costs_an_attempt_at_most() {
         assert_eq!(job.attempts, if unharmed { 1 } else { 2 }, "{point}");
         pool.shutdown(Duration::from_secs(5)).await;
         assert_eq!(place.visible().len(), 2, "{point}: files of the broken attempt were left");
+        place.store.close().await;
     };
     join_all(POINTS.into_iter().map(run)).await;
 }

@@ -29,6 +29,9 @@ fn job() -> Job {
         summary: None,
         problem: None,
         digest: String::new(),
+        engine: String::new(),
+        batch: None,
+        checkpoint: None,
         reused_from: None,
     }
 }
@@ -88,7 +91,7 @@ fn moving_up_in_the_queue_is_told() {
 #[test]
 fn an_event_holds_the_whole_model_on_one_line() {
     let stream = axum::response::sse::Sse::new(futures_util::stream::iter([
-        Ok::<_, std::convert::Infallible>(event(Name::Section, &running(10), "14")),
+        Ok::<_, std::convert::Infallible>(event(Name::Section, &running(10), "14", None)),
         Ok(deleted(job().id, "15")),
     ]));
     let body = axum::response::IntoResponse::into_response(stream).into_body();

@@ -40,6 +40,11 @@ pub(super) struct Work {
 }
 
 impl Work {
+    /// Buffers that remember the clearances of the last step.
+    pub(super) fn with_clearance(clearance: Vec<f32>) -> Self {
+        Self { clearance, ..Self::default() }
+    }
+
     pub(super) fn with_kernel(self, kernel: Kernel) -> Self {
         Self { kernel, ..self }
     }

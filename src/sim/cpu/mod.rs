@@ -11,6 +11,7 @@ mod local;
 mod neighbours;
 mod outer;
 mod pairs;
+mod saved;
 mod scalar;
 mod thickness;
 mod vectorize;
@@ -24,6 +25,7 @@ use crate::spec::Search;
 use chain::Chain;
 use neighbours::Neighbours;
 pub use pairs::{PairTerms, reference_force};
+pub use saved::StateError;
 
 /// Constants of the model that every backend must share, by the names that shaders give them.
 pub const CONSTANTS: [(&str, f32); 13] = [

@@ -69,6 +69,11 @@ impl Neighbours {
         }
     }
 
+    /// Counts the lists that were built before too.
+    pub(super) fn counted_from(self, builds: u64) -> Self {
+        Self { builds, ..self }
+    }
+
     pub(super) fn builds(&self) -> u64 {
         self.builds
     }

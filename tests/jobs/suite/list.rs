@@ -94,3 +94,45 @@ pub async fn workers_are_seen(factory: Factory) {
     bench.clock.advance(Duration::from_secs(200));
     assert_eq!(bench.store.workers().await.unwrap(), [last]);
 }
+
+pub async fn submitters_take_turns(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let submit = async |who: &str, jobs: u32| {
+        for n in 0..jobs {
+            let new = NewJob { submitter: Some(who.into()), ..new_job(&format!("{who}{n}")) };
+            bench.store.submit(new).await.unwrap();
+        }
+    };
+    let claim = async |jobs: usize| {
+        let mut order = Vec::new();
+        for _ in 0..jobs {
+            order.push(bench.claim("w").await.unwrap().job().digest.clone());
+        }
+        order
+    };
+    submit("a", 6).await;
+    submit("b", 3).await;
+    assert_eq!(claim(3).await, ["a0", "b0", "a1"]);
+    // One who comes later waits for one turn of each, and saves nothing up.
+    submit("c", 2).await;
+    assert_eq!(claim(8).await, ["b1", "c0", "a2", "b2", "c1", "a3", "a4", "a5"]);
+    assert!(bench.claim("w").await.is_none());
+}
+
+pub async fn a_job_given_back_keeps_its_turn(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    for n in 0..5 {
+        bench.queue(&n.to_string()).await;
+    }
+    let first = bench.claim("w").await.unwrap();
+    let second = bench.claim("w").await.unwrap();
+    bench.store.release(first).await.unwrap();
+    bench.queue("5").await;
+    let mut order = Vec::new();
+    while let Some(claimed) = bench.claim("w").await {
+        order.push(claimed.job().digest.clone());
+    }
+    assert_eq!(order, ["0", "2", "3", "4", "5"]);
+    bench.store.release(second).await.unwrap();
+    assert_eq!(bench.claim("w").await.unwrap().job().digest, "1");
+}

@@ -1,12 +1,16 @@
 //! What every store must do. Each function takes a factory of empty stores; [`over`] makes the tests of one
 //! store from all of them.
 
+mod batch;
 mod histories;
+mod keep;
 mod lease;
 mod list;
 mod submit;
 
+pub use batch::*;
 pub use histories::*;
+pub use keep::*;
 pub use lease::*;
 pub use list::*;
 pub use submit::*;
@@ -17,8 +21,8 @@ use oviduct::clock::Clock;
 use oviduct::generate::{Backend, Output, Progress, Stage};
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{
-    BackendReport, Change, ClaimedJob, Directive, File, Finished, Job, JobId, ListFilter, LiveSection, NewJob, Problem,
-    Status, Store, StoreError, StoreOptions, Submitted, WorkerInfo,
+    BackendReport, Change, ClaimedJob, Counts, Directive, File, Finished, Job, JobId, ListFilter, LiveSection,
+    NewBatch, NewJob, Problem, Status, Store, StoreError, StoreOptions, Submitted, SubmittedBatch, WorkerInfo,
 };
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
@@ -56,10 +60,19 @@ macro_rules! over {
             the_queue_has_a_limit
             lists_are_filtered_and_paged
             queue_positions_are_by_age
+            submitters_take_turns
+            a_job_given_back_keeps_its_turn
             claims_keep_to_their_backend
             workers_are_seen
             four_claimers_end_each_job_once
             random_histories_agree_with_the_state_machine
+            a_batch_counts_its_jobs
+            a_batch_is_taken_whole_or_not_at_all
+            a_batch_is_removed_with_all_its_jobs
+            an_idempotency_key_gives_one_batch
+            a_checkpoint_passes_to_the_next_attempt
+            ended_jobs_are_told_by_age_and_bytes
+            another_engines_files_are_not_reused
         }
     };
 }
@@ -74,8 +87,10 @@ pub fn new_job(digest: &str) -> NewJob {
         backend: Backend::Auto,
         labels: BTreeMap::new(),
         digest: digest.into(),
+        engine: oviduct::ENGINE_VERSION.into(),
         reuse: true,
         idempotency: None,
+        submitter: None,
     }
 }
 
@@ -114,12 +129,13 @@ fn file(claimed: &ClaimedJob, name: &str) -> File {
     }
 }
 
-fn finished(claimed: &ClaimedJob) -> Finished {
+pub fn finished(claimed: &ClaimedJob) -> Finished {
     let names = ["sections.bin", "report.json", "model.glb"];
     Finished {
         backend: by_cpu(),
         files: names.iter().map(|name| file(claimed, name)).collect(),
         summary: serde_json::json!({ "vertices": 790_211 }),
+        engine: oviduct::ENGINE_VERSION.into(),
     }
 }
 

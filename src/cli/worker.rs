@@ -1,0 +1,34 @@
+//! `oviduct worker`: grows models for services on other machines until it is asked to stop.
+
+use super::args::WorkerArgs;
+use super::exit::{Ended, Failure};
+use super::interrupt;
+use super::service::{Works, database};
+use crate::http::{Limits, watch_router};
+use anyhow::Context;
+use tokio::net::TcpListener;
+use tokio_util::sync::CancellationToken;
+
+pub(super) async fn run(args: WorkerArgs) -> Ended {
+    if !database(&args.service.database)?.is_shared() {
+        return Err(Failure::usage("--database must be a postgres://… that a service shares; a file is one process's"));
+    }
+    if args.service.cpu_workers == 0 {
+        return Err(Failure::usage("--cpu-workers 0 leaves nothing that could work"));
+    }
+    let works = Works::start(&args.service).await?;
+    let shutdown = CancellationToken::new();
+    if let Some(address) = args.metrics_addr {
+        let listener = TcpListener::bind(address).await.with_context(|| format!("--metrics-addr {address}"))?;
+        let router = watch_router(works.state(Limits::default(), &shutdown));
+        let serving = axum::serve(listener, router).with_graceful_shutdown(shutdown.clone().cancelled_owned());
+        tokio::spawn(serving.into_future());
+    }
+    tracing::info!(workers = args.service.cpu_workers, "working");
+    interrupt::asked_to_stop().await;
+    tracing::info!(grace = ?args.service.grace, "stopping; asked again, it stops at once");
+    tokio::select! {
+        () = works.stop(async { shutdown.cancel() }) => Ok(()),
+        () = interrupt::asked_to_stop() => Err(Failure::Interrupted),
+    }
+}

@@ -1,0 +1,117 @@
+//! Runs broken off at random steps end with the bytes of unbroken ones.
+
+use super::*;
+use crate::generate::tests::{request, small};
+use crate::generate::{Backend, CancelToken, GenerateError, Outcome, Progress, Sink, generate, resume};
+use proptest::prelude::*;
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::sync::Mutex;
+
+/// Asks for a checkpoint at one step, and stops there.
+struct StopAt {
+    step: u32,
+    seen: Mutex<u32>,
+    taken: Mutex<Option<Vec<u8>>>,
+    cancel: CancelToken,
+}
+
+impl StopAt {
+    fn new(step: u32) -> Self {
+        Self { step, seen: Mutex::new(0), taken: Mutex::new(None), cancel: CancelToken::default() }
+    }
+}
+
+impl Sink for StopAt {
+    fn progress(&self, progress: &Progress) {
+        *self.seen.lock().unwrap() = progress.step;
+    }
+
+    fn section(&self, _: &Section) {}
+
+    fn wants_checkpoint(&self) -> bool {
+        *self.seen.lock().unwrap() >= self.step
+    }
+
+    fn checkpoint(&self, bytes: Vec<u8>) {
+        *self.taken.lock().unwrap() = Some(bytes);
+        self.cancel.cancel();
+    }
+}
+
+fn hashes(outcome: Outcome) -> BTreeMap<String, String> {
+    outcome.files.into_iter().map(|f| (f.name, f.sha256)).collect()
+}
+
+fn on<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
+}
+
+/// Runs to a checkpoint at each of `stops`, each time from the one before, then to the end.
+fn broken_off(spec: &serde_json::Value, stops: &[(u32, usize)], threads: usize) -> BTreeMap<String, String> {
+    let dir = tempfile::tempdir().unwrap();
+    let request = request(small(spec), Backend::Cpu, dir.path());
+    let mut last: Option<Vec<u8>> = None;
+    for &(step, threads) in stops {
+        let sink = StopAt::new(step);
+        let from = last.take();
+        let result = on(threads, || match &from {
+            Some(bytes) => resume(&request, Checkpoint::read(&request, bytes).unwrap(), &sink, &sink.cancel),
+            None => generate(&request, &sink, &sink.cancel),
+        });
+        assert!(matches!(result, Err(GenerateError::Cancelled)), "{result:?}");
+        last = Some(sink.taken.into_inner().unwrap().expect("a checkpoint was taken"));
+    }
+    let checkpoint = Checkpoint::read(&request, &last.unwrap()).unwrap();
+    hashes(on(threads, || resume(&request, checkpoint, &(), &CancelToken::default())).unwrap())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(4))]
+    #[test]
+    fn a_run_broken_off_anywhere_ends_with_the_bytes_of_an_unbroken_one(
+        rk4: bool,
+        mut steps in prop::collection::btree_set(1u32..119, 1..4),
+        threads in prop::collection::vec(1usize..4, 4),
+    ) {
+        // The strips take the second way through export; a step between two recorded ones has a history.
+        let spec = json!({ "solver": { "integrator": if rk4 { "rk4" } else { "euler" } }, "mesh": { "strips": rk4 } });
+        let dir = tempfile::tempdir().unwrap();
+        let whole = on(2, || generate(&request(small(&spec), Backend::Cpu, dir.path()), &(), &CancelToken::default()));
+        steps.insert(57);
+        let stops: Vec<(u32, usize)> = steps.into_iter().zip(threads.iter().copied()).collect();
+        prop_assert_eq!(hashes(whole.unwrap()), broken_off(&spec, &stops, threads[3]));
+    }
+}
+
+/// A tube whose slabs must be mended: sections are added, and diagonals flipped.
+#[test]
+fn mended_slabs_are_mended_again_in_the_same_way() {
+    let spec = json!({ "steps": 200, "solver": { "record_every": 40 }, "length_mm": 0.6,
+        "particles": { "total": { "keys": [[0, 260], [1, 1500]] }, "outer": { "keys": [[0, 60], [1, 90]] } } });
+    let dir = tempfile::tempdir().unwrap();
+    let whole = generate(&request(small(&spec), Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
+    let mended =
+        whole.summary["sections_added"].as_u64().unwrap() + whole.summary["diagonals_flipped"].as_u64().unwrap();
+    assert!(mended > 0, "the test needs a model that is mended: {}", whole.summary);
+    assert_eq!(hashes(whole), broken_off(&spec, &[(90, 1), (165, 2), (199, 1)], 2));
+}
+
+#[test]
+fn a_checkpoint_of_another_model_or_a_damaged_one_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    let own = request(small(&json!({})), Backend::Cpu, dir.path());
+    let sink = StopAt::new(20);
+    generate(&own, &sink, &sink.cancel).unwrap_err();
+    let bytes = sink.taken.into_inner().unwrap().unwrap();
+    let read = Checkpoint::read(&own, &bytes).unwrap();
+    assert_eq!((read.accepted.len(), read.recorded), (3, 3), "steps 0, 10 and 20");
+    let other = Request { seed: 8, ..own.clone() };
+    assert!(matches!(Checkpoint::read(&other, &bytes), Err(CheckpointError::Foreign)));
+    for at in [0, 9, 100, bytes.len() / 2, bytes.len() - 1] {
+        let mut broken = bytes.clone();
+        broken[at] ^= 1;
+        assert!(matches!(Checkpoint::read(&own, &broken), Err(CheckpointError::Damaged(_))), "{at}");
+        assert!(Checkpoint::read(&own, &bytes[..at]).is_err(), "{at}");
+    }
+}

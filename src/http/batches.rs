@@ -1,0 +1,125 @@
+//! `POST /batches`, `GET` and `DELETE /batches/{id}`: many models of one spec, asked for and removed together.
+//!
+//! A batch is taken whole or not at all; its models are models like any other, found under their own ids.
+
+use super::AppState;
+use super::create::{check, draw_seed};
+use super::dto::Batch;
+use super::extract::{BatchId, no_batch};
+use super::headers::{IDEMPOTENCY_REPLAYED, idempotency_key};
+use super::json::{JsonBody, canonical};
+use super::openapi::{BatchMissing, BatchRequest as BatchRequestDoc, BodyProblems, QueueFull, StoreAway};
+use super::problem::Problem;
+use super::request::{BatchRequest, Seeds};
+use crate::jobs::{NewBatch, NewJob, SubmittedBatch};
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use sha2::{Digest, Sha256};
+use std::collections::BTreeSet;
+
+/// Ask for many models of one spec.
+///
+/// One request, all or nothing: either all its models are queued, or none. Finished models of the same digest are
+/// taken as `POST /models` does.
+#[utoipa::path(
+    post, path = "/batches", operation_id = "create_batch", tag = "batches",
+    params(
+        ("idempotency-key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "1 to 255 visible ASCII characters: the same key with the same body gives the same batch"),
+    ),
+    request_body(content = BatchRequestDoc, content_type = "application/json"),
+    responses(
+        (status = 202, description = "Accepted", body = Batch, headers(
+            ("location" = String, description = "Address of the batch"),
+            ("retry-after" = u32, description = "Seconds after which to look again"),
+            ("idempotency-replayed" = String, description = "`true` where the key had made the batch before"))),
+        BodyProblems, QueueFull, StoreAway,
+    )
+)]
+pub(super) async fn create(
+    State(state): State<AppState>,
+    headers: HeaderMap,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    let key = idempotency_key(&headers)?;
+    let mut faults = Vec::new();
+    let BatchRequest { seeds, each } = BatchRequest::read(&body, state.limits.batch, &mut faults);
+    let accepted = check(&state, each, faults).await?;
+    let (request, spec) = (accepted.request, accepted.spec);
+    let canonical_spec = spec.to_json();
+    let job = |seed: u64| NewJob {
+        preset: request.preset.clone(),
+        seed,
+        spec: canonical_spec.clone(),
+        outputs: request.outputs.clone(),
+        backend: request.backend,
+        labels: request.labels.clone(),
+        digest: spec.digest(seed),
+        engine: crate::ENGINE_VERSION.to_owned(),
+        reuse: request.reuse,
+        idempotency: None,
+        submitter: None,
+    };
+    let seeds = match seeds {
+        Seeds::These(seeds) => seeds,
+        Seeds::Count(count) => draw(count),
+    };
+    let submitted = state
+        .store
+        .submit_batch(NewBatch {
+            jobs: seeds.into_iter().map(job).collect(),
+            idempotency: key.map(|key| (key, hex::encode(Sha256::digest(canonical(&body))))),
+        })
+        .await?;
+    let mut response = answer(StatusCode::ACCEPTED, &Batch::from(submitted.batch()));
+    let headers = response.headers_mut();
+    if let Ok(location) = HeaderValue::try_from(format!("/batches/{}", submitted.batch().id)) {
+        headers.insert(header::LOCATION, location);
+    }
+    if matches!(submitted, SubmittedBatch::Replayed(_)) {
+        headers.insert(IDEMPOTENCY_REPLAYED, HeaderValue::from_static("true"));
+    }
+    Ok(response)
+}
+
+/// So many seeds nobody chose, all different.
+fn draw(count: usize) -> Vec<u64> {
+    let mut seen = BTreeSet::new();
+    std::iter::repeat_with(draw_seed).filter(|seed| seen.insert(*seed)).take(count).collect()
+}
+
+fn answer(status: StatusCode, batch: &Batch) -> Response {
+    let mut response = (status, Json(batch)).into_response();
+    if batch.counts.queued + batch.counts.running > 0 {
+        response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static("2"));
+    }
+    response
+}
+
+/// Read a batch: its models by status, and their ids.
+#[utoipa::path(
+    get, path = "/batches/{id}", operation_id = "get_batch", tag = "batches",
+    params(("id" = Uuid, Path, description = "Id of the batch")),
+    responses(
+        (status = 200, description = "The batch", body = Batch, headers(
+            ("retry-after" = u32, description = "Seconds after which to look again; not once all models have ended"))),
+        BatchMissing, StoreAway,
+    )
+)]
+pub(super) async fn get(State(state): State<AppState>, BatchId(id): BatchId) -> Result<Response, Problem> {
+    let batch = state.store.batch(id).await?.ok_or_else(|| no_batch(id))?;
+    Ok(answer(StatusCode::OK, &Batch::from(&batch)))
+}
+
+/// Remove a batch with all its models; those that have not ended are cancelled.
+#[utoipa::path(
+    delete, path = "/batches/{id}", operation_id = "delete_batch", tag = "batches",
+    params(("id" = Uuid, Path, description = "Id of the batch")),
+    responses((status = 204, description = "It is gone, and its models and their files with it"), BatchMissing, StoreAway)
+)]
+pub(super) async fn delete(State(state): State<AppState>, BatchId(id): BatchId) -> Result<StatusCode, Problem> {
+    let keys = state.store.delete_batch(id).await?.ok_or_else(|| no_batch(id))?;
+    state.forget(keys).await;
+    Ok(StatusCode::NO_CONTENT)
+}

@@ -1,0 +1,49 @@
+//! `GET /metrics`: what this process and the stores count, as Prometheus reads it.
+
+use super::AppState;
+use crate::clock::Stopwatch;
+use crate::jobs::Counts;
+use crate::metrics::{MEDIA_TYPE, Metrics};
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::header;
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+
+/// Read the counts of this process and the depth of the queue.
+#[utoipa::path(
+    get, path = "/metrics", operation_id = "get_metrics", tag = "service",
+    responses((status = 200, description = "OpenMetrics text. Where the job store is away, its gauges keep their last values",
+        content_type = "application/openmetrics-text", body = String))
+)]
+pub(super) async fn read(State(state): State<AppState>) -> Response {
+    state.metrics.set_streams(state.open_streams());
+    // The rest must stay readable while the store is away: that is when it is looked at.
+    match state.store.counts().await {
+        Ok(counts) => state.metrics.set_jobs(by_status(&counts)),
+        Err(error) => tracing::warn!(%error, "jobs could not be counted"),
+    }
+    ([(header::CONTENT_TYPE, MEDIA_TYPE)], state.metrics.text()).into_response()
+}
+
+fn by_status(counts: &Counts) -> [(&'static str, u64); 5] {
+    [
+        ("queued", counts.queued),
+        ("running", counts.running),
+        ("succeeded", counts.succeeded),
+        ("failed", counts.failed),
+        ("cancelled", counts.cancelled),
+    ]
+}
+
+/// Counts each answer by the pattern of its address.
+pub(super) async fn count(State(metrics): State<Metrics>, request: Request, next: Next) -> Response {
+    let method = match request.method().as_str() {
+        known @ ("GET" | "HEAD" | "POST" | "PUT" | "PATCH" | "DELETE" | "OPTIONS") => known.to_owned(),
+        _ => "other".to_owned(),
+    };
+    let route = request.extensions().get::<MatchedPath>().map_or("none", MatchedPath::as_str).to_owned();
+    let watch = Stopwatch::start();
+    let response = next.run(request).await;
+    metrics.request(&method, &route, response.status().as_u16(), watch.elapsed());
+    response
+}

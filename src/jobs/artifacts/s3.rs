@@ -1,0 +1,149 @@
+//! Files of models in a bucket of S3, or of anything that speaks its protocol.
+//!
+//! An upload is visible once it is whole: small files go in one request, greater ones in parts that the store joins at
+//! the end. Every request carries a SHA-256 of its bytes, which the store compares before it accepts them; afterwards
+//! the size of what is there is compared with what was sent, so that a wrong join cannot pass. The SHA-256 of the
+//! whole file stands in the job's record and is the file's tag.
+
+use super::{ArtifactError, Artifacts};
+use object_store::aws::{AmazonS3Builder, AmazonS3ConfigKey, Checksum};
+use object_store::path::Path as Key;
+use object_store::prefix::PrefixStore;
+use object_store::signer::{Method, SignedUrlOptions, Signer, Url};
+use object_store::{BackoffConfig, ClientOptions, ObjectStore, RetryConfig};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How long one request may be tried again before its caller is told. Workers try again on top of that.
+const RETRY: Duration = Duration::from_secs(8);
+/// Silence after which a request is given up. There is no limit to how long a download takes.
+const SILENCE: Duration = Duration::from_secs(20);
+
+/// Makes addresses at which a file can be fetched without further rights.
+#[derive(Clone, Debug)]
+pub(super) struct Signing {
+    signer: Arc<dyn Signer>,
+    prefix: Key,
+}
+
+impl Artifacts {
+    /// Files in the bucket of `url`, `s3://BUCKET` or `s3://BUCKET/PREFIX`, with the settings that `variables` give
+    /// under the usual names: `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_SESSION_TOKEN`, `AWS_REGION`,
+    /// `AWS_ENDPOINT_URL`, `AWS_ALLOW_HTTP`, `AWS_CHECKSUM_ALGORITHM` (sha256) and the others of object_store. Plain
+    /// HTTP is allowed to a loopback address, and elsewhere with `AWS_ALLOW_HTTP=true`.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Store`] where the address or a setting is wrong. The bucket is not asked yet.
+    pub fn s3(url: &str, variables: impl IntoIterator<Item = (String, String)>) -> Result<Self, ArtifactError> {
+        crate::tls::install();
+        let wrong = || ArtifactError::Store(format!("{url} is not s3://BUCKET or s3://BUCKET/PREFIX"));
+        let path = url.strip_prefix("s3://").ok_or_else(wrong)?;
+        let (bucket, prefix) = path.split_once('/').unwrap_or((path, ""));
+        if bucket.is_empty() {
+            return Err(wrong());
+        }
+        let prefix = Key::parse(prefix.trim_end_matches('/')).map_err(|_| wrong())?;
+        let client = ClientOptions::new()
+            .with_timeout_disabled()
+            .with_connect_timeout(Duration::from_secs(3))
+            .with_read_timeout(SILENCE);
+        let backoff =
+            BackoffConfig { init_backoff: Duration::from_millis(100), max_backoff: Duration::from_secs(2), base: 2.0 };
+        let mut builder = AmazonS3Builder::new()
+            .with_client_options(client)
+            .with_retry(RetryConfig { backoff, max_retries: 6, retry_timeout: RETRY })
+            .with_checksum_algorithm(Checksum::SHA256)
+            .with_region("us-east-1");
+        for (name, value) in variables {
+            let key = name.starts_with("AWS_").then(|| name.to_ascii_lowercase().parse::<AmazonS3ConfigKey>());
+            if let Some(Ok(key)) = key {
+                builder = builder.with_config(key, value);
+            }
+        }
+        if builder.get_config_value(&AmazonS3ConfigKey::Endpoint).is_some_and(|endpoint| is_loopback(&endpoint)) {
+            builder = builder.with_allow_http(true);
+        }
+        let store = Arc::new(builder.with_bucket_name(bucket).build()?);
+        let signing = Signing { signer: Arc::clone(&store) as Arc<dyn Signer>, prefix: prefix.clone() };
+        let store: Arc<dyn ObjectStore> =
+            if prefix.as_ref().is_empty() { store } else { Arc::new(PrefixStore::new(store, prefix)) };
+        Ok(Self { store, local: None, signing: Some(signing) })
+    }
+
+    /// An address at which the file under `key` can be fetched for `time`, saved as `name`; `None` where the store
+    /// has no such addresses.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Store`].
+    pub async fn signed_url(
+        &self,
+        key: &str,
+        name: &str,
+        media_type: &str,
+        time: Duration,
+    ) -> Result<Option<String>, ArtifactError> {
+        let Some(signing) = &self.signing else {
+            return Ok(None);
+        };
+        let location: Key = signing.prefix.parts().chain(Key::from(key).parts()).collect();
+        let options = SignedUrlOptions::default().with_query([
+            ("response-content-disposition", format!("attachment; filename=\"{name}\"")),
+            ("response-content-type", media_type.to_owned()),
+        ]);
+        let url = signing.signer.signed_url_opts(Method::GET, &location, time, &options).await?;
+        Ok(Some(url.into()))
+    }
+}
+
+/// Whether an address is one of this machine itself.
+fn is_loopback(endpoint: &str) -> bool {
+    let Ok(url) = Url::parse(endpoint) else { return false };
+    let host = url.host_str().unwrap_or_default().trim_matches(['[', ']']);
+    host == "localhost" || host.parse::<std::net::IpAddr>().is_ok_and(|address| address.is_loopback())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings(endpoint: &str) -> Vec<(String, String)> {
+        [("AWS_ACCESS_KEY_ID", "a"), ("AWS_SECRET_ACCESS_KEY", "b"), ("AWS_ENDPOINT_URL", endpoint), ("HOME", "/")]
+            .map(|(name, value)| (name.to_owned(), value.to_owned()))
+            .into()
+    }
+
+    #[test]
+    fn addresses_of_buckets() {
+        for good in ["s3://bucket", "s3://bucket/", "s3://bucket/a/b", "s3://bucket/a/"] {
+            assert!(Artifacts::s3(good, settings("http://127.0.0.1:9")).is_ok(), "{good}");
+        }
+        for bad in ["s3://", "s3:///a", "file:x", "bucket"] {
+            assert!(Artifacts::s3(bad, settings("http://127.0.0.1:9")).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn plain_http_is_for_this_machine() {
+        for here in ["http://127.0.0.1:9000", "http://localhost", "http://[::1]:9000"] {
+            assert!(is_loopback(here), "{here}");
+        }
+        for elsewhere in ["http://minio:9000", "http://10.0.0.1", "https://s3.amazonaws.com", "nonsense"] {
+            assert!(!is_loopback(elsewhere), "{elsewhere}");
+        }
+    }
+
+    #[tokio::test]
+    async fn signed_addresses_name_the_key_under_its_prefix() {
+        let artifacts = Artifacts::s3("s3://bucket/some/where", settings("http://127.0.0.1:9")).unwrap();
+        let time = Duration::from_secs(300);
+        let url =
+            artifacts.signed_url("models/a/1/model.glb", "pig-7-model.glb", "model/gltf-binary", time).await.unwrap();
+        let url = url.unwrap();
+        assert!(url.starts_with("http://127.0.0.1:9/bucket/some/where/models/a/1/model.glb?"), "{url}");
+        assert!(url.contains("X-Amz-Signature=") && url.contains("X-Amz-Expires=300"), "{url}");
+        assert!(url.contains("response-content-disposition="), "{url}");
+        let dir = tempfile::tempdir().unwrap();
+        let local = Artifacts::local(dir.path()).unwrap();
+        assert_eq!(local.signed_url("k", "n", "t", time).await.unwrap(), None);
+    }
+}

@@ -1,0 +1,230 @@
+//! Changes told to other processes, and heard from them, by `NOTIFY` and `LISTEN`.
+//!
+//! A notification is sent after the commit, not within it: PostgreSQL lets transactions that notify commit one after
+//! the other only, which would bind submissions and heartbeats to one fsync at a time. A task sends what has
+//! gathered, many changes in one notification. So a process that dies between commit and notification leaves others
+//! untold, and a connection that breaks loses what was said meanwhile; the net below is polling, by workers and by
+//! event streams. Once a lost connection is back, the jobs that may have changed meanwhile are told as changed.
+
+use crate::clock::Stopwatch;
+use crate::jobs::job::JobId;
+use crate::jobs::store::Change;
+use sqlx::postgres::{PgConnectOptions, PgListener, PgPool, PgPoolOptions};
+use sqlx::{Executor, Row};
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+use tokio::sync::{broadcast, mpsc};
+use tokio::task::JoinSet;
+use tokio::time::{sleep, timeout};
+
+const CHANNEL: &str = "oviduct_changes";
+/// Most changes in a notification, which may have 8000 bytes.
+const MOST: usize = 120;
+/// Silence after which the connection is tried.
+const SILENCE: Duration = Duration::from_secs(15);
+/// How long a connection is waited for, to be opened or to answer.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Wait before a lost connection is opened again.
+const WAIT: Duration = Duration::from_millis(250);
+/// Most jobs told as changed after a connection was lost.
+const CAUGHT_UP: i64 = 2000;
+
+/// The two tasks; they end with it.
+#[derive(Debug)]
+pub(super) struct Notifier {
+    outbox: Mutex<Option<mpsc::UnboundedSender<Change>>>,
+    sender: Mutex<JoinSet<()>>,
+    _listener: JoinSet<()>,
+}
+
+impl Notifier {
+    /// Starts to send over `pool`, and to listen over a connection of its own; what is heard goes to `changes`.
+    pub(super) async fn start(
+        connect: PgConnectOptions,
+        pool: PgPool,
+        changes: broadcast::Sender<Change>,
+    ) -> Result<Self, sqlx::Error> {
+        // Names this process, which needs not hear itself.
+        let own = uuid::Uuid::now_v7().simple().to_string();
+        let heard = listen(&connect).await?;
+        let (outbox, inbox) = mpsc::unbounded_channel();
+        let mut sender = JoinSet::new();
+        sender.spawn(send(pool.clone(), own.clone(), inbox));
+        let mut listener = JoinSet::new();
+        listener.spawn(hear(connect, heard, pool, own, changes));
+        Ok(Self { outbox: Mutex::new(Some(outbox)), sender: Mutex::new(sender), _listener: listener })
+    }
+
+    pub(super) fn tell(&self, changes: &[Change]) {
+        if let Some(outbox) = self.outbox.lock().unwrap_or_else(PoisonError::into_inner).as_ref() {
+            for change in changes {
+                // The sender ends only with the store.
+                let _ = outbox.send(*change);
+            }
+        }
+    }
+
+    /// Sends what is left.
+    pub(super) async fn close(&self) {
+        self.outbox.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let mut sender = std::mem::take(&mut *self.sender.lock().unwrap_or_else(PoisonError::into_inner));
+        if timeout(PATIENCE, sender.join_next()).await.is_err() {
+            tracing::warn!("other processes were not told of the last changes");
+        }
+    }
+}
+
+/// Sends what gathers until the outbox is dropped.
+async fn send(pool: PgPool, own: String, mut inbox: mpsc::UnboundedReceiver<Change>) {
+    let mut gathered = Vec::new();
+    while inbox.recv_many(&mut gathered, MOST).await > 0 {
+        let payload = write(&own, &gathered);
+        gathered.clear();
+        let sent = sqlx::query("SELECT pg_notify($1, $2)").bind(CHANNEL).bind(payload).execute(&pool).await;
+        if let Err(error) = sent {
+            tracing::warn!(%error, "other processes were not told of a change; they will find it by polling");
+        }
+    }
+}
+
+/// The newest of what is to be told of each job: `sender id version id version …`, `-` for one that was deleted.
+fn write(own: &str, changes: &[Change]) -> String {
+    let newest: BTreeMap<JobId, Option<u64>> = changes.iter().map(|change| (change.id, change.version)).collect();
+    let mut payload = own.to_owned();
+    for (id, version) in newest {
+        // Writing to a String cannot fail.
+        let _ = match version {
+            Some(version) => write!(payload, " {} {version}", id.0.simple()),
+            None => write!(payload, " {} -", id.0.simple()),
+        };
+    }
+    payload
+}
+
+/// What another process told; nothing where it was this one, or not of this kind.
+fn read<'p>(own: &str, payload: &'p str) -> impl Iterator<Item = Change> + use<'p> {
+    let mut words = payload.split(' ');
+    let words = if words.next() == Some(own) { "".split(' ') } else { words };
+    let words: Vec<&str> = words.collect();
+    let (pairs, _) = words.as_chunks::<2>();
+    let changes: Vec<Change> = pairs
+        .iter()
+        .filter_map(|[id, version]| {
+            let version = if *version == "-" { None } else { Some(version.parse().ok()?) };
+            Some(Change { id: JobId(id.parse().ok()?), version })
+        })
+        .collect();
+    changes.into_iter()
+}
+
+async fn listen(connect: &PgConnectOptions) -> Result<PgListener, sqlx::Error> {
+    let pool = PgPoolOptions::new()
+        .max_connections(1)
+        .acquire_timeout(PATIENCE)
+        .max_lifetime(None)
+        .idle_timeout(None)
+        .connect_lazy_with(connect.clone());
+    let mut listener = PgListener::connect_with(&pool).await?;
+    listener.eager_reconnect(false);
+    listener.listen(CHANNEL).await?;
+    Ok(listener)
+}
+
+/// Hears until it is broken off; opens a lost connection again and catches up.
+async fn hear(
+    connect: PgConnectOptions,
+    mut listener: PgListener,
+    pool: PgPool,
+    own: String,
+    changes: broadcast::Sender<Change>,
+) {
+    loop {
+        let mut since = Stopwatch::start();
+        loop {
+            match timeout(SILENCE, listener.try_recv()).await {
+                Ok(Ok(Some(told))) => {
+                    for change in read(&own, told.payload()) {
+                        // Nobody listens: nobody needs to be told.
+                        let _ = changes.send(change);
+                    }
+                }
+                Ok(Ok(None) | Err(_)) => break,
+                Err(_) => {
+                    if !matches!(timeout(PATIENCE, listener.execute("SELECT 1")).await, Ok(Ok(_))) {
+                        break;
+                    }
+                }
+            }
+            since = Stopwatch::start();
+        }
+        tracing::warn!("the connection that tells of changes was lost");
+        listener = loop {
+            match listen(&connect).await {
+                Ok(listener) => break listener,
+                Err(error) => tracing::warn!(%error, "changes elsewhere are found by polling alone"),
+            }
+            sleep(WAIT).await;
+        };
+        match catch_up(&pool, since.elapsed() + SILENCE + PATIENCE).await {
+            Ok(missed) => {
+                tracing::info!(jobs = missed.len(), "changes elsewhere are heard again");
+                for change in missed {
+                    let _ = changes.send(change);
+                }
+            }
+            Err(error) => tracing::warn!(%error, "changes that were missed are found by polling"),
+        }
+    }
+}
+
+/// What may have changed within the time `past`: all that runs, what ended lately, and the newest that wait. Those
+/// that were deleted are found by who asks for them.
+async fn catch_up(pool: &PgPool, past: Duration) -> Result<Vec<Change>, sqlx::Error> {
+    let now: i64 = sqlx::query_scalar("SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000 AS BIGINT)")
+        .fetch_one(pool)
+        .await?;
+    let past = i64::try_from(past.as_micros()).unwrap_or(i64::MAX);
+    let rows = sqlx::query(
+        "(SELECT id, version FROM jobs WHERE status = 'running' LIMIT $1) \
+         UNION (SELECT id, version FROM jobs WHERE finished_at >= $2 ORDER BY finished_at DESC LIMIT $1) \
+         UNION (SELECT id, version FROM jobs WHERE status = 'queued' ORDER BY id DESC LIMIT $1)",
+    )
+    .bind(CAUGHT_UP)
+    .bind(now.saturating_sub(past))
+    .fetch_all(pool)
+    .await?;
+    let change = |row: &sqlx::postgres::PgRow| {
+        let (id, version): (&str, i64) = (row.try_get("id")?, row.try_get("version")?);
+        Ok(id.parse().ok().map(|id| Change { id: JobId(id), version: u64::try_from(version).ok() }))
+    };
+    rows.iter().filter_map(|row| change(row).transpose()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read_but_by_its_writer() {
+        let id = |n: u128| JobId(uuid::Uuid::from_u128(n << 100 | n));
+        let change = |n: u128, version| Change { id: id(n), version };
+        let told = [change(1, Some(3)), change(2, None), change(1, Some(4)), change(3, Some(u64::MAX))];
+        let payload = write("a", &told);
+        let read_by = |own: &str, payload: &str| read(own, payload).collect::<Vec<_>>();
+        assert_eq!(read_by("b", &payload), [change(1, Some(4)), change(2, None), change(3, Some(u64::MAX))]);
+        assert_eq!(read_by("a", &payload), []);
+        for nonsense in ["", "c", "c 1", "c x y", "c  ", &format!("c {} z", id(1))] {
+            assert_eq!(read_by("b", nonsense), [], "{nonsense}");
+        }
+    }
+
+    #[test]
+    fn the_longest_notification_fits() {
+        let longest: Vec<Change> = (0..MOST as u128)
+            .map(|n| Change { id: JobId(uuid::Uuid::from_u128(n)), version: Some(u64::MAX) })
+            .collect();
+        assert!(write(&"f".repeat(32), &longest).len() < 8000);
+    }
+}

@@ -1,0 +1,334 @@
+//! The life of a lease: expire, renew, end, cancel. Every event goes through [`State::on`].
+
+use super::read::{self, known_job};
+use super::submit::insert_files;
+use super::{Before, Done, Link, Operation, SqlError, json, until, values, variant, word};
+use crate::generate::Progress;
+use crate::jobs::job::{BackendReport, Job, JobId, LiveSection, Problem, Status};
+use crate::jobs::state::{self, AttemptEnd, Event, Fence, Next, State};
+use crate::jobs::store::{Attempt, Change, Directive, Finished, StoreError, StoreOptions};
+use jiff::Timestamp;
+use std::time::Duration;
+
+/// Most leases that are ended in one transaction.
+const EXPIRED: u32 = 1000;
+
+/// Ends attempts whose lease has run out, or all: what the one process that had the store before left. Gives
+/// their jobs.
+#[derive(Debug)]
+pub(in crate::jobs) struct Expire {
+    pub(in crate::jobs) all: bool,
+}
+
+impl Operation for Expire {
+    type Output = Vec<JobId>;
+
+    async fn run(&self, link: &mut Link<'_>, options: &StoreOptions) -> Result<Done<Vec<JobId>>, SqlError> {
+        let before = if self.all { Timestamp::MAX } else { link.now().await? };
+        let changes = expire(link, options, before).await?;
+        Ok(Done::new(changes.iter().map(|change| change.id).collect(), changes))
+    }
+}
+
+/// Ends attempts whose lease ended at `before` or earlier.
+pub(super) async fn expire(
+    link: &mut Link<'_>,
+    options: &StoreOptions,
+    before: Timestamp,
+) -> Result<Vec<Change>, SqlError> {
+    // What another is just writing is left to it.
+    let sql = format!(
+        "SELECT id FROM jobs{} WHERE status = 'running' AND lease_until <= $1 ORDER BY lease_until LIMIT {EXPIRED}{}",
+        link.either(" INDEXED BY jobs_leases", ""),
+        link.either("", " FOR UPDATE SKIP LOCKED"),
+    );
+    let rows = link.all(sql, values![before]).await?;
+    let mut changes = Vec::with_capacity(rows.len());
+    for row in &rows {
+        let id = row.id("id")?;
+        let version = apply(link, options, id, &Event::Expire, None).await?;
+        changes.push(Change { id, version: Some(version) });
+    }
+    Ok(changes)
+}
+
+/// Renews a lease and records what is new.
+#[derive(Debug)]
+pub(super) struct Renew {
+    pub(super) id: JobId,
+    pub(super) fence: Fence,
+    pub(super) lease: Duration,
+    pub(super) backend: BackendReport,
+    pub(super) progress: Option<Progress>,
+    pub(super) section: Option<LiveSection>,
+}
+
+impl Operation for Renew {
+    type Output = Directive;
+
+    async fn run(&self, link: &mut Link<'_>, options: &StoreOptions) -> Result<Done<Directive>, SqlError> {
+        let Some((state, before)) = load(link, self.id).await? else {
+            return Ok(Done::quiet(Directive::Lost));
+        };
+        if state.on(&Event::Renew(self.fence.clone()), options.max_attempts).is_err() {
+            return Ok(Done::quiet(Directive::Lost));
+        }
+        let now = link.now().await?;
+        let row = link
+            .one(
+                "UPDATE jobs SET lease_until = $2, \
+                 version = version + CASE WHEN $7 OR $8 OR backend_used IS DISTINCT FROM $3 \
+                 OR device IS DISTINCT FROM $4 OR fallback IS DISTINCT FROM $5 THEN 1 ELSE 0 END, \
+                 backend_used = $3, device = $4, fallback = $5, \
+                 progress = COALESCE($6, progress), section = COALESCE($9, section) \
+                 WHERE id = $1 RETURNING version",
+                values![
+                    self.id,
+                    until(now, self.lease),
+                    self.backend.used.map(word),
+                    &self.backend.device,
+                    &self.backend.fallback,
+                    self.progress.as_ref().map(json),
+                    self.progress.is_some(),
+                    self.section.is_some(),
+                    self.section.as_ref().map(json),
+                ],
+            )
+            .await?;
+        let directive = if state.cancel_requested { Directive::Cancel } else { Directive::Continue };
+        let version = row.count("version")?;
+        let change = Change { id: self.id, version: Some(version) };
+        Ok(Done::new(directive, if version > before { vec![change] } else { vec![] }))
+    }
+}
+
+/// Names the newest checkpoint. Gives the key that it replaces.
+#[derive(Debug)]
+pub(super) struct SetCheckpoint {
+    pub(super) id: JobId,
+    pub(super) fence: Fence,
+    pub(super) key: String,
+}
+
+impl Operation for SetCheckpoint {
+    type Output = Option<String>;
+
+    async fn run(&self, link: &mut Link<'_>, options: &StoreOptions) -> Result<Done<Option<String>>, SqlError> {
+        let (state, _) = load(link, self.id).await?.ok_or(StoreError::Fenced)?;
+        state.on(&Event::Renew(self.fence.clone()), options.max_attempts).map_err(|_| StoreError::Fenced)?;
+        let before = link.one("SELECT checkpoint FROM jobs WHERE id = $1", values![self.id]).await?;
+        let before = before.optional_text("checkpoint")?.map(str::to_owned);
+        link.execute("UPDATE jobs SET checkpoint = $2 WHERE id = $1", values![self.id, &self.key]).await?;
+        Ok(Done::quiet(before.filter(|before| *before != self.key)))
+    }
+}
+
+/// What an end adds to the record.
+#[derive(Debug)]
+pub(super) enum Record {
+    Nothing,
+    Finished(Finished),
+    Failed(BackendReport, Problem),
+    Fault(Problem),
+}
+
+/// Ends the attempt of a claimed job by `event`.
+#[derive(Debug)]
+pub(super) struct End {
+    pub(super) id: JobId,
+    pub(super) fence: Fence,
+    pub(super) event: Event,
+    pub(super) record: Record,
+}
+
+impl Operation for End {
+    type Output = Job;
+
+    async fn run(&self, link: &mut Link<'_>, options: &StoreOptions) -> Result<Done<Job>, SqlError> {
+        let id = self.id;
+        let (state, _) = load(link, id).await?.ok_or(StoreError::Fenced)?;
+        let next = state.on(&self.event, options.max_attempts).map_err(|_| StoreError::Fenced)?;
+        let mut fault = None;
+        match &self.record {
+            Record::Nothing => {}
+            Record::Finished(finished) => {
+                link.execute(
+                    "UPDATE jobs SET summary = $2, engine_used = $3 WHERE id = $1",
+                    values![id, json(&finished.summary), &finished.engine],
+                )
+                .await?;
+                set_backend(link, id, &finished.backend).await?;
+                insert_files(link, id, finished.files.iter()).await?;
+            }
+            Record::Failed(backend, problem) => {
+                set_backend(link, id, backend).await?;
+                set_problem(link, id, problem).await?;
+                fault = Some(problem);
+            }
+            Record::Fault(problem) => fault = Some(problem),
+        }
+        if let Some(problem) = fault {
+            link.execute(
+                "UPDATE attempts SET detail = $3 WHERE job_id = $1 AND attempt = $2",
+                values![id, state.attempts, format!("{}: {}", problem.kind, problem.detail)],
+            )
+            .await?;
+        }
+        write(link, id, &next, None).await?;
+        let job = known_job(link, id).await?;
+        let change = Change { id, version: Some(job.version) };
+        Ok(Done::new(job, vec![change]))
+    }
+
+    /// What was computed is worth a long wait; the fence holds whatever happens meanwhile.
+    fn patience(&self) -> Duration {
+        Duration::from_secs(60)
+    }
+
+    async fn done_before(&self, link: &mut Link<'_>) -> Result<Before<Job>, SqlError> {
+        // A commit that is still under way is waited for at the job's row.
+        load(link, self.id).await?;
+        // Only the holder ends its attempt in this way, and only once.
+        let how = match self.event {
+            Event::Finish(_) => AttemptEnd::Succeeded,
+            Event::Fail(_) => AttemptEnd::Failed,
+            Event::Stopped(_) => AttemptEnd::Cancelled,
+            Event::Release(_) => AttemptEnd::Released,
+            Event::Retry(_) => AttemptEnd::Retried,
+            Event::Cancel | Event::Claim(_) | Event::Expire | Event::Renew(_) => return Ok(None),
+        };
+        let done = link
+            .optional(
+                "SELECT 1 AS done FROM attempts WHERE job_id = $1 AND attempt = $2 AND worker = $3 AND outcome = $4",
+                values![self.id, self.fence.attempt, &self.fence.worker, word(how)],
+            )
+            .await?;
+        let job = match done {
+            Some(_) => read::job(link, self.id).await?,
+            None => None,
+        };
+        Ok(job.map(|job| {
+            let change = Change { id: job.id, version: Some(job.version) };
+            Done::new(job, vec![change])
+        }))
+    }
+}
+
+/// Cancels. Gives the job, where there is one.
+#[derive(Debug)]
+pub(super) struct Cancel(pub(super) JobId);
+
+impl Operation for Cancel {
+    type Output = Option<Job>;
+
+    async fn run(&self, link: &mut Link<'_>, options: &StoreOptions) -> Result<Done<Option<Job>>, SqlError> {
+        let id = self.0;
+        let Some((state, _)) = load(link, id).await? else {
+            return Ok(Done::quiet(None));
+        };
+        let next = state.on(&Event::Cancel, options.max_attempts).ok().filter(|next| next.state != state);
+        if let Some(next) = &next {
+            write(link, id, next, None).await?;
+        }
+        let job = known_job(link, id).await?;
+        let change = Change { id, version: Some(job.version) };
+        Ok(Done::new(Some(job), if next.is_some() { vec![change] } else { vec![] }))
+    }
+}
+
+/// Applies an event of which the store knows that the job's state allows it. Returns the new version.
+pub(super) async fn apply(
+    link: &mut Link<'_>,
+    options: &StoreOptions,
+    id: JobId,
+    event: &Event,
+    lease_until: Option<Timestamp>,
+) -> Result<u64, SqlError> {
+    let gone = || StoreError::Database(format!("job {id} changed within a transaction"));
+    let (state, _) = load(link, id).await?.ok_or_else(gone)?;
+    let next = state.on(event, options.max_attempts).map_err(|_| gone())?;
+    write(link, id, &next, lease_until).await
+}
+
+/// The state and version of a job; nobody else changes them before this transaction ends.
+async fn load(link: &mut Link<'_>, id: JobId) -> Result<Option<(State, u64)>, SqlError> {
+    let sql = format!(
+        "SELECT status, attempts, spent, cancel_requested, holder, version FROM jobs WHERE id = $1{}",
+        link.either("", " FOR UPDATE"),
+    );
+    let row = link.optional(sql, values![id]).await?;
+    row.map(|row| {
+        let state = State {
+            status: variant(row.text("status")?)?,
+            attempts: row.count("attempts")?,
+            spent: row.count("spent")?,
+            cancel_requested: row.flag("cancel_requested")?,
+            holder: row.optional_text("holder")?.map(str::to_owned),
+        };
+        Ok((state, row.count("version")?))
+    })
+    .transpose()
+}
+
+/// Writes a state down: ends the attempt that ran, then changes the record. A running job without a new
+/// lease keeps the one it has.
+async fn write(link: &mut Link<'_>, id: JobId, next: &Next, lease_until: Option<Timestamp>) -> Result<u64, SqlError> {
+    let now = link.now().await?;
+    let state = &next.state;
+    if let Some(how) = next.ended {
+        link.execute(
+            "UPDATE attempts SET ended_at = $3, outcome = $4 WHERE job_id = $1 AND attempt = $2",
+            values![id, state.attempts, now, word(how)],
+        )
+        .await?;
+    }
+    if next.exhausted {
+        let history = read::attempts(link, id).await?;
+        set_problem(link, id, &Attempt::exhausted(&history)).await?;
+    }
+    if state.status == Status::Queued {
+        // What the last attempt reached is gone with it.
+        let wait = match next.ended {
+            Some(AttemptEnd::Retried) => state::retry_delay(state.spent),
+            _ => Duration::ZERO,
+        };
+        link.execute(
+            "UPDATE jobs SET progress = NULL, section = NULL, backend_used = NULL, device = NULL, fallback = NULL, \
+             available_at = $2 WHERE id = $1",
+            values![id, until(now, wait)],
+        )
+        .await?;
+    }
+    let row = link
+        .one(
+            "UPDATE jobs SET status = $2, attempts = $3, spent = $4, cancel_requested = $5, holder = $6, \
+             lease_until = CASE WHEN $2 = 'running' THEN COALESCE($7, lease_until) END, \
+             started_at = CASE WHEN $2 = 'running' THEN COALESCE(started_at, $8) ELSE started_at END, \
+             finished_at = CASE WHEN $9 THEN $8 END, \
+             checkpoint = CASE WHEN $9 THEN NULL ELSE checkpoint END, version = version + 1 WHERE id = $1 RETURNING version",
+            values![
+                id,
+                word(state.status),
+                state.attempts,
+                state.spent,
+                state.cancel_requested,
+                &state.holder,
+                lease_until,
+                now,
+                state.status.is_ended(),
+            ],
+        )
+        .await?;
+    row.count("version")
+}
+
+async fn set_backend(link: &mut Link<'_>, id: JobId, backend: &BackendReport) -> Result<(), SqlError> {
+    let values = values![id, backend.used.map(word), &backend.device, &backend.fallback];
+    link.execute("UPDATE jobs SET backend_used = $2, device = $3, fallback = $4 WHERE id = $1", values).await?;
+    Ok(())
+}
+
+async fn set_problem(link: &mut Link<'_>, id: JobId, problem: &Problem) -> Result<(), SqlError> {
+    link.execute("UPDATE jobs SET problem = $2 WHERE id = $1", values![id, json(problem)]).await?;
+    Ok(())
+}

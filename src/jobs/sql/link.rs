@@ -1,0 +1,332 @@
+//! A connection to either database, with the few types of values that records are made of.
+
+use crate::clock::Clock;
+use crate::jobs::job::JobId;
+use crate::jobs::store::StoreError;
+use jiff::Timestamp;
+use sqlx::postgres::{PgArguments, PgRow};
+use sqlx::query::Query;
+use sqlx::sqlite::{SqliteArguments, SqliteRow};
+use sqlx::{AssertSqlSafe, PgConnection, Postgres, Row as _, SqlSafeStr, SqlStr, Sqlite, SqliteConnection};
+use std::borrow::Cow;
+
+/// Why an operation on the database failed.
+#[derive(Debug, thiserror::Error)]
+pub(in crate::jobs) enum SqlError {
+    /// A refusal that is meant.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The database is away, or refused.
+    #[error(transparent)]
+    Database(#[from] sqlx::Error),
+}
+
+impl From<SqlError> for StoreError {
+    fn from(error: SqlError) -> Self {
+        match error {
+            SqlError::Store(error) => error,
+            SqlError::Database(error) => Self::Database(error.to_string()),
+        }
+    }
+}
+
+/// Which SQL is spoken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::jobs) enum Dialect {
+    Sqlite,
+    Postgres,
+}
+
+/// An open connection, in a transaction or not.
+#[derive(Debug)]
+pub(in crate::jobs) enum Connection<'c> {
+    Sqlite(&'c mut SqliteConnection),
+    Postgres(&'c mut PgConnection),
+}
+
+/// Where the time of leases and records comes from.
+#[derive(Clone, Debug)]
+pub(in crate::jobs) enum Time {
+    /// A clock of this process.
+    Clock(Clock),
+    /// The database's clock, the same for all processes that share it.
+    Database,
+}
+
+/// A connection with the time.
+#[derive(Debug)]
+pub(in crate::jobs) struct Link<'c> {
+    connection: Connection<'c>,
+    time: &'c Time,
+    now: Option<Timestamp>,
+}
+
+/// A value of a parameter.
+#[derive(Clone, Debug)]
+pub(in crate::jobs) enum Value {
+    Int(Option<i64>),
+    Text(Option<String>),
+    Texts(Vec<String>),
+    Flag(bool),
+}
+
+impl From<i64> for Value {
+    fn from(value: i64) -> Self {
+        Self::Int(Some(value))
+    }
+}
+
+impl From<u32> for Value {
+    fn from(value: u32) -> Self {
+        Self::Int(Some(value.into()))
+    }
+}
+
+/// Counts beyond the range of the database do not occur; they would stay at its end.
+impl From<u64> for Value {
+    fn from(value: u64) -> Self {
+        Self::Int(Some(i64::try_from(value).unwrap_or(i64::MAX)))
+    }
+}
+
+impl From<Timestamp> for Value {
+    fn from(at: Timestamp) -> Self {
+        Self::Int(Some(at.as_microsecond()))
+    }
+}
+
+impl From<Option<Timestamp>> for Value {
+    fn from(at: Option<Timestamp>) -> Self {
+        Self::Int(at.map(Timestamp::as_microsecond))
+    }
+}
+
+impl From<bool> for Value {
+    fn from(value: bool) -> Self {
+        Self::Flag(value)
+    }
+}
+
+impl From<JobId> for Value {
+    fn from(id: JobId) -> Self {
+        Self::Text(Some(id.to_string()))
+    }
+}
+
+impl From<&str> for Value {
+    fn from(text: &str) -> Self {
+        Self::Text(Some(text.to_owned()))
+    }
+}
+
+impl From<String> for Value {
+    fn from(text: String) -> Self {
+        Self::Text(Some(text))
+    }
+}
+
+impl From<&String> for Value {
+    fn from(text: &String) -> Self {
+        Self::Text(Some(text.clone()))
+    }
+}
+
+impl From<Option<String>> for Value {
+    fn from(text: Option<String>) -> Self {
+        Self::Text(text)
+    }
+}
+
+impl From<&Option<String>> for Value {
+    fn from(text: &Option<String>) -> Self {
+        Self::Text(text.clone())
+    }
+}
+
+impl From<Vec<String>> for Value {
+    fn from(texts: Vec<String>) -> Self {
+        Self::Texts(texts)
+    }
+}
+
+/// Queries are put together from constants of this module's siblings alone; what clients say goes into values.
+fn constant(sql: impl Into<Cow<'static, str>>) -> SqlStr {
+    match sql.into() {
+        Cow::Borrowed(sql) => sql.into_sql_str(),
+        Cow::Owned(sql) => AssertSqlSafe(sql).into_sql_str(),
+    }
+}
+
+fn for_sqlite<'q>(sql: SqlStr, values: Vec<Value>) -> Query<'q, Sqlite, SqliteArguments> {
+    values.into_iter().fold(sqlx::query(sql), |query, value| match value {
+        Value::Int(value) => query.bind(value),
+        Value::Text(value) => query.bind(value),
+        Value::Texts(values) => query.bind(super::json(&values)),
+        Value::Flag(value) => query.bind(value),
+    })
+}
+
+fn for_postgres<'q>(sql: SqlStr, values: Vec<Value>) -> Query<'q, Postgres, PgArguments> {
+    values.into_iter().fold(sqlx::query(sql), |query, value| match value {
+        Value::Int(value) => query.bind(value),
+        Value::Text(value) => query.bind(value),
+        Value::Texts(values) => query.bind(values),
+        Value::Flag(value) => query.bind(value),
+    })
+}
+
+impl<'c> Link<'c> {
+    pub(in crate::jobs) fn new(connection: Connection<'c>, time: &'c Time) -> Self {
+        Self { connection, time, now: None }
+    }
+
+    pub(in crate::jobs) fn dialect(&self) -> Dialect {
+        match self.connection {
+            Connection::Sqlite(_) => Dialect::Sqlite,
+            Connection::Postgres(_) => Dialect::Postgres,
+        }
+    }
+
+    /// One text for SQLite, another for PostgreSQL.
+    pub(in crate::jobs) fn either(&self, sqlite: &'static str, postgres: &'static str) -> &'static str {
+        match self.dialect() {
+            Dialect::Sqlite => sqlite,
+            Dialect::Postgres => postgres,
+        }
+    }
+
+    /// The time of this transaction, asked for once.
+    pub(in crate::jobs) async fn now(&mut self) -> Result<Timestamp, SqlError> {
+        if let Some(now) = self.now {
+            return Ok(now);
+        }
+        let now = match self.time {
+            Time::Clock(clock) => clock.now(),
+            Time::Database => {
+                let now = "SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000 AS BIGINT) AS now";
+                super::timestamp(self.one(now, Vec::new()).await?.int("now")?)?
+            }
+        };
+        Ok(*self.now.insert(now))
+    }
+
+    /// Runs a statement; returns how many rows it changed.
+    pub(in crate::jobs) async fn execute(
+        &mut self,
+        sql: impl Into<Cow<'static, str>>,
+        values: Vec<Value>,
+    ) -> Result<u64, SqlError> {
+        let sql = constant(sql);
+        Ok(match &mut self.connection {
+            Connection::Sqlite(link) => for_sqlite(sql, values).execute(&mut **link).await?.rows_affected(),
+            Connection::Postgres(link) => for_postgres(sql, values).execute(&mut **link).await?.rows_affected(),
+        })
+    }
+
+    /// All rows of a query.
+    pub(in crate::jobs) async fn all(
+        &mut self,
+        sql: impl Into<Cow<'static, str>>,
+        values: Vec<Value>,
+    ) -> Result<Vec<Row>, SqlError> {
+        let sql = constant(sql);
+        Ok(match &mut self.connection {
+            Connection::Sqlite(link) => {
+                for_sqlite(sql, values).fetch_all(&mut **link).await?.into_iter().map(Row::Sqlite).collect()
+            }
+            Connection::Postgres(link) => {
+                for_postgres(sql, values).fetch_all(&mut **link).await?.into_iter().map(Row::Postgres).collect()
+            }
+        })
+    }
+
+    /// The row of a query, where there is one.
+    pub(in crate::jobs) async fn optional(
+        &mut self,
+        sql: impl Into<Cow<'static, str>>,
+        values: Vec<Value>,
+    ) -> Result<Option<Row>, SqlError> {
+        let sql = constant(sql);
+        Ok(match &mut self.connection {
+            Connection::Sqlite(link) => for_sqlite(sql, values).fetch_optional(&mut **link).await?.map(Row::Sqlite),
+            Connection::Postgres(link) => {
+                for_postgres(sql, values).fetch_optional(&mut **link).await?.map(Row::Postgres)
+            }
+        })
+    }
+
+    /// The row of a query that always has one.
+    pub(in crate::jobs) async fn one(
+        &mut self,
+        sql: impl Into<Cow<'static, str>>,
+        values: Vec<Value>,
+    ) -> Result<Row, SqlError> {
+        Ok(self.optional(sql, values).await?.ok_or(sqlx::Error::RowNotFound)?)
+    }
+}
+
+/// A row of either database.
+#[derive(Debug)]
+pub(in crate::jobs) enum Row {
+    Sqlite(SqliteRow),
+    Postgres(PgRow),
+}
+
+macro_rules! get {
+    ($row:expr, $column:expr, $kind:ty) => {
+        Ok(match $row {
+            Row::Sqlite(row) => row.try_get::<$kind, _>($column)?,
+            Row::Postgres(row) => row.try_get::<$kind, _>($column)?,
+        })
+    };
+}
+
+impl Row {
+    pub(in crate::jobs) fn text(&self, column: &str) -> Result<&str, SqlError> {
+        get!(self, column, &str)
+    }
+
+    pub(in crate::jobs) fn optional_text(&self, column: &str) -> Result<Option<&str>, SqlError> {
+        get!(self, column, Option<&str>)
+    }
+
+    pub(in crate::jobs) fn int(&self, column: &str) -> Result<i64, SqlError> {
+        get!(self, column, i64)
+    }
+
+    pub(in crate::jobs) fn optional_int(&self, column: &str) -> Result<Option<i64>, SqlError> {
+        get!(self, column, Option<i64>)
+    }
+
+    pub(in crate::jobs) fn flag(&self, column: &str) -> Result<bool, SqlError> {
+        get!(self, column, bool)
+    }
+
+    /// A count, in whatever width it is needed.
+    pub(in crate::jobs) fn count<T: TryFrom<i64, Error: std::error::Error>>(
+        &self,
+        column: &str,
+    ) -> Result<T, SqlError> {
+        T::try_from(self.int(column)?).map_err(|error| super::broken(&error))
+    }
+
+    pub(in crate::jobs) fn id(&self, column: &str) -> Result<JobId, SqlError> {
+        id(self.text(column)?)
+    }
+
+    pub(in crate::jobs) fn optional_id(&self, column: &str) -> Result<Option<JobId>, SqlError> {
+        self.optional_text(column)?.map(id).transpose()
+    }
+
+    pub(in crate::jobs) fn time(&self, column: &str) -> Result<Timestamp, SqlError> {
+        super::timestamp(self.int(column)?)
+    }
+
+    pub(in crate::jobs) fn optional_time(&self, column: &str) -> Result<Option<Timestamp>, SqlError> {
+        self.optional_int(column)?.map(super::timestamp).transpose()
+    }
+}
+
+fn id(text: &str) -> Result<JobId, SqlError> {
+    text.parse().map(JobId).map_err(|error: uuid::Error| super::broken(&error))
+}

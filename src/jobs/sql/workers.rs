@@ -1,0 +1,61 @@
+//! Signs of life of workers.
+
+use super::{Done, Link, Operation, SqlError, values, variant, word};
+use crate::jobs::store::{StoreOptions, WorkerInfo};
+use jiff::Timestamp;
+use std::time::Duration;
+
+/// Workers seen within this time are listed.
+const SEEN: Duration = Duration::from_secs(5 * 60);
+/// Rows of workers not seen for so long are dropped.
+const FORGET: Duration = Duration::from_secs(24 * 60 * 60);
+
+/// Records a worker, as seen now: its own clock is not asked.
+#[derive(Debug)]
+pub(super) struct WorkerSeen(pub(super) WorkerInfo);
+
+impl Operation for WorkerSeen {
+    type Output = ();
+
+    async fn run(&self, link: &mut Link<'_>, _: &StoreOptions) -> Result<Done<()>, SqlError> {
+        let now = link.now().await?;
+        let worker = &self.0;
+        link.execute(
+            "INSERT INTO workers (id, host, backend, device, job, jobs_done, heartbeat_at) \
+             VALUES ($1, $2, $3, $4, $5, $6, $7) ON CONFLICT (id) DO UPDATE SET host = $2, backend = $3, device = $4, \
+             job = $5, jobs_done = $6, heartbeat_at = $7",
+            values![
+                &worker.id,
+                &worker.host,
+                word(worker.backend),
+                &worker.device,
+                worker.job.map(|job| job.to_string()),
+                worker.jobs_done,
+                now,
+            ],
+        )
+        .await?;
+        let old = now.saturating_sub(FORGET).unwrap_or(Timestamp::MIN);
+        link.execute("DELETE FROM workers WHERE heartbeat_at < $1", values![old]).await?;
+        Ok(Done::quiet(()))
+    }
+}
+
+/// Workers seen lately.
+pub(super) async fn workers(link: &mut Link<'_>) -> Result<Vec<WorkerInfo>, SqlError> {
+    let since = link.now().await?.saturating_sub(SEEN).unwrap_or(Timestamp::MIN);
+    let rows = link.all("SELECT * FROM workers WHERE heartbeat_at >= $1 ORDER BY id", values![since]).await?;
+    rows.iter()
+        .map(|row| {
+            Ok(WorkerInfo {
+                id: row.text("id")?.to_owned(),
+                host: row.text("host")?.to_owned(),
+                backend: variant(row.text("backend")?)?,
+                device: row.text("device")?.to_owned(),
+                job: row.optional_id("job")?,
+                jobs_done: row.count("jobs_done")?,
+                heartbeat_at: row.time("heartbeat_at")?,
+            })
+        })
+        .collect()
+}

@@ -1,0 +1,250 @@
+//! What this process counts for operators, in the OpenMetrics text format that Prometheus reads.
+//!
+//! Each process counts what it does itself; sums over the processes are the business of the reader. Gauges that are
+//! read from the stores (`oviduct_jobs`, `oviduct_stored_bytes`) are the same from every process: take their maximum,
+//! not their sum. Label values come from the code, never from requests, so their number is bounded.
+
+use prometheus_client::encoding::text::encode;
+use prometheus_client::encoding::{EncodeLabelSet, EncodeLabelValue, LabelValueEncoder};
+use prometheus_client::metrics::counter::Counter;
+use prometheus_client::metrics::family::Family;
+use prometheus_client::metrics::gauge::Gauge;
+use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
+use prometheus_client::registry::Registry;
+use std::fmt::Write as _;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Media type of the text.
+pub const MEDIA_TYPE: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
+
+/// A label value known at compile time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+struct Word(&'static str);
+
+impl EncodeLabelValue for Word {
+    fn encode(&self, encoder: &mut LabelValueEncoder<'_>) -> Result<(), std::fmt::Error> {
+        encoder.write_str(self.0)
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct StatusLabel {
+    status: Word,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct StageLabel {
+    stage: Word,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct EndLabel {
+    end: Word,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct DirectionLabel {
+    direction: Word,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct RequestLabel {
+    method: String,
+    route: String,
+    status: u16,
+}
+
+type Durations<L> = Family<L, Histogram, fn() -> Histogram>;
+
+/// The counts of a process. Clones share them.
+#[derive(Clone, Debug)]
+pub struct Metrics(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    registry: Registry,
+    jobs: Family<StatusLabel, Gauge>,
+    stored: Gauge,
+    streams: Gauge,
+    wait: Histogram,
+    stages: Durations<StageLabel>,
+    attempts: Family<EndLabel, Counter>,
+    leases_lost: Counter,
+    bytes: Family<DirectionLabel, Counter>,
+    checkpoints: Counter,
+    removed: Counter,
+    requests: Family<RequestLabel, Counter>,
+    request_seconds: Histogram,
+}
+
+/// From a tenth of a second to about three hours.
+fn long() -> Histogram {
+    Histogram::new(exponential_buckets(0.1, 2.0, 17))
+}
+
+/// From a millisecond to about a minute.
+fn short() -> Histogram {
+    Histogram::new(exponential_buckets(0.001, 2.0, 16))
+}
+
+/// From ten milliseconds to about twenty minutes.
+fn stage() -> Histogram {
+    Histogram::new(exponential_buckets(0.01, 2.0, 17))
+}
+
+impl Default for Metrics {
+    fn default() -> Self {
+        let mut registry = Registry::with_prefix("oviduct");
+        let inner = Inner {
+            jobs: Family::default(),
+            stored: Gauge::default(),
+            streams: Gauge::default(),
+            wait: long(),
+            stages: Durations::new_with_constructor(stage as fn() -> Histogram),
+            attempts: Family::default(),
+            leases_lost: Counter::default(),
+            bytes: Family::default(),
+            checkpoints: Counter::default(),
+            removed: Counter::default(),
+            requests: Family::default(),
+            request_seconds: short(),
+            registry: Registry::default(),
+        };
+        registry.register(
+            "jobs",
+            "Jobs by status, from the store; queued is the depth of the queue",
+            inner.jobs.clone(),
+        );
+        registry.register("stored_bytes", "Bytes of all files of models, from the store", inner.stored.clone());
+        registry.register("event_streams", "Event streams open in this process", inner.streams.clone());
+        registry.register(
+            "queue_wait_seconds",
+            "Time from a job's acceptance to its first claim, of jobs first claimed by this process",
+            inner.wait.clone(),
+        );
+        registry.register("stage_seconds", "Run time of a job by stage", inner.stages.clone());
+        registry.register("attempts", "Attempts by how they ended in this process", inner.attempts.clone());
+        registry.register("leases_lost", "Attempts of this process whose lease was lost", inner.leases_lost.clone());
+        registry.register("artifact_bytes", "Bytes to (in) and from (out) the artifact store", inner.bytes.clone());
+        registry.register("checkpoints", "Checkpoints stored", inner.checkpoints.clone());
+        registry.register("models_removed", "Models removed for their age or for room", inner.removed.clone());
+        registry.register("http_requests", "Requests answered", inner.requests.clone());
+        registry.register(
+            "http_request_seconds",
+            "Time to the head of an answer; long polls and streams included",
+            inner.request_seconds.clone(),
+        );
+        Self(Arc::new(Inner { registry, ..inner }))
+    }
+}
+
+impl Metrics {
+    /// How many jobs stand where.
+    pub fn set_jobs(&self, counts: impl IntoIterator<Item = (&'static str, u64)>) {
+        for (status, count) in counts {
+            self.0.jobs.get_or_create(&StatusLabel { status: Word(status) }).set(gauge(count));
+        }
+    }
+
+    /// Bytes of all files of models.
+    pub fn set_stored_bytes(&self, bytes: u64) {
+        self.0.stored.set(gauge(bytes));
+    }
+
+    /// Event streams open.
+    pub fn set_streams(&self, open: usize) {
+        self.0.streams.set(gauge(open as u64));
+    }
+
+    /// A job was claimed for the first time after waiting so long.
+    pub fn waited(&self, time: Duration) {
+        self.0.wait.observe(time.as_secs_f64());
+    }
+
+    /// A stage of a job took so long.
+    pub fn stage(&self, stage: &'static str, seconds: f64) {
+        self.0.stages.get_or_create(&StageLabel { stage: Word(stage) }).observe(seconds);
+    }
+
+    /// An attempt ended.
+    pub fn attempt(&self, end: &'static str) {
+        self.0.attempts.get_or_create(&EndLabel { end: Word(end) }).inc();
+        if end == "lost" {
+            self.0.leases_lost.inc();
+        }
+    }
+
+    /// Bytes went to the artifact store.
+    pub fn bytes_in(&self, bytes: u64) {
+        self.0.bytes.get_or_create(&DirectionLabel { direction: Word("in") }).inc_by(bytes);
+    }
+
+    /// Bytes are on their way to a client.
+    pub fn bytes_out(&self, bytes: u64) {
+        self.0.bytes.get_or_create(&DirectionLabel { direction: Word("out") }).inc_by(bytes);
+    }
+
+    /// A checkpoint was stored.
+    pub fn checkpoint(&self) {
+        self.0.checkpoints.inc();
+    }
+
+    /// Models were removed for their age or for room.
+    pub fn removed(&self, models: u64) {
+        self.0.removed.inc_by(models);
+    }
+
+    /// A request was answered. `route` is the pattern of its address, not the address.
+    pub fn request(&self, method: &str, route: &str, status: u16, time: Duration) {
+        let label = RequestLabel { method: method.to_owned(), route: route.to_owned(), status };
+        self.0.requests.get_or_create(&label).inc();
+        self.0.request_seconds.observe(time.as_secs_f64());
+    }
+
+    /// All of it as text.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        if encode(&mut text, &self.0.registry).is_err() {
+            // Writing to a String cannot fail.
+            let _ = write!(text, "# EOF");
+        }
+        text
+    }
+}
+
+fn gauge(count: u64) -> i64 {
+    i64::try_from(count).unwrap_or(i64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_text_says_what_was_counted() {
+        let metrics = Metrics::default();
+        metrics.set_jobs([("queued", 7), ("running", 2)]);
+        metrics.waited(Duration::from_millis(300));
+        metrics.stage("simulate", 1.5);
+        metrics.attempt("succeeded");
+        metrics.attempt("lost");
+        metrics.bytes_in(10);
+        metrics.bytes_out(5);
+        metrics.request("GET", "/models/{id}", 200, Duration::from_millis(2));
+        let text = metrics.text();
+        for line in [
+            "oviduct_jobs{status=\"queued\"} 7",
+            "oviduct_queue_wait_seconds_count 1",
+            "oviduct_stage_seconds_sum{stage=\"simulate\"} 1.5",
+            "oviduct_attempts_total{end=\"lost\"} 1",
+            "oviduct_leases_lost_total 1",
+            "oviduct_artifact_bytes_total{direction=\"out\"} 5",
+            "oviduct_http_requests_total{method=\"GET\",route=\"/models/{id}\",status=\"200\"} 1",
+        ] {
+            assert!(text.lines().any(|l| l == line), "{line} in\n{text}");
+        }
+        assert!(text.ends_with("# EOF\n"));
+    }
+}

@@ -1,0 +1,205 @@
+//! The state of a simulation as bytes, so that another process can go on where one left off.
+//!
+//! Only what decides the steps to come is kept: both loops, the clearances that the next growth event looks at, the
+//! counts. Neighbour lists are found anew; whatever blocks they hold besides those in range add zeros, so a
+//! simulation that goes on gives the same bits as one that never stopped.
+//!
+//! All numbers are little-endian: version, time, next id, three counts (u64 each), then each vector with its length
+//! (u32) before it.
+
+use super::{CpuSimulation, Neighbours, Plan, Statistics, integrate};
+use crate::sim::state::{InnerLoop, OuterLoop};
+
+/// Version of the form.
+const VERSION: u64 = 1;
+/// Words before the vectors.
+const WORDS: usize = 6;
+
+/// The bytes are not a state of this simulation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the stored state of the simulation cannot be used: {0}")]
+pub struct StateError(&'static str);
+
+impl CpuSimulation {
+    /// The state between two steps.
+    #[must_use]
+    pub fn save(&self) -> Vec<u8> {
+        let (inner, outer) = (&self.inner, &self.outer);
+        let words: [u64; WORDS] = [
+            VERSION,
+            self.time.cast_unsigned(),
+            u64::from(inner.next_id),
+            self.statistics.splits_deferred,
+            self.statistics.moves_shortened,
+            self.neighbours.builds(),
+        ];
+        let mut bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+        push(&mut bytes, inner.id.iter().copied());
+        for v in fields(inner) {
+            push(&mut bytes, v.iter().map(|x| x.to_bits()));
+        }
+        push(&mut bytes, outer.id.iter().copied());
+        for v in [&outer.p, &outer.v] {
+            push(&mut bytes, v.iter().flatten().map(|x| x.to_bits()));
+        }
+        push(&mut bytes, self.work.clearance().iter().map(|x| x.to_bits()));
+        bytes
+    }
+
+    /// Goes on from a state that [`CpuSimulation::save`] gave, under the plan that it was saved under.
+    ///
+    /// # Errors
+    /// [`StateError`] where the bytes are of another version or not whole. That they belong to the plan is for the
+    /// caller to know.
+    pub fn restore(plan: Plan, threads: usize, bytes: &[u8]) -> Result<Self, StateError> {
+        let mut reader = Reader(bytes);
+        if reader.word()? != VERSION {
+            return Err(StateError("it is of another version"));
+        }
+        let time = reader.word()?.cast_signed();
+        let next_id = u32::try_from(reader.word()?).map_err(|_| StateError("an id is out of bounds"))?;
+        let statistics =
+            Statistics { splits_deferred: reader.word()?, moves_shortened: reader.word()?, ..Statistics::default() };
+        let builds = reader.word()?;
+        let mut inner = InnerLoop { id: reader.numbers()?, next_id, ..InnerLoop::default() };
+        let n = inner.len();
+        for v in fields_mut(&mut inner) {
+            *v = reader.floats(n)?;
+        }
+        let mut outer = OuterLoop { id: reader.numbers()?, ..OuterLoop::default() };
+        let m = outer.len();
+        for v in [&mut outer.p, &mut outer.v] {
+            *v = reader.floats(2 * m)?.as_chunks::<2>().0.to_vec();
+        }
+        // Before the first step there are no clearances; after a growth event they are those of fewer particles.
+        let clearance: Vec<f32> = reader.numbers()?.into_iter().map(f32::from_bits).collect();
+        if !reader.0.is_empty() || n < 3 || m < 3 || clearance.len() > n {
+            return Err(StateError("its parts do not fit together"));
+        }
+        if !(-i64::from(plan.burn_in)..=i64::from(plan.steps)).contains(&time) {
+            return Err(StateError("its time is out of bounds"));
+        }
+        let mut simulation = Self {
+            time,
+            inner,
+            outer,
+            chain: super::Chain::default(),
+            neighbours: Neighbours::new(plan.search, threads).counted_from(builds),
+            work: integrate::Work::with_clearance(clearance),
+            statistics,
+            plan,
+        };
+        simulation.work.resize(n);
+        Ok(simulation)
+    }
+}
+
+/// The vectors of the inner loop but the ids, in the order of the form.
+fn fields(s: &InnerLoop) -> [&Vec<f32>; 9] {
+    [&s.x, &s.y, &s.vx, &s.vy, &s.rest, &s.anchor_x, &s.anchor_y, &s.sign, &s.scale]
+}
+
+fn fields_mut(s: &mut InnerLoop) -> [&mut Vec<f32>; 9] {
+    [&mut s.x, &mut s.y, &mut s.vx, &mut s.vy, &mut s.rest, &mut s.anchor_x, &mut s.anchor_y, &mut s.sign, &mut s.scale]
+}
+
+fn push(bytes: &mut Vec<u8>, numbers: impl Iterator<Item = u32>) {
+    let start = bytes.len();
+    bytes.extend([0; 4]);
+    let mut count = 0u32;
+    for number in numbers {
+        bytes.extend(number.to_le_bytes());
+        count += 1;
+    }
+    bytes[start..start + 4].copy_from_slice(&count.to_le_bytes());
+}
+
+struct Reader<'a>(&'a [u8]);
+
+impl Reader<'_> {
+    const SHORT: StateError = StateError("it is cut off");
+
+    fn take<const N: usize>(&mut self) -> Result<[u8; N], StateError> {
+        let (head, rest) = self.0.split_first_chunk::<N>().ok_or(Self::SHORT)?;
+        self.0 = rest;
+        Ok(*head)
+    }
+
+    fn word(&mut self) -> Result<u64, StateError> {
+        self.take().map(u64::from_le_bytes)
+    }
+
+    fn numbers(&mut self) -> Result<Vec<u32>, StateError> {
+        let count = u32::from_le_bytes(self.take()?) as usize;
+        let (head, rest) = self.0.split_at_checked(count.saturating_mul(4)).ok_or(Self::SHORT)?;
+        self.0 = rest;
+        Ok(head.as_chunks::<4>().0.iter().map(|&bytes| u32::from_le_bytes(bytes)).collect())
+    }
+
+    fn floats(&mut self, count: usize) -> Result<Vec<f32>, StateError> {
+        let numbers = self.numbers()?;
+        if numbers.len() != count {
+            return Err(StateError("its vectors differ in length"));
+        }
+        Ok(numbers.into_iter().map(f32::from_bits).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::sim::Simulator;
+    use crate::spec::{ModelSpec, preset};
+    use proptest::prelude::*;
+    use serde_json::json;
+
+    fn plan(integrator: &str) -> Plan {
+        let patch = json!({
+            "steps": 60, "burn_in": 20, "solver": { "integrator": integrator },
+            "particles": { "total": { "keys": [[0, 260], [1, 520]] }, "outer": { "keys": [[0, 60], [1, 90]] } },
+        });
+        Plan::new(&ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap(), 11)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(6))]
+        #[test]
+        fn a_restored_simulation_goes_on_bit_for_bit(
+            at in 0u32..80, rk4: bool, threads in 1usize..4,
+        ) {
+            let plan = plan(if rk4 { "rk4" } else { "euler" });
+            let mut whole = CpuSimulation::new(plan.clone(), 1);
+            for _ in 0..at {
+                whole.step().unwrap();
+            }
+            let mut other = CpuSimulation::restore(plan, threads, &whole.save()).unwrap();
+            prop_assert_eq!(whole.section(), other.section());
+            for _ in at..80 {
+                whole.step().unwrap();
+                other.step().unwrap();
+            }
+            prop_assert_eq!(&whole.inner, &other.inner);
+            prop_assert_eq!(&whole.outer, &other.outer);
+            prop_assert_eq!(whole.time, other.time);
+            let (a, b) = (whole.statistics(), other.statistics());
+            prop_assert_eq!((a.splits_deferred, a.moves_shortened), (b.splits_deferred, b.moves_shortened));
+        }
+    }
+
+    #[test]
+    fn broken_states_are_refused() {
+        let saved = CpuSimulation::new(plan("euler"), 1).save();
+        let restore = |bytes: &[u8]| CpuSimulation::restore(plan("euler"), 1, bytes).map(drop);
+        assert_eq!(restore(&saved), Ok(()));
+        for cut in [0, 7, 40, 60, saved.len() - 1] {
+            assert!(restore(&saved[..cut]).is_err(), "{cut}");
+        }
+        assert!(restore(&[saved.as_slice(), &[0]].concat()).is_err());
+        let mut later = saved.clone();
+        later[0] = 2;
+        assert_eq!(restore(&later), Err(StateError("it is of another version")));
+        let mut lost = saved;
+        lost[8..16].copy_from_slice(&i64::MAX.to_le_bytes());
+        assert_eq!(restore(&lost), Err(StateError("its time is out of bounds")));
+    }
+}

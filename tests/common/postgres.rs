@@ -1,0 +1,156 @@
+//! PostgreSQL for tests: a cluster of Debian's package in a temporary folder, on a free port of loopback.
+//!
+//! A shell of its own holds the cluster: when the process that started it ends, in whatever way, the pipe to
+//! the shell closes, and it stops the server and removes the folder. As root everything runs as user `postgres`.
+
+use std::io::Write;
+use std::net::TcpListener;
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+/// Makes a cluster and starts it, says `ready`, waits for its input to end, then clears up. `$1`: folder, `$2`: port.
+/// fsync stays on: what is tested is what is used.
+const HOLD: &str = r#"
+set -e
+trap '' INT TERM HUP
+trap 'pg_ctl -D "$1/data" -m immediate stop >/dev/null 2>&1 || true; rm -rf "$1"' EXIT
+initdb -D "$1/data" -U postgres -A trust -E UTF8 --locale=C.UTF-8 --no-sync >"$1/log" 2>&1 || { cat "$1/log" >&2; exit 1; }
+cat >>"$1/data/postgresql.conf" <<END
+listen_addresses = '127.0.0.1'
+port = $2
+unix_socket_directories = ''
+max_connections = 200
+shared_buffers = 64MB
+log_min_messages = warning
+END
+pg_ctl -D "$1/data" -l "$1/log" -w start >/dev/null 2>&1 || { cat "$1/log" >&2; exit 1; }
+echo ready
+read -r _ || true
+"#;
+
+/// A running server.
+pub struct Cluster {
+    folder: PathBuf,
+    port: u16,
+    bin: PathBuf,
+    databases: AtomicU32,
+    _holder: Child,
+    _pipe: ChildStdin,
+}
+
+/// The folder of PostgreSQL's programs, that of the newest version.
+fn programs() -> PathBuf {
+    let mut found: Vec<PathBuf> = std::fs::read_dir("/usr/lib/postgresql")
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path().join("bin"))
+        .filter(|bin| bin.join("initdb").exists() && bin.join("pg_ctl").exists())
+        .collect();
+    let version = |bin: &PathBuf| bin.parent()?.file_name()?.to_str()?.parse::<u32>().ok();
+    found.sort_by_key(version);
+    found.pop().expect(
+        "PostgreSQL is missing: these tests start a server of their own from Debian's package; \
+         run scripts/need, or apt-get install postgresql",
+    )
+}
+
+fn is_root() -> bool {
+    Command::new("id").arg("-u").output().is_ok_and(|out| out.stdout.trim_ascii() == b"0")
+}
+
+/// A program of PostgreSQL, to be run as a user that it accepts.
+fn program(bin: &Path, name: &str) -> Command {
+    let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap_or_default());
+    let mut command = if is_root() {
+        let mut command = Command::new("setpriv");
+        command.args(["--reuid=postgres", "--regid=postgres", "--init-groups", "--"]).arg(name);
+        command
+    } else {
+        Command::new(name)
+    };
+    command.env("PATH", path).env("LC_ALL", "C.UTF-8").current_dir("/");
+    command
+}
+
+impl Cluster {
+    /// The one of this process, made when it is first asked for.
+    pub fn shared() -> &'static Self {
+        static SHARED: OnceLock<Cluster> = OnceLock::new();
+        SHARED.get_or_init(Self::start)
+    }
+
+    /// Starts one for a test that needs it for itself.
+    pub fn start() -> Self {
+        let bin = programs();
+        // The user of the server must be able to enter: a folder of its own making below the temporary one.
+        let made = program(&bin, "mktemp").args(["-d", "-p", "/tmp", "oviduct-postgres-XXXXXX"]).output().unwrap();
+        assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+        let folder = PathBuf::from(String::from_utf8(made.stdout).unwrap().trim());
+        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let mut holder = program(&bin, "bash")
+            .args(["-c", HOLD, "hold"])
+            .arg(&folder)
+            .arg(port.to_string())
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("bash and setpriv are there");
+        let pipe = holder.stdin.take().expect("a pipe");
+        let mut said = String::new();
+        let out = holder.stdout.take().expect("a pipe");
+        std::io::BufRead::read_line(&mut std::io::BufReader::new(out), &mut said).unwrap();
+        assert_eq!(said, "ready\n", "PostgreSQL did not start");
+        Self { folder, port, bin, databases: AtomicU32::new(0), _holder: holder, _pipe: pipe }
+    }
+
+    fn url(&self, database: &str) -> String {
+        format!("postgres://postgres@127.0.0.1:{}/{database}?sslmode=disable", self.port)
+    }
+
+    /// A new, empty database.
+    pub fn database(&self) -> String {
+        let name = format!("t{}", self.databases.fetch_add(1, Ordering::Relaxed));
+        self.psql("postgres", &format!("CREATE DATABASE {name}"));
+        self.url(&name)
+    }
+
+    /// Runs statements in the database of that name or URL; gives what they say, without headings.
+    pub fn psql(&self, database: &str, sql: &str) -> String {
+        let url = if database.contains("://") { database.to_owned() } else { self.url(database) };
+        let mut child = program(&self.bin, "psql")
+            .args(["-X", "-q", "-A", "-t", "-v", "ON_ERROR_STOP=1", "-d", &url])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        child.stdin.take().unwrap().write_all(sql.as_bytes()).unwrap();
+        let output = child.wait_with_output().unwrap();
+        assert!(output.status.success(), "{sql}: {}", String::from_utf8_lossy(&output.stderr));
+        String::from_utf8(output.stdout).unwrap()
+    }
+
+    /// Kills the server as a crash would, keeps it away for `pause`, starts it again.
+    pub fn crash(&self, pause: Duration) {
+        self.control(&["-m", "immediate", "stop"]);
+        std::thread::sleep(pause);
+        let log = self.folder.join("log");
+        self.control(&["-l", log.to_str().expect("UTF-8"), "-w", "start"]);
+    }
+
+    fn control(&self, what: &[&str]) {
+        let status = program(&self.bin, "pg_ctl")
+            .arg("-D")
+            .arg(self.folder.join("data"))
+            .args(what)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .status();
+        assert!(status.unwrap().success(), "pg_ctl {what:?}");
+    }
+}

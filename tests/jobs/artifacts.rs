@@ -1,0 +1,147 @@
+//! One suite over both kinds of artifact stores: a folder, and a bucket of S3.
+
+use crate::bucket::Bucket;
+use crate::scripted::{Place, content};
+use bytes::Bytes;
+use futures_util::TryStreamExt;
+use oviduct::clock::{Clock, Stopwatch};
+use oviduct::jobs::Status;
+use oviduct::jobs::artifacts::{ArtifactError, Artifacts};
+use sha2::{Digest, Sha256};
+use std::path::Path;
+use std::time::Duration;
+
+async fn files_come_back_whole_and_in_ranges(artifacts: &Artifacts, dir: &Path) {
+    let key = "models/a/1/model.glb";
+    for bytes in [0usize, 1000, 2 * (8 << 20) + 12_345] {
+        let data: Vec<u8> = (0..bytes).map(|i| (i * 31 % 251) as u8).collect();
+        let path = dir.join("scratch.bin");
+        std::fs::write(&path, &data).unwrap();
+        let stored = artifacts.put_file(key, &path).await.unwrap();
+        assert_eq!((stored.bytes, stored.sha256), (bytes as u64, hex::encode(Sha256::digest(&data))));
+        assert!(artifacts.read_all(key).await.unwrap() == data);
+        if bytes == 0 {
+            continue;
+        }
+        let part = artifacts.get_range(key, Some(100..900)).await.unwrap();
+        assert_eq!((part.size, part.range.clone()), (bytes as u64, 100..900));
+        let read: Vec<Bytes> = part.stream.try_collect().await.unwrap();
+        assert!(read.concat() == data[100..900]);
+        let tail = artifacts.get_range(key, Some(bytes as u64 - 5..u64::MAX)).await.unwrap();
+        assert_eq!(tail.range, bytes as u64 - 5..bytes as u64);
+        let outside = artifacts.get_range(key, Some(bytes as u64..bytes as u64 + 1)).await.unwrap_err();
+        assert!(matches!(outside, ArtifactError::Range(_)), "{outside}");
+    }
+    artifacts.put_bytes("models/a/1/checkpoint-1", Bytes::from_static(b"state")).await.unwrap();
+    assert_eq!(artifacts.read_all("models/a/1/checkpoint-1").await.unwrap(), "state");
+    artifacts.ready().await.unwrap();
+    let keys = [key.to_owned(), "models/a/1/checkpoint-1".to_owned(), "models/a/1/never".to_owned()];
+    for _ in 0..2 {
+        artifacts.delete(&keys).await.unwrap();
+    }
+    for key in &keys {
+        let gone = artifacts.read_all(key).await.unwrap_err();
+        assert!(matches!(gone, ArtifactError::NotFound { .. }), "{gone}");
+    }
+}
+
+async fn jobs_end_with_their_files_and_orphans_go(place: &Place) {
+    let pool = place.start(|_| {});
+    for seed in [1, 2] {
+        let job = place.ended(place.queue("ok", seed).await).await;
+        assert_eq!(job.status, Status::Succeeded, "{:?}", job.problem);
+        place.check_files(&job).await;
+    }
+    place.artifacts.put_bytes("models/gone/1/model.glb", Bytes::from_static(b"orphan")).await.unwrap();
+    let now = Clock::System.now() + Duration::from_secs(60);
+    let sweep = async |age| place.artifacts.sweep_orphans(&*place.store, now, age).await.unwrap();
+    assert_eq!(sweep(Duration::from_secs(3600)).await, 0);
+    assert_eq!(sweep(Duration::ZERO).await, 1);
+    assert_eq!(sweep(Duration::ZERO).await, 0);
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_folder() {
+    let place = Place::fresh(|_| {}).await;
+    files_come_back_whole_and_in_ranges(&place.artifacts, &place.dir).await;
+    jobs_end_with_their_files_and_orphans_go(&place).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_bucket() {
+    let bucket = Bucket::start().await;
+    let mut place = Place::fresh(|_| {}).await;
+    place.artifacts = bucket.artifacts();
+    files_come_back_whole_and_in_ranges(&place.artifacts, &place.dir).await;
+    jobs_end_with_their_files_and_orphans_go(&place).await;
+}
+
+/// Jobs under way when the bucket goes away end once it is back; the rest of the service goes on meanwhile.
+async fn an_outage_of(time: Duration) {
+    let bucket = Bucket::start().await;
+    let mut place = Place::fresh(|_| {}).await;
+    place.artifacts = bucket.artifacts();
+    let before = place.start(|_| {});
+    let made = place.ended(place.queue("ok", 100).await).await;
+    before.shutdown(Duration::from_secs(5)).await;
+    let mut ids = Vec::new();
+    for seed in 0..6 {
+        ids.push(place.queue("ok", seed).await);
+    }
+    bucket.set_up(false);
+    let pool = place.start(|options| {
+        options.workers = 2;
+        options.storage_tries = 100;
+        options.storage_wait = Duration::from_millis(200);
+    });
+    let watch = Stopwatch::start();
+    let running = place.until(ids[0], |job| job.progress.is_some_and(|p| p.fraction > 0.95)).await;
+    assert_eq!(running.status, Status::Running);
+    // Reading, cancelling and deleting go on.
+    let waiting = *ids.last().unwrap();
+    assert_eq!(place.store.cancel(waiting).await.unwrap().unwrap().status, Status::Cancelled);
+    let keys = place.store.delete(made.id).await.unwrap().unwrap();
+    assert_eq!(keys.len(), 2);
+    tokio::time::sleep(time.saturating_sub(watch.elapsed())).await;
+    for id in &ids[..2] {
+        assert_eq!(place.store.get(*id).await.unwrap().unwrap().status, Status::Running, "it waits for the bucket");
+    }
+    bucket.set_up(true);
+    for id in &ids[..5] {
+        let job = place.ended(*id).await;
+        assert_eq!((job.status, job.attempts), (Status::Succeeded, 1), "{:?}", job.problem);
+        place.check_files(&job).await;
+    }
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn jobs_wait_for_a_bucket_that_is_away_for_a_moment() {
+    an_outage_of(Duration::from_secs(2)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+#[ignore = "takes half a minute"]
+async fn jobs_wait_for_a_bucket_that_is_away_for_half_a_minute() {
+    an_outage_of(Duration::from_secs(30)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_bucket_that_stays_away_fails_the_job_with_a_problem() {
+    let bucket = Bucket::start().await;
+    let mut place = Place::fresh(|_| {}).await;
+    place.artifacts = bucket.artifacts();
+    bucket.set_up(false);
+    let pool = place.start(|options| {
+        options.storage_tries = 1;
+        options.lease = Duration::from_secs(60);
+    });
+    let job = place.ended(place.queue("ok", 1).await).await;
+    assert_eq!((job.status, job.problem.unwrap().kind.as_str()), (Status::Failed, "storage"));
+    bucket.set_up(true);
+    let next = place.ended(place.queue("ok", 2).await).await;
+    assert_eq!(next.status, Status::Succeeded);
+    assert!(place.artifacts.read_all(&next.files[0].key).await.unwrap() == content(2, &next.files[0].name));
+    pool.shutdown(Duration::from_secs(5)).await;
+}

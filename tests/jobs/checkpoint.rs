@@ -1,0 +1,201 @@
+//! Real generations broken off by a shutdown or a vanished worker go on from their checkpoint, with the same bytes;
+//! jobs that take too long; what is kept.
+
+use crate::bucket::Bucket;
+use crate::scripted::{Place, scripted};
+use crate::suite::new_job;
+use oviduct::clock::Clock;
+use oviduct::generate::{Backend, CancelToken, Checkpoint, Outcome, Output, Request, Sink, generate, resume};
+use oviduct::jobs::sweep::Retention;
+use oviduct::jobs::{Job, NewJob, Status, Submitted};
+use oviduct::spec::{ModelSpec, preset};
+use oviduct::worker::{PoolOptions, Work, WorkError, WorkerPool};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+fn spec() -> ModelSpec {
+    let patch = serde_json::json!({
+        "steps": 600, "burn_in": 20,
+        "particles": { "total": { "keys": [[0, 260], [1, 620]] }, "outer": { "keys": [[0, 60], [1, 90]] } },
+    });
+    ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap()
+}
+
+fn request(dir: &Path) -> Request {
+    Request {
+        preset: "pig".into(),
+        spec: spec(),
+        seed: 7,
+        backend: Backend::Cpu,
+        outputs: vec![Output::Glb],
+        dir: dir.into(),
+        memory_limit_bytes: None,
+    }
+}
+
+/// Counts how often a generation went on from a checkpoint.
+fn generator(resumed: Arc<AtomicU32>) -> impl Fn(Work<'_>, &dyn Sink, &CancelToken) -> Result<Outcome, WorkError> {
+    move |work, sink, cancel| {
+        let request = request(work.dir);
+        Ok(match work.checkpoint {
+            Some(bytes) => {
+                resumed.fetch_add(1, Ordering::Relaxed);
+                resume(&request, Checkpoint::read(&request, bytes).unwrap(), sink, cancel)?
+            }
+            None => generate(&request, sink, cancel)?,
+        })
+    }
+}
+
+fn start(place: &Place, resumed: &Arc<AtomicU32>, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
+    let mut options = PoolOptions { checkpoint_every: Some(Duration::from_millis(20)), ..place.options() };
+    change(&mut options);
+    let generator = Arc::new(generator(Arc::clone(resumed)));
+    WorkerPool::start(Arc::clone(&place.store), place.artifacts.clone(), generator, options, Clock::System).unwrap()
+}
+
+fn unbroken() -> BTreeMap<String, String> {
+    let dir = tempfile::tempdir().unwrap();
+    let outcome = generate(&request(dir.path()), &(), &CancelToken::default()).unwrap();
+    outcome.files.into_iter().map(|file| (file.name, file.sha256)).collect()
+}
+
+fn hashes(job: &Job) -> BTreeMap<String, String> {
+    job.files.iter().map(|file| (file.name.clone(), file.sha256.clone())).collect()
+}
+
+/// Waits until the record names a checkpoint (which is no change that anyone is told of).
+async fn until_saved(place: &Place, id: oviduct::jobs::JobId, attempt: u32) -> String {
+    let wait = async {
+        loop {
+            let job = place.store.get(id).await.unwrap().unwrap();
+            assert!(!job.status.is_ended(), "it ended before its first checkpoint");
+            // The key tells whose it is: models/<job>/<attempt>/….
+            if let Some(key) = job.checkpoint.filter(|key| key.contains(&format!("/{attempt}/"))) {
+                return key;
+            }
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(60), wait).await.unwrap()
+}
+
+async fn a_shutdown_loses_nothing(place: &Place) {
+    let expected = unbroken();
+    let resumed = Arc::new(AtomicU32::new(0));
+    let Submitted::Queued(job) = place.store.submit(new_job("d")).await.unwrap() else { panic!("queued") };
+    for round in 0..2 {
+        let pool = start(place, &resumed, |_| {});
+        let before = until_saved(place, job.id, round + 1).await;
+        pool.shutdown(Duration::ZERO).await;
+        let now = place.store.get(job.id).await.unwrap().unwrap();
+        assert_eq!((now.status, now.attempts), (Status::Queued, round + 1));
+        let key = now.checkpoint.unwrap();
+        assert!(place.artifacts.read_all(&key).await.is_ok(), "{key} is there");
+        if key != before {
+            assert!(place.artifacts.read_all(&before).await.is_err(), "{before} was replaced by {key}");
+        }
+    }
+    let pool = start(place, &resumed, |_| {});
+    let ended = place.ended(job.id).await;
+    assert_eq!((ended.status, ended.attempts), (Status::Succeeded, 3), "{:?}", ended.problem);
+    assert_eq!(hashes(&ended), expected);
+    assert_eq!((resumed.load(Ordering::Relaxed), ended.checkpoint), (2, None));
+    pool.shutdown(Duration::from_secs(5)).await;
+    // Nothing is left but the files, and at most one checkpoint for each shutdown: what was just being stored.
+    let far = Clock::System.now() + Duration::from_secs(3600);
+    let orphans = place.artifacts.sweep_orphans(&*place.store, far, Duration::ZERO).await.unwrap();
+    assert!(orphans <= 2, "{orphans}");
+    for file in &ended.files {
+        assert!(place.artifacts.read_all(&file.key).await.is_ok(), "{}", file.key);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_job_given_back_goes_on_from_its_checkpoint() {
+    a_shutdown_loses_nothing(&Place::fresh(|_| {}).await).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_job_given_back_goes_on_from_its_checkpoint_in_a_bucket() {
+    let bucket = Bucket::start().await;
+    let mut place = Place::fresh(|_| {}).await;
+    place.artifacts = bucket.artifacts();
+    a_shutdown_loses_nothing(&place).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_job_of_a_vanished_worker_goes_on_from_its_checkpoint() {
+    let place = Place::fresh(|_| {}).await;
+    let resumed = Arc::new(AtomicU32::new(0));
+    let job = place.store.submit(new_job("d")).await.unwrap().job().clone();
+    let pool = start(&place, &resumed, |options| {
+        options.heartbeat = Duration::from_millis(100);
+        options.lease = Duration::from_millis(400);
+    });
+    until_saved(&place, job.id, 1).await;
+    drop(pool);
+    let pool = start(&place, &resumed, |options| options.poll = Duration::from_millis(50));
+    let ended = place.ended(job.id).await;
+    assert_eq!((ended.status, ended.attempts), (Status::Succeeded, 2), "{:?}", ended.problem);
+    assert_eq!((hashes(&ended), resumed.load(Ordering::Relaxed)), (unbroken(), 1));
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_checkpoint_that_is_gone_costs_time_only() {
+    let place = Place::fresh(|_| {}).await;
+    let resumed = Arc::new(AtomicU32::new(0));
+    let job = place.store.submit(new_job("d")).await.unwrap().job().clone();
+    let claimed = place.store.claim("w", Backend::Cpu, Duration::from_secs(8), 1).await.unwrap().pop().unwrap();
+    place.store.set_checkpoint(&claimed, "models/lost/1/checkpoint-1").await.unwrap();
+    place.store.release(claimed).await.unwrap();
+    let pool = start(&place, &resumed, |_| {});
+    let ended = place.ended(job.id).await;
+    assert_eq!((ended.status, hashes(&ended), resumed.load(Ordering::Relaxed)), (Status::Succeeded, unbroken(), 0));
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_job_that_takes_too_long_fails_alone() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start(|options| options.job_timeout = Some(Duration::from_millis(500)));
+    let job = place.ended(place.queue("wait", 1).await).await;
+    let problem = job.problem.unwrap();
+    assert_eq!((job.status, job.attempts, problem.kind.as_str()), (Status::Failed, 1, "timeout"));
+    assert!(problem.detail.contains("0.5 seconds"), "{}", problem.detail);
+    assert_eq!(place.ended(place.queue("ok", 2).await).await.status, Status::Succeeded);
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn models_are_kept_by_age_and_by_room() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start(|_| {});
+    let mut made = Vec::new();
+    for seed in [10, 11, 12, 13] {
+        made.push(place.ended(place.queue("ok", seed).await).await);
+    }
+    pool.shutdown(Duration::from_secs(5)).await;
+    let queued = place.store.submit(NewJob { reuse: false, ..scripted("ok", 14) }).await.unwrap().job().id;
+    let now = Clock::System.now();
+    let sweep =
+        async |age, bytes, at| Retention { age, bytes }.sweep(&*place.store, &place.artifacts, at).await.unwrap();
+    // Each has two files of a thousand bytes.
+    let swept = sweep(None, Some(8000), now).await;
+    assert_eq!((swept.removed, swept.stored_bytes), (0, 8000));
+    let swept = sweep(Some(Duration::from_secs(3600)), Some(7999), now).await;
+    assert_eq!((swept.removed, swept.stored_bytes), (1, 6000), "the one that ended first goes");
+    assert!(place.store.get(made[0].id).await.unwrap().is_none());
+    assert_eq!(place.visible().len(), 6, "with its files");
+    let later = now + Duration::from_secs(3601);
+    let swept = sweep(Some(Duration::from_secs(3600)), None, later).await;
+    assert_eq!((swept.removed, swept.stored_bytes), (3, 0));
+    assert!(place.visible().is_empty());
+    let swept = sweep(Some(Duration::ZERO), Some(0), later).await;
+    assert_eq!(swept.removed, 0);
+    assert_eq!(place.store.get(queued).await.unwrap().unwrap().status, Status::Queued, "what has not ended stays");
+}

@@ -1,0 +1,284 @@
+//! The suite over PostgreSQL, and what only several processes over one server can show. Two stores on one database
+//! are to each other as those of two processes: they share nothing but the server.
+
+use crate::cluster::Cluster;
+use crate::kill::start_child;
+use crate::scripted::{Ground, Place, scripted};
+use crate::suite::{Factory, LEASE, finished, new_job};
+use futures_util::FutureExt;
+use futures_util::future::join_all;
+use oviduct::clock::Stopwatch;
+use oviduct::generate::Backend;
+use oviduct::jobs::postgres::PostgresStore;
+use oviduct::jobs::state::AttemptEnd;
+use oviduct::jobs::{Job, JobId, NewJob, Status, Store, StoreError, StoreOptions, Submitted};
+use std::collections::{BTreeMap, BTreeSet};
+use std::process::Command;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+const SERVER: Factory = |options| {
+    async move {
+        let url = Ground::Postgres.url("".as_ref()).await;
+        let store: Arc<dyn Store> = Arc::new(PostgresStore::open(&url, options).await.unwrap());
+        (store, Box::new(()) as Box<dyn Send>)
+    }
+    .boxed()
+};
+
+mod suite {
+    crate::suite::over!(super::SERVER);
+}
+
+async fn open(url: &str) -> Arc<dyn Store> {
+    Arc::new(PostgresStore::open(url, StoreOptions::default()).await.unwrap())
+}
+
+/// Two stores on one new database.
+async fn two() -> (Arc<dyn Store>, Arc<dyn Store>) {
+    let url = Ground::Postgres.url("".as_ref()).await;
+    // Both bring the tables up to date at a time.
+    tokio::join!(open(&url), open(&url))
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_change_in_one_process_is_told_in_the_other() {
+    let (one, other) = two().await;
+    let mut changes = other.changes();
+    let job = one.submit(new_job("1")).await.unwrap().job().clone();
+    let told = tokio::time::timeout(Duration::from_secs(5), changes.recv()).await.unwrap().unwrap();
+    assert_eq!((told.id, told.version), (job.id, Some(1)));
+    one.delete(job.id).await.unwrap();
+    let told = tokio::time::timeout(Duration::from_secs(5), changes.recv()).await.unwrap().unwrap();
+    assert_eq!((told.id, told.version), (job.id, None));
+    assert_eq!(other.get(job.id).await.unwrap(), None);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_cancel_in_one_process_stops_a_job_in_the_other_within_a_second() {
+    let dir = tempfile::tempdir().unwrap();
+    let url = Ground::Postgres.url(dir.path()).await;
+    let (service, worker) = (Place::at(dir.path(), &url).await, Place::at(dir.path(), &url).await);
+    // Neither a heartbeat nor a look at the queue would come in time.
+    let pool = worker.start(|options| {
+        options.heartbeat = Duration::from_secs(60);
+        options.lease = Duration::from_secs(240);
+        options.poll = Duration::from_secs(60);
+    });
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    let since = Stopwatch::start();
+    let id = service.queue("wait", 1).await;
+    service.until(id, |job| job.progress.is_some()).await;
+    assert!(since.seconds() < 5.0, "the worker was not woken: {} s", since.seconds());
+    let since = Stopwatch::start();
+    service.store.cancel(id).await.unwrap();
+    assert_eq!(service.ended(id).await.status, Status::Cancelled);
+    assert!(since.seconds() < 1.0, "{} s", since.seconds());
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn racing_processes_make_one_job_of_a_key() {
+    let (one, other) = two().await;
+    for round in 0..10 {
+        let keyed = move || NewJob { idempotency: Some((format!("k{round}"), "body".into())), ..new_job("d") };
+        let racers = (0..16).map(|n| {
+            let store = if n % 2 == 0 { Arc::clone(&one) } else { Arc::clone(&other) };
+            tokio::spawn(async move { store.submit(keyed()).await.unwrap() })
+        });
+        let submitted: Vec<Submitted> = join_all(racers).await.into_iter().map(Result::unwrap).collect();
+        let queued = submitted.iter().filter(|s| matches!(s, Submitted::Queued(_))).count();
+        let ids: BTreeSet<JobId> = submitted.iter().map(|s| s.job().id).collect();
+        assert_eq!((queued, ids.len()), (1, 1), "round {round}");
+    }
+    assert_eq!(one.counts().await.unwrap().queued, 10);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn files_that_are_being_reused_are_not_given_up() {
+    let (one, other) = two().await;
+    let mut reused = 0;
+    for round in 0..40 {
+        let digest = format!("d{round}");
+        one.submit(new_job(&digest)).await.unwrap();
+        let claimed = one.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+        let done = finished(&claimed);
+        let made = one.finish(claimed, done).await.unwrap();
+        let (gone, again) = tokio::join!(one.delete(made.id), other.submit(new_job(&digest)));
+        let (gone, again) = (gone.unwrap().unwrap(), again.unwrap());
+        match &again {
+            Submitted::Reused(job) => {
+                reused += 1;
+                assert_eq!((&job.files, gone.len()), (&made.files, 0), "round {round}: files in use were given up");
+            }
+            Submitted::Queued(job) => {
+                assert_eq!(gone.len(), made.files.len(), "round {round}");
+                one.cancel(job.id).await.unwrap();
+            }
+            Submitted::Replayed(_) => panic!("no key was given"),
+        }
+    }
+    eprintln!("{reused} of 40 races were won by the reuse");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn claimers_of_several_processes_end_each_job_once() {
+    let (one, other) = two().await;
+    for n in 0..120 {
+        one.submit(new_job(&n.to_string())).await.unwrap();
+    }
+    let ended = Arc::new(Mutex::new(Vec::new()));
+    let claimers = (0..6).map(|n| {
+        let store = if n % 2 == 0 { Arc::clone(&one) } else { Arc::clone(&other) };
+        let ended = Arc::clone(&ended);
+        tokio::spawn(async move {
+            // Another claim may hold the last rows for a moment.
+            while store.counts().await.unwrap().queued > 0 {
+                for claimed in store.claim(&format!("w{n}"), Backend::Cpu, LEASE, 1 + n % 4).await.unwrap() {
+                    let done = finished(&claimed);
+                    let job = store.finish(claimed, done).await.unwrap();
+                    ended.lock().unwrap().push(job);
+                }
+            }
+        })
+    });
+    join_all(claimers).await;
+    let ended = ended.lock().unwrap();
+    let ids: BTreeSet<JobId> = ended.iter().map(|job| job.id).collect();
+    assert_eq!((ended.len(), ids.len()), (120, 120));
+    assert!(ended.iter().all(|job| job.attempts == 1));
+}
+
+fn signal(process: u32, name: &str) {
+    let status = Command::new("kill").args([format!("-{name}"), process.to_string()]).status().unwrap();
+    assert!(status.success());
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_stopped_worker_cannot_change_what_another_has_taken() {
+    let dir = tempfile::tempdir().unwrap();
+    let url = Ground::Postgres.url(dir.path()).await;
+    let place = Place::at(dir.path(), &url).await;
+    let id = place.queue("slow", 7).await;
+    let mut child = start_child(dir.path(), &url, "");
+    place.until(id, |job| job.progress.is_some()).await;
+    signal(child.id(), "STOP");
+    // Its lease of a second runs out; this process takes the job and ends it.
+    let pool = place.start(|options| options.poll = Duration::from_millis(50));
+    let ended = place.ended(id).await;
+    assert_eq!((ended.status, ended.attempts), (Status::Succeeded, 2));
+    pool.shutdown(Duration::from_secs(5)).await;
+    signal(child.id(), "CONT");
+    // It goes on with its work, learns that it lost the job, and ends because the job has.
+    let status = tokio::task::spawn_blocking(move || child.wait()).await.unwrap().unwrap();
+    assert!(status.success(), "{status}");
+    assert_eq!(place.store.get(id).await.unwrap().unwrap(), ended, "the record was changed");
+    place.check_files(&ended).await;
+    let outcomes: Vec<_> = place.store.attempts(id).await.unwrap().iter().map(|a| a.outcome).collect();
+    assert_eq!(outcomes, [Some(AttemptEnd::Vanished), Some(AttemptEnd::Succeeded)]);
+    // Where it was stopped in the middle of an upload, that may have come to its end; no record names it.
+    let far = "2200-01-01T00:00:00Z".parse().unwrap();
+    place.artifacts.sweep_orphans(&*place.store, far, Duration::ZERO).await.unwrap();
+    assert_eq!(place.visible().len(), 2, "it left files");
+}
+
+/// Looks at jobs again and again; whatever is seen must fit what was seen before.
+async fn watch(store: Arc<dyn Store>, ids: Arc<Mutex<Vec<JobId>>>) -> (usize, usize) {
+    let (mut seen, mut away) = (0, 0);
+    let mut last: BTreeMap<JobId, Job> = BTreeMap::new();
+    loop {
+        let known = ids.lock().unwrap().clone();
+        let mut open = known.is_empty();
+        for id in known {
+            match store.get(id).await {
+                Ok(job) => {
+                    let job = job.expect("an accepted job is gone");
+                    assert!(!matches!(job.status, Status::Failed | Status::Cancelled), "{:?}", job.problem);
+                    if let Some(before) = last.get(&id) {
+                        assert!(job.version >= before.version && job.attempts >= before.attempts);
+                        assert!(!before.status.is_ended() || job == *before, "an ended job changed");
+                    }
+                    open |= !job.status.is_ended();
+                    last.insert(id, job);
+                    seen += 1;
+                }
+                Err(StoreError::Database(_)) => {
+                    away += 1;
+                    open = true;
+                }
+                Err(error) => panic!("{error}"),
+            }
+        }
+        if !open && last.len() == JOBS as usize {
+            return (seen, away);
+        }
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+}
+
+const JOBS: u64 = 40;
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn a_server_that_crashes_under_load_loses_nothing() {
+    let cluster = Arc::new(tokio::task::spawn_blocking(Cluster::start).await.unwrap());
+    let url = cluster.database();
+    let dir = tempfile::tempdir().unwrap();
+    let place = Place::at(dir.path(), &url).await;
+    let client = open(&url).await;
+    let pool = place.start(|options| {
+        options.workers = 4;
+        options.threads = 1;
+        options.heartbeat = Duration::from_millis(500);
+        options.lease = Duration::from_secs(2);
+        options.poll = Duration::from_millis(200);
+    });
+    let ids = Arc::new(Mutex::new(Vec::new()));
+    let watcher = tokio::spawn(watch(Arc::clone(&client), Arc::clone(&ids)));
+    let submitting = tokio::spawn({
+        let ids = Arc::clone(&ids);
+        async move {
+            for seed in 1..=JOBS {
+                let script = if seed % 4 == 0 { "slow" } else { "ok" };
+                let keyed =
+                    || NewJob { idempotency: Some((seed.to_string(), String::new())), ..scripted(script, 100 + seed) };
+                // As a client does: again under the same key, until there is an answer.
+                let submitted = loop {
+                    match client.submit(keyed()).await {
+                        Ok(submitted) => break submitted,
+                        Err(StoreError::Database(_)) => tokio::time::sleep(Duration::from_millis(100)).await,
+                        Err(error) => panic!("{error}"),
+                    }
+                };
+                ids.lock().unwrap().push(submitted.job().id);
+                tokio::time::sleep(Duration::from_millis(60)).await;
+            }
+        }
+    });
+    for pause in [300, 1500] {
+        tokio::time::sleep(Duration::from_millis(800)).await;
+        let cluster = Arc::clone(&cluster);
+        tokio::task::spawn_blocking(move || cluster.crash(Duration::from_millis(pause))).await.unwrap();
+    }
+    submitting.await.unwrap();
+    let watched = tokio::time::timeout(Duration::from_secs(120), watcher).await.expect("jobs did not end");
+    let (seen, away) = watched.unwrap();
+    // Changes elsewhere are heard again.
+    let mut changes = place.store.changes();
+    let other = open(&url).await;
+    let last = other.submit(scripted("ok", 999)).await.unwrap().job().id;
+    let heard = async { while changes.recv().await.unwrap().id != last {} };
+    tokio::time::timeout(Duration::from_secs(10), heard).await.expect("the listener did not come back");
+    place.ended(last).await;
+    pool.shutdown(Duration::from_secs(10)).await;
+    let counts = other.counts().await.unwrap();
+    assert_eq!((counts.succeeded, counts.total()), (JOBS + 1, JOBS + 1));
+    let mut attempts = 0;
+    for id in ids.lock().unwrap().iter() {
+        let job = other.get(*id).await.unwrap().unwrap();
+        place.check_files(&job).await;
+        let history = other.attempts(*id).await.unwrap();
+        assert_eq!(history.iter().filter(|a| a.outcome == Some(AttemptEnd::Succeeded)).count(), 1);
+        attempts += history.len();
+    }
+    eprintln!("{JOBS} jobs over two crashes: {attempts} attempts, {seen} looks, {away} of them while it was away");
+}

@@ -1,0 +1,83 @@
+//! Two services over one PostgreSQL: an event stream opened on one shows the progress of a job that runs at the
+//! other's worker.
+
+use crate::scripted::{Ground, Place, generate, scripted};
+use axum::body::Body;
+use axum::http::{Request, StatusCode};
+use http_body_util::BodyExt;
+use oviduct::clock::{Clock, Stopwatch};
+use oviduct::generate::{CancelToken, Outcome, Progress, Sink, Stage};
+use oviduct::http::{AppState, Limits, router};
+use oviduct::worker::{Work, WorkError};
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+use tokio_util::sync::CancellationToken;
+use tower::ServiceExt;
+
+/// Steps of the job, and the time between them: slower than the pace of progress events.
+const STEPS: u32 = 8;
+const STEP: Duration = Duration::from_millis(400);
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn a_stream_shows_what_another_process_does_within_half_a_second() {
+    let dir = tempfile::tempdir().unwrap();
+    let url = Ground::Postgres.url(dir.path()).await;
+    let (service, worker) = (Place::at(dir.path(), &url).await, Place::at(dir.path(), &url).await);
+    let since = Stopwatch::start();
+    let done: Arc<Mutex<BTreeMap<u32, f64>>> = Arc::default();
+    let told = Arc::clone(&done);
+    let stepping = move |work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
+        for step in 1..=STEPS {
+            told.lock().unwrap().insert(step, since.seconds());
+            let fraction = f64::from(step) / 100.0;
+            let (stage, eta_seconds) = (Stage::Simulate, None);
+            sink.progress(&Progress { stage, fraction, step, steps: 2000, particles: 8, sections: 1, eta_seconds });
+            std::thread::sleep(STEP);
+        }
+        generate(work, sink, cancel)
+    };
+    // Only what is told arrives in time: looks at the queue and heartbeats are far apart, progress is written at once.
+    let pool = worker.start_with(Arc::clone(&worker.store), Clock::System, Arc::new(stepping), |options| {
+        options.heartbeat = Duration::from_secs(60);
+        options.lease = Duration::from_secs(240);
+        options.poll = Duration::from_secs(60);
+    });
+    tokio::time::sleep(Duration::from_millis(300)).await;
+
+    let shutdown = CancellationToken::new();
+    let (store, artifacts) = (Arc::clone(&service.store), service.artifacts.clone());
+    let state = AppState::new(store, artifacts, Clock::System, Limits::default(), shutdown.clone());
+    let id = service.store.submit(scripted("ok", 5)).await.unwrap().job().id;
+    let request = Request::get(format!("/models/{id}/events")).body(Body::empty()).unwrap();
+    let response = router(state).oneshot(request).await.unwrap();
+    assert_eq!(response.status(), StatusCode::OK);
+    let mut body = response.into_body();
+    let (mut text, mut read, mut arrived) = (String::new(), 0, BTreeMap::new());
+    let stream = async {
+        while let Some(frame) = body.frame().await {
+            let Ok(data) = frame.unwrap().into_data() else { continue };
+            text.push_str(std::str::from_utf8(&data).unwrap());
+            while let Some(length) = text[read..].find("\n\n") {
+                let event = &text[read..read + length];
+                read += length + 2;
+                let Some(data) = event.lines().find_map(|line| line.strip_prefix("data: ")) else { continue };
+                let model: serde_json::Value = serde_json::from_str(data).unwrap();
+                if let Some(step) = model["progress"]["step"].as_u64().filter(|_| model["status"] == "running") {
+                    arrived.entry(step as u32).or_insert_with(|| since.seconds());
+                }
+            }
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(60), stream).await.expect("the stream did not end");
+    assert!(text.contains("event: end") && text.contains("\"succeeded\""), "{text}");
+    let done = done.lock().unwrap();
+    let mut delays: Vec<f64> = (1..=STEPS).filter_map(|step| Some(arrived.get(&step)? - done[&step])).collect();
+    delays.sort_by(f64::total_cmp);
+    eprintln!("delays of progress from one process to the stream of another: {delays:.3?} s");
+    assert!(delays.len() >= STEPS as usize - 1, "steps were passed over: {arrived:?}");
+    // One straggler is the load of the machine, not the way.
+    assert!(delays[delays.len() - 2] < 0.5, "{delays:?}");
+    shutdown.cancel();
+    pool.shutdown(Duration::from_secs(5)).await;
+}
