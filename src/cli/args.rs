@@ -125,6 +125,11 @@ pub(super) struct ServiceArgs {
     /// Models grown at the same time; each may use every core [0: grow none here]
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub(super) cpu_workers: u32,
+    #[command(flatten)]
+    pub(super) gpu: GpuArgs,
+    /// Most models that a GPU grows together
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 16)]
+    pub(super) gpu_batch: u32,
     /// Time between a worker's signs of life
     #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "2s")]
     pub(super) heartbeat: Duration,
@@ -170,6 +175,26 @@ pub(super) struct UpkeepArgs {
     pub(super) redirect_downloads: bool,
 }
 
+/// Which GPUs to use.
+#[derive(Clone, Copy, Debug, Args)]
+pub(super) struct GpuArgs {
+    /// Whether to use GPUs
+    #[arg(long, value_name = "WHEN", value_enum, default_value_t = GpuUse::Auto)]
+    pub(super) gpu: GpuUse,
+    /// Use adapters that compute on the CPU too (Mesa's llvmpipe): slow, for tests
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) allow_software_adapter: bool,
+}
+
+/// Whether to use GPUs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum GpuUse {
+    /// Those that there are.
+    Auto,
+    /// None.
+    Off,
+}
+
 /// What to grow.
 #[derive(Clone, Debug, Args)]
 pub(super) struct ModelArgs {
@@ -201,6 +226,8 @@ pub(super) struct GenerateArgs {
     /// Folder for the files; made where it is missing
     #[arg(long, value_name = "DIR", required = true)]
     pub(super) out: PathBuf,
+    #[command(flatten)]
+    pub(super) gpu: GpuArgs,
     /// Memory that the model may need, such as 2GB [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
     pub(super) memory_limit: Option<u64>,
@@ -298,6 +325,8 @@ pub(super) struct BenchArgs {
     /// Folder for the results as JSON and text, and for plots
     #[arg(long, value_name = "DIR")]
     pub(super) out: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) gpu: GpuArgs,
 }
 
 /// What can be measured.
@@ -307,6 +336,8 @@ pub(super) enum Bench {
     Paper,
     /// Time per step by threads and particles
     Scaling,
+    /// Models a second on the GPU, by the size of the batch
+    Batch,
 }
 
 /// Options of `presets`.

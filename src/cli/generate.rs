@@ -1,10 +1,11 @@
 //! `oviduct generate`: grows one model here and now. Its files appear all together, once it is certified.
 
 use super::args::GenerateArgs;
+use super::args::GpuArgs;
 use super::exit::{Ended, Failure};
 use super::scratch::Scratch;
-use super::{interrupt, model, term, units};
-use crate::generate::{CancelToken, GenerateError, Outcome, Progress, Request, Sink, generate};
+use super::{gpu, interrupt, model, term, units};
+use crate::generate::{CancelToken, GenerateError, Outcome, Progress, Request, Sink};
 use crate::model::Section;
 use anyhow::Context;
 use serde_json::{Value, json};
@@ -22,15 +23,18 @@ pub(super) async fn run(args: GenerateArgs) -> Ended {
         dir: scratch.dir().to_owned(),
         memory_limit_bytes: args.memory_limit,
     };
-    let (outcome, request) = grow(request).await?;
+    let (outcome, fallback, request) = grow(request, args.gpu).await?;
     let publish = |name: &str| scratch.publish(name).with_context(|| name.to_owned());
     let paths: Vec<PathBuf> = outcome.files.iter().map(|f| publish(&f.name)).collect::<anyhow::Result<_>>()?;
     if args.json {
-        term::print_json(&report(&request, &outcome))?;
+        term::print_json(&report(&request, &outcome, fallback.as_deref()))?;
         return Ok(());
     }
     for line in summary(&request, &outcome) {
         term::print(&line)?;
+    }
+    if let Some(reason) = fallback {
+        term::print(&format!("grown on the CPU: {reason}"))?;
     }
     for (path, file) in paths.iter().zip(&outcome.files) {
         term::print(&format!("{}  {}", path.display(), units::show_bytes(file.bytes)))?;
@@ -39,12 +43,12 @@ pub(super) async fn run(args: GenerateArgs) -> Ended {
 }
 
 /// Grows a model on a thread of its own, with a bar; stops it when interrupted.
-async fn grow(request: Request) -> Result<(Outcome, Request), Failure> {
+async fn grow(request: Request, gpu: GpuArgs) -> Result<(Outcome, Option<String>, Request), Failure> {
     let cancel = CancelToken::default();
     let bar = term::Bar::new();
     let mut task = tokio::task::spawn_blocking({
         let (cancel, sink) = (cancel.clone(), Shown(bar.clone()));
-        move || (generate(&request, &sink, &cancel), request)
+        move || (gpu::grow(&request, gpu, &sink, &cancel), request)
     });
     let ended = tokio::select! {
         ended = &mut task => ended,
@@ -58,7 +62,7 @@ async fn grow(request: Request) -> Result<(Outcome, Request), Failure> {
     };
     bar.clear();
     match ended.context("the generation panicked")? {
-        (Ok(outcome), request) => Ok((outcome, request)),
+        (Ok((outcome, fallback)), request) => Ok((outcome, fallback, request)),
         (Err(GenerateError::Cancelled), _) => Err(Failure::Interrupted),
         (Err(error), _) => Err(error.into()),
     }
@@ -78,7 +82,7 @@ impl Sink for Shown {
 }
 
 /// What `--json` prints.
-fn report(request: &Request, outcome: &Outcome) -> Value {
+fn report(request: &Request, outcome: &Outcome, fallback: Option<&str>) -> Value {
     let count = |name: &str| outcome.summary.get(name).cloned().unwrap_or_default();
     let file =
         |file: &crate::generate::FileOutput| json!({ "name": file.name, "bytes": file.bytes, "sha256": file.sha256 });
@@ -87,7 +91,9 @@ fn report(request: &Request, outcome: &Outcome) -> Value {
         "preset": request.preset,
         "seed": request.seed,
         "engine": crate::ENGINE_VERSION,
-        "backend": { "requested": request.backend, "used": outcome.used, "device": outcome.device, "fallback": null },
+        "backend": {
+            "requested": request.backend, "used": outcome.used, "device": outcome.device, "fallback": fallback,
+        },
         "sections": count("sections"),
         "sections_added": count("sections_added"),
         "particles": count("particles"),

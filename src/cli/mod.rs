@@ -11,6 +11,7 @@ mod config;
 mod demo;
 mod exit;
 mod generate;
+mod gpu;
 mod interrupt;
 mod load;
 mod migrate;

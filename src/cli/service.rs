@@ -2,17 +2,16 @@
 
 use super::args::{DatabaseArgs, ServiceArgs};
 use super::exit::Failure;
+use super::gpu;
 use super::upkeep::{self, Ground, Upkeep};
 use crate::clock::Clock;
-use crate::generate::{Backend, CancelToken, Checkpoint, Outcome, Request, Sink, generate, resume};
 use crate::http::{AppState, Limits, router};
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
 use crate::jobs::sweep::Retention;
 use crate::jobs::{Database, Store, StoreOptions};
 use crate::metrics::Metrics;
-use crate::spec::{self, ModelSpec};
-use crate::worker::{PoolOptions, Work, WorkError, WorkerPool};
+use crate::worker::{BatchGenerator, PoolOptions, WorkerPool, generate_on_cpu};
 use anyhow::Context;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -80,8 +79,14 @@ impl Works {
         };
         let upkeep = Upkeep::start(ground, Retention { age: limits.keep, bytes: limits.keep_bytes }, orphans);
 
+        let found = gpu::generators(args.gpu).await;
+        let no_gpu = found.as_ref().err().cloned();
+        let gpus: Vec<Arc<dyn BatchGenerator>> =
+            found.into_iter().flatten().map(|gpu| Arc::new(gpu) as Arc<dyn BatchGenerator>).collect();
         let options = PoolOptions {
             workers: args.cpu_workers,
+            batch: args.gpu_batch,
+            no_gpu,
             heartbeat: args.heartbeat,
             lease: args.lease,
             memory_limit_bytes: args.memory_limit,
@@ -91,8 +96,15 @@ impl Works {
             faults: Faults::from_env().map_err(|error| Failure::usage(error.to_string()))?,
             ..PoolOptions::new(data.join("scratch"))
         };
-        let pool = WorkerPool::start(Arc::clone(&store), artifacts.clone(), Arc::new(grow), options, clock.clone())
-            .context("the workers could not be started")?;
+        let pool = WorkerPool::start_with_gpus(
+            Arc::clone(&store),
+            artifacts.clone(),
+            Arc::new(generate_on_cpu),
+            gpus,
+            options,
+            clock.clone(),
+        )
+        .context("the workers could not be started")?;
         Ok(Self { store, artifacts, clock, pool, upkeep, metrics, grace: args.grace })
     }
 
@@ -171,39 +183,6 @@ impl Service {
         };
         self.works.stop(requests).await
     }
-}
-
-/// What workers run: the stored spec, resolved again, to files.
-fn grow(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, WorkError> {
-    let job = work.job;
-    // A canonical spec names every parameter, so it means the same on whichever preset it is laid.
-    let preset = spec::preset(&job.preset).unwrap_or(&spec::presets()[0]);
-    let spec = ModelSpec::resolve(preset, &job.spec).map_err(|faults| {
-        let faults: Vec<String> = faults.iter().map(ToString::to_string).collect();
-        WorkError::Spec { detail: faults.join("; ") }
-    })?;
-    let request = Request {
-        preset: job.preset.clone(),
-        spec,
-        seed: job.seed,
-        backend: job.backend.requested,
-        outputs: job.outputs.clone(),
-        dir: work.dir.to_owned(),
-        memory_limit_bytes: work.memory_limit_bytes,
-    };
-    // A model for a GPU begins anew: its arithmetic is not the CPU's.
-    let from = work.checkpoint.filter(|_| request.backend != Backend::Gpu);
-    Ok(match from.map(|bytes| Checkpoint::read(&request, bytes)) {
-        Some(Ok(checkpoint)) => {
-            tracing::info!(job = %job.id, "the model goes on from a checkpoint");
-            resume(&request, checkpoint, sink, cancel)?
-        }
-        Some(Err(error)) => {
-            tracing::warn!(job = %job.id, %error, "the model is grown anew");
-            generate(&request, sink, cancel)?
-        }
-        None => generate(&request, sink, cancel)?,
-    })
 }
 
 /// Time for the last answers to leave once the workers have stopped.

@@ -3,12 +3,15 @@
 //! Knows nothing of jobs or HTTP; the worker and the command line both call [`generate`]. A model leaves this
 //! module only with a certificate that it passed.
 
+mod batch;
 mod checkpoint;
+mod device;
 mod files;
 mod grow;
 mod pace;
 mod types;
 
+pub use batch::{Member, generate_batch};
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub use types::{
     Backend, CancelToken, FileOutput, GenerateError, Outcome, Output, Progress, Request, Seconds, Sink, Stage,
@@ -16,10 +19,11 @@ pub use types::{
 
 use crate::clock::Stopwatch;
 use crate::measure;
+use grow::Grown;
 use pace::Pace;
 use serde_json::json;
 
-/// Grows, proves and writes one model.
+/// Grows, proves and writes one model on the CPU; for a GPU see [`generate_batch`].
 ///
 /// Runs in the rayon pool that it is called in, with as many threads as that has; with
 /// [`Backend::CpuSingle`] on one thread. The files are the same, byte for byte, either way.
@@ -50,7 +54,7 @@ fn begin(
     cancel: &CancelToken,
 ) -> Result<Outcome, GenerateError> {
     match request.backend {
-        Backend::Gpu => Err(GenerateError::Backend { detail: "this build has no GPU backend".into() }),
+        Backend::Gpu => Err(GenerateError::Backend { detail: "a GPU needs a device: see generate_batch".into() }),
         Backend::Auto | Backend::Cpu => run(request, from, sink, cancel),
         Backend::CpuSingle => rayon::ThreadPoolBuilder::new()
             .num_threads(1)
@@ -68,20 +72,45 @@ fn run(
 ) -> Result<Outcome, GenerateError> {
     check_memory(request)?;
     let total = Stopwatch::start();
-    let mut seconds = Seconds::default();
     let mut pace = Pace::new(&request.spec, sink);
-
     let watch = Stopwatch::start();
     let grown = grow::grow(request, from, &mut pace, cancel)?;
-    seconds.simulate = watch.seconds() - grown.loft_seconds;
+    let simulate = watch.seconds() - grown.loft_seconds;
+    let threads = rayon::current_num_threads();
+    let ran = Ran {
+        used: if request.backend == Backend::CpuSingle { Backend::CpuSingle } else { Backend::Cpu },
+        device: format!("cpu, {threads} thread{}", if threads == 1 { "" } else { "s" }),
+        simulate,
+        total,
+    };
+    finish(request, grown, ran, |stage| pace.stage(stage), cancel)
+}
 
-    pace.stage(Stage::Mesh);
+/// What simulated a model, and when that began.
+struct Ran {
+    used: Backend,
+    device: String,
+    /// Seconds of the simulation.
+    simulate: f64,
+    total: Stopwatch,
+}
+
+/// Closes, proves and writes what was grown; tells each stage as it begins.
+fn finish(
+    request: &Request,
+    grown: Grown,
+    ran: Ran,
+    mut stage: impl FnMut(Stage),
+    cancel: &CancelToken,
+) -> Result<Outcome, GenerateError> {
+    let mut seconds = Seconds { simulate: ran.simulate, ..Seconds::default() };
+    stage(Stage::Mesh);
     let watch = Stopwatch::start();
     let mesh = grown.lofter.finish().map_err(grow::unsound)?;
     seconds.mesh = grown.loft_seconds + watch.seconds();
     stop_if_cancelled(cancel)?;
 
-    pace.stage(Stage::Certify);
+    stage(Stage::Certify);
     let watch = Stopwatch::start();
     let certificate = measure::certify(&mesh, &grown.sections);
     seconds.certify = watch.seconds();
@@ -90,7 +119,7 @@ fn run(
     }
     stop_if_cancelled(cancel)?;
 
-    pace.stage(Stage::Export);
+    stage(Stage::Export);
     let watch = Stopwatch::start();
     let added = grown.sections.iter().filter(|s| s.added).count();
     let ends = [&grown.sections[0], &grown.sections[grown.sections.len() - 1]].map(crate::model::Section::particles);
@@ -112,12 +141,8 @@ fn run(
     let files = files::write(request, &mesh, &grown.sections, &summary, &certificate)?;
     seconds.export = watch.seconds();
     stop_if_cancelled(cancel)?;
-    seconds.total = total.seconds();
-
-    let threads = rayon::current_num_threads();
-    let used = if request.backend == Backend::CpuSingle { Backend::CpuSingle } else { Backend::Cpu };
-    let device = format!("cpu, {threads} thread{}", if threads == 1 { "" } else { "s" });
-    Ok(Outcome { used, device, files, summary, certificate, seconds })
+    seconds.total = ran.total.seconds();
+    Ok(Outcome { used: ran.used, device: ran.device, files, summary, certificate, seconds })
 }
 
 fn check_memory(request: &Request) -> Result<(), GenerateError> {

@@ -1,6 +1,7 @@
 //! What goes into a generation and what comes out.
 
 use crate::model::Section;
+use crate::sim::gpu::GpuError;
 use crate::spec::ModelSpec;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -203,6 +204,15 @@ pub enum GenerateError {
     #[error("the backend is not available: {detail}")]
     Backend {
         /// Why.
+        detail: String,
+    },
+    /// The GPU could not do it, through no fault of the model: the same request runs on the CPU.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// A fault of this program; only a batch says so, since its other members go on.
+    #[error("the generation panicked: {detail}")]
+    Panic {
+        /// The message of the panic.
         detail: String,
     },
     /// A file could not be written.

@@ -130,6 +130,25 @@ impl Lofter {
         Ok(accepted)
     }
 
+    /// Adds the slab up to `section` if it is sound as it stands, without sections in between. `None` where walls
+    /// meet that flipped diagonals cannot part: the lofter is then as before, and [`Lofter::advance`] with the
+    /// sections of the steps between goes on.
+    ///
+    /// # Errors
+    /// As [`Lofter::advance`], but for walls that meet.
+    pub fn try_advance(&mut self, section: &Section) -> Result<Option<Accepted>, LoftError> {
+        match self.attempt(section) {
+            Ok(attempt) => {
+                let flipped = attempt.flipped;
+                self.accept(attempt)?;
+                self.section = section.clone();
+                Ok(Some(Accepted { sections: vec![section.clone()], flipped }))
+            }
+            Err(Refusal::Contact(_)) => Ok(None),
+            Err(Refusal::Error(error)) => Err(error),
+        }
+    }
+
     /// Closes the ends. Vertices are numbered section by section; the patches are `inner_wall`,
     /// `outer_wall`, `cap_isthmus`, `cap_ampulla`, the walls slab by slab in the order of the rings.
     ///

@@ -225,6 +225,28 @@ fn sections_between_are_added_where_flips_do_not_help() {
 }
 
 #[test]
+fn a_slab_that_was_tried_in_vain_leaves_the_lofter_as_it_was() {
+    let history: Vec<Section> = (1..=10).map(|k| around_a_spike(f64::from(k), 40.0 - 26.0 * f64::from(k))).collect();
+    let mut lofter = Lofter::new(around_a_spike(0.0, 40.0)).unwrap();
+    assert_eq!(lofter.try_advance(&history[9]).unwrap(), None);
+    lofter.advance(&history).unwrap();
+    let mut other = Lofter::new(around_a_spike(0.0, 40.0)).unwrap();
+    other.advance(&history).unwrap();
+    assert_eq!(lofter.finish().unwrap(), other.finish().unwrap());
+}
+
+#[test]
+fn a_slab_that_is_sound_is_the_same_tried_or_not() {
+    let first = around_a_spike(0.0, 40.0);
+    let second = around_a_spike(1.0, 30.0);
+    let (mut tried, mut advanced) = (Lofter::new(first.clone()).unwrap(), Lofter::new(first).unwrap());
+    let accepted = advanced.advance(std::slice::from_ref(&second)).unwrap();
+    assert_eq!(accepted.sections.len(), 1);
+    assert_eq!(tried.try_advance(&second).unwrap(), Some(accepted));
+    assert_eq!(tried.finish().unwrap(), advanced.finish().unwrap());
+}
+
+#[test]
 fn walls_that_truly_meet_are_named() {
     let mut lofter = Lofter::new(around_a_spike(0.0, 40.0)).unwrap();
     let error = lofter.advance(&[around_a_spike(1.0, -220.0)]).unwrap_err();

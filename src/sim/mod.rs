@@ -1,10 +1,11 @@
 //! The particle simulation that grows cross sections (paper, section 3).
 //!
-//! [`Plan`] turns a specification and a seed into plain tables, one row a step; a backend ([`cpu`]) turns the
+//! [`Plan`] turns a specification and a seed into plain tables, one row a step; a backend ([`cpu`], [`gpu`]) turns the
 //! tables into motion. State and forces are f32 on every backend. Nothing random happens inside a step, and
 //! no result depends on the number of threads or on the neighbour search.
 
 pub mod cpu;
+pub mod gpu;
 mod layout;
 mod maths;
 mod plan;
@@ -12,7 +13,7 @@ mod state;
 
 pub use layout::{LANES, StepRow};
 pub use plan::{Lobe, Plan, Wave};
-pub use state::{InnerLoop, OuterLoop};
+pub use state::{Checkpoint, InnerLoop, OuterLoop};
 
 use crate::model::Section;
 

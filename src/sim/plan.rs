@@ -45,6 +45,8 @@ pub struct Plan {
     pub burn_in: u32,
     /// Steps between growth events.
     pub grow_every: u32,
+    /// Steps between recorded sections.
+    pub record_every: u32,
     /// Candidates of a growth tournament.
     pub candidates: u32,
     /// Fraction of contorted particles.
@@ -80,6 +82,7 @@ impl Plan {
             steps: p.steps,
             burn_in: p.burn_in,
             grow_every: p.particles.every,
+            record_every: p.solver.record_every,
             candidates: p.particles.candidates,
             contorted: p.contortion.fraction as f32,
             clearance: p.collision.clearance_um as f32,
@@ -104,6 +107,12 @@ impl Plan {
     #[must_use]
     pub fn grows_at(&self, t: i64) -> bool {
         t >= 0 && t % i64::from(self.grow_every) == 0
+    }
+
+    /// Whether the section at step `t` is recorded.
+    #[must_use]
+    pub fn records_at(&self, t: i64) -> bool {
+        t >= 0 && (t % i64::from(self.record_every) == 0 || t == i64::from(self.steps))
     }
 
     fn row(p: &Parameters, seed: u64, t: i64) -> StepRow {

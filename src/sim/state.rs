@@ -2,7 +2,7 @@
 
 use super::maths::nearest_on_ellipse;
 use super::plan::Plan;
-use crate::model::Ring;
+use crate::model::{Ring, Section};
 use crate::random::{self, Stream};
 
 /// The mucosa: particles in counter-clockwise order. All vectors have the same length.
@@ -120,5 +120,33 @@ impl OuterLoop {
     #[must_use]
     pub fn ring(&self) -> Ring {
         Ring { ids: self.id.clone(), points: self.p.clone() }
+    }
+}
+
+/// The whole state of a simulation between two steps: what a backend needs to go on.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Checkpoint {
+    /// The step reached; negative during burn-in.
+    pub time: i64,
+    /// The mucosa.
+    pub inner: InnerLoop,
+    /// The wall.
+    pub outer: OuterLoop,
+    /// Clearance of each inner particle at the start of the last step, µm; empty before the first one.
+    pub clearance: Vec<f32>,
+}
+
+impl Checkpoint {
+    /// The cross section that it holds.
+    #[must_use]
+    pub fn section(&self, plan: &Plan) -> Section {
+        let at = self.time.clamp(0, i64::from(plan.steps)) as usize;
+        Section {
+            step: at as f64,
+            z_um: plan.z_um[at],
+            added: false,
+            inner: self.inner.ring(),
+            outer: self.outer.ring(),
+        }
     }
 }

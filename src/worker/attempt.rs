@@ -1,4 +1,4 @@
-//! One attempt at a job, from its claim to its end.
+//! One attempt at a job, from its claim to its end. An attempt that a GPU cannot do goes on on the CPU.
 
 use super::generator::{Generator, Work, WorkError};
 use super::keeper::{Interrupt, Keeper, Phase};
@@ -7,17 +7,18 @@ use super::pool::PoolOptions;
 use super::saver::Saver;
 use super::upload::{self, UploadError};
 use super::verdict::{self, Verdict};
-use crate::clock::Clock;
-use crate::generate::{Backend, CancelToken, Outcome};
+use crate::clock::{Clock, Stopwatch};
+use crate::generate::{Backend, CancelToken, GenerateError, Outcome};
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::scratch::{AttemptDir, Scratch};
 use crate::jobs::{BackendReport, ClaimedJob, Finished, Store, StoreError};
 use bytes::Bytes;
 use rayon::ThreadPool;
+use std::future::Future;
+use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::watch;
-use tokio::task::{JoinError, JoinHandle};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
 /// How long the record of an attempt that was broken off waits for its thread.
 const STOP_WAIT: Duration = Duration::from_millis(300);
@@ -60,6 +61,56 @@ pub(super) fn device(threads: usize) -> String {
     format!("cpu, {threads} thread{}", if threads == 1 { "" } else { "s" })
 }
 
+/// Why a generation gave no model.
+pub(super) enum Unmade {
+    /// For the model's sake, or the service's.
+    Verdict(Verdict),
+    /// The GPU could not do it, for this reason.
+    Gpu(String),
+}
+
+type Made = Pin<Box<dyn Future<Output = Result<Outcome, Unmade>> + Send>>;
+
+/// A generation on threads of its own. Dropping it asks it to stop; the threads cannot be dropped.
+pub(super) struct Generation {
+    made: Made,
+    cancel: CancelToken,
+    /// Its turn on the CPU, where it has to wait for one.
+    turn: Option<OwnedSemaphorePermit>,
+}
+
+impl Generation {
+    /// `made` resolves when the threads have stopped working on it, also after `cancel`.
+    pub(super) fn new(made: Made, cancel: CancelToken) -> Self {
+        Self { made, cancel, turn: None }
+    }
+}
+
+impl Drop for Generation {
+    fn drop(&mut self) {
+        self.cancel.cancel();
+    }
+}
+
+/// What an attempt works with.
+pub(super) struct Prepared {
+    pub(super) dir: Arc<AttemptDir>,
+    pub(super) live: Arc<Live>,
+    pub(super) cancel: CancelToken,
+}
+
+/// Where an attempt goes on that a GPU could not do.
+pub(super) struct Second<'a> {
+    pub(super) threads: &'a Threads,
+    pub(super) turn: &'a Arc<Semaphore>,
+}
+
+impl Second<'_> {
+    async fn take_turn(&self) -> Option<OwnedSemaphorePermit> {
+        Arc::clone(self.turn).acquire_owned().await.ok()
+    }
+}
+
 /// What an attempt leaves behind.
 #[derive(Default)]
 struct Leavings {
@@ -69,16 +120,12 @@ struct Leavings {
     checkpoint: Option<String>,
 }
 
-/// A generation on a thread of its own. Dropping it asks it to stop; the thread cannot be dropped.
-struct Generation {
-    thread: JoinHandle<Result<Outcome, WorkError>>,
-    cancel: CancelToken,
-}
-
-impl Drop for Generation {
-    fn drop(&mut self) {
-        self.cancel.cancel();
-    }
+/// Where the generation of an attempt comes from.
+pub(super) enum Start {
+    /// It is to be begun on these threads of the CPU.
+    Cpu(Arc<ThreadPool>),
+    /// It has begun, as a member of a batch.
+    Made(Generation),
 }
 
 /// How the work of an attempt went.
@@ -91,27 +138,72 @@ enum Ending {
     Failed(Verdict),
 }
 
-/// Runs a claimed job and ends it. Returns whether the job has ended by it.
-pub(super) async fn run(context: &Context, threads: &Threads, claimed: ClaimedJob) -> bool {
-    let (id, attempt) = (claimed.job().id, claimed.attempt());
+/// Runs a claimed job on the CPU and ends it; `why` is said where it was asked of `auto`. Returns whether the job has
+/// ended by it.
+pub(super) async fn run_on_cpu(context: &Context, threads: &Threads, why: Option<String>, claimed: ClaimedJob) -> bool {
+    let (pool, mut report) = threads.choose(claimed.job().backend.requested);
+    report.fallback = why.filter(|_| report.requested == Backend::Auto);
+    match prepare(context, &claimed).await {
+        Ok(prepared) => run(context, claimed, report, prepared, Start::Cpu(pool), None).await,
+        Err(verdict) => refuse(context, claimed, report, verdict).await,
+    }
+}
+
+/// Makes an attempt ready.
+pub(super) async fn prepare(context: &Context, claimed: &ClaimedJob) -> Result<Prepared, Verdict> {
+    let (id, attempt, options) = (claimed.job().id, claimed.attempt(), &context.options);
     tracing::info!(job = %id, attempt, "attempt begins");
     if attempt == 1 {
         let waited = context.clock.now().duration_since(claimed.job().created_at);
-        context.options.metrics.waited(Duration::try_from(waited).unwrap_or_default());
+        options.metrics.waited(Duration::try_from(waited).unwrap_or_default());
     }
-    let (pool, backend) = threads.choose(claimed.job().backend.requested);
+    options.faults.point("after-claim").await.map_err(verdict::of_injected)?;
+    let dir = context.scratch.attempt(id, attempt).map_err(|error| verdict::of_scratch(&error))?;
+    let cancel = CancelToken::default();
+    let live = Arc::new(Live::new(options.faults.clone(), cancel.clone(), options.checkpoint_every));
+    Ok(Prepared { dir: Arc::new(dir), live, cancel })
+}
+
+/// Ends an attempt that could not be made ready. Returns whether the job has ended by it.
+pub(super) async fn refuse(context: &Context, claimed: ClaimedJob, report: BackendReport, verdict: Verdict) -> bool {
+    conclude(context, claimed, report, Ending::Failed(verdict), Leavings::default()).await
+}
+
+/// Follows the generation of a claimed job, stores its files, and ends it. Returns whether the job has ended by it.
+pub(super) async fn run(
+    context: &Context,
+    claimed: ClaimedJob,
+    mut report: BackendReport,
+    prepared: Prepared,
+    start: Start,
+    second: Option<&Second<'_>>,
+) -> bool {
     let mut leavings = Leavings::default();
-    let ending = work(context, pool, backend.clone(), &claimed, &mut leavings).await;
-    let (how, result) = end(context, claimed, backend, ending).await;
+    let ending = work(context, &claimed, &mut report, &prepared, start, second, &mut leavings).await;
+    drop(prepared);
+    conclude(context, claimed, report, ending, leavings).await
+}
+
+/// Records how an attempt went, and waits for what it left at work. Returns whether the job has ended by it.
+async fn conclude(
+    context: &Context,
+    claimed: ClaimedJob,
+    report: BackendReport,
+    ending: Ending,
+    leavings: Leavings,
+) -> bool {
+    let (id, attempt) = (claimed.job().id, claimed.attempt());
+    let (used, fallback) = (report.used, report.fallback.clone());
+    let (how, result) = end(context, claimed, report, ending).await;
     context.options.metrics.attempt(if matches!(result, Err(StoreError::Fenced)) { "lost" } else { how });
     if let Some(mut generation) = leavings.generation {
         // What was broken off is recorded at once, even where a stage is slow to stop; the worker's threads are
         // free only now. What it made or how it failed is of no interest any more.
         generation.cancel.cancel();
-        let _ = (&mut generation.thread).await;
+        let _ = (&mut generation.made).await;
     }
     match result {
-        Ok(()) => tracing::info!(job = %id, attempt, "attempt {how}"),
+        Ok(()) => tracing::info!(job = %id, attempt, ?used, fallback, "attempt {how}"),
         Err(StoreError::Fenced) => tracing::warn!(job = %id, attempt, "attempt {how}, but its lease was lost"),
         Err(ref error) => tracing::error!(job = %id, attempt, %error, "attempt {how}, but that was not recorded"),
     }
@@ -168,54 +260,69 @@ async fn commit(context: &Context, claimed: ClaimedJob, finished: Finished) -> R
 /// Generates and stores the files, keeping the lease.
 async fn work(
     context: &Context,
-    pool: Arc<ThreadPool>,
-    backend: BackendReport,
     claimed: &ClaimedJob,
+    report: &mut BackendReport,
+    prepared: &Prepared,
+    start: Start,
+    second: Option<&Second<'_>>,
     leavings: &mut Leavings,
 ) -> Ending {
-    if let Err(injected) = context.options.faults.point("after-claim").await {
-        return Ending::Failed(verdict::of_injected(injected));
-    }
-    let dir = match context.scratch.attempt(claimed.job().id, claimed.attempt()) {
-        Ok(dir) => Arc::new(dir),
-        Err(error) => return Ending::Failed(verdict::of_scratch(&error)),
+    let watch = Stopwatch::start();
+    let live = &prepared.live;
+    let mut keeper = Keeper::new(context, claimed, report.clone(), live);
+    let mut saver = Saver::new(context, claimed, live);
+    let mut generation = match start {
+        Start::Made(generation) => generation,
+        Start::Cpu(pool) => match keeper.keep(saver.load()).await {
+            Ok(from) => generate(context, pool, claimed, from, prepared, report.used.unwrap_or_default()),
+            Err(interrupt) => return Ending::Interrupted(interrupt),
+        },
     };
-    let cancel = CancelToken::default();
-    let every = context.options.checkpoint_every;
-    let live = Arc::new(Live::new(context.options.faults.clone(), cancel.clone(), every));
-    let mut keeper = Keeper::new(context, claimed, backend.clone(), &live);
-    let mut saver = Saver::new(context, claimed, &live);
-
-    let from = match keeper.keep(saver.load()).await {
-        Ok(from) => from,
-        Err(interrupt) => return Ending::Interrupted(interrupt),
-    };
-    let mut generation = generate(context, pool, claimed, from, &dir, &live, cancel);
-    let kept = keep_in_time(context, &mut keeper, &mut saver, &mut generation.thread).await;
-    leavings.checkpoint = saver.named();
-    let joined = match kept {
-        Ok(joined) => joined,
-        Err(broken) => {
-            let mut running = true;
-            if let Broken::Interrupt(Interrupt::Shutdown) = broken {
-                running = last_checkpoint(context, &live, &mut saver, &mut generation.thread).await;
-                leavings.checkpoint = saver.named();
+    let result = loop {
+        let kept = keep_in_time(context, &watch, &mut keeper, &mut saver, &mut generation.made).await;
+        leavings.checkpoint = saver.named();
+        let made = match kept {
+            Ok(made) => made,
+            Err(broken) => {
+                let mut running = true;
+                // A GPU takes no checkpoints that another attempt could go on from.
+                if let (Broken::Interrupt(Interrupt::Shutdown), true) = (&broken, report.used != Some(Backend::Gpu)) {
+                    running = last_checkpoint(context, live, &mut saver, &mut generation.made).await;
+                    leavings.checkpoint = saver.named();
+                }
+                generation.cancel.cancel();
+                // Most stop within milliseconds: then the record says so once it is true.
+                if running && tokio::time::timeout(STOP_WAIT, &mut generation.made).await.is_err() {
+                    leavings.generation = Some(generation);
+                }
+                return match broken {
+                    Broken::Interrupt(interrupt) => Ending::Interrupted(interrupt),
+                    Broken::Late(limit) => Ending::Failed(verdict::of_timeout(limit)),
+                };
             }
-            generation.cancel.cancel();
-            // Most stop within milliseconds: then the record says so once it is true.
-            if running && tokio::time::timeout(STOP_WAIT, &mut generation.thread).await.is_err() {
-                leavings.generation = Some(generation);
-            }
-            return match broken {
-                Broken::Interrupt(interrupt) => Ending::Interrupted(interrupt),
-                Broken::Late(limit) => Ending::Failed(verdict::of_timeout(limit)),
-            };
-        }
-    };
-    let result = match joined {
-        Ok(Ok(outcome)) => Ok(outcome),
-        Ok(Err(error)) => Err(verdict::of_error(&error)),
-        Err(error) => Err(verdict::of_join(error)),
+        };
+        let reason = match made {
+            Ok(outcome) => break Ok(outcome),
+            Err(Unmade::Verdict(verdict)) => break Err(verdict),
+            Err(Unmade::Gpu(reason)) => reason,
+        };
+        let Some(second) = second.filter(|_| report.requested == Backend::Auto) else {
+            break Err(Verdict::Fail(verdict::of_gpu(reason)));
+        };
+        tracing::warn!(job = %claimed.job().id, reason, "the job goes on on the CPU");
+        let (turn, from) = match keeper.keep(async { (second.take_turn().await, saver.load().await) }).await {
+            Ok(ready) => ready,
+            Err(interrupt) => return Ending::Interrupted(interrupt),
+        };
+        let (pool, cpu) = second.threads.choose(Backend::Cpu);
+        *report = BackendReport { requested: report.requested, fallback: Some(reason), ..cpu };
+        keeper.report(report.clone());
+        // The old generation takes its token with it.
+        let cancel = CancelToken::default();
+        live.restart(cancel.clone());
+        let prepared = Prepared { cancel, dir: Arc::clone(&prepared.dir), live: Arc::clone(live) };
+        generation = generate(context, pool, claimed, from, &prepared, Backend::Cpu);
+        generation.turn = turn;
     };
     let outcome = match (result, live.injected()) {
         (_, Some(injected)) => return Ending::Failed(verdict::of_injected(injected)),
@@ -233,12 +340,12 @@ async fn work(
         context.options.metrics.stage(stage, seconds);
     }
     let files = upload::files(claimed, &outcome);
-    let uploaded = keeper.keep(upload::upload(context, &live, &files, dir.path())).await;
+    let uploaded = keeper.keep(upload::upload(context, live, &files, prepared.dir.path())).await;
     let ending = match uploaded {
         Ok(Ok(())) => {
-            let backend = BackendReport { used: Some(outcome.used), device: Some(outcome.device), ..backend };
+            *report = BackendReport { used: Some(outcome.used), device: Some(outcome.device), ..report.clone() };
             let engine = crate::ENGINE_VERSION.to_owned();
-            let finished = Finished { backend, files, summary: outcome.summary, engine };
+            let finished = Finished { backend: report.clone(), files, summary: outcome.summary, engine };
             return Ending::Stored(Box::new(finished));
         }
         Ok(Err(UploadError::Injected(injected))) => Ending::Failed(verdict::of_injected(injected)),
@@ -259,29 +366,35 @@ enum Broken {
 /// Drives a generation while keeping the lease and storing checkpoints, within the time that a job may take.
 async fn keep_in_time<T>(
     context: &Context,
+    since: &Stopwatch,
     keeper: &mut Keeper<'_>,
     saver: &mut Saver<'_>,
-    thread: &mut JoinHandle<T>,
-) -> Result<Result<T, JoinError>, Broken> {
+    made: impl Future<Output = T>,
+) -> Result<T, Broken> {
     let limit = context.options.job_timeout;
     let late = async {
         match limit {
             Some(limit) => {
-                tokio::time::sleep(limit).await;
+                tokio::time::sleep(limit.saturating_sub(since.elapsed())).await;
                 limit
             }
             None => std::future::pending().await,
         }
     };
     tokio::select! {
-        kept = keeper.keep(thread) => kept.map_err(Broken::Interrupt),
+        kept = keeper.keep(made) => kept.map_err(Broken::Interrupt),
         limit = late => Err(Broken::Late(limit)),
         never = saver.run() => match never {},
     }
 }
 
 /// Waits a little for a last checkpoint. Returns whether the thread is still at work.
-async fn last_checkpoint<T>(context: &Context, live: &Live, saver: &mut Saver<'_>, thread: &mut JoinHandle<T>) -> bool {
+async fn last_checkpoint<T>(
+    context: &Context,
+    live: &Live,
+    saver: &mut Saver<'_>,
+    made: impl Future<Output = T>,
+) -> bool {
     live.ask_for_checkpoint();
     if !live.takes_checkpoints() {
         return true;
@@ -291,26 +404,34 @@ async fn last_checkpoint<T>(context: &Context, live: &Live, saver: &mut Saver<'_
     tokio::select! {
         () = saver.save_next() => true,
         () = tokio::time::sleep(left.min(SAVE_WAIT)) => true,
-        _ = thread => false,
+        _ = made => false,
     }
 }
 
-/// Runs the generator on a thread that may block and whose panic is caught.
+/// Runs the CPU's generator on a thread that may block and whose panic is caught.
 fn generate(
     context: &Context,
     pool: Arc<ThreadPool>,
     claimed: &ClaimedJob,
     from: Option<Bytes>,
-    dir: &Arc<AttemptDir>,
-    live: &Arc<Live>,
-    cancel: CancelToken,
+    prepared: &Prepared,
+    backend: Backend,
 ) -> Generation {
     let generator = Arc::clone(&context.generator);
     let memory_limit_bytes = context.options.memory_limit_bytes;
-    let (job, dir, live, token) = (claimed.job().clone(), Arc::clone(dir), Arc::clone(live), cancel.clone());
+    let (job, dir, live) = (claimed.job().clone(), Arc::clone(&prepared.dir), Arc::clone(&prepared.live));
+    let token = prepared.cancel.clone();
     let thread = tokio::task::spawn_blocking(move || {
-        let work = Work { job: &job, dir: dir.path(), memory_limit_bytes, checkpoint: from.as_deref() };
+        let work = Work { job: &job, backend, dir: dir.path(), memory_limit_bytes, checkpoint: from.as_deref() };
         pool.install(|| generator.generate(work, &*live, &token))
     });
-    Generation { thread, cancel }
+    let made = async move {
+        match thread.await {
+            Ok(Ok(outcome)) => Ok(outcome),
+            Ok(Err(WorkError::Generate(GenerateError::Gpu(error)))) => Err(Unmade::Gpu(error.to_string())),
+            Ok(Err(error)) => Err(Unmade::Verdict(verdict::of_error(&error))),
+            Err(error) => Err(Unmade::Verdict(verdict::of_join(error))),
+        }
+    };
+    Generation::new(Box::pin(made), prepared.cancel.clone())
 }

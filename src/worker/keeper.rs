@@ -65,6 +65,13 @@ impl<'a> Keeper<'a> {
         }
     }
 
+    /// From now on something else computes the job.
+    pub(super) fn report(&mut self, backend: BackendReport) {
+        self.backend = backend;
+        // The next beat tells it, whether there is progress or not.
+        self.renewed = None;
+    }
+
     /// Drives `work` while keeping the lease; drops it at an interrupt.
     pub(super) async fn keep<T>(&mut self, work: impl Future<Output = T>) -> Result<T, Interrupt> {
         tokio::select! {

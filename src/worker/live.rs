@@ -24,7 +24,11 @@ struct State {
     section: Option<LiveSection>,
     /// Sections recorded so far.
     sections: u32,
+    /// Least fraction to tell.
+    floor: f64,
     injected: Option<Injected>,
+    /// Stops the generation that is at work.
+    cancel: CancelToken,
     /// Since the last checkpoint, or the start.
     unsaved: Option<Stopwatch>,
     /// A checkpoint not fetched yet.
@@ -38,7 +42,6 @@ struct State {
 pub(super) struct Live {
     state: Mutex<State>,
     faults: Faults,
-    cancel: CancelToken,
     /// Time between checkpoints.
     every: Option<Duration>,
     /// Tells that a checkpoint is there.
@@ -61,8 +64,8 @@ impl News {
 impl Live {
     /// An injected fault stops the generation by `cancel`. A checkpoint is taken `every` so often, where it is given.
     pub(super) fn new(faults: Faults, cancel: CancelToken, every: Option<Duration>) -> Self {
-        let state = State { unsaved: Some(Stopwatch::start()), ..State::default() };
-        Self { state: Mutex::new(state), faults, cancel, every, saved: Notify::new() }
+        let state = State { cancel, unsaved: Some(Stopwatch::start()), ..State::default() };
+        Self { state: Mutex::new(state), faults, every, saved: Notify::new() }
     }
 
     /// Asks for a checkpoint at the next step, where checkpoints are taken at all.
@@ -120,6 +123,17 @@ impl Live {
         state.new_progress = true;
     }
 
+    /// The generation begins again from the start: sections are counted anew. The fraction that was told stays until
+    /// the new one has passed it, so that it never falls. An injected fault now stops it by `cancel`.
+    pub(super) fn restart(&self, cancel: CancelToken) {
+        let mut state = self.state();
+        state.cancel = cancel;
+        state.unsaved = Some(Stopwatch::start());
+        state.sections = 0;
+        state.section = None;
+        state.floor = state.progress.map_or(0.0, |progress| progress.fraction);
+    }
+
     /// The fault that was injected into the generation.
     pub(super) fn injected(&self) -> Option<Injected> {
         self.state().injected
@@ -134,12 +148,13 @@ impl Sink for Live {
     fn progress(&self, progress: &Progress) {
         {
             let mut state = self.state();
-            state.progress = Some(*progress);
+            state.progress = Some(Progress { fraction: progress.fraction.max(state.floor), ..*progress });
             state.new_progress = true;
         }
         if let Err(injected) = self.faults.point_blocking(name(progress.stage)) {
-            self.state().injected = Some(injected);
-            self.cancel.cancel();
+            let mut state = self.state();
+            state.injected = Some(injected);
+            state.cancel.cancel();
         }
     }
 
@@ -239,6 +254,32 @@ mod tests {
         assert_eq!(live.news().section.unwrap().index, 1);
         live.storing();
         assert_eq!(live.news().progress.unwrap().stage, Stage::Store);
+    }
+
+    #[test]
+    fn a_second_start_counts_anew_but_never_falls_back() {
+        let live = Live::new(Faults::none(), CancelToken::default(), None);
+        let at = |fraction| Progress {
+            stage: Stage::Simulate,
+            fraction,
+            step: 1,
+            steps: 10,
+            particles: 3,
+            sections: 1,
+            eta_seconds: None,
+        };
+        let section = Section { inner: ring(3), outer: ring(4), ..Section::default() };
+        live.progress(&at(0.4));
+        live.section(&section);
+        live.section(&section);
+        live.restart(CancelToken::default());
+        assert!(live.news().section.is_none());
+        live.progress(&at(0.1));
+        live.section(&section);
+        let news = live.news();
+        assert_eq!((news.progress.unwrap().fraction, news.section.unwrap().index), (0.4, 0));
+        live.progress(&at(0.5));
+        assert_eq!(live.news().progress.unwrap().fraction, 0.5);
     }
 
     #[test]

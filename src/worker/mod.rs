@@ -5,10 +5,22 @@
 //! and removes what it uploaded; files are in the artifact store before the commit that names them; whatever
 //! a generation does (panic, too much memory, an error, no answer), only its own job fails.
 //!
+//! A CPU worker has a job at a time, a GPU worker (one an adapter) a batch of like size. Who takes what:
+//! - `gpu` goes to GPU workers, `cpu` and `cpu-single` to CPU workers, whatever else waits.
+//! - `auto` goes to GPU workers. A CPU worker takes it only while no GPU worker is alive, or while more jobs wait
+//!   than the GPU workers take with their next two claims.
+//! - A job that a GPU worker holds and its device cannot do (it does not fit; the device is lost or out of memory)
+//!   goes on, within the same attempt, on the CPU of that worker if it is `auto`, and fails if it is `gpu`.
+//!
+//! Wherever `auto` does not run on a GPU, `backend.fallback` says why.
+//!
 //! | file | subject |
 //! |---|---|
-//! | `generator` | what a worker runs: [`Generator`] |
+//! | `generator` | what a worker runs: [`Generator`], [`BatchGenerator`] |
+//! | `engine` | the real ones |
 //! | `pool` | the workers of a process: claim loop, signs of life, shutdown |
+//! | `share` | which jobs a CPU worker leaves to GPU workers |
+//! | `batch` | the attempts of a batch side by side |
 //! | `attempt` | one attempt at a job, from its claim to its end |
 //! | `keeper` | the lease while work goes on: heartbeat up, cancel down |
 //! | `live` | progress and sections on their way to the heartbeat |
@@ -17,13 +29,17 @@
 //! | `verdict` | what an error means for the job |
 
 mod attempt;
+mod batch;
+mod engine;
 mod generator;
 mod keeper;
 mod live;
 mod pool;
 mod saver;
+mod share;
 mod upload;
 mod verdict;
 
-pub use generator::{Generator, Work, WorkError};
+pub use engine::{GpuGenerator, generate_on_cpu};
+pub use generator::{BatchEnds, BatchGenerator, BatchWork, Generator, Work, WorkError};
 pub use pool::{PoolOptions, WorkerPool};

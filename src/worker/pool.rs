@@ -1,21 +1,23 @@
 //! The workers of a process: claim loop, signs of life, shutdown.
 
 use super::attempt::{self, Context, Threads};
-use super::generator::Generator;
+use super::batch::{self, Gpu};
+use super::generator::{BatchGenerator, Generator};
 use super::keeper::Phase;
+use super::share::{self, Share};
 use crate::clock::Clock;
 use crate::generate::Backend;
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
 use crate::jobs::scratch::Scratch;
-use crate::jobs::{Change, ClaimedJob, JobId, Store, WorkerInfo};
+use crate::jobs::{Change, ClaimedJob, JobId, Store, StoreError, WorkerInfo};
 use crate::metrics::Metrics;
 use std::io;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::broadcast::{Receiver, error::RecvError};
-use tokio::sync::watch;
+use tokio::sync::{Semaphore, watch};
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 
@@ -29,10 +31,14 @@ const SEEN_EVERY: u32 = 5;
 /// Settings of a pool.
 #[derive(Clone, Debug)]
 pub struct PoolOptions {
-    /// Workers, each with a job at a time.
+    /// CPU workers, each with a job at a time.
     pub workers: u32,
     /// Threads of each worker, for `cpu`; at least 1.
     pub threads: usize,
+    /// Most jobs that a GPU worker runs together; at least 1.
+    pub batch: u32,
+    /// Why there is no GPU worker in this process, in words for the record of a job that falls back.
+    pub no_gpu: Option<String>,
     /// Time between renewals of a lease.
     pub heartbeat: Duration,
     /// Length of a lease: several heartbeats.
@@ -68,6 +74,8 @@ impl PoolOptions {
         Self {
             workers: 1,
             threads: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+            batch: 16,
+            no_gpu: None,
             heartbeat: Duration::from_secs(2),
             lease: Duration::from_secs(8),
             progress: Duration::from_millis(250),
@@ -108,6 +116,8 @@ struct Slot {
     id: String,
     context: Arc<Context>,
     threads: Threads,
+    /// What makes it a GPU worker.
+    gpu: Option<Gpu>,
     at: Mutex<At>,
 }
 
@@ -116,10 +126,21 @@ struct Slot {
 struct At {
     job: Option<JobId>,
     done: u64,
+    gpu: GpuState,
+}
+
+/// How it stands with the GPU of a worker.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum GpuState {
+    /// Not asked for yet, or there is none.
+    #[default]
+    Unknown,
+    Open,
+    Unable,
 }
 
 impl WorkerPool {
-    /// Starts the workers. Must be called within a tokio runtime.
+    /// Starts CPU workers. Must be called within a tokio runtime.
     ///
     /// # Errors
     /// Where the scratch folder or the threads cannot be made.
@@ -130,16 +151,41 @@ impl WorkerPool {
         options: PoolOptions,
         clock: Clock,
     ) -> io::Result<Self> {
+        Self::start_with_gpus(store, artifacts, generator, Vec::new(), options, clock)
+    }
+
+    /// Starts CPU workers, and a GPU worker for each of `gpus`. Must be called within a tokio runtime.
+    ///
+    /// # Errors
+    /// Where the scratch folder or the threads cannot be made.
+    pub fn start_with_gpus(
+        store: Arc<dyn Store>,
+        artifacts: Artifacts,
+        generator: Arc<dyn Generator>,
+        gpus: Vec<Arc<dyn BatchGenerator>>,
+        options: PoolOptions,
+        clock: Clock,
+    ) -> io::Result<Self> {
         let (phase, receiver) = watch::channel(Phase::Run);
         let scratch = Scratch::open(&options.scratch)?;
         let workers = options.workers;
         let context = Arc::new(Context { store, artifacts, generator, options, clock, scratch, phase: receiver });
         let mut tasks = JoinSet::new();
         let mut slots = Vec::new();
-        for ordinal in 0..workers {
-            let id = format!("{}-{}-{ordinal}", context.options.host, std::process::id());
-            let threads = Threads { all: threads(&id, context.options.threads)?, single: threads(&id, 1)? };
-            slots.push(Arc::new(Slot { id, context: Arc::clone(&context), threads, at: Mutex::default() }));
+        let names = (0..gpus.len()).map(|n| format!("gpu{n}")).chain((0..workers).map(|n| n.to_string()));
+        let gpus = gpus.into_iter().map(Some).chain(std::iter::repeat_with(|| None));
+        for (name, generator) in names.zip(gpus) {
+            let id = format!("{}-{}-{name}", context.options.host, std::process::id());
+            let all = context.options.threads.max(1);
+            let threads = Threads { all: threads(&id, all)?, single: threads(&id, 1)? };
+            let gpu = match generator {
+                None => None,
+                Some(generator) => {
+                    let pool = self::threads(&format!("{id}-batch"), all + 1)?;
+                    Some(Gpu { generator, pool, turn: Arc::new(Semaphore::new(1)) })
+                }
+            };
+            slots.push(Arc::new(Slot { id, context: Arc::clone(&context), threads, gpu, at: Mutex::default() }));
         }
         for slot in &slots {
             tasks.spawn(claim_loop(Arc::clone(slot)));
@@ -192,11 +238,11 @@ async fn claim_loop(slot: Arc<Slot>) {
             slot.seen(at).await;
             return;
         }
-        let away = match context.store.claim(&slot.id, Backend::Cpu, context.options.lease, 1).await {
-            Ok(mut claimed) => {
+        let away = match slot.claim().await {
+            Ok((claimed, share)) => {
                 wait = context.options.poll;
-                if let Some(claimed) = claimed.pop() {
-                    slot.run(claimed).await;
+                if !claimed.is_empty() {
+                    slot.run(claimed, share).await;
                     continue;
                 }
                 false
@@ -248,10 +294,57 @@ async fn signs_of_life(slots: Vec<Arc<Slot>>, context: Arc<Context>) {
 }
 
 impl Slot {
-    async fn run(&self, claimed: ClaimedJob) {
-        self.at(|at| at.job = Some(claimed.job().id));
-        let ended = attempt::run(&self.context, &self.threads, claimed).await;
-        self.at(|at| *at = At { job: None, done: at.done + u64::from(ended) });
+    /// Claims what this worker may run now. A GPU worker whose GPU cannot be opened still takes one job at a time, for
+    /// those asked of `gpu` must end too, and say why.
+    async fn claim(&self) -> Result<(Vec<ClaimedJob>, Share), StoreError> {
+        let Context { store, options, .. } = &*self.context;
+        let (share, backend, limit) = match &self.gpu {
+            Some(gpu) => {
+                let limit = if self.opened(gpu).await { options.batch.max(1) } else { 1 };
+                (Share::ByName, Backend::Gpu, limit)
+            }
+            None => {
+                let share = share::of_cpu(&self.context).await?;
+                let backend = share.backend();
+                (share, backend, 1)
+            }
+        };
+        Ok((store.claim(&self.id, backend, options.lease, limit).await?, share))
+    }
+
+    /// Makes the GPU ready.
+    async fn opened(&self, gpu: &Gpu) -> bool {
+        let generator = Arc::clone(&gpu.generator);
+        let opened = tokio::task::spawn_blocking(move || generator.open()).await;
+        let opened = opened.unwrap_or_else(|panic| Err(panic.to_string()));
+        let before = self.at(|_| {}).gpu;
+        let state = if opened.is_ok() { GpuState::Open } else { GpuState::Unable };
+        let at = self.at(|at| at.gpu = state);
+        if before != state {
+            match &opened {
+                Ok(()) => tracing::info!(worker = self.id, device = gpu.generator.device(), "the GPU is ready"),
+                Err(reason) => tracing::error!(worker = self.id, reason, "the GPU could not be opened"),
+            }
+            self.seen(at).await;
+        }
+        opened.is_ok()
+    }
+
+    async fn run(&self, claimed: Vec<ClaimedJob>, share: Share) {
+        self.at(|at| at.job = claimed.first().map(|claimed| claimed.job().id));
+        let mut ended = 0;
+        if let Some(gpu) = &self.gpu {
+            ended += batch::run(&self.context, gpu, &self.threads, claimed).await;
+        } else {
+            for claimed in claimed {
+                let why = share.reason().map(str::to_owned);
+                ended += u64::from(attempt::run_on_cpu(&self.context, &self.threads, why, claimed).await);
+            }
+        }
+        self.at(|at| {
+            at.job = None;
+            at.done += ended;
+        });
     }
 
     fn at(&self, change: impl FnOnce(&mut At)) -> At {
@@ -260,12 +353,20 @@ impl Slot {
         *at
     }
 
-    async fn seen(&self, At { job, done }: At) {
+    /// Leaves a sign of life; not for a GPU worker without its GPU, which nobody should count on.
+    async fn seen(&self, At { job, done, gpu }: At) {
+        if self.gpu.is_some() && gpu != GpuState::Open {
+            return;
+        }
+        let (backend, device) = match &self.gpu {
+            Some(gpu) => (Backend::Gpu, gpu.generator.device()),
+            None => (Backend::Cpu, attempt::device(self.threads.all.current_num_threads())),
+        };
         let worker = WorkerInfo {
             id: self.id.clone(),
             host: self.context.options.host.clone(),
-            backend: Backend::Cpu,
-            device: attempt::device(self.threads.all.current_num_threads()),
+            backend,
+            device,
             job,
             jobs_done: done,
             heartbeat_at: self.context.clock.now(),

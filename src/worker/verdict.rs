@@ -4,6 +4,7 @@ use super::generator::WorkError;
 use crate::generate::GenerateError;
 use crate::jobs::Problem;
 use crate::jobs::fault::Injected;
+use std::any::Any;
 use tokio::task::JoinError;
 
 /// What is to be done with the job.
@@ -32,6 +33,8 @@ pub(super) fn of_error(error: &WorkError) -> Verdict {
                 Verdict::Fail(problem("memory", "The model needs more memory than allowed", detail))
             }
             GenerateError::Backend { .. } => Verdict::Fail(problem("backend", "The backend is not available", detail)),
+            GenerateError::Gpu(_) => Verdict::Fail(of_gpu(detail)),
+            GenerateError::Panic { detail } => Verdict::Fail(panicked(detail.clone())),
             GenerateError::Simulation { .. } => Verdict::Fail(problem("simulation", "The simulation failed", detail)),
             GenerateError::Io { source, .. } => {
                 Verdict::Retry(problem("io", "Files could not be written", format!("{detail}: {source}")))
@@ -51,12 +54,27 @@ pub(super) fn of_join(error: JoinError) -> Verdict {
             return Verdict::Retry(problem("interrupted", "The generation was broken off", error.to_string()));
         }
     };
-    let message = payload
-        .downcast_ref::<&str>()
-        .map(|message| (*message).to_owned())
-        .or_else(|| payload.downcast_ref::<String>().cloned())
-        .unwrap_or_else(|| "a panic without a message".to_owned());
-    Verdict::Fail(problem("panic", "The generation panicked", message))
+    Verdict::Fail(panicked(message(payload.as_ref())))
+}
+
+/// What a panic said.
+pub(super) fn message(payload: &(dyn Any + Send)) -> String {
+    let text = payload.downcast_ref::<&str>().map(|message| (*message).to_owned());
+    text.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_else(|| "a panic without a message".to_owned())
+}
+
+/// The verdict on a member of a batch that ended without a word of it.
+pub(super) fn of_silence() -> Verdict {
+    Verdict::Retry(problem("interrupted", "The generation was broken off", "the batch ended without it".to_owned()))
+}
+
+fn panicked(message: String) -> Problem {
+    problem("panic", "The generation panicked", message)
+}
+
+/// The problem of a job that asked for a GPU and nothing else.
+pub(super) fn of_gpu(detail: String) -> Problem {
+    problem("gpu", "The GPU could not grow the model", detail)
 }
 
 /// The verdict on a scratch folder that could not be made.

@@ -8,6 +8,7 @@ mod checkpoint;
 mod cluster;
 mod cost;
 mod deaf;
+mod gpu;
 mod kill;
 mod postgres;
 #[path = "../common/queue.rs"]

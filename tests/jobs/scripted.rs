@@ -8,10 +8,11 @@ use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::sqlite::SqliteStore;
 use oviduct::jobs::{Job, JobId, NewJob, Store, StoreOptions};
 use oviduct::model::{Ring, Section};
-use oviduct::worker::{Generator, PoolOptions, Work, WorkError, WorkerPool};
+use oviduct::sim::gpu::GpuError;
+use oviduct::worker::{BatchEnds, BatchGenerator, BatchWork, Generator, PoolOptions, Work, WorkError, WorkerPool};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 /// The bytes that a job's file must have: a function of seed and name alone. `model.glb` of seed 2 takes several parts.
@@ -98,6 +99,82 @@ pub fn generate(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result
     })
 }
 
+/// How a [`FakeGpu`] fares.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fate {
+    Well,
+    /// The next batch is lost with it; then it can be opened again.
+    Lost,
+    OutOfMemory,
+    /// Nothing fits.
+    Unfit,
+    /// It cannot be opened.
+    Gone,
+    Panics,
+}
+
+/// A GPU that follows the scripts of its members, each on a thread of its own. Jobs of the same `spec.size` fit
+/// together. Members whose script is `ok` end before a fate strikes.
+pub struct FakeGpu {
+    pub fate: Mutex<Fate>,
+    /// Seeds of the jobs of each batch.
+    pub batches: Mutex<Vec<Vec<u64>>>,
+}
+
+impl FakeGpu {
+    pub fn new(fate: Fate) -> Arc<Self> {
+        Arc::new(Self { fate: Mutex::new(fate), batches: Mutex::default() })
+    }
+}
+
+impl BatchGenerator for FakeGpu {
+    fn device(&self) -> String {
+        "a fake GPU".to_owned()
+    }
+
+    fn open(&self) -> Result<(), String> {
+        if *self.fate.lock().unwrap() == Fate::Gone { Err("it was pulled out".to_owned()) } else { Ok(()) }
+    }
+
+    fn admit(&self, jobs: &[&Job]) -> Result<Vec<bool>, String> {
+        self.open()?;
+        if *self.fate.lock().unwrap() == Fate::Unfit {
+            return Err("it is too large for the GPU".to_owned());
+        }
+        Ok(jobs.iter().map(|job| job.spec["size"] == jobs[0].spec["size"]).collect())
+    }
+
+    fn generate(&self, members: &[BatchWork<'_>], ended: BatchEnds<'_>) {
+        self.batches.lock().unwrap().push(members.iter().map(|m| m.work.job.seed).collect());
+        let fate = *self.fate.lock().unwrap();
+        assert!(fate != Fate::Panics, "the driver is at fault");
+        let error = match fate {
+            Fate::Lost => Some(GpuError::Lost { detail: "it was pulled out".to_owned() }),
+            Fate::OutOfMemory => Some(GpuError::OutOfMemory),
+            _ => None,
+        };
+        std::thread::scope(|scope| {
+            for (place, member) in members.iter().enumerate() {
+                let error = error.clone().filter(|_| member.work.job.spec["script"] != "ok");
+                scope.spawn(move || {
+                    let result = match error {
+                        Some(error) => {
+                            member.sink.progress(&progress(Stage::Simulate, 0.6));
+                            std::thread::sleep(Duration::from_millis(300));
+                            Err(GenerateError::Gpu(error).into())
+                        }
+                        None => generate(member.work, member.sink, member.cancel),
+                    };
+                    ended(place, result.map(|made| Outcome { used: Backend::Gpu, device: self.device(), ..made }));
+                });
+            }
+        });
+        if fate == Fate::Lost {
+            *self.fate.lock().unwrap() = Fate::Well;
+        }
+    }
+}
+
 pub fn scripted(script: &str, seed: u64) -> NewJob {
     let spec = serde_json::json!({ "script": script });
     NewJob { seed, spec, reuse: false, ..new_job(&format!("{script} {seed}")) }
@@ -170,6 +247,15 @@ impl Place {
 
     pub fn start(&self, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
         self.start_over(Arc::clone(&self.store), change)
+    }
+
+    /// Starts workers of which the first has a GPU.
+    pub fn start_with_gpu(&self, gpu: &Arc<FakeGpu>, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
+        let mut options = self.options();
+        change(&mut options);
+        let gpus: Vec<Arc<dyn BatchGenerator>> = vec![Arc::clone(gpu) as Arc<dyn BatchGenerator>];
+        let (store, artifacts) = (Arc::clone(&self.store), self.artifacts.clone());
+        WorkerPool::start_with_gpus(store, artifacts, Arc::new(generate), gpus, options, Clock::System).unwrap()
     }
 
     /// Starts workers that see the store in their own way.

@@ -4,8 +4,11 @@
 //! |---|---|
 //! | `paper` | the paper's Figures 10 and 11: time per step against particles, total running times |
 //! | `scaling` | time per step by threads and particles |
+//! | `batch` | models a second on the GPU, by the size of the batch |
 
+mod batch;
 mod curve;
+mod device;
 mod machine;
 mod paper;
 mod plot;
@@ -34,8 +37,9 @@ pub(super) async fn run(args: BenchArgs) -> Ended {
     let out = args.out.clone();
     let json = args.json;
     let (name, task) = match args.what {
-        Bench::Paper => ("bench-paper", tokio::task::spawn_blocking(move || paper::run(args.quick))),
+        Bench::Paper => ("bench-paper", tokio::task::spawn_blocking(move || paper::run(args.quick, args.gpu))),
         Bench::Scaling => ("bench-scaling", tokio::task::spawn_blocking(move || scaling::run(args.quick))),
+        Bench::Batch => ("bench-batch", tokio::task::spawn_blocking(move || batch::run(args.quick, args.gpu))),
     };
     let report = tokio::select! {
         ended = task => ended.context("the benchmark panicked")??,

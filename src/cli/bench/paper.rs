@@ -7,10 +7,12 @@
 use super::curve::{self, Point};
 use super::plot::{self, Line, Scale};
 use super::probe::{self, Run, Way};
-use super::{Report, machine};
-use crate::cli::term;
+use super::{Report, device, machine};
+use crate::cli::args::GpuArgs;
+use crate::cli::{gpu, term};
 use crate::sim::Plan;
 use crate::sim::cpu::{CpuSimulation, Kernel};
+use crate::sim::gpu::GpuDevice;
 use crate::spec::{ModelSpec, Search, preset};
 use anyhow::Context;
 use serde::Serialize;
@@ -60,7 +62,7 @@ impl Version {
     }
 }
 
-pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
+pub(super) fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
     let spec = ModelSpec::resolve(preset("paper").context("there is no preset `paper`")?, &json!({}))
         .map_err(|faults| anyhow::anyhow!("the preset `paper` is not valid: {faults:?}"))?;
     let plan = Plan::new(&spec, SEED);
@@ -92,7 +94,11 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
     let check = curve::integrate(&check, counts.iter().copied());
 
     let many = |what: &str| format!("{what}, {cores} threads");
-    let versions = vec![
+    let (on_gpu, no_gpu) = match gpu::best(args) {
+        Ok(device) => (Some(gpu_version(&device, &plan, runs)?), None),
+        Err(reason) => (None, Some(reason)),
+    };
+    let mut versions = vec![
         Version::sampled("paper-single", "paper's: all pairs, scalar, one core".into(), paper_single, &counts),
         Version::sampled("paper-multi", many("paper's: all pairs, scalar"), paper_multi, &counts),
         Version::sampled("all-pairs-vector", "all pairs, vectors, one core".into(), vector_pairs, &counts),
@@ -100,7 +106,21 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
         Version::whole("lists", "lists, vectors, one core".into(), &lists),
         Version::whole("lists-multi", many("lists, vectors"), &multi),
     ];
-    report(versions, &plan, &Basis { runs, repeats, check, whole: lists.seconds })
+    versions.extend(on_gpu);
+    report(versions, &plan, &Basis { runs, repeats, check, whole: lists.seconds, no_gpu })
+}
+
+/// Whole runs on the GPU, sections read back. The first one, in which drivers do what they put off, does not count.
+fn gpu_version(device: &GpuDevice, plan: &Plan, runs: usize) -> anyhow::Result<Version> {
+    term::note(&format!("{} …", device.name()));
+    let plans = std::slice::from_ref(plan);
+    device::run(device, plans)?;
+    let mut all: Vec<_> = (0..runs).map(|_| device::run(device, plans)).collect::<anyhow::Result<_>>()?;
+    all.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
+    let run = all.swap_remove((runs - 1) / 2);
+    let points = curve::smooth(&run.points, SMOOTH / plan.record_every.max(1) as usize + 1);
+    let label = format!("lists, {}", device.name());
+    Ok(Version { id: "gpu", label, sampled: false, seconds: run.seconds, times_paper_single: 0.0, points })
 }
 
 /// The run of middling time of `runs`.
@@ -122,6 +142,8 @@ struct Basis {
     /// Seconds that sampling gives for a run with lists, and seconds that it took.
     check: f64,
     whole: f64,
+    /// Why there is no version on a GPU.
+    no_gpu: Option<String>,
 }
 
 fn report(mut versions: Vec<Version>, plan: &Plan, basis: &Basis) -> anyhow::Result<Report> {
@@ -153,6 +175,7 @@ fn report(mut versions: Vec<Version>, plan: &Plan, basis: &Basis) -> anyhow::Res
         let how = if v.sampled { "sampled" } else { "whole" };
         lines.push(format!("{:<40} {how:>8} {:>14} {:>12.1}", v.label, show(v.seconds), v.times_paper_single));
     }
+    lines.extend(basis.no_gpu.iter().map(|reason| format!("GPU: {reason}")));
     lines.push(String::new());
     lines.extend(ratios.iter().map(|(what, ratio)| format!("{what}: {ratio:.1}")));
     lines.push(format!("the paper's own: {}", PAPER.map(|(what, s)| format!("{what} {s} s")).join("; ")));
@@ -169,7 +192,7 @@ fn report(mut versions: Vec<Version>, plan: &Plan, basis: &Basis) -> anyhow::Res
         "seed": SEED, "steps": plan.steps, "burn_in": plan.burn_in, "method": how,
         "sampled_at_particles": COUNTS, "runs": basis.runs, "samples": basis.repeats,
         "sampling_check": { "lists_sampled_seconds": basis.check, "lists_whole_seconds": basis.whole },
-        "versions": versions,
+        "versions": versions, "no_gpu": basis.no_gpu,
         "ratios": {
             "all_pairs_over_lists_scalar": ratios[0].1,
             "all_pairs_over_lists_vector": ratios[1].1,

@@ -12,9 +12,9 @@ use crate::sim::plan::Plan;
 use crate::sim::state::{InnerLoop, OuterLoop, contortion_sign};
 
 /// A split is put off where the clearance is under this many times the guard's least clearance.
-const ROOM: f32 = 40.0;
+pub(super) const ROOM: f32 = 40.0;
 /// Span of particles over which the curvature of a fold tip is taken.
-const SPAN: usize = 3;
+pub(super) const SPAN: usize = 3;
 
 /// Splits edges of the inner loop up to the row's target. `clearance` holds the clearance of each particle at the last
 /// step (empty: unknown). Returns how many splits were put off.

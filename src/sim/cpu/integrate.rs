@@ -18,9 +18,9 @@ use crate::spec::Integrator;
 use rayon::prelude::*;
 
 /// Share of the free distance that one side may close.
-const SHARE: f32 = 0.45;
+pub(super) const SHARE: f32 = 0.45;
 /// Least and greatest limit of a move, µm.
-const LIMITS: [f32; 2] = [1e-5, 5.0];
+pub(super) const LIMITS: [f32; 2] = [1e-5, 5.0];
 
 /// Buffers of a step.
 #[derive(Clone, Debug, Default)]
@@ -56,6 +56,11 @@ impl Work {
         for v in [&mut self.sx, &mut self.sy, &mut self.vertex_near] {
             v.resize(n, 0.0);
         }
+    }
+
+    /// Buffers of a simulation that goes on with these clearances.
+    pub(super) fn resume(clearance: Vec<f32>) -> Self {
+        Self { clearance, ..Self::default() }
     }
 
     /// Clearances at the start of the last step; empty before the first one.

@@ -18,7 +18,7 @@ mod vectorize;
 
 use super::layout::StepRow;
 use super::plan::Plan;
-use super::state::{InnerLoop, OuterLoop};
+use super::state::{Checkpoint, InnerLoop, OuterLoop};
 use super::{SimError, Simulator, Statistics};
 use crate::model::Section;
 use crate::spec::Search;
@@ -26,6 +26,23 @@ use chain::Chain;
 use neighbours::Neighbours;
 pub use pairs::{PairTerms, reference_force};
 pub use saved::StateError;
+
+/// Constants of the model that every backend must share, by the names that shaders give them.
+pub const CONSTANTS: [(&str, f32); 13] = [
+    ("SHARE", integrate::SHARE),
+    ("LEAST_MOVE", integrate::LIMITS[0]),
+    ("GREATEST_MOVE", integrate::LIMITS[1]),
+    ("SKIN", neighbours::SKIN),
+    ("CLEARANCE_CAP", pairs::CLEARANCE_CAP),
+    ("TINY", pairs::TINY),
+    ("ROOM", growth::ROOM),
+    ("SPAN", growth::SPAN as f32),
+    ("CUT", thickness::CUT),
+    ("MARGIN", outer::MARGIN),
+    ("MOVE", outer::MOVE),
+    ("TAUT", outer::TAUT),
+    ("PULL", outer::PULL),
+];
 
 /// Arithmetic of the pair forces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -91,6 +108,35 @@ impl CpuSimulation {
     #[must_use]
     pub fn inner(&self) -> &InnerLoop {
         &self.inner
+    }
+
+    /// The whole state as it stands.
+    #[must_use]
+    pub fn checkpoint(&self) -> Checkpoint {
+        Checkpoint {
+            time: self.time,
+            inner: self.inner.clone(),
+            outer: self.outer.clone(),
+            clearance: self.work.clearance().to_vec(),
+        }
+    }
+
+    /// A simulation that goes on from `checkpoint`; `threads` as for [`CpuSimulation::new`].
+    #[must_use]
+    pub fn resume(plan: Plan, checkpoint: &Checkpoint, threads: usize) -> Self {
+        let neighbours = Neighbours::new(plan.search, threads);
+        let mut work = integrate::Work::resume(checkpoint.clearance.clone());
+        work.resize(checkpoint.inner.len());
+        Self {
+            time: checkpoint.time,
+            plan,
+            inner: checkpoint.inner.clone(),
+            outer: checkpoint.outer.clone(),
+            chain: Chain::default(),
+            neighbours,
+            work,
+            statistics: Statistics::default(),
+        }
     }
 
     fn grow(&mut self, row: &StepRow) {

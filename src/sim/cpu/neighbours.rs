@@ -15,7 +15,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// How much further than their range lists reach, µm.
-const SKIN: f32 = 24.0;
+pub(super) const SKIN: f32 = 24.0;
 
 /// A run of particles that one thread works on, with the blocks that each of them sees.
 #[derive(Debug, Default)]

@@ -10,13 +10,13 @@ use crate::sim::plan::Plan;
 use crate::sim::state::{InnerLoop, OuterLoop};
 
 /// Least thickness of the wall, µm.
-const MARGIN: f32 = 20.0;
+pub(super) const MARGIN: f32 = 20.0;
 /// Greatest move in a step, µm, where the inner loop does not demand more.
-const MOVE: f32 = 5.0;
+pub(super) const MOVE: f32 = 5.0;
 /// Rest length of the edges over their mean length: the wall is kept taut, so that it never buckles.
-const TAUT: f32 = 0.8;
+pub(super) const TAUT: f32 = 0.8;
 /// Pull toward the target per µm of distance.
-const PULL: f32 = 0.1;
+pub(super) const PULL: f32 = 0.1;
 
 /// The loop at step `time`, at rest on its target.
 pub(super) fn start(plan: &Plan, time: i64) -> OuterLoop {

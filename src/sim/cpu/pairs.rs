@@ -12,7 +12,7 @@ use crate::sim::maths::{max, min};
 pub(super) const CLEARANCE_CAP: f32 = 12.0;
 
 /// Least squared distance that is told from zero.
-const TINY: f32 = 1e-12;
+pub(super) const TINY: f32 = 1e-12;
 
 /// What the force on one particle needs besides the segments.
 #[derive(Clone, Copy, Debug)]

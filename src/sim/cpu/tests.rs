@@ -99,6 +99,21 @@ fn threads_and_searches_give_the_same_state() {
 }
 
 #[test]
+fn a_resumed_simulation_goes_on_as_if_nothing_had_been() {
+    let mut sim = simulation(&json!({}), 2, 1);
+    while sim.time() < 70 {
+        sim.step().unwrap();
+    }
+    let mut resumed = CpuSimulation::resume(sim.plan.clone(), &sim.checkpoint(), 1);
+    while sim.time() < 95 {
+        sim.step().unwrap();
+        resumed.step().unwrap();
+    }
+    assert!(sim.checkpoint() == resumed.checkpoint());
+    assert!(sim.checkpoint().section(&sim.plan) == sim.section());
+}
+
+#[test]
 fn the_scalar_kernel_goes_the_same_way() {
     let mut sim = simulation(&json!({}), 2, 1);
     run(&mut sim, |_| {});

@@ -6,7 +6,7 @@ use crate::sim::plan::Plan;
 use crate::sim::state::InnerLoop;
 
 /// The field is cut off at this many standard deviations.
-const CUT: f32 = 2.0;
+pub(super) const CUT: f32 = 2.0;
 
 /// Evaluates the field at every particle. Called at the start and at growth events; the field drifts slowly.
 pub(super) fn update(plan: &Plan, time: i64, state: &mut InnerLoop) {

@@ -1,0 +1,224 @@
+// Growth: edges are split at their midpoint, both halves with half the rest length; twin of src/sim/cpu/growth.rs.
+//
+// `growth` plays the tournaments (one run of edges, one winner), counts the winners of the runs before each run, and
+// grows the outer loop. `split` copies every particle to its new place in the other copy, with the new one behind it, and
+// evaluates the thickness field. Where a particle goes follows from counting: no atomics, no order of arrival.
+
+// A split is put off where the clearance is under this many times the guard's least clearance.
+const ROOM: f32 = 40.0;
+// Span of particles over which the curvature of a fold tip is taken.
+const SPAN: u32 = 3u;
+
+var<workgroup> winners: array<u32, 256>;
+
+fn point(member: u32, n: u32, i: u32) -> vec2<f32> {
+    return load2(member, current(X), i % n);
+}
+
+fn has_room(member: u32, n: u32, edge: u32) -> bool {
+    let least = ROOM * members[member].clearance;
+    let next = (edge + 1u) % n;
+    let free = load(member, CLEARANCE, edge) >= least && load(member, CLEARANCE, next) >= least;
+    return free && length(point(member, n, next) - point(member, n, edge)) >= least;
+}
+
+// Length in units of the rest length, plus the weighted sharpness of the fold tip at the edge.
+fn score(member: u32, n: u32, row: u32, edge: u32) -> f32 {
+    let a = point(member, n, edge);
+    let b = point(member, n, edge + 1u);
+    let t0 = a - point(member, n, edge + n - SPAN);
+    let t1 = point(member, n, edge + 1u + SPAN) - b;
+    let lengths = max(length(t0) * length(t1), 1e-12);
+    let turn = (t0.x * t1.y - t0.y * t1.x) / lengths;
+    let along = (t0.x * t1.x + t0.y * t1.y) / lengths;
+    let tip = select(0.0, 1.0 - along, turn < 0.0);
+    return length(b - a) / rows[row].edge + rows[row].tip_weight * tip;
+}
+
+// The edge of run `run` that is to be split, or NONE.
+fn tournament(member: u32, n: u32, row: u32, runs: u32, run: u32) -> u32 {
+    let first = run * n / runs;
+    let end = (run + 1u) * n / runs;
+    let seed = vec2<u32>(members[member].seed_low, members[member].seed_high);
+    var best = NONE;
+    var best_score = 0.0;
+    for (var c = 0u; c < members[member].candidates; c++) {
+        let word = random_words(seed, STREAM_GROWTH, now.event, run * members[member].candidates + c).x;
+        let edge = first + random_below(word, end - first);
+        let s = score(member, n, row, edge);
+        if has_room(member, n, edge) && (best == NONE || s > best_score) {
+            best = edge;
+            best_score = s;
+        }
+    }
+    return best;
+}
+
+@compute @workgroup_size(LOOP_THREADS)
+fn growth(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
+    let member = group.x;
+    let on = runs_on(member);
+    let n = states[member].inner;
+    let row = row_index(member, now.row);
+    let target_count = rows[row].inner_target;
+    let runs = select(0u, min(target_count - n, n), target_count > n && on);
+
+    // Each thread plays a stretch of runs, so that winners can be counted in order.
+    let stretch = (runs + LOOP_THREADS - 1u) / LOOP_THREADS;
+    let first = min(thread * stretch, runs);
+    let end = min(first + stretch, runs);
+    var won = 0u;
+    for (var run = first; run < end; run++) {
+        let winner = tournament(member, n, row, runs, run);
+        particles[slot(member, WINNER, run)] = winner;
+        won += u32(winner != NONE);
+    }
+    winners[thread] = won;
+    workgroupBarrier();
+    var before = 0u;
+    for (var t = 0u; t < thread; t++) {
+        before += winners[t];
+    }
+    let before_all = before;
+    for (var run = first; run < end; run++) {
+        particles[slot(member, BEFORE, run)] = before;
+        before += u32(particles[slot(member, WINNER, run)] != NONE);
+    }
+
+    let outer = states[member].outer;
+    let outer_target = rows[row].outer_target;
+    let outer_runs = select(0u, min(outer_target - outer, outer), outer_target > outer && on);
+    if outer_runs > 0u {
+        for (var i = thread; i < outer; i += LOOP_THREADS) {
+            for (var field = 0u; field < 5u; field++) {
+                wall[wall_slot(member, WALL_OLD + field, i)] = wall[wall_slot(member, field, i)];
+            }
+        }
+    }
+    storageBarrier();
+    if outer_runs > 0u {
+        for (var run = thread; run < outer_runs; run += LOOP_THREADS) {
+            split_wall(member, outer, outer_runs, run);
+        }
+    }
+    workgroupBarrier();
+    if thread == LOOP_THREADS - 1u && on {
+        let all = before_all + won;
+        states[member].grown_from = n;
+        states[member].runs = runs;
+        states[member].first_id = states[member].next_id;
+        states[member].next_id += all;
+        states[member].inner = n + all;
+        states[member].outer = outer + outer_runs;
+        states[member].deferred += runs - all;
+        states[member].built = NONE;
+        states[member].built_next = NONE;
+        atomicStore(&states[member].widest, bitcast<u32>(1.0));
+    }
+}
+
+fn wall_slot(member: u32, field: u32, i: u32) -> u32 {
+    return (member * WALL_FIELDS + field) * batch.outer_capacity + i;
+}
+
+fn old_wall(member: u32, field: u32, i: u32) -> f32 {
+    return bitcast<f32>(wall[wall_slot(member, WALL_OLD + field, i)]);
+}
+
+fn wall_edge(member: u32, n: u32, i: u32) -> f32 {
+    let j = (i + 1u) % n;
+    let x = old_wall(member, WALL_X, j) - old_wall(member, WALL_X, i);
+    let y = old_wall(member, WALL_Y, j) - old_wall(member, WALL_Y, i);
+    return sqrt(x * x + y * y);
+}
+
+// Splits the longest edge of one run of the outer loop and puts the run where it belongs.
+fn split_wall(member: u32, n: u32, runs: u32, run: u32) {
+    let first = run * n / runs;
+    let end = (run + 1u) * n / runs;
+    var longest = first;
+    var longest_length = wall_edge(member, n, first);
+    for (var i = first + 1u; i < end; i++) {
+        let edge = wall_edge(member, n, i);
+        if edge > longest_length {
+            longest = i;
+            longest_length = edge;
+        }
+    }
+    for (var i = first; i < end; i++) {
+        let to = i + run + u32(i > longest);
+        for (var field = 0u; field < 5u; field++) {
+            wall[wall_slot(member, field, to)] = wall[wall_slot(member, WALL_OLD + field, i)];
+        }
+    }
+    let to = longest + run + 1u;
+    // The last run comes first, as on the CPU.
+    wall[wall_slot(member, WALL_ID, to)] = n + runs - 1u - run;
+    for (var field = 1u; field < 5u; field++) {
+        let middle = 0.5 * (old_wall(member, field, longest) + old_wall(member, field, (longest + 1u) % n));
+        wall[wall_slot(member, field, to)] = bitcast<u32>(middle);
+    }
+}
+
+@compute @workgroup_size(THREADS)
+fn split(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
+    let member = group.y;
+    let i = group.x * THREADS + thread;
+    let n = states[member].grown_from;
+    if i >= n || !runs_on(member) {
+        return;
+    }
+    let row = row_index(member, now.row);
+    let runs = states[member].runs;
+    var before = 0u;
+    var winner = NONE;
+    if runs > 0u {
+        // The run that holds i, by the bounds that the tournament used.
+        var run = i * runs / n;
+        if i < run * n / runs {
+            run--;
+        } else if i >= (run + 1u) * n / runs {
+            run++;
+        }
+        winner = particles[slot(member, WINNER, run)];
+        before = particles[slot(member, BEFORE, run)] + u32(winner != NONE && winner < i);
+    }
+    let splits = winner == i;
+    let to = i + before;
+    let other = (1u - now.copy) * COPIED;
+    let rest = load(member, rest_field(), i) * select(1.0, 0.5, splits);
+    for (var field = 0u; field < COPIED; field++) {
+        if field != REST {
+            particles[slot(member, other + field, to)] = particles[slot(member, current(field), i)];
+        }
+    }
+    store(member, next_rest_field(), to, rest);
+    let here = load2(member, current(X), i);
+    let scale = thickness(member, row, here);
+    store(member, other + SCALE, to, scale);
+    var widest = scale;
+    if splits {
+        let j = (i + 1u) % n;
+        let id = states[member].first_id + before;
+        let p = 0.5 * (here + load2(member, current(X), j));
+        let v = 0.5 * (load2(member, current(VX), i) + load2(member, current(VX), j));
+        particles[slot(member, other + ID, to + 1u)] = id;
+        store2(member, other + X, to + 1u, p);
+        store2(member, other + VX, to + 1u, v);
+        store(member, next_rest_field(), to + 1u, rest);
+        store2(member, other + ANCHOR_X, to + 1u, nearest_on_ellipse(p, rows[row].r_in, rows[row].squash));
+        store(member, other + SIGN, to + 1u, contortion_sign(member, id));
+        let new_scale = thickness(member, row, p);
+        store(member, other + SCALE, to + 1u, new_scale);
+        widest = max(widest, new_scale);
+    }
+    atomicMax(&states[member].widest, bitcast<u32>(widest));
+}
+
+// Which way the particle with this id is contorted: -1, 1, or 0 for most.
+fn contortion_sign(member: u32, id: u32) -> f32 {
+    let seed = vec2<u32>(members[member].seed_low, members[member].seed_high);
+    let w = random_words(seed, STREAM_CONTORTION, id, 0u);
+    let contorted = random_unit(w.x) < members[member].contorted;
+    return select(0.0, select(1.0, -1.0, (w.y & 1u) == 0u), contorted);
+}

@@ -1,0 +1,292 @@
+// Time integration (paper, section 3) and the guard that keeps walls apart: twin of src/sim/cpu/integrate.rs.
+//
+// A dispatch is one evaluation of all forces. A workgroup holds a block of 16 particles, and 16 threads a particle:
+// thread (particle, lane) gathers from segment `lane` of each listed block, in ascending order, so that partial sums
+// run in lane j mod 16 and are reduced in the order of the CPU. One thread a particle then adds the local forces and
+// moves the particle to the next stage, in a buffer that this dispatch does not read. Lists that do not hold, or were
+// too long, are not used: the particle visits all blocks, with the same sums.
+
+// Which evaluation of the step: 0 to 3; Euler has the first only.
+override EVALUATION: u32 = 0u;
+override EULER: bool = false;
+
+// Share of the free distance that one side may close.
+const SHARE: f32 = 0.45;
+// Least and greatest limit of a move, µm.
+const LEAST_MOVE: f32 = 1e-5;
+const GREATEST_MOVE: f32 = 5.0;
+// Partial sums of a particle in shared memory: one word more than there are, against bank conflicts.
+const STRIDE: u32 = 17u;
+
+var<workgroup> lane_x: array<f32, 272>;
+var<workgroup> lane_y: array<f32, 272>;
+var<workgroup> lane_near: array<f32, 272>;
+// Read by one thread for all: particles of the member (0 where it does not run), and whether its lists hold.
+var<workgroup> member_count: u32;
+var<workgroup> member_lists: u32;
+// Of each particle: squared displacement since the lists were built, squared elliptic radius, whether it was shortened.
+var<workgroup> far: array<f32, 16>;
+var<workgroup> wide: array<f32, 16>;
+var<workgroup> shortened: array<u32, 16>;
+
+// Where the positions of this evaluation lie: x, then y, vx, vy in the next fields.
+fn source() -> u32 {
+    if EVALUATION == 0u {
+        return current(X);
+    }
+    return STAGE + 4u * ((EVALUATION + 1u) % 2u);
+}
+
+// Slot of the displacement at an evaluation. Euler, with one evaluation a step, takes turns.
+fn moved_slot(evaluation: u32) -> u32 {
+    if EULER {
+        return (now.row + evaluation) % 2u;
+    }
+    return evaluation % 4u;
+}
+
+fn trusted(member: u32) -> bool {
+    let built = states[member].built_next;
+    var moved = bitcast<f32>(atomicLoad(&states[member].moved[moved_slot(EVALUATION)]));
+    if EVALUATION == 0u && built == now.row {
+        moved = 0.0;
+    }
+    return lists_hold(member, now.row, built, moved, SKIN - 0.01);
+}
+
+// Reduces the 16 partial sums of a particle as the CPU does: halves onto each other.
+fn reduced_x(first: u32) -> f32 {
+    var a: array<f32, 8>;
+    for (var l = 0u; l < 8u; l++) {
+        a[l] = lane_x[first + l] + lane_x[first + l + 8u];
+    }
+    return ((a[0] + a[4]) + (a[2] + a[6])) + ((a[1] + a[5]) + (a[3] + a[7]));
+}
+
+fn reduced_y(first: u32) -> f32 {
+    var a: array<f32, 8>;
+    for (var l = 0u; l < 8u; l++) {
+        a[l] = lane_y[first + l] + lane_y[first + l + 8u];
+    }
+    return ((a[0] + a[4]) + (a[2] + a[6])) + ((a[1] + a[5]) + (a[3] + a[7]));
+}
+
+@compute @workgroup_size(BLOCK_THREADS)
+fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
+    let member = group.y;
+    if thread == 0u {
+        member_count = select(0u, states[member].inner, runs_on(member));
+        member_lists = u32(trusted(member));
+    }
+    workgroupBarrier();
+    let n = member_count;
+    let row = row_index(member, now.row);
+    let from_field = source();
+
+    let gatherer = group.x * LANES + thread / LANES;
+    if gatherer < n {
+        gather(member, n, row, from_field, gatherer, thread);
+    }
+    workgroupBarrier();
+    let i = group.x * LANES + thread;
+    if thread < LANES {
+        far[thread] = 0.0;
+        wide[thread] = 0.0;
+        shortened[thread] = 0u;
+        if i < n {
+            advance(member, n, row, from_field, i, thread);
+        }
+    }
+    workgroupBarrier();
+    if thread == 0u && group.x * LANES < n {
+        if group.x == 0u {
+            // The slot of the evaluation before was read for the last time.
+            if !EULER {
+                atomicStore(&states[member].moved[(EVALUATION + 3u) % 4u], 0u);
+            } else {
+                atomicStore(&states[member].moved[moved_slot(1u)], 0u);
+            }
+            if EVALUATION == 0u {
+                states[member].built = states[member].built_next;
+            }
+        }
+        if !EULER {
+            summarize(member);
+        }
+    }
+}
+
+// Euler's second half: its guard needs the clearances that all of `integrate` found.
+@compute @workgroup_size(BLOCK_THREADS)
+fn guard(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
+    let member = group.y;
+    let n = select(0u, states[member].inner, runs_on(member));
+    let i = group.x * LANES + thread;
+    if thread < LANES {
+        far[thread] = 0.0;
+        wide[thread] = 0.0;
+        shortened[thread] = 0u;
+        if i < n {
+            keep_clearance(member, n, i);
+            }
+    }
+    workgroupBarrier();
+    if thread < LANES && i < n {
+        conclude(member, row_index(member, now.row), i, thread, load2(member, SUM_X, i), load2(member, SUM_X, i));
+    }
+    workgroupBarrier();
+    if thread == 0u && group.x * LANES < n {
+        summarize(member);
+    }
+}
+
+// Sums the forces of segment `thread` mod 16 of each block on particle i; at the first evaluation also the clearance.
+fn gather(member: u32, n: u32, row: u32, from_field: u32, i: u32, thread: u32) {
+    let lane = thread % LANES;
+    let before = select(i - 1u, n - 1u, i == 0u);
+    let after = select(i + 1u, 0u, i + 1u == n);
+    let normal = normal_of(load2(member, from_field, before), load2(member, from_field, after));
+    let terms = pair_terms(row, load2(member, from_field, i), normal, load(member, current(SCALE), i));
+    let listed = particles[slot(member, COUNT, i)];
+    let use_list = listed <= LIST && member_lists != 0u;
+    let blocks = (n + LANES - 1u) / LANES;
+    let count = select(blocks, listed, use_list);
+    let list = (member * batch.capacity + i) * LIST;
+    var sum = vec2<f32>(0.0);
+    var greatest = 0.0;
+    for (var k = 0u; k < count; k++) {
+        var block = k;
+        if use_list {
+            block = lists[list + k];
+        }
+        let j = block * LANES + lane;
+        if j < n && j != i && j != before {
+            let next = select(j + 1u, 0u, j + 1u == n);
+            let force = pair_force(terms, load2(member, from_field, j), load2(member, from_field, next));
+            sum += force.xy;
+            if EVALUATION == 0u {
+                greatest = max(greatest, force.z);
+                // What is farther makes no difference to any clearance.
+                if force.z > 1.0 / CLEARANCE_CAP {
+                    atomicMax(&near[member * batch.capacity + j], bitcast<u32>(force.z));
+                }
+            }
+        }
+    }
+    let at = (thread / LANES) * STRIDE + lane;
+    lane_x[at] = sum.x;
+    lane_y[at] = sum.y;
+    lane_near[at] = greatest;
+}
+
+// Adds the local forces on particle i and moves it to the next stage.
+fn advance(member: u32, n: u32, row: u32, from_field: u32, i: u32, thread: u32) {
+    let before = select(i - 1u, n - 1u, i == 0u);
+    let after = select(i + 1u, 0u, i + 1u == n);
+    let p0 = load2(member, from_field, before);
+    let p1 = load2(member, from_field, i);
+    let p2 = load2(member, from_field, after);
+    let v0 = load2(member, from_field + 2u, before);
+    let v1 = load2(member, from_field + 2u, i);
+    let v2 = load2(member, from_field + 2u, after);
+    let pull = tension(row, p1, p2, v1, v2, load(member, rest_field(), i))
+        - tension(row, p0, p1, v0, v1, load(member, rest_field(), before));
+    let modifier = rows[row].contortion[(EVALUATION + 1u) / 2u];
+    let direction = load2(member, current(ANCHOR_X), i);
+    let sign = load(member, current(SIGN), i);
+    let first = thread * STRIDE;
+    let a = vec2<f32>(reduced_x(first), reduced_y(first))
+        + local_force(row, modifier, p0, p1, p2, v1, normal_of(p0, p2), pull, direction, sign);
+
+    if EVALUATION == 0u {
+        var greatest = 0.0;
+        for (var l = 0u; l < LANES; l++) {
+            greatest = max(greatest, lane_near[first + l]);
+        }
+        // The clearance of the vertex; those of its segments follow when all workgroups have seen them.
+        store(member, CLEARANCE, i, greatest);
+    }
+    if EULER {
+        store2(member, SUM_X, i, v1 + a);
+        return;
+    }
+    let start = load2(member, current(X), i);
+    let start_v = load2(member, current(VX), i);
+    if EVALUATION == 3u {
+        let sum = load2(member, SUM_X, i) * (1.0 / 6.0);
+        let middle = load2(member, MIDDLE_X, i);
+        let v = start_v + (load2(member, FIRST_X, i) + 2.0 * middle + a) * (1.0 / 6.0);
+        conclude(member, row, i, thread, sum, v);
+        return;
+    }
+    if EVALUATION == 1u {
+        keep_clearance(member, n, i);
+    }
+    let h = select(0.5, 1.0, EVALUATION == 2u);
+    let weight = select(2.0, 1.0, EVALUATION == 2u);
+    let to_field = STAGE + 4u * (EVALUATION % 2u);
+    let p = start + h * v1;
+    let v = start_v + h * a;
+    store2(member, to_field, i, p);
+    store2(member, to_field + 2u, i, v);
+    if EVALUATION == 0u {
+        store2(member, SUM_X, i, v1 + weight * v);
+        store2(member, FIRST_X, i, a);
+    } else {
+        store2(member, SUM_X, i, load2(member, SUM_X, i) + weight * v);
+        store2(member, MIDDLE_X, i, select(a, load2(member, MIDDLE_X, i) + a, EVALUATION == 2u));
+    }
+    let d = p - load2(member, BUILT_X, i);
+    far[thread] = d.x * d.x + d.y * d.y;
+}
+
+// Joins what vertices and segments saw at the first evaluation into the clearance of particle i.
+fn keep_clearance(member: u32, n: u32, i: u32) {
+    let base = member * batch.capacity;
+    let before = select(i - 1u, n - 1u, i == 0u);
+    let segments = max(atomicLoad(&near[base + before]), atomicLoad(&near[base + i]));
+    let greatest = max(load(member, CLEARANCE, i), bitcast<f32>(segments));
+    store(member, CLEARANCE, i, 1.0 / max(greatest, 1.0 / CLEARANCE_CAP));
+}
+
+// Moves particle i by `sum`, shortened where its clearance demands it, and relaxes its rest length.
+fn conclude(member: u32, row: u32, i: u32, thread: u32, sum: vec2<f32>, velocity: vec2<f32>) {
+    let room = SHARE * (load(member, CLEARANCE, i) - members[member].clearance);
+    let limit = clamp(room, LEAST_MOVE, GREATEST_MOVE);
+    let move_length = sqrt(sum.x * sum.x + sum.y * sum.y);
+    let cut = move_length > limit;
+    let factor = select(1.0, limit / move_length, cut);
+    let p = load2(member, current(X), i) + factor * sum;
+    store2(member, current(X), i, p);
+    store2(member, current(VX), i, factor * velocity);
+    let rest = load(member, rest_field(), i);
+    store(member, next_rest_field(), i, rest + rows[row].relaxation * (rows[row].edge - rest));
+    if !is_finite(p.x) || !is_finite(p.y) {
+        atomicMin(&states[member].broken, now.row);
+    }
+    let d = p - load2(member, BUILT_X, i);
+    far[thread] = d.x * d.x + d.y * d.y;
+    // The wall asks with the squash of the step that begins.
+    let flat_y = p.y / rows[row_index(member, now.row + 1u)].squash;
+    wide[thread] = p.x * p.x + flat_y * flat_y;
+    shortened[thread] = u32(cut);
+}
+
+// Hands on what a block saw.
+fn summarize(member: u32) {
+    var moved = 0.0;
+    var reach = 0.0;
+    var cuts = 0u;
+    for (var l = 0u; l < LANES; l++) {
+        moved = max(moved, far[l]);
+        reach = max(reach, wide[l]);
+        cuts += shortened[l];
+    }
+    atomicMax(&states[member].moved[moved_slot(EVALUATION + 1u)], bitcast<u32>(moved));
+    if EULER || EVALUATION == 3u {
+        atomicMax(&states[member].reach, bitcast<u32>(reach));
+        if cuts > 0u {
+            atomicAdd(&states[member].shortened, cuts);
+        }
+    }
+}

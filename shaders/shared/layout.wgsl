@@ -1,0 +1,226 @@
+// What all stages share: constants, structures, bindings, and where the fields of a particle lie. The twin of
+// src/sim/gpu/layout.rs and src/sim/layout.rs; tests/shaders.rs compares them.
+
+// Particles of a block, and partial sums of a force.
+const LANES: u32 = 16u;
+// Threads of a workgroup that work on a block: one for each particle and lane.
+const BLOCK_THREADS: u32 = 256u;
+// Threads of a workgroup that work on one particle each.
+const THREADS: u32 = 64u;
+// Threads of a workgroup that works on a whole loop.
+const LOOP_THREADS: u32 = 256u;
+// Blocks that the list of a particle can hold; a particle that needs more visits all blocks.
+const LIST: u32 = 64u;
+// No row, no edge.
+const NONE: u32 = 0xFFFFFFFFu;
+// Words of a record before its fields, and how many fields of the inner and the outer loop follow.
+const HEADER: u32 = 8u;
+const RECORDED_INNER: u32 = 11u;
+const RECORDED_OUTER: u32 = 5u;
+
+// Parameters of a step: sim::layout::StepRow.
+struct StepRow {
+    stiffness: f32,
+    damping: f32,
+    relaxation: f32,
+    edge: f32,
+    friction: f32,
+    bending: f32,
+    containment: f32,
+    ramp: f32,
+    squash: f32,
+    r_in: f32,
+    r_wall: f32,
+    regulatory: f32,
+    softening: f32,
+    contortion: array<f32, 3>,
+    repulsion: f32,
+    range_mean: f32,
+    range_half: f32,
+    barrier: f32,
+    barrier_distance: f32,
+    variation: f32,
+    tip_weight: f32,
+    lobing: f32,
+    inner_target: u32,
+    outer_target: u32,
+}
+
+// The same for all members of a batch.
+struct Batch {
+    // Particles of the inner and of the outer loop that a member has room for.
+    capacity: u32,
+    outer_capacity: u32,
+    // Rows a member.
+    rows: u32,
+    // Growth events, cosines of the thickness field, lobes a member has room for in the tables.
+    events: u32,
+    waves: u32,
+    lobes: u32,
+    // Words of a member's tables.
+    tables: u32,
+    padding: u32,
+}
+
+// Constants of a member.
+struct Member {
+    seed_low: u32,
+    seed_high: u32,
+    candidates: u32,
+    lobes: u32,
+    contorted: f32,
+    clearance: f32,
+}
+
+// What changes in a member besides its particles.
+struct Status {
+    // Particles of both loops.
+    inner: u32,
+    outer: u32,
+    next_id: u32,
+    // Statistics.
+    deferred: u32,
+    builds: u32,
+    shortened: atomic<u32>,
+    // First row after which a position was not finite, or NONE.
+    broken: atomic<u32>,
+    // Whether the host stopped the member.
+    halted: u32,
+    // Bits of the greatest squared displacement since the lists were built, at each evaluation of a step.
+    moved: array<atomic<u32>, 4>,
+    // Bits of the greatest squared elliptic radius of the inner loop.
+    reach: atomic<u32>,
+    // Bits of the greatest range scale, at least 1.
+    widest: atomic<u32>,
+    // Row in which the lists were built: as decided on, and as built.
+    built: u32,
+    built_next: u32,
+    // The last growth event: particles before it, and runs that it cut the loop into.
+    grown_from: u32,
+    runs: u32,
+    // Id of the first particle that it made.
+    first_id: u32,
+    padding: u32,
+}
+
+// What changes from dispatch to dispatch.
+struct Now {
+    // Row of the step.
+    row: u32,
+    // Which of the two copies of the particles is current: 0 or 1.
+    copy: u32,
+    // Which of the two copies of the rest lengths is current: they change in every step, while neighbours read them.
+    rest: u32,
+    // Ordinal of the growth event.
+    event: u32,
+    // Particles of the inner and of the outer loop that a record has room for.
+    extent: u32,
+    outer_extent: u32,
+}
+
+@group(0) @binding(0) var<uniform> batch: Batch;
+@group(0) @binding(1) var<storage, read> rows: array<StepRow>;
+@group(0) @binding(2) var<storage, read> members: array<Member>;
+@group(0) @binding(3) var<storage, read> tables: array<f32>;
+@group(0) @binding(4) var<storage, read_write> states: array<Status>;
+@group(0) @binding(5) var<storage, read_write> particles: array<u32>;
+// Bits of the greatest 1/d of each segment.
+@group(0) @binding(6) var<storage, read_write> near: array<atomic<u32>>;
+@group(0) @binding(7) var<storage, read_write> lists: array<u32>;
+@group(0) @binding(8) var<storage, read_write> wall: array<u32>;
+@group(0) @binding(9) var<storage, read_write> record_out: array<u32>;
+var<immediate> now: Now;
+
+// Fields of an inner particle that growth moves; there are two copies of each.
+const ID: u32 = 0u;
+const X: u32 = 1u;
+const Y: u32 = 2u;
+const VX: u32 = 3u;
+const VY: u32 = 4u;
+const REST: u32 = 5u;
+const ANCHOR_X: u32 = 6u;
+const ANCHOR_Y: u32 = 7u;
+const SIGN: u32 = 8u;
+const SCALE: u32 = 9u;
+const COPIED: u32 = 10u;
+// Fields with one copy, after both copies of the others. Two stages of positions and velocities (x, y, vx, vy) …
+const STAGE: u32 = 20u;
+// … the weighted sum of stage velocities, accelerations of stage 1, and of stages 2 and 3 …
+const SUM_X: u32 = 28u;
+const SUM_Y: u32 = 29u;
+const FIRST_X: u32 = 30u;
+const FIRST_Y: u32 = 31u;
+const MIDDLE_X: u32 = 32u;
+const MIDDLE_Y: u32 = 33u;
+// … clearance at the start of the last step, where lists were built, blocks on the list …
+const CLEARANCE: u32 = 34u;
+const BUILT_X: u32 = 35u;
+const BUILT_Y: u32 = 36u;
+const COUNT: u32 = 37u;
+// … of each run of a growth event: the edge to split or NONE, and splits in the runs before.
+const WINNER: u32 = 38u;
+const BEFORE: u32 = 39u;
+const FIELDS: u32 = 40u;
+
+// Fields of a particle of the outer loop.
+const WALL_ID: u32 = 0u;
+const WALL_X: u32 = 1u;
+const WALL_Y: u32 = 2u;
+const WALL_VX: u32 = 3u;
+const WALL_VY: u32 = 4u;
+const WALL_PULL_X: u32 = 5u;
+const WALL_PULL_Y: u32 = 6u;
+// Copies of the first five, while the loop grows.
+const WALL_OLD: u32 = 7u;
+const WALL_FIELDS: u32 = 12u;
+
+fn slot(member: u32, field: u32, i: u32) -> u32 {
+    return (member * FIELDS + field) * batch.capacity + i;
+}
+
+fn load(member: u32, field: u32, i: u32) -> f32 {
+    return bitcast<f32>(particles[slot(member, field, i)]);
+}
+
+fn store(member: u32, field: u32, i: u32, value: f32) {
+    particles[slot(member, field, i)] = bitcast<u32>(value);
+}
+
+// Fields `field` and the next one.
+fn load2(member: u32, field: u32, i: u32) -> vec2<f32> {
+    return vec2<f32>(load(member, field, i), load(member, field + 1u, i));
+}
+
+fn store2(member: u32, field: u32, i: u32, value: vec2<f32>) {
+    store(member, field, i, value.x);
+    store(member, field + 1u, i, value.y);
+}
+
+// A copied field in the current copy.
+fn current(field: u32) -> u32 {
+    return now.copy * COPIED + field;
+}
+
+// The current rest lengths, and where the next ones go.
+fn rest_field() -> u32 {
+    return now.rest * COPIED + REST;
+}
+
+fn next_rest_field() -> u32 {
+    return (1u - now.rest) * COPIED + REST;
+}
+
+// Row `row` of a member, or its last one.
+fn row_index(member: u32, row: u32) -> u32 {
+    return member * batch.rows + min(row, batch.rows - 1u);
+}
+
+// Whether a member takes part: not stopped by the host, all its positions finite.
+fn runs_on(member: u32) -> bool {
+    return states[member].halted == 0u && atomicLoad(&states[member].broken) == NONE;
+}
+
+// Range of the self-intersection force without the thickness field.
+fn range_max(row: u32) -> f32 {
+    return rows[row].range_mean + abs(rows[row].range_half);
+}

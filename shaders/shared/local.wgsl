@@ -1,0 +1,52 @@
+// The forces on a particle from its neighbours in the chain and from the containment region: twin of
+// src/sim/cpu/local.rs, and of the normals and tensions in src/sim/cpu/chain.rs.
+
+// Normal toward the lumen of the particle between `before` and `after`.
+fn normal_of(before: vec2<f32>, after: vec2<f32>) -> vec2<f32> {
+    let t = after - before;
+    return vec2<f32>(-t.y, t.x) * inverseSqrt(t.x * t.x + t.y * t.y + 1e-12);
+}
+
+// Pull of the edge from a to b on a.
+fn tension(row: u32, a: vec2<f32>, b: vec2<f32>, va: vec2<f32>, vb: vec2<f32>, rest: f32) -> vec2<f32> {
+    let d = b - a;
+    let length = sqrt(d.x * d.x + d.y * d.y + 1e-12);
+    let u = d / length;
+    let v = vb - va;
+    let closing = v.x * u.x + v.y * u.y;
+    return (rows[row].stiffness * (length - rest) + rows[row].damping * closing) * u;
+}
+
+// All local forces on a particle. `before`, `p`, `after`: positions in the chain; `pull`: tensions of its two edges.
+fn local_force(
+    row: u32,
+    modifier: f32,
+    before: vec2<f32>,
+    p: vec2<f32>,
+    after: vec2<f32>,
+    v: vec2<f32>,
+    normal: vec2<f32>,
+    pull: vec2<f32>,
+    direction: vec2<f32>,
+    sign: f32,
+) -> vec2<f32> {
+    let second = before - 2.0 * p + after;
+    let bend = rows[row].bending * (second.x * normal.x + second.y * normal.y);
+    let radius = sqrt(p.x * p.x + p.y * p.y + 1e-6);
+    let flat_y = p.y / rows[row].squash;
+    let elliptic = sqrt(p.x * p.x + flat_y * flat_y);
+    let inward = rows[row].containment * clamp((elliptic - rows[row].r_in) / rows[row].ramp, 0.0, 1.0) / radius;
+    let anchor = rows[row].r_in * vec2<f32>(direction.x, rows[row].squash * direction.y) - p;
+    let far = sqrt(anchor.x * anchor.x + anchor.y * anchor.y);
+    let tether = rows[row].regulatory / max(far, rows[row].softening);
+    var force = pull - rows[row].friction * v + bend * normal - inward * p + tether * anchor;
+    if sign != 0.0 {
+        let a = before - p;
+        let b = after - p;
+        let lengths = sqrt(a.x * a.x + a.y * a.y) * sqrt(b.x * b.x + b.y * b.y);
+        let cosine = (a.x * b.x + a.y * b.y) / max(lengths, 1e-12);
+        let straightness = acos(clamp(cosine, -1.0, 1.0)) * 0.31830988618;
+        force += sign * modifier * straightness * normal;
+    }
+    return force;
+}

@@ -1,0 +1,42 @@
+// The self-intersection force with side-dependent range, the barrier, and the clearance: twin of src/sim/cpu/pairs.rs.
+
+// Least squared distance that is told from zero.
+const TINY: f32 = 1e-12;
+
+// What the force on one particle needs besides the segments.
+struct PairTerms {
+    p: vec2<f32>,
+    mean: f32,
+    side: vec2<f32>,
+    repulsion: f32,
+    barrier: f32,
+    barrier_reach: f32,
+}
+
+fn pair_terms(row: u32, p: vec2<f32>, normal: vec2<f32>, scale: f32) -> PairTerms {
+    let half_range = scale * rows[row].range_half;
+    return PairTerms(
+        p,
+        scale * rows[row].range_mean,
+        -half_range * normal,
+        rows[row].repulsion,
+        rows[row].barrier,
+        rows[row].barrier * rows[row].barrier_distance,
+    );
+}
+
+// Force of the segment from a to b, and 1/d.
+fn pair_force(t: PairTerms, a: vec2<f32>, b: vec2<f32>) -> vec3<f32> {
+    let d = b - a;
+    let r = t.p - a;
+    let along = clamp((r.x * d.x + r.y * d.y) / (d.x * d.x + d.y * d.y + TINY), 0.0, 1.0);
+    let q = r - along * d;
+    let square = max(q.x * q.x + q.y * q.y, TINY);
+    let inverse = inverseSqrt(square);
+    let distance = square * inverse;
+    let range = t.mean + (t.side.x * q.x + t.side.y * q.y) * inverse;
+    let inverse_range = 1.0 / range;
+    let soft = t.repulsion * inverse_range * max(1.0 - distance * inverse_range, 0.0);
+    let hard = max(t.barrier_reach * inverse - t.barrier, 0.0);
+    return vec3<f32>((soft + hard) * inverse * q, inverse);
+}

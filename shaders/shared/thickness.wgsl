@@ -1,0 +1,21 @@
+// The thickness field: scale of the force ranges at a place; twin of src/sim/cpu/thickness.rs.
+
+// The field is cut off at this many standard deviations.
+const CUT: f32 = 2.0;
+
+fn thickness(member: u32, row: u32, p: vec2<f32>) -> f32 {
+    let amplitude = rows[row].variation;
+    if amplitude == 0.0 {
+        return 1.0;
+    }
+    // Tables: wave vectors, then a phase for each event and wave.
+    let base = member * batch.tables;
+    let phases = base + 2u * batch.waves + now.event * batch.waves;
+    var z = 0.0;
+    for (var w = 0u; w < batch.waves; w++) {
+        let k = vec2<f32>(tables[base + 2u * w], tables[base + 2u * w + 1u]);
+        z += cos_turns(p.x * k.x + p.y * k.y + tables[phases + w]);
+    }
+    let norm = sqrt(2.0 / f32(batch.waves));
+    return exp(amplitude * clamp(norm * z, -CUT, CUT));
+}

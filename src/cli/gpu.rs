@@ -1,0 +1,117 @@
+//! The GPUs of this machine, as `--gpu` and `--allow-software-adapter` allow them.
+
+use super::args::{GpuArgs, GpuUse};
+use crate::generate::{Backend, CancelToken, GenerateError, Member, Outcome, Request, Sink, generate, generate_batch};
+use crate::sim::gpu::{GpuDevice, GpuError, GpuOptions, adapters};
+use crate::worker::GpuGenerator;
+use std::sync::{Mutex, PoisonError};
+
+/// What is said where GPUs are there but not wanted.
+const OFF: &str = "GPUs are switched off (--gpu off)";
+
+fn options(args: GpuArgs) -> GpuOptions {
+    GpuOptions { allow_software: args.allow_software_adapter }
+}
+
+/// A generator for each GPU, or why there is none.
+pub(super) async fn generators(args: GpuArgs) -> Result<Vec<GpuGenerator>, String> {
+    let found = match args.gpu {
+        GpuUse::Off => Err(OFF.to_owned()),
+        GpuUse::Auto => match tokio::task::spawn_blocking(move || GpuGenerator::all(options(args))).await {
+            Ok(found) => found.map_err(|error| error.to_string()),
+            Err(panic) => Err(format!("the graphics driver failed: {panic}")),
+        },
+    };
+    if let Err(reason) = &found {
+        tracing::info!(reason, "no GPU worker; models grow on the CPU");
+    }
+    found
+}
+
+/// The best GPU, opened, or why there is none.
+pub(super) fn best(args: GpuArgs) -> Result<GpuDevice, String> {
+    if args.gpu == GpuUse::Off {
+        return Err(OFF.to_owned());
+    }
+    let mut last = GpuError::NoAdapter { software: false };
+    for adapter in adapters(&options(args)).map_err(|error| error.to_string())? {
+        match GpuDevice::open(&adapter, &options(args)) {
+            Ok(device) => return Ok(device),
+            Err(error) => last = error,
+        }
+    }
+    Err(last.to_string())
+}
+
+/// Grows one model on what it was asked of. `auto` tries the best GPU first; the reason is given where that did not do
+/// it.
+///
+/// # Errors
+/// [`GenerateError`].
+pub(super) fn grow(
+    request: &Request,
+    args: GpuArgs,
+    sink: &dyn Sink,
+    cancel: &CancelToken,
+) -> Result<(Outcome, Option<String>), GenerateError> {
+    let auto = match request.backend {
+        Backend::Cpu | Backend::CpuSingle => return Ok((generate(request, sink, cancel)?, None)),
+        Backend::Auto => true,
+        Backend::Gpu => false,
+    };
+    let reason = match best(args) {
+        Ok(device) => match alone(&device, request, sink, cancel) {
+            Err(GenerateError::Gpu(error)) if auto => error.to_string(),
+            other => return other.map(|outcome| (outcome, None)),
+        },
+        Err(reason) if auto => reason,
+        Err(detail) => return Err(GenerateError::Backend { detail }),
+    };
+    tracing::info!(reason, "the model is grown on the CPU");
+    let request = Request { backend: Backend::Cpu, ..request.clone() };
+    Ok((generate(&request, sink, cancel)?, Some(reason)))
+}
+
+/// A batch of one.
+fn alone(
+    device: &GpuDevice,
+    request: &Request,
+    sink: &dyn Sink,
+    cancel: &CancelToken,
+) -> Result<Outcome, GenerateError> {
+    let end = Mutex::new(None);
+    generate_batch(device, &[Member { request, sink, cancel }], &|_, result| {
+        *end.lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
+    });
+    end.into_inner().unwrap_or_else(PoisonError::into_inner).expect("every member of a batch ends")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::generate::Output;
+    use crate::spec::{ModelSpec, preset};
+    use serde_json::json;
+
+    #[test]
+    fn without_a_gpu_auto_falls_back_and_says_so_and_gpu_fails() {
+        let dir = tempfile::tempdir().unwrap();
+        let patch = json!({ "steps": 40, "burn_in": 10, "particles": { "total": 260, "outer": 60 } });
+        let request = |backend| Request {
+            preset: "pig".into(),
+            spec: ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap(),
+            seed: 1,
+            backend,
+            outputs: vec![Output::Glb],
+            dir: dir.path().into(),
+            memory_limit_bytes: None,
+        };
+        let off = GpuArgs { gpu: GpuUse::Off, allow_software_adapter: false };
+        let run = |backend| grow(&request(backend), off, &(), &CancelToken::default());
+        let (outcome, fallback) = run(Backend::Auto).unwrap();
+        assert_eq!((outcome.used, fallback.as_deref()), (Backend::Cpu, Some(OFF)));
+        assert_eq!(run(Backend::CpuSingle).unwrap().1, None);
+        let error = run(Backend::Gpu).unwrap_err().to_string();
+        assert!(error.contains(OFF), "{error}");
+    }
+}

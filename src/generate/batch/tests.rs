@@ -1,0 +1,201 @@
+//! Batches on a device made of CPU simulations, which can be told to fail, to lose itself, to panic.
+
+use super::super::{Output, Progress, Stage, generate};
+use super::*;
+use crate::sim::Simulator;
+use crate::sim::cpu::{CpuSimulation, Kernel};
+use crate::sim::gpu::GpuError;
+use crate::spec::{ModelSpec, Search, preset};
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicU32, AtomicU64};
+
+/// All members in step, on one thread.
+#[derive(Default)]
+struct Twin {
+    /// The step at which it is lost.
+    lost_at: Option<i64>,
+    /// A member and the step at which it leaves the finite numbers.
+    fails_at: Option<(usize, i64)>,
+    replays: AtomicU64,
+}
+
+impl Device for Twin {
+    type Mark = CpuSimulation;
+
+    fn name(&self) -> String {
+        "a twin".to_owned()
+    }
+
+    fn run(&self, plans: &[Plan], told: &mut dyn Told<CpuSimulation>) -> Result<(), GpuError> {
+        let mut members: Vec<Option<CpuSimulation>> =
+            plans.iter().map(|plan| Some(CpuSimulation::new(plan.clone(), 1))).collect();
+        for time in -i64::from(plans[0].burn_in)..=i64::from(plans[0].steps) {
+            if self.lost_at == Some(time) {
+                return Err(GpuError::Lost { detail: "unplugged".to_owned() });
+            }
+            for (index, (place, plan)) in members.iter_mut().zip(plans).enumerate() {
+                let Some(simulation) = place else { continue };
+                if plan.records_at(time) {
+                    told.section(index, simulation.section(), fork(simulation));
+                }
+                told.progress(index, time, simulation.particles());
+                if self.fails_at == Some((index, time)) {
+                    told.failed(index, SimError::NotFinite { step: time });
+                    *place = None;
+                } else if told.cancelled(index) {
+                    *place = None;
+                } else if time == i64::from(plan.steps) {
+                    told.finished(index, simulation.statistics());
+                } else {
+                    simulation.step().unwrap();
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn replay(&self, plan: &Plan, mark: &CpuSimulation) -> Result<Vec<Section>, GpuError> {
+        self.replays.fetch_add(1, Ordering::Relaxed);
+        let mut simulation = fork(mark);
+        let mut sections = Vec::new();
+        loop {
+            simulation.step().unwrap();
+            sections.push(simulation.section());
+            if plan.records_at(simulation.time()) {
+                return Ok(sections);
+            }
+        }
+    }
+}
+
+fn fork(simulation: &CpuSimulation) -> CpuSimulation {
+    simulation.fork(Search::Lists, Kernel::Vector, 1)
+}
+
+fn request(seed: u64, dir: &Path) -> Request {
+    let patch = json!({
+        "steps": 120, "burn_in": 40,
+        "particles": { "total": { "keys": [[0, 260], [1, 620]] }, "outer": { "keys": [[0, 60], [1, 90]] } },
+    });
+    let dir = dir.join(seed.to_string());
+    std::fs::create_dir_all(&dir).unwrap();
+    Request {
+        preset: "pig".into(),
+        spec: ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap(),
+        seed,
+        backend: Backend::Cpu,
+        outputs: vec![Output::Glb],
+        dir,
+        memory_limit_bytes: None,
+    }
+}
+
+fn hashes(outcome: &Outcome) -> BTreeMap<String, String> {
+    outcome.files.iter().map(|f| (f.name.clone(), f.sha256.clone())).collect()
+}
+
+type Ends = Vec<Result<Outcome, GenerateError>>;
+
+/// Runs requests with the sinks given, in a pool of so many threads; every member ends exactly once.
+fn run(device: &Twin, requests: &[Request], sinks: &[&dyn Sink], cancels: &[CancelToken], threads: usize) -> Ends {
+    let members: Vec<Member<'_>> =
+        (0..requests.len()).map(|i| Member { request: &requests[i], sink: sinks[i], cancel: &cancels[i] }).collect();
+    let ends: Vec<Mutex<Option<Result<Outcome, GenerateError>>>> = requests.iter().map(|_| Mutex::new(None)).collect();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(|| {
+        on(device, &members, &|index, result| {
+            assert!(ends[index].lock().unwrap().replace(result).is_none(), "{index} ended twice");
+        });
+    });
+    ends.into_iter().map(|end| end.into_inner().unwrap().expect("ended")).collect()
+}
+
+fn plainly(device: &Twin, requests: &[Request], threads: usize) -> Ends {
+    let sinks: Vec<&dyn Sink> = requests.iter().map(|_| &() as &dyn Sink).collect();
+    run(device, requests, &sinks, &vec![CancelToken::default(); requests.len()], threads)
+}
+
+#[test]
+fn a_batch_makes_what_each_would_be_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let requests: Vec<Request> = [1, 2, 3].map(|seed| request(seed, dir.path())).into();
+    let alone: Vec<_> = requests.iter().map(|r| hashes(&generate(r, &(), &CancelToken::default()).unwrap())).collect();
+    let device = Twin::default();
+    for threads in [1, 3] {
+        for (end, alone) in plainly(&device, &requests, threads).into_iter().zip(&alone) {
+            let outcome = end.unwrap();
+            assert_eq!((outcome.used, outcome.device.as_str()), (Backend::Gpu, "a twin"));
+            assert_eq!(&hashes(&outcome), alone);
+            assert!(outcome.seconds.simulate > 0.0 && outcome.seconds.total >= outcome.seconds.simulate);
+        }
+    }
+}
+
+/// Stops at a step, or panics at a section.
+#[derive(Default)]
+struct Watcher {
+    stops_at: Option<(u32, CancelToken)>,
+    panics: bool,
+    stages: Mutex<Vec<(Stage, f64)>>,
+    sections: AtomicU32,
+}
+
+impl Sink for Watcher {
+    fn progress(&self, progress: &Progress) {
+        lock(&self.stages).push((progress.stage, progress.fraction));
+        if let Some((step, cancel)) = &self.stops_at
+            && progress.step >= *step
+        {
+            cancel.cancel();
+        }
+    }
+
+    fn section(&self, _: &Section) {
+        assert!(self.sections.fetch_add(1, Ordering::Relaxed) < 3 || !self.panics, "a fault in one member");
+    }
+}
+
+#[test]
+fn what_ends_badly_ends_alone() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut requests: Vec<Request> = [1, 2, 3, 4, 5].map(|seed| request(seed, dir.path())).into();
+    requests[4].memory_limit_bytes = Some(1);
+    let cancels: Vec<CancelToken> = (0..5).map(|_| CancelToken::default()).collect();
+    let mut sinks: Vec<Watcher> = (0..5).map(|_| Watcher::default()).collect();
+    sinks[1].stops_at = Some((50, cancels[1].clone()));
+    sinks[2].panics = true;
+    let device = Twin { fails_at: Some((3, 60)), ..Twin::default() };
+    let seen: Vec<&dyn Sink> = sinks.iter().map(|s| s as &dyn Sink).collect();
+    let ends = run(&device, &requests, &seen, &cancels, 2);
+    let alone = generate(&request(1, &dir.path().join("alone")), &(), &CancelToken::default()).unwrap();
+    assert_eq!(hashes(ends[0].as_ref().unwrap()), hashes(&alone));
+    assert!(matches!(ends[1], Err(GenerateError::Cancelled)));
+    assert!(matches!(&ends[2], Err(GenerateError::Panic { detail }) if detail.contains("a fault in one member")));
+    assert!(matches!(&ends[3], Err(GenerateError::Simulation { detail }) if detail.contains("step 60")));
+    assert!(matches!(ends[4], Err(GenerateError::Memory { limit: 1, .. })));
+
+    let stages = lock(&sinks[0].stages);
+    assert!(stages.windows(2).all(|w| w[0].1 <= w[1].1), "progress went back");
+    for stage in [Stage::Simulate, Stage::Mesh, Stage::Certify, Stage::Export] {
+        assert!(stages.iter().any(|(seen, _)| *seen == stage), "{stage:?}");
+    }
+    assert_eq!(sinks[0].sections.load(Ordering::Relaxed), 13);
+    assert!(sinks[1].sections.load(Ordering::Relaxed) <= 6);
+}
+
+#[test]
+fn a_lost_device_is_told_to_all_that_it_did_not_finish() {
+    let dir = tempfile::tempdir().unwrap();
+    let requests: Vec<Request> = [1, 2].map(|seed| request(seed, dir.path())).into();
+    let device = Twin { lost_at: Some(70), ..Twin::default() };
+    for end in plainly(&device, &requests, 2) {
+        let error = end.unwrap_err();
+        assert!(matches!(&error, GenerateError::Gpu(GpuError::Lost { .. })), "{error}");
+        assert_eq!(error.to_string(), "the GPU was lost: unplugged");
+    }
+    // The folders may be used again.
+    let outcome = generate(&requests[0], &(), &CancelToken::default()).unwrap();
+    assert_eq!(outcome.used, Backend::Cpu);
+}

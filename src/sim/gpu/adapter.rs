@@ -1,0 +1,127 @@
+//! The adapters of this machine. Software adapters (Mesa's llvmpipe, WARP) count only where they are asked for:
+//! a default request would silently hand one out.
+
+use super::error::GpuError;
+use std::future::Future;
+use std::pin::pin;
+use std::task::{Context, Poll, Waker};
+
+/// Which adapters may be used.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct GpuOptions {
+    /// Whether adapters that compute on the CPU may be used (tests, machines without a GPU).
+    pub allow_software: bool,
+}
+
+/// What kind of hardware an adapter is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum AdapterKind {
+    /// A card of its own with its own memory.
+    Discrete,
+    /// Part of the processor, with shared memory.
+    Integrated,
+    /// A share of a card, given to a virtual machine.
+    Virtual,
+    /// A program on the CPU.
+    Software,
+}
+
+impl AdapterKind {
+    /// In one word, lower case.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Discrete => "discrete",
+            Self::Integrated => "integrated",
+            Self::Virtual => "virtual",
+            Self::Software => "software",
+        }
+    }
+}
+
+/// An adapter that may be opened.
+#[derive(Clone, Debug)]
+pub struct Adapter {
+    /// Name of the hardware.
+    pub name: String,
+    /// Its kind.
+    pub kind: AdapterKind,
+    /// `vulkan`, `metal` or `dx12`.
+    pub backend: String,
+    /// Name and version of the driver.
+    pub driver: String,
+    /// The largest array that a shader can see, bytes.
+    pub max_binding_bytes: u64,
+    /// The largest single buffer, bytes.
+    pub max_buffer_bytes: u64,
+    /// Whether the device can take time itself.
+    pub timestamps: bool,
+    pub(super) handle: wgpu::Adapter,
+}
+
+/// The adapters that `options` allow, best first (discrete, integrated, virtual, software).
+///
+/// # Errors
+/// [`GpuError::NoLoader`] where no graphics interface is installed, [`GpuError::NoAdapter`] where none is left to use.
+pub fn adapters(options: &GpuOptions) -> Result<Vec<Adapter>, GpuError> {
+    let mut description = wgpu::InstanceDescriptor::new_without_display_handle();
+    description.backends = wgpu::Backends::PRIMARY;
+    description.flags = wgpu::InstanceFlags::empty();
+    // Refuse an allocation rather than bring the machine down.
+    description.memory_budget_thresholds.for_resource_creation = Some(95);
+    let instance = wgpu::Instance::new(description);
+    let handles = ready(instance.enumerate_adapters(wgpu::Backends::PRIMARY)).unwrap_or_default();
+    let found = handles.len();
+    let mut adapters: Vec<Adapter> = handles.into_iter().filter_map(describe).collect();
+    adapters.sort_by_key(|a| a.kind);
+    if !options.allow_software {
+        adapters.retain(|a| a.kind != AdapterKind::Software);
+    }
+    if !adapters.is_empty() {
+        return Ok(adapters);
+    }
+    if found == 0 && !has_interface(&instance) {
+        return Err(GpuError::NoLoader);
+    }
+    Err(GpuError::NoAdapter { software: found > 0 })
+}
+
+/// Whether any graphics interface was loaded; asked only where no adapter was found.
+fn has_interface(instance: &wgpu::Instance) -> bool {
+    let options = wgpu::RequestAdapterOptions::default();
+    match ready(instance.request_adapter(&options)) {
+        Some(Err(wgpu::RequestAdapterError::NotFound { active_backends, .. })) => !active_backends.is_empty(),
+        _ => true,
+    }
+}
+
+fn describe(handle: wgpu::Adapter) -> Option<Adapter> {
+    let info = handle.get_info();
+    let kind = match info.device_type {
+        wgpu::DeviceType::DiscreteGpu => AdapterKind::Discrete,
+        wgpu::DeviceType::IntegratedGpu => AdapterKind::Integrated,
+        wgpu::DeviceType::VirtualGpu => AdapterKind::Virtual,
+        wgpu::DeviceType::Cpu => AdapterKind::Software,
+        // An adapter that does not say what it is is not trusted to be hardware.
+        wgpu::DeviceType::Other => return None,
+    };
+    let limits = handle.limits();
+    Some(Adapter {
+        name: info.name,
+        kind,
+        backend: info.backend.to_str().to_owned(),
+        driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
+        max_binding_bytes: limits.max_storage_buffer_binding_size,
+        max_buffer_bytes: limits.max_buffer_size,
+        timestamps: handle.features().contains(wgpu::Features::TIMESTAMP_QUERY),
+        handle,
+    })
+}
+
+/// The value of a future that is ready at once, as those of native backends are.
+pub(super) fn ready<F: Future>(future: F) -> Option<F::Output> {
+    match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
+        Poll::Ready(value) => Some(value),
+        Poll::Pending => None,
+    }
+}

@@ -1,0 +1,311 @@
+//! Runs a batch of simulations of like size together, one dispatch for all of them.
+//!
+//! Only recorded sections come back, as checkpoints: a slab hardly ever needs the steps in between, and where it does
+//! [`replay`] repeats them from the checkpoint below, bit for bit (results depend neither on the other members nor
+//! on when lists were built).
+
+use super::course::Course;
+use super::device::GpuDevice;
+use super::error::GpuError;
+use super::memory::{Memory, Sizes};
+use super::record::Record;
+use super::ring::Ring;
+use crate::clock::Stopwatch;
+use crate::model::Section;
+use crate::sim::cpu::CpuSimulation;
+use crate::sim::{Checkpoint, Plan, SimError, Statistics};
+use std::collections::VecDeque;
+use std::mem::{offset_of, size_of};
+use std::time::Duration;
+
+/// What a batch did.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BatchReport {
+    /// Dispatches submitted.
+    pub dispatches: u64,
+    /// Submissions to the queue.
+    pub submissions: u64,
+    /// Bytes that came back.
+    pub bytes_back: u64,
+    /// Seconds that compute passes took by the device's own clock; `None` where it has none.
+    pub device_seconds: Option<f64>,
+    /// Seconds from the first submission to the last section.
+    pub seconds: f64,
+}
+
+/// Who takes what a batch yields. All methods are called on the thread of [`run_batch`]; while one of them works, the
+/// device goes on with what is queued, and stands still when the ring of staging buffers is full.
+pub trait BatchSink {
+    /// The next recorded section of a member, in order: at step 0, at each multiple of `record_every` and at the
+    /// last step. `checkpoint` is the state at that section. Where the slab up to the *next* section cannot be
+    /// lofted as it stands, [`replay`] from this checkpoint gives the sections of all steps in between; keep
+    /// a checkpoint until the slab above it is accepted, then drop it.
+    fn section(&mut self, member: usize, section: Section, checkpoint: Checkpoint);
+    /// How far a member is; after each submission (about 50 ms of work).
+    fn progress(&mut self, member: usize, step: i64, particles: u32);
+    /// Whether a member shall stop; asked at least every 0.2 s while the sink itself is quick. The others go on;
+    /// nothing more is told of this one.
+    fn cancelled(&mut self, member: usize) -> bool;
+    /// A member cannot go on; the others do.
+    fn failed(&mut self, member: usize, error: SimError);
+    /// A member reached its last step; its last section was told before.
+    fn finished(&mut self, member: usize, statistics: Statistics);
+}
+
+/// Runs `plans` together to their ends. Sections of a member do not depend on what else is in the batch.
+///
+/// # Errors
+/// [`GpuError::Unfit`] before anything is told to the sink; [`GpuError::OutOfMemory`], [`GpuError::Lost`] and
+/// [`GpuError::Refused`] at any time: members without `finished` or `failed` are then to be run elsewhere from
+/// their beginning. The memory of the batch is given back in every case.
+pub fn run_batch(device: &GpuDevice, plans: &[Plan], sink: &mut dyn BatchSink) -> Result<BatchReport, GpuError> {
+    device.fits(&plans.iter().collect::<Vec<_>>())?;
+    let starts: Vec<Checkpoint> = plans.iter().map(|plan| CpuSimulation::new(plan.clone(), 1).checkpoint()).collect();
+    let last = i64::from(plans[0].steps);
+    let course = Course::new(plans, &starts, last, false);
+    Run::new(device, plans, &starts, course)?.drive(sink)
+}
+
+/// Sections of every step after `checkpoint` up to and including the next recorded one, which is the last of them:
+/// what [`crate::mesh::Lofter::advance`] wants as history. Bit for bit what the batch computed, on the same device.
+///
+/// # Errors
+/// As [`run_batch`]; [`GpuError::Unfit`] also for a checkpoint that no plan reaches a section from.
+pub fn replay(device: &GpuDevice, plan: &Plan, checkpoint: &Checkpoint) -> Result<Vec<Section>, GpuError> {
+    let last = (checkpoint.time + 1..=i64::from(plan.steps)).find(|&t| plan.records_at(t));
+    let last = last.ok_or_else(|| GpuError::Unfit { detail: "the checkpoint is at the end".to_owned() })?;
+    let states = advance(device, std::slice::from_ref(plan), std::slice::from_ref(checkpoint), last)?;
+    Ok(states.iter().map(|state| state[0].section(plan)).collect())
+}
+
+/// Advances the members from their checkpoints, which must be at the same step, to step `last`. Returns the states
+/// after every step, one a member.
+///
+/// # Errors
+/// As [`run_batch`].
+pub fn advance(
+    device: &GpuDevice,
+    plans: &[Plan],
+    checkpoints: &[Checkpoint],
+    last: i64,
+) -> Result<Vec<Vec<Checkpoint>>, GpuError> {
+    device.fits(&plans.iter().collect::<Vec<_>>())?;
+    let same = checkpoints.len() == plans.len() && checkpoints.windows(2).all(|w| w[0].time == w[1].time);
+    if !same {
+        return Err(GpuError::Unfit { detail: "checkpoints of different steps".to_owned() });
+    }
+    let course = Course::new(plans, checkpoints, last, true);
+    let mut every = Every(Vec::new());
+    Run::new(device, plans, checkpoints, course)?.drive(&mut every)?;
+    Ok(every.0)
+}
+
+/// Keeps every state.
+struct Every(Vec<Vec<Checkpoint>>);
+
+impl BatchSink for Every {
+    fn section(&mut self, member: usize, _: Section, checkpoint: Checkpoint) {
+        if member == 0 {
+            self.0.push(Vec::new());
+        }
+        if let Some(states) = self.0.last_mut() {
+            states.push(checkpoint);
+        }
+    }
+    fn progress(&mut self, _: usize, _: i64, _: u32) {}
+    fn cancelled(&mut self, _: usize) -> bool {
+        false
+    }
+    fn failed(&mut self, _: usize, _: SimError) {}
+    fn finished(&mut self, _: usize, _: Statistics) {}
+}
+
+/// A chunk of work is to take about this long, seconds: short against any watchdog and against a second.
+const CHUNK_SECONDS: f64 = 0.05;
+/// Most steps of a chunk.
+const CHUNK_STEPS: i64 = 512;
+/// Chunks that wait on the device at most: one runs while the next is prepared.
+const IN_FLIGHT: usize = 2;
+/// How long to wait before the sink is asked again whether to go on.
+const ASK: Duration = Duration::from_millis(100);
+
+/// A batch on its way.
+struct Run<'a> {
+    device: &'a GpuDevice,
+    plans: &'a [Plan],
+    course: Course,
+    memory: Memory,
+    ring: Ring,
+    /// Members that still run, and the particles that each had last.
+    running: Vec<bool>,
+    particles: Vec<u32>,
+    in_flight: VecDeque<Chunk>,
+    chunk_steps: i64,
+    watch: Stopwatch,
+    /// Seconds at which the last chunk was seen to end, and seconds that the sink took since.
+    ended: f64,
+    taken: f64,
+    report: BatchReport,
+}
+
+/// What was submitted at once.
+struct Chunk {
+    submission: wgpu::SubmissionIndex,
+    /// The step reached, and how many it has.
+    time: i64,
+    steps: i64,
+    submitted: f64,
+    /// Records that it holds.
+    records: usize,
+}
+
+impl Drop for Run<'_> {
+    fn drop(&mut self) {
+        self.memory.free();
+        self.ring.free();
+        self.device.tidy();
+    }
+}
+
+impl<'a> Run<'a> {
+    fn new(device: &'a GpuDevice, plans: &'a [Plan], starts: &[Checkpoint], course: Course) -> Result<Self, GpuError> {
+        device.check()?;
+        let all: Vec<&Plan> = plans.iter().collect();
+        let sizes = Sizes::new(&all, plans.len());
+        let memory = Memory::new(device, &sizes, plans, starts)?;
+        let ring = Ring::new(device, &sizes, &memory)?;
+        let particles = starts.iter().map(|s| (s.inner.len() + s.outer.len()) as u32).collect();
+        Ok(Self {
+            device,
+            plans,
+            course,
+            memory,
+            ring,
+            running: vec![true; plans.len()],
+            particles,
+            in_flight: VecDeque::new(),
+            chunk_steps: 2,
+            watch: Stopwatch::start(),
+            ended: 0.0,
+            taken: 0.0,
+            report: BatchReport::default(),
+        })
+    }
+
+    fn drive(mut self, sink: &mut dyn BatchSink) -> Result<BatchReport, GpuError> {
+        loop {
+            self.ask(sink);
+            if !self.running.contains(&true) {
+                break;
+            }
+            while self.in_flight.len() < IN_FLIGHT && self.submit()? {}
+            let Some(chunk) = self.in_flight.front() else { break };
+            if !self.device.wait(&chunk.submission, ASK)? {
+                continue;
+            }
+            if let Some(chunk) = self.in_flight.pop_front() {
+                self.pace(&chunk);
+                self.ring.collect();
+                let begun = self.watch.seconds();
+                for _ in 0..chunk.records {
+                    let record = self.ring.take()?;
+                    self.report.bytes_back += 4 * record.words.len() as u64;
+                    self.deliver(&record, sink);
+                }
+                for member in (0..self.plans.len()).filter(|&m| self.running[m]) {
+                    sink.progress(member, chunk.time, self.particles[member]);
+                }
+                self.taken = self.watch.seconds() - begun;
+            }
+        }
+        self.report.seconds = self.watch.seconds();
+        self.report.device_seconds = self.ring.device_seconds();
+        Ok(self.report)
+    }
+
+    /// Stops what was cancelled.
+    fn ask(&mut self, sink: &mut dyn BatchSink) {
+        for member in 0..self.plans.len() {
+            if self.running[member] && sink.cancelled(member) {
+                self.stop(member);
+            }
+        }
+    }
+
+    fn stop(&mut self, member: usize) {
+        use super::layout::Status;
+        self.running[member] = false;
+        let at = member * size_of::<Status>() + offset_of!(Status, halted);
+        self.device.queue.write_buffer(&self.memory.states, at as u64, bytemuck::bytes_of(&1u32));
+    }
+
+    /// Submits the next chunk; `false` where there is nothing left or no staging buffer is free.
+    fn submit(&mut self) -> Result<bool, GpuError> {
+        let begin = self.course.time();
+        let mut encoder = self.device.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let (mut records, mut stretches) = (0, 0);
+        let end = begin + self.chunk_steps;
+        while let Some((next, recorded)) = self.course.next_stretch(end) {
+            if recorded && !self.ring.is_free() || self.ring.passes_left() == 0 {
+                break;
+            }
+            stretches += 1;
+            let writes = self.ring.timestamps();
+            self.report.dispatches +=
+                self.course.encode(&mut encoder, &self.device.pipelines, &self.memory.group, writes, next, recorded);
+            if recorded {
+                records += 1;
+                let (extent, outer_extent) = self.course.extents();
+                self.ring.copy(&mut encoder, &self.memory.record, next, extent, outer_extent);
+            }
+        }
+        if stretches == 0 {
+            return Ok(false);
+        }
+        self.ring.resolve(&mut encoder);
+        let submission = self.device.queue.submit([encoder.finish()]);
+        self.ring.map();
+        self.device.check()?;
+        self.report.submissions += 1;
+        let time = self.course.time();
+        let submitted = self.watch.seconds();
+        self.in_flight.push_back(Chunk { submission, time, steps: time - begin, submitted, records });
+        Ok(true)
+    }
+
+    /// Sets the length of the next chunks by how long this one took.
+    fn pace(&mut self, chunk: &Chunk) {
+        let now = self.watch.seconds();
+        let seconds = (now - chunk.submitted.max(self.ended)).max(1e-6);
+        self.ended = now;
+        // Where the sink took most of the time, nothing is known of the device's.
+        if chunk.steps > 0 && self.taken < 0.5 * seconds.max(CHUNK_SECONDS) {
+            let wanted = chunk.steps as f64 * CHUNK_SECONDS / seconds;
+            // Grows gently: the next steps may be dearer.
+            self.chunk_steps = (wanted as i64).clamp(1, (2 * self.chunk_steps).min(CHUNK_STEPS));
+        }
+    }
+
+    fn deliver(&mut self, record: &Record, sink: &mut dyn BatchSink) {
+        for member in 0..self.plans.len() {
+            if !self.running[member] {
+                continue;
+            }
+            let plan = &self.plans[member];
+            let entry = record.member(member);
+            if let Some(error) = entry.fault(plan) {
+                self.stop(member);
+                sink.failed(member, error);
+                continue;
+            }
+            self.particles[member] = entry.particles();
+            sink.progress(member, record.time, entry.particles());
+            let checkpoint = entry.checkpoint();
+            sink.section(member, checkpoint.section(plan), checkpoint);
+            if record.time == self.course.last() {
+                self.running[member] = false;
+                sink.finished(member, entry.statistics(plan));
+            }
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! The course of a batch: which dispatches make a step, in which order, with how many workgroups.
+
+use super::layout::{Now, THREADS};
+use super::pipelines::Pipelines;
+use crate::sim::layout::LANES;
+use crate::sim::{Checkpoint, Plan};
+use crate::spec::Integrator;
+
+/// Where a batch stands, and what comes next.
+#[derive(Debug)]
+pub(super) struct Course {
+    members: u32,
+    burn_in: i64,
+    grow_every: i64,
+    record_every: i64,
+    integrator: Integrator,
+    /// Greatest numbers of particles that a member can have after the growth event of each row.
+    most: Vec<[u32; 2]>,
+    /// The same at the start.
+    most_at_start: [u32; 2],
+    time: i64,
+    last: i64,
+    /// Whether every step is recorded.
+    every_step: bool,
+    /// Whether the first record, that of the start itself, is still to come.
+    opening: bool,
+    copy: u32,
+    rest: u32,
+}
+
+impl Course {
+    /// From `starts` (all at the same step) to step `last`. With `every_step` every state after the first is recorded.
+    pub(super) fn new(plans: &[Plan], starts: &[Checkpoint], last: i64, every_step: bool) -> Self {
+        let (plan, start) = (&plans[0], &starts[0]);
+        let most_at_start = starts
+            .iter()
+            .map(|s| [s.inner.len() as u32, s.outer.len() as u32])
+            .fold([0; 2], |a, b| [a[0].max(b[0]), a[1].max(b[1])]);
+        let mut most = Vec::with_capacity(plan.rows.len());
+        let mut highest = most_at_start;
+        for row in 0..plan.rows.len() {
+            if row as i64 >= start.time + i64::from(plan.burn_in) {
+                for plan in plans {
+                    let row = &plan.rows[row];
+                    highest = [highest[0].max(row.inner_target), highest[1].max(row.outer_target)];
+                }
+            }
+            most.push(highest);
+        }
+        Self {
+            members: plans.len() as u32,
+            burn_in: i64::from(plan.burn_in),
+            grow_every: i64::from(plan.grow_every),
+            record_every: i64::from(plan.record_every),
+            integrator: plan.integrator,
+            most,
+            most_at_start,
+            time: start.time,
+            last,
+            every_step,
+            opening: !every_step && start.time == 0,
+            copy: 0,
+            rest: 0,
+        }
+    }
+
+    /// The step reached by what was encoded.
+    pub(super) fn time(&self) -> i64 {
+        self.time
+    }
+
+    /// The last step.
+    pub(super) fn last(&self) -> i64 {
+        self.last
+    }
+
+    /// Particles of both loops that a record of the step reached has room for.
+    pub(super) fn extents(&self) -> (u32, u32) {
+        let [inner, outer] = self.most_before(self.time);
+        (inner, outer)
+    }
+
+    /// Greatest numbers of particles before the growth event of step `time`.
+    fn most_before(&self, time: i64) -> [u32; 2] {
+        let row = time + self.burn_in - 1;
+        if row < 0 { self.most_at_start } else { self.most[(row as usize).min(self.most.len() - 1)] }
+    }
+
+    fn records_at(&self, time: i64) -> bool {
+        self.every_step || time >= 0 && (time % self.record_every == 0 || time == self.last)
+    }
+
+    /// The step that the next stretch without a record inside reaches, at most `end`, and whether it ends with one.
+    pub(super) fn next_stretch(&self, end: i64) -> Option<(i64, bool)> {
+        if self.opening {
+            return Some((self.time, true));
+        }
+        let end = end.min(self.last);
+        if self.time >= end {
+            return None;
+        }
+        let recorded = (self.time + 1..=end).find(|&t| self.records_at(t));
+        Some((recorded.unwrap_or(end), recorded.is_some()))
+    }
+
+    /// Encodes the steps up to `next` as one pass, with the packing of a record behind them. Returns the number of dispatches.
+    pub(super) fn encode(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        pipelines: &Pipelines,
+        group: &wgpu::BindGroup,
+        timestamp_writes: Option<wgpu::ComputePassTimestampWrites<'_>>,
+        next: i64,
+        recorded: bool,
+    ) -> u64 {
+        let descriptor = wgpu::ComputePassDescriptor { label: None, timestamp_writes };
+        let mut pass = Pass { pass: encoder.begin_compute_pass(&descriptor), dispatches: 0 };
+        pass.pass.set_bind_group(0, group, &[]);
+        while self.time < next {
+            self.step(&mut pass, pipelines);
+        }
+        if recorded {
+            self.opening = false;
+            let (extent, outer_extent) = self.extents();
+            let now = Now { extent, outer_extent, ..self.now() };
+            let groups = extent.max(outer_extent).div_ceil(THREADS);
+            pass.dispatch(&pipelines.record, &now, groups, self.members);
+        }
+        pass.dispatches
+    }
+
+    fn now(&self) -> Now {
+        Now { row: (self.time + self.burn_in) as u32, copy: self.copy, rest: self.rest, ..Now::default() }
+    }
+
+    fn step(&mut self, pass: &mut Pass<'_>, pipelines: &Pipelines) {
+        let members = self.members;
+        if self.time >= 0 && self.time % self.grow_every == 0 {
+            let now = Now { event: (self.time / self.grow_every) as u32, ..self.now() };
+            let before = self.most_before(self.time)[0];
+            pass.dispatch(&pipelines.growth, &now, members, 1);
+            pass.dispatch(&pipelines.split, &now, before.div_ceil(THREADS), members);
+            self.copy = 1 - self.copy;
+            self.rest = 1 - self.rest;
+        }
+        let now = self.now();
+        let particles = self.most_before(self.time + 1)[0];
+        let (blocks, groups) = (particles.div_ceil(LANES as u32), particles.div_ceil(THREADS));
+        let euler = self.integrator == Integrator::Euler;
+        pass.dispatch(&pipelines.neighbours[usize::from(euler)], &now, groups, members);
+        let stages = if euler { &pipelines.euler[..] } else { &pipelines.integrate[..] };
+        for stage in stages {
+            pass.dispatch(stage, &now, blocks, members);
+        }
+        pass.dispatch(&pipelines.outer, &now, members, 1);
+        self.rest = 1 - self.rest;
+        self.time += 1;
+    }
+}
+
+/// A compute pass that counts its dispatches.
+struct Pass<'a> {
+    pass: wgpu::ComputePass<'a>,
+    dispatches: u64,
+}
+
+impl Pass<'_> {
+    fn dispatch(&mut self, pipeline: &wgpu::ComputePipeline, now: &Now, x: u32, y: u32) {
+        self.pass.set_pipeline(pipeline);
+        self.pass.set_immediates(0, bytemuck::bytes_of(now));
+        self.pass.dispatch_workgroups(x, y, 1);
+        self.dispatches += 1;
+    }
+}

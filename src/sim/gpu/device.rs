@@ -1,0 +1,208 @@
+//! An open device: knows whether it is lost, what fits it, and holds its compiled pipelines.
+
+use super::adapter::{Adapter, GpuOptions, ready};
+use super::error::GpuError;
+use super::memory::Sizes;
+use super::pipelines::{IMMEDIATES, Pipelines, STORAGE_BUFFERS};
+use crate::sim::Plan;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+/// Most members of a batch: more would only wait for each other.
+const MAX_BATCH: usize = 256;
+
+/// An open device. Cheap to clone, may be used from several threads.
+#[derive(Clone, Debug)]
+pub struct GpuDevice {
+    name: Arc<str>,
+    pub(super) device: wgpu::Device,
+    pub(super) queue: wgpu::Queue,
+    pub(super) pipelines: Arc<Pipelines>,
+    health: Arc<Health>,
+}
+
+/// What the driver told outside of calls.
+#[derive(Debug, Default)]
+struct Health {
+    lost: AtomicBool,
+    told: Mutex<Option<GpuError>>,
+}
+
+impl Health {
+    /// Keeps the first error, but a loss over all others.
+    fn note(&self, error: GpuError) {
+        let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
+        if matches!(error, GpuError::Lost { .. }) {
+            if !self.lost.swap(true, Ordering::SeqCst) {
+                *told = Some(error);
+            }
+        } else {
+            told.get_or_insert(error);
+        }
+    }
+}
+
+impl GpuDevice {
+    /// Opens an adapter and compiles the pipelines.
+    ///
+    /// # Errors
+    /// [`GpuError::NoAdapter`] for a software adapter that `options` do not allow, [`GpuError::NotOpened`].
+    pub fn open(adapter: &Adapter, options: &GpuOptions) -> Result<Self, GpuError> {
+        if adapter.kind == super::AdapterKind::Software && !options.allow_software {
+            return Err(GpuError::NoAdapter { software: true });
+        }
+        let not_opened = |detail: String| GpuError::NotOpened { adapter: adapter.name.clone(), detail };
+        let mut features = wgpu::Features::IMMEDIATES;
+        if adapter.timestamps {
+            features |= wgpu::Features::TIMESTAMP_QUERY;
+        }
+        let descriptor = wgpu::DeviceDescriptor {
+            label: Some("oviduct"),
+            required_features: features,
+            required_limits: adapter.handle.limits(),
+            memory_hints: wgpu::MemoryHints::MemoryUsage,
+            ..Default::default()
+        };
+        let limits = adapter.handle.limits();
+        if limits.max_storage_buffers_per_shader_stage < STORAGE_BUFFERS || limits.max_immediate_size < IMMEDIATES {
+            return Err(not_opened("it offers too few storage buffers or immediates".to_owned()));
+        }
+        let (device, queue) = ready(adapter.handle.request_device(&descriptor))
+            .ok_or_else(|| not_opened("the driver does not answer".to_owned()))?
+            .map_err(|e| not_opened(e.to_string()))?;
+        let health = Arc::new(Health::default());
+        let lost = Arc::clone(&health);
+        device.set_device_lost_callback(move |_, detail| lost.note(GpuError::Lost { detail }));
+        let refused = Arc::clone(&health);
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| refused.note(from_wgpu(&error))));
+        let pipelines = attempt(&device, Pipelines::new).map_err(|e| not_opened(e.to_string()))?;
+        Ok(Self { name: adapter.name.as_str().into(), device, queue, pipelines: Arc::new(pipelines), health })
+    }
+
+    /// Name of the adapter.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Whether the device is gone; it does not come back, open a new one.
+    #[must_use]
+    pub fn is_lost(&self) -> bool {
+        self.health.lost.load(Ordering::SeqCst)
+    }
+
+    /// Gives the device up as if it had been lost; batches that run on it end with [`GpuError::Lost`].
+    pub fn lose(&self) {
+        self.device.destroy();
+        self.health.note(GpuError::Lost { detail: "the device was destroyed".to_owned() });
+    }
+
+    /// Whether `plans` can run together as one batch: they must agree on `steps`, `burn_in`, `grow_every`,
+    /// `record_every` and the integrator, and fit the limits of the device.
+    ///
+    /// # Errors
+    /// [`GpuError::Unfit`] with what does not fit.
+    pub fn fits(&self, plans: &[&Plan]) -> Result<(), GpuError> {
+        let Some(first) = plans.first() else {
+            return Err(GpuError::Unfit { detail: "a batch needs a plan".to_owned() });
+        };
+        if let Some(other) = plans.iter().find(|p| !alike(p, first)) {
+            let detail = format!("simulations of different course in a batch (seeds {}, {})", first.seed, other.seed);
+            return Err(GpuError::Unfit { detail });
+        }
+        Sizes::new(plans, plans.len()).check(&self.device.limits())
+    }
+
+    /// How many simulations like `plan` one batch can hold by the limits of the device (0: not even one). How much
+    /// memory is free is not known beforehand: a batch of this size may still end with [`GpuError::OutOfMemory`].
+    #[must_use]
+    pub fn max_batch(&self, plan: &Plan) -> usize {
+        let limits = self.device.limits();
+        let fits = |members: usize| Sizes::new(&[plan], members).check(&limits).is_ok();
+        // The greatest size that fits: sizes that fit are an interval from 1 on.
+        let (mut low, mut high) = (0, MAX_BATCH);
+        while low < high {
+            let middle = (low + high).div_ceil(2);
+            if fits(middle) {
+                low = middle;
+            } else {
+                high = middle - 1;
+            }
+        }
+        low
+    }
+
+    /// Bytes of device memory that a batch of `members` simulations like `plan` takes, staging buffers included.
+    #[must_use]
+    pub fn batch_bytes(plan: &Plan, members: usize) -> u64 {
+        Sizes::new(&[plan], members).total_bytes()
+    }
+
+    /// Runs `what` on the device; tells an error that it caused, or that the device is gone.
+    pub(super) fn attempt<R>(&self, what: impl FnOnce(&wgpu::Device) -> R) -> Result<R, GpuError> {
+        let result = attempt(&self.device, what)?;
+        self.check()?;
+        Ok(result)
+    }
+
+    /// Fails with what the driver told outside of calls since the last time.
+    pub(super) fn check(&self) -> Result<(), GpuError> {
+        let mut told = self.health.told.lock().unwrap_or_else(PoisonError::into_inner);
+        // A loss stays.
+        let error = if self.is_lost() { told.clone() } else { told.take() };
+        error.map_or(Ok(()), Err)
+    }
+
+    /// Waits until a submission is done, at most `timeout`. Returns whether it is.
+    pub(super) fn wait(&self, submission: &wgpu::SubmissionIndex, timeout: Duration) -> Result<bool, GpuError> {
+        let poll = wgpu::PollType::Wait { submission_index: Some(submission.clone()), timeout: Some(timeout) };
+        let result = self.poll(poll);
+        self.check()?;
+        match result? {
+            Ok(_) => Ok(true),
+            Err(wgpu::PollError::Timeout) => Ok(false),
+            Err(error) => Err(GpuError::Refused { detail: error.to_string() }),
+        }
+    }
+
+    /// Lets the device clean up.
+    pub(super) fn tidy(&self) {
+        // Whatever is wrong is told to the next batch.
+        let _ = self.poll(wgpu::PollType::Poll);
+    }
+
+    fn poll(&self, poll: wgpu::PollType) -> Result<Result<wgpu::PollStatus, wgpu::PollError>, GpuError> {
+        // wgpu panics where the driver reports the loss in the middle of a poll.
+        catch_unwind(AssertUnwindSafe(|| self.device.poll(poll))).map_err(|_| {
+            let error = GpuError::Lost { detail: "the driver gave the device up".to_owned() };
+            self.health.note(error.clone());
+            error
+        })
+    }
+}
+
+/// Whether two plans give the same course of dispatches.
+fn alike(a: &Plan, b: &Plan) -> bool {
+    let course = |p: &Plan| (p.steps, p.burn_in, p.grow_every, p.record_every, p.integrator);
+    course(a) == course(b)
+}
+
+fn attempt<R>(device: &wgpu::Device, what: impl FnOnce(&wgpu::Device) -> R) -> Result<R, GpuError> {
+    use wgpu::ErrorFilter::{Internal, OutOfMemory, Validation};
+    let scopes = [Internal, Validation, OutOfMemory].map(|filter| device.push_error_scope(filter));
+    let result = what(device);
+    let mut error = None;
+    for scope in scopes.into_iter().rev() {
+        error = error.or(ready(scope.pop()).flatten());
+    }
+    error.map_or(Ok(result), |e| Err(from_wgpu(&e)))
+}
+
+fn from_wgpu(error: &wgpu::Error) -> GpuError {
+    match error {
+        wgpu::Error::OutOfMemory { .. } => GpuError::OutOfMemory,
+        other => GpuError::Refused { detail: other.to_string() },
+    }
+}

@@ -1,0 +1,126 @@
+//! What shaders and host share: the twin of `shaders/shared/layout.wgsl`. `tests/shaders.rs` compares them.
+
+use bytemuck::{Pod, Zeroable};
+
+/// Threads of a workgroup that work on a block of [`crate::sim::LANES`] particles, one for each particle and lane.
+pub const BLOCK_THREADS: u32 = 256;
+/// Threads of a workgroup that work on one particle each.
+pub const THREADS: u32 = 64;
+/// Threads of a workgroup that works on a whole loop.
+pub const LOOP_THREADS: u32 = 256;
+/// Blocks that the neighbour list of a particle can hold; a particle that needs more visits all blocks.
+pub const LIST: u32 = 64;
+/// No row, no edge.
+pub const NONE: u32 = u32::MAX;
+/// Words of a record before its fields.
+pub const HEADER: u32 = 8;
+/// Fields of an inner particle in a record: [`COPIED`] and the clearance.
+pub const RECORDED_INNER: u32 = 11;
+/// Fields of an outer particle in a record.
+pub const RECORDED_OUTER: u32 = 5;
+/// Fields of an inner particle that growth moves.
+pub const COPIED: u32 = 10;
+/// Field of the clearance.
+pub const CLEARANCE: u32 = 34;
+/// Fields of an inner particle.
+pub const FIELDS: u32 = 40;
+/// Fields of an outer particle.
+pub const WALL_FIELDS: u32 = 12;
+
+/// The same for all members of a batch.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Batch {
+    /// Inner particles that a member has room for.
+    pub capacity: u32,
+    /// Outer particles that a member has room for.
+    pub outer_capacity: u32,
+    /// Rows a member.
+    pub rows: u32,
+    /// Growth events.
+    pub events: u32,
+    /// Cosines of the thickness field.
+    pub waves: u32,
+    /// Lobes that a member has room for.
+    pub lobes: u32,
+    /// Words of a member's tables.
+    pub tables: u32,
+    /// Not used.
+    pub padding: u32,
+}
+
+/// Constants of a member.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Member {
+    /// Lower half of the seed.
+    pub seed_low: u32,
+    /// Upper half of the seed.
+    pub seed_high: u32,
+    /// Candidates of a growth tournament.
+    pub candidates: u32,
+    /// Lobes of the outer wall.
+    pub lobes: u32,
+    /// Fraction of contorted particles.
+    pub contorted: f32,
+    /// Least clearance, µm.
+    pub clearance: f32,
+}
+
+/// What changes in a member besides its particles.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Status {
+    /// Particles of the inner loop.
+    pub inner: u32,
+    /// Particles of the outer loop.
+    pub outer: u32,
+    /// The next id.
+    pub next_id: u32,
+    /// Splits put off.
+    pub deferred: u32,
+    /// List builds.
+    pub builds: u32,
+    /// Moves shortened by the guard.
+    pub shortened: u32,
+    /// First row after which a position was not finite, or [`NONE`].
+    pub broken: u32,
+    /// Whether the host stopped the member.
+    pub halted: u32,
+    /// Bits of the greatest squared displacement since the lists were built, at each evaluation.
+    pub moved: [u32; 4],
+    /// Bits of the greatest squared elliptic radius.
+    pub reach: u32,
+    /// Bits of the greatest range scale, at least 1.
+    pub widest: u32,
+    /// Row in which the lists were built, as decided on.
+    pub built: u32,
+    /// Row in which the lists were built, as built.
+    pub built_next: u32,
+    /// Particles before the last growth event.
+    pub grown_from: u32,
+    /// Runs of the last growth event.
+    pub runs: u32,
+    /// Id of the first particle that it made.
+    pub first_id: u32,
+    /// Not used.
+    pub padding: u32,
+}
+
+/// What changes from dispatch to dispatch.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Now {
+    /// Row of the step.
+    pub row: u32,
+    /// Which copy of the particles is current.
+    pub copy: u32,
+    /// Which copy of the rest lengths is current.
+    pub rest: u32,
+    /// Ordinal of the growth event.
+    pub event: u32,
+    /// Inner particles that a record has room for.
+    pub extent: u32,
+    /// Outer particles that a record has room for.
+    pub outer_extent: u32,
+}

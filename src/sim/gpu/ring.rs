@@ -1,0 +1,224 @@
+//! The ring of staging buffers through which records come back, and the device's own clock.
+
+use super::device::GpuDevice;
+use super::error::GpuError;
+use super::memory::{Memory, Sizes};
+use super::record::Record;
+use std::collections::VecDeque;
+use std::sync::mpsc::{Receiver, channel};
+use std::time::Duration;
+
+/// How long the answer to a mapping may be behind the end of its submission.
+const ANSWER: Duration = Duration::from_secs(5);
+/// Passes of a chunk that can be timed.
+const PASSES: u32 = 64;
+
+/// Staging buffers in turn. A record is copied into the next free one, mapped when it was submitted, and read in order.
+#[derive(Debug)]
+pub(super) struct Ring {
+    sizes: Sizes,
+    free: Vec<wgpu::Buffer>,
+    /// Copied to, not yet submitted.
+    copied: VecDeque<Slot>,
+    /// Submitted and asked to be mapped.
+    mapped: VecDeque<(Slot, Receiver<bool>)>,
+    clock: Option<Clock>,
+    /// Passes of the chunk that is being encoded.
+    passes: u32,
+}
+
+#[derive(Debug)]
+struct Slot {
+    buffer: wgpu::Buffer,
+    time: i64,
+    extent: u32,
+    outer_extent: u32,
+    bytes: u64,
+}
+
+/// Takes the time of passes on the device.
+#[derive(Debug)]
+struct Clock {
+    queries: wgpu::QuerySet,
+    resolved: wgpu::Buffer,
+    /// Nanoseconds of a tick.
+    period: f64,
+    seconds: f64,
+    free: Vec<wgpu::Buffer>,
+    copied: Option<(wgpu::Buffer, u32)>,
+    mapped: VecDeque<(wgpu::Buffer, u32, Receiver<bool>)>,
+}
+
+impl Ring {
+    pub(super) fn new(device: &GpuDevice, sizes: &Sizes, memory: &Memory) -> Result<Self, GpuError> {
+        let timed = device.device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
+        let clock = if timed { Some(device.attempt(|gpu| Clock::new(gpu, &device.queue))?) } else { None };
+        Ok(Self {
+            sizes: *sizes,
+            free: memory.staging.clone(),
+            copied: VecDeque::new(),
+            mapped: VecDeque::new(),
+            clock,
+            passes: 0,
+        })
+    }
+
+    /// Whether the chunk that is being encoded can have another record: a chunk fills half of the ring at most, so that
+    /// the device has another half while this one is read.
+    pub(super) fn is_free(&self) -> bool {
+        !self.free.is_empty() && self.copied.len() < self.sizes.ring() / 2
+    }
+
+    /// Passes that the chunk can still have.
+    pub(super) fn passes_left(&self) -> u32 {
+        PASSES - self.passes
+    }
+
+    /// Has the next pass timed.
+    pub(super) fn timestamps(&mut self) -> Option<wgpu::ComputePassTimestampWrites<'_>> {
+        let pass = self.passes;
+        self.passes += 1;
+        self.clock.as_ref().map(|clock| wgpu::ComputePassTimestampWrites {
+            query_set: &clock.queries,
+            beginning_of_pass_write_index: Some(2 * pass),
+            end_of_pass_write_index: Some(2 * pass + 1),
+        })
+    }
+
+    /// Copies the record of step `time` into a free buffer; [`Ring::is_free`] must hold.
+    pub(super) fn copy(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        record: &wgpu::Buffer,
+        time: i64,
+        extent: u32,
+        outer_extent: u32,
+    ) {
+        let Some(buffer) = self.free.pop() else { return };
+        let bytes = 4 * self.sizes.record_words(extent, outer_extent);
+        encoder.copy_buffer_to_buffer(record, 0, &buffer, 0, bytes);
+        self.copied.push_back(Slot { buffer, time, extent, outer_extent, bytes });
+    }
+
+    /// Ends the encoding of a chunk.
+    pub(super) fn resolve(&mut self, encoder: &mut wgpu::CommandEncoder) {
+        let passes = std::mem::take(&mut self.passes);
+        let Some(clock) = &mut self.clock else { return };
+        let Some(buffer) = clock.free.pop() else { return };
+        encoder.resolve_query_set(&clock.queries, 0..2 * passes, &clock.resolved, 0);
+        encoder.copy_buffer_to_buffer(&clock.resolved, 0, &buffer, 0, u64::from(16 * passes));
+        clock.copied = Some((buffer, passes));
+    }
+
+    /// Asks for what was submitted.
+    pub(super) fn map(&mut self) {
+        while let Some(slot) = self.copied.pop_front() {
+            let receiver = request(&slot.buffer, slot.bytes);
+            self.mapped.push_back((slot, receiver));
+        }
+        if let Some(clock) = &mut self.clock
+            && let Some((buffer, passes)) = clock.copied.take()
+        {
+            let receiver = request(&buffer, u64::from(16 * passes));
+            clock.mapped.push_back((buffer, passes, receiver));
+        }
+    }
+
+    /// The next record; its submission must be done.
+    pub(super) fn take(&mut self) -> Result<Record, GpuError> {
+        let (slot, receiver) = self.mapped.pop_front().ok_or_else(|| lost("no record is due"))?;
+        // The submission is done; another thread that polls the device may still be about to say so.
+        if receiver.recv_timeout(ANSWER) != Ok(true) {
+            return Err(lost("a staging buffer could not be mapped"));
+        }
+        let words = read(&slot.buffer, slot.bytes)?;
+        self.free.push(slot.buffer);
+        Ok(Record { time: slot.time, extent: slot.extent, outer_extent: slot.outer_extent, words })
+    }
+
+    /// Seconds in compute passes so far, as far as they are known.
+    pub(super) fn device_seconds(&mut self) -> Option<f64> {
+        let clock = self.clock.as_mut()?;
+        clock.collect();
+        Some(clock.seconds)
+    }
+
+    /// Collects times that came back.
+    pub(super) fn collect(&mut self) {
+        if let Some(clock) = &mut self.clock {
+            clock.collect();
+        }
+    }
+
+    /// Gives the clock's memory back; the staging buffers belong to [`Memory`].
+    pub(super) fn free(&self) {
+        if let Some(clock) = &self.clock {
+            clock.resolved.destroy();
+            clock.queries.destroy();
+            clock.free.iter().for_each(wgpu::Buffer::destroy);
+            clock.mapped.iter().for_each(|(buffer, ..)| buffer.destroy());
+        }
+    }
+}
+
+impl Clock {
+    fn new(gpu: &wgpu::Device, queue: &wgpu::Queue) -> Self {
+        use wgpu::BufferUsages as Use;
+        let size = u64::from(16 * PASSES);
+        let buffer = |usage| {
+            gpu.create_buffer(&wgpu::BufferDescriptor { label: Some("time"), size, usage, mapped_at_creation: false })
+        };
+        Self {
+            queries: gpu.create_query_set(&wgpu::QuerySetDescriptor {
+                label: Some("time"),
+                ty: wgpu::QueryType::Timestamp,
+                count: 2 * PASSES,
+            }),
+            resolved: buffer(Use::QUERY_RESOLVE | Use::COPY_SRC),
+            period: f64::from(queue.get_timestamp_period()),
+            seconds: 0.0,
+            free: (0..4).map(|_| buffer(Use::MAP_READ | Use::COPY_DST)).collect(),
+            copied: None,
+            mapped: VecDeque::new(),
+        }
+    }
+
+    fn collect(&mut self) {
+        while let Some((buffer, passes, receiver)) = self.mapped.pop_front() {
+            if receiver.try_recv() != Ok(true) {
+                // Not there yet, or never: time is not worth a failure.
+                self.mapped.push_front((buffer, passes, receiver));
+                return;
+            }
+            let Ok(words) = read(&buffer, u64::from(16 * passes)) else { return };
+            let ticks: Vec<u64> = words.chunks_exact(2).map(|w| u64::from(w[0]) | u64::from(w[1]) << 32).collect();
+            let taken: u64 = ticks.chunks_exact(2).map(|t| t[1].saturating_sub(t[0])).sum();
+            self.seconds += taken as f64 * self.period * 1e-9;
+            self.free.push(buffer);
+        }
+    }
+}
+
+fn lost(detail: &str) -> GpuError {
+    GpuError::Lost { detail: detail.to_owned() }
+}
+
+/// Asks for a buffer to be mapped; the answer comes with a poll.
+fn request(buffer: &wgpu::Buffer, bytes: u64) -> Receiver<bool> {
+    let (sender, receiver) = channel();
+    buffer.map_async(wgpu::MapMode::Read, 0..bytes, move |result| {
+        // Nobody waits for it where the batch is over.
+        let _ = sender.send(result.is_ok());
+    });
+    receiver
+}
+
+/// The words of a mapped buffer, which is unmapped again.
+fn read(buffer: &wgpu::Buffer, bytes: u64) -> Result<Vec<u32>, GpuError> {
+    let words = match buffer.get_mapped_range(0..bytes) {
+        Ok(view) => bytemuck::pod_collect_to_vec(&view[..]),
+        Err(error) => return Err(lost(&error.to_string())),
+    };
+    buffer.unmap();
+    Ok(words)
+}

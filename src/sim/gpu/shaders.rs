@@ -1,0 +1,68 @@
+//! The shaders as they are compiled: each stage's file behind what it shares with others. No preprocessor.
+
+/// The shader of a stage.
+#[derive(Clone, Copy, Debug)]
+pub struct Shader {
+    /// Name of the stage and of its file.
+    pub name: &'static str,
+    /// The whole text.
+    pub source: &'static str,
+    /// Entry points with the threads of their workgroups.
+    pub entries: &'static [(&'static str, u32)],
+}
+
+macro_rules! shared {
+    ($name:literal) => {
+        include_str!(concat!("../../../shaders/shared/", $name, ".wgsl"))
+    };
+}
+
+macro_rules! stage {
+    ($name:literal) => {
+        include_str!(concat!("../../../shaders/", $name, ".wgsl"))
+    };
+}
+
+use super::layout::{BLOCK_THREADS, LOOP_THREADS, THREADS};
+
+/// Time integration with all forces, and the guard.
+pub const INTEGRATE: Shader = Shader {
+    name: "integrate",
+    source: concat!(
+        shared!("layout"),
+        shared!("lists"),
+        shared!("pairs"),
+        shared!("local"),
+        shared!("finite"),
+        stage!("integrate")
+    ),
+    entries: &[("integrate", BLOCK_THREADS), ("guard", BLOCK_THREADS)],
+};
+
+/// Neighbour lists.
+pub const NEIGHBOURS: Shader = Shader {
+    name: "neighbours",
+    source: concat!(shared!("layout"), shared!("lists"), stage!("neighbours")),
+    entries: &[("neighbours", THREADS)],
+};
+
+/// Growth of both loops, and the thickness field.
+pub const GROWTH: Shader = Shader {
+    name: "growth",
+    source: concat!(shared!("layout"), shared!("random"), shared!("maths"), shared!("thickness"), stage!("growth")),
+    entries: &[("growth", LOOP_THREADS), ("split", THREADS)],
+};
+
+/// The outer loop.
+pub const OUTER: Shader = Shader {
+    name: "outer",
+    source: concat!(shared!("layout"), shared!("maths"), stage!("outer")),
+    entries: &[("outer", LOOP_THREADS)],
+};
+
+/// Recording.
+pub const RECORD: Shader =
+    Shader { name: "record", source: concat!(shared!("layout"), stage!("record")), entries: &[("record", THREADS)] };
+
+/// All stages.
+pub const ALL: [Shader; 5] = [INTEGRATE, NEIGHBOURS, GROWTH, OUTER, RECORD];

@@ -1,0 +1,59 @@
+//! Which jobs a CPU worker leaves to GPU workers.
+//!
+//! The rule: `auto` is left to GPU workers while one is alive, unless more jobs wait than they take with their next two
+//! claims. A GPU worker is alive while its last sign of life is younger than [`ALIVE`] of this pool's heartbeats.
+
+use super::attempt::Context;
+use crate::generate::Backend;
+use crate::jobs::{ListFilter, Status, StoreError};
+
+/// Heartbeats without a sign of life after which a GPU worker counts as gone: twice what an idle one lets pass.
+const ALIVE: u32 = 10;
+
+/// What a CPU worker may take.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Share {
+    /// What was asked of a CPU by name.
+    ByName,
+    /// `auto` too, for this reason.
+    Auto(String),
+}
+
+impl Share {
+    /// What to claim as.
+    pub(super) fn backend(&self) -> Backend {
+        match self {
+            Self::ByName => Backend::CpuSingle,
+            Self::Auto(_) => Backend::Cpu,
+        }
+    }
+
+    /// Why `auto` runs on the CPU.
+    pub(super) fn reason(&self) -> Option<&str> {
+        match self {
+            Self::ByName => None,
+            Self::Auto(why) => Some(why),
+        }
+    }
+}
+
+/// What a CPU worker may take now.
+pub(super) async fn of_cpu(context: &Context) -> Result<Share, StoreError> {
+    let options = &context.options;
+    let oldest = context.clock.now().saturating_sub(ALIVE * options.heartbeat).unwrap_or(jiff::Timestamp::MIN);
+    let workers = context.store.workers().await?;
+    let alive = workers.iter().filter(|w| w.backend == Backend::Gpu && w.heartbeat_at >= oldest).count();
+    if alive == 0 {
+        let why = options.no_gpu.clone().unwrap_or_else(|| "no GPU worker is alive".to_owned());
+        return Ok(Share::Auto(why));
+    }
+    let newest = ListFilter { status: Some(Status::Queued), limit: 1, ..ListFilter::default() };
+    let page = context.store.list(&newest).await?;
+    let waiting = page.jobs.first().and_then(|job| job.queue_position).map_or(0, |position| position + 1);
+    let taken = 2 * u64::from(options.batch) * alive as u64;
+    Ok(if waiting > taken {
+        Share::Auto(format!("{waiting} jobs were waiting for {alive} GPU worker{}", if alive == 1 { "" } else { "s" }))
+    } else {
+        Share::ByName
+    })
+}

@@ -1,0 +1,20 @@
+//! The GPU against its twin on the CPU: stage by stage within stated tolerances, whole runs by what must hold, whole models by their certificates.
+//!
+//! Runs on any adapter, software ones included (Debian packages mesa-vulkan-drivers, libvulkan1). Nothing is skipped where
+//! there is none: the tests fail and name the packages. With `OVIDUCT_TEST_NO_VULKAN=1` only what a machine without a
+//! Vulkan loader does is tested.
+
+#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "a test fails by panic and tells what it measured")]
+
+#[path = "gpu/batches.rs"]
+mod batches;
+#[path = "gpu/common.rs"]
+mod common;
+#[path = "gpu/devices.rs"]
+mod devices;
+#[path = "gpu/functions.rs"]
+mod functions;
+#[path = "gpu/models.rs"]
+mod models;
+#[path = "gpu/stages.rs"]
+mod stages;

@@ -1,0 +1,187 @@
+//! Whole small runs in batches: sound, repeatable, independent of each other.
+
+use crate::common::{Kept, device, no_vulkan, open, plan, short};
+use oviduct::geometry::polygon::{check_contour, check_nested};
+use oviduct::measure::certify;
+use oviduct::mesh::Lofter;
+use oviduct::model::Section;
+use oviduct::sim::gpu::{GpuError, replay, run_batch};
+use oviduct::sim::{Plan, SimError};
+use oviduct::spec::Integrator;
+use serde_json::json;
+
+fn run(plans: &[Plan]) -> Kept {
+    let mut kept = Kept::new(plans.len());
+    let report = run_batch(device(), plans, &mut kept).unwrap();
+    println!("{report:?}");
+    let plan = &plans[0];
+    let a_step = if plan.integrator == Integrator::Rk4 { 6 } else { 4 };
+    let (steps, events) = (plan.burn_in + plan.steps, plan.steps / plan.grow_every);
+    let wanted = steps * a_step + 2 * events + plan.steps / plan.record_every + 1;
+    assert_eq!(report.dispatches, u64::from(wanted), "as docs/performance.md counts them");
+    kept
+}
+
+fn assert_sound(section: &Section) {
+    let (inner, outer) = (&section.inner.points, &section.outer.points);
+    check_contour(inner).unwrap_or_else(|e| panic!("inner loop at step {}: {e}", section.step));
+    check_contour(outer).unwrap_or_else(|e| panic!("outer loop at step {}: {e}", section.step));
+    check_nested(inner, outer).unwrap_or_else(|e| panic!("step {}: {e}", section.step));
+}
+
+/// Lofts the sections as a worker does, mending with replays, and certifies the surface.
+fn certify_run(plan: &Plan, kept: &Kept, member: usize) {
+    let run = &kept.sections[member];
+    let mut lofter = Lofter::new(run[0].0.clone()).unwrap();
+    let mut sections = vec![run[0].0.clone()];
+    for pair in run.windows(2) {
+        let accepted = match lofter.try_advance(&pair[1].0).unwrap() {
+            Some(accepted) => accepted,
+            None => lofter.advance(&replay(device(), plan, &pair[0].1).unwrap()).unwrap(),
+        };
+        sections.extend(accepted.sections);
+    }
+    let mesh = lofter.finish().unwrap();
+    assert_eq!(certify(&mesh, &sections).first_failure(), None);
+}
+
+#[test]
+fn runs_are_sound_and_certified() {
+    if no_vulkan() {
+        return;
+    }
+    let patch = json!({ "contortion": { "magnitude": 5, "fraction": 0.2 }, "variation": { "amplitude": 0.4 } });
+    let plans = [plan(&json!({}), 1), plan(&patch, 2)];
+    let kept = run(&plans);
+    for (member, plan) in plans.iter().enumerate() {
+        assert_eq!(kept.failed[member], None);
+        let statistics = kept.finished[member].unwrap();
+        let sections = &kept.sections[member];
+        let steps: Vec<f64> = sections.iter().map(|(s, _)| s.step).collect();
+        assert_eq!(steps, (0..=15).map(|k| f64::from(10 * k)).collect::<Vec<_>>());
+        for (section, checkpoint) in sections {
+            assert_sound(section);
+            let u = section.step / 150.0;
+            let wanted = (260.0 + 640.0 * u).round() as usize;
+            let missing = wanted.abs_diff(section.particles());
+            assert!(missing <= statistics.splits_deferred as usize, "{} particles for {wanted}", section.particles());
+            let mut ids = checkpoint.inner.id.clone();
+            ids.sort_unstable();
+            ids.dedup();
+            assert_eq!(ids.len(), checkpoint.inner.len());
+        }
+        let last = &sections[15].0;
+        assert_eq!(last.particles() as u64 + statistics.splits_missing, 900);
+        assert_eq!(kept.reached[member], 150);
+        assert!(statistics.list_builds > 15 && statistics.list_builds < 150, "{statistics:?}");
+        assert!(statistics.moves_shortened > 0, "the guard had nothing to do: the test shows little");
+        certify_run(plan, &kept, member);
+    }
+}
+
+#[test]
+fn results_depend_neither_on_the_batch_nor_on_the_run_and_replays_repeat_them() {
+    if no_vulkan() {
+        return;
+    }
+    let plans: Vec<Plan> = (1..=3).map(short).collect();
+    let together = run(&plans);
+    let again = run(&plans);
+    let alone = run(&plans[1..2]);
+    assert_eq!(together.sections, again.sections);
+    assert_eq!(together.finished, again.finished);
+    assert_eq!(together.sections[1], alone.sections[0]);
+    assert_ne!(together.sections[0], together.sections[1]);
+    for k in [0, 3] {
+        let history = replay(device(), &plans[1], &together.sections[1][k].1).unwrap();
+        let steps: Vec<f64> = history.iter().map(|s| s.step).collect();
+        assert_eq!(steps, (1..=10).map(|i| (10 * k + i) as f64).collect::<Vec<_>>());
+        assert_eq!(history[9], together.sections[1][k + 1].0, "a replay ends where the batch went on");
+        history.iter().for_each(assert_sound);
+    }
+    let end = &together.sections[1].last().unwrap().1;
+    assert!(matches!(replay(device(), &plans[1], end), Err(GpuError::Unfit { .. })));
+}
+
+#[test]
+fn threads_can_share_a_device() {
+    if no_vulkan() {
+        return;
+    }
+    let plans = [short(6), short(7)];
+    let shared = std::thread::scope(|scope| {
+        plans.each_ref().map(|plan| scope.spawn(|| run(std::slice::from_ref(plan)))).map(|run| run.join().unwrap())
+    });
+    for (plan, shared) in plans.iter().zip(shared) {
+        assert_eq!(shared.sections, run(std::slice::from_ref(plan)).sections);
+    }
+}
+
+#[test]
+fn euler_runs_too() {
+    if no_vulkan() {
+        return;
+    }
+    let mut one = short(5);
+    one.integrator = Integrator::Euler;
+    let kept = run(&[one]);
+    assert_eq!(kept.sections[0].len(), 7);
+    kept.sections[0].iter().for_each(|(s, _)| assert_sound(s));
+}
+
+#[test]
+fn a_member_that_is_cancelled_or_fails_leaves_the_others_whole() {
+    if no_vulkan() {
+        return;
+    }
+    let mut plans: Vec<Plan> = (1..=3).map(short).collect();
+    // Stiffness that is not a number at step 25.
+    let at = plans[2].burn_in as usize + 25;
+    plans[2].rows[at].stiffness = f32::NAN;
+    let mut kept = Kept::new(3);
+    kept.cancel = Some((0, 5));
+    run_batch(device(), &plans, &mut kept).unwrap();
+    assert_eq!((kept.finished[0], kept.failed[0].clone()), (None, None));
+    assert!(kept.sections[0].len() < 7, "cancelled at step {}", kept.reached[0]);
+    assert_eq!(kept.failed[2], Some(SimError::NotFinite { step: 26 }));
+    assert_eq!((kept.finished[2], kept.sections[2].len()), (None, 3));
+    assert!(kept.finished[1].is_some());
+    assert_eq!(kept.sections[1], run(&plans[1..2]).sections[0]);
+}
+
+#[test]
+fn a_lost_device_is_told_and_a_new_one_goes_on() {
+    if no_vulkan() {
+        return;
+    }
+    let device = open();
+    let plans: Vec<Plan> = (1..=2).map(short).collect();
+    let mut kept = Kept::new(2);
+    kept.lose = Some((device.clone(), 10));
+    let error = run_batch(&device, &plans, &mut kept).unwrap_err();
+    assert!(matches!(error, GpuError::Lost { .. }), "{error}");
+    assert!(device.is_lost());
+    assert_eq!(kept.finished, [None, None]);
+    let again = run_batch(&device, &plans, &mut Kept::new(2)).unwrap_err();
+    assert!(matches!(again, GpuError::Lost { .. }), "{again}");
+    let mut kept = Kept::new(2);
+    run_batch(&open(), &plans, &mut kept).unwrap();
+    assert!(kept.finished.iter().all(Option::is_some));
+}
+
+#[test]
+fn only_what_fits_and_is_alike_runs_together() {
+    if no_vulkan() {
+        return;
+    }
+    let (a, b) = (short(1), plan(&json!({}), 1));
+    let error = device().fits(&[&a, &b]).unwrap_err();
+    assert!(matches!(&error, GpuError::Unfit { .. }), "{error}");
+    assert!(matches!(run_batch(device(), &[], &mut Kept::new(0)), Err(GpuError::Unfit { .. })));
+    let giant = plan(&json!({ "particles": { "total": 80_000, "outer": 100 }, "wall": { "lobing": 0 } }), 1);
+    assert!(matches!(device().fits(&[&giant]), Err(GpuError::Unfit { .. })));
+    assert_eq!(device().max_batch(&giant), 0);
+    let most = device().max_batch(&a);
+    assert!(most >= 16, "{most}");
+    assert!(device().fits(&vec![&a; most]).is_ok());
+}

@@ -1,0 +1,154 @@
+//! Whole models grown on a device: by the library, by the command, and by a worker whose device is lost in mid-batch.
+
+use crate::common::{OPTIONS, device, no_vulkan};
+use oviduct::clock::{Clock, Stopwatch};
+use oviduct::generate::{Backend, CancelToken, Member, Outcome, Output, Request, generate_batch};
+use oviduct::jobs::artifacts::Artifacts;
+use oviduct::jobs::sqlite::SqliteStore;
+use oviduct::jobs::{Job, JobId, NewJob, Status, Store, StoreOptions};
+use oviduct::spec::{ModelSpec, preset};
+use oviduct::worker::{BatchGenerator, GpuGenerator, PoolOptions, WorkerPool, generate_on_cpu};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::process::Command;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+fn spec(steps: u32) -> ModelSpec {
+    let patch = json!({
+        "steps": steps, "burn_in": 20,
+        "particles": { "total": { "keys": [[0, 180], [1, 400]] }, "outer": { "keys": [[0, 50], [1, 60]] } },
+    });
+    ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap()
+}
+
+fn grow(seeds: &[u64]) -> Vec<Outcome> {
+    let dir = tempfile::tempdir().unwrap();
+    let requests: Vec<Request> = seeds
+        .iter()
+        .map(|&seed| {
+            let dir = dir.path().join(seed.to_string());
+            std::fs::create_dir(&dir).unwrap();
+            let (preset, backend, outputs) = ("pig".into(), Backend::Gpu, vec![Output::Glb]);
+            Request { preset, spec: spec(60), seed, backend, outputs, dir, memory_limit_bytes: None }
+        })
+        .collect();
+    let cancel = CancelToken::default();
+    let members: Vec<Member<'_>> =
+        requests.iter().map(|request| Member { request, sink: &(), cancel: &cancel }).collect();
+    let ends: Vec<Mutex<Option<Outcome>>> = seeds.iter().map(|_| Mutex::new(None)).collect();
+    generate_batch(device(), &members, &|index, result| *ends[index].lock().unwrap() = Some(result.unwrap()));
+    ends.into_iter().map(|end| end.into_inner().unwrap().unwrap()).collect()
+}
+
+#[test]
+fn a_batch_gives_certified_models_with_the_same_bytes_alone_or_together() {
+    if no_vulkan() {
+        return;
+    }
+    let together = grow(&[1, 2]);
+    for outcome in &together {
+        assert_eq!((outcome.used, outcome.device.as_str()), (Backend::Gpu, device().name()));
+        assert_eq!(outcome.certificate["passed"], true);
+        assert_eq!(outcome.summary["sections"], 7);
+        assert_eq!(outcome.summary["particles"], json!({ "start": 180, "end": 400 }));
+    }
+    assert_eq!(grow(&[2])[0].files, together[1].files);
+}
+
+#[test]
+fn the_command_grows_on_a_gpu() {
+    if no_vulkan() {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let run = |arguments: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_oviduct"));
+        command.current_dir(dir.path()).args(["generate", "--seed", "1", "--out", "model", "--json"]);
+        command.args(["--set", "steps=40", "--set", "particles.total={\"keys\":[[0,180],[1,260]]}"]);
+        command.args(["--set", "particles.outer=50", "--set", "burn_in=10"]);
+        command.args(arguments).output().unwrap()
+    };
+    let output = run(&["--backend", "gpu", "--allow-software-adapter"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let told: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&told["backend"]["used"], &told["backend"]["fallback"]), (&json!("gpu"), &Value::Null));
+    assert_eq!(told["certificate"]["passed"], true);
+    assert!(dir.path().join("model/model.glb").exists());
+
+    let output = run(&["--backend", "gpu", "--gpu", "off"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("--gpu off"));
+    let output = run(&["--gpu", "off"]);
+    let told: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(told["backend"]["used"], "cpu");
+    assert!(told["backend"]["fallback"].as_str().unwrap().contains("--gpu off"));
+}
+
+async fn until(store: &Arc<dyn Store>, id: JobId, done: impl Fn(&Job) -> bool) -> Job {
+    let since = Stopwatch::start();
+    loop {
+        let job = store.get(id).await.unwrap().expect("the job is gone");
+        if done(&job) {
+            return job;
+        }
+        assert!(since.seconds() < 120.0, "it never came about: {job:?}");
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_device_lost_in_mid_batch_harms_no_job_and_is_opened_anew() {
+    if no_vulkan() {
+        return;
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let store: Arc<dyn Store> = Arc::new(SqliteStore::open_in_memory(StoreOptions::default()).await.unwrap());
+    let submit = async |seed, steps| {
+        let new = NewJob {
+            preset: "pig".into(),
+            seed,
+            spec: spec(steps).to_json(),
+            outputs: vec![Output::Glb],
+            backend: Backend::Auto,
+            labels: BTreeMap::new(),
+            digest: format!("{seed} {steps}"),
+            reuse: false,
+            idempotency: None,
+        };
+        store.submit(new).await.unwrap().job().id
+    };
+    let mut ids = Vec::new();
+    for seed in 1..=3 {
+        ids.push(submit(seed, 1200).await);
+    }
+    let gpu = Arc::new(GpuGenerator::all(OPTIONS).unwrap().swap_remove(0));
+    let options = PoolOptions {
+        workers: 0,
+        progress: Duration::from_millis(20),
+        heartbeat: Duration::from_millis(200),
+        lease: Duration::from_secs(60),
+        ..PoolOptions::new(dir.path().join("scratch"))
+    };
+    let pool = WorkerPool::start_with_gpus(
+        Arc::clone(&store),
+        Artifacts::local(&dir.path().join("artifacts")).unwrap(),
+        Arc::new(generate_on_cpu),
+        vec![Arc::clone(&gpu) as Arc<dyn BatchGenerator>],
+        options,
+        Clock::System,
+    )
+    .unwrap();
+    let running = until(&store, ids[0], |job| job.section.is_some()).await;
+    assert_eq!(running.backend.used, Some(Backend::Gpu));
+    gpu.lose();
+    for id in ids {
+        let job = until(&store, id, |job| job.status.is_ended()).await;
+        assert_eq!((job.status, job.attempts, &job.problem), (Status::Succeeded, 1, &None));
+        assert_eq!(job.backend.used, Some(Backend::Cpu));
+        assert!(job.backend.fallback.as_ref().unwrap().contains("the GPU was lost"), "{:?}", job.backend);
+    }
+    let job = until(&store, submit(4, 60).await, |job| job.status.is_ended()).await;
+    assert_eq!((job.status, job.backend.used, job.backend.fallback), (Status::Succeeded, Some(Backend::Gpu), None));
+    pool.shutdown(Duration::from_secs(5)).await;
+}

@@ -1,0 +1,262 @@
+//! Stage by stage: one step of both backends from the same state, with all but the stage in question switched off.
+//!
+//! Forces are seen as the velocity that one Euler step gives to a loop at rest. Tolerances are relative to the size of
+//! the force (plus one, in µm a step): both sides round to f32, and a GPU may be off by a few units in the last place
+//! in division, square root and exponential, and by 7e-5 in the arc cosine.
+
+use crate::common::{device, no_vulkan, plan};
+use oviduct::sim::cpu::CpuSimulation;
+use oviduct::sim::gpu::{Checkpoint, advance};
+use oviduct::sim::{InnerLoop, Plan, Simulator, StepRow};
+use oviduct::spec::{Integrator, Search};
+use serde_json::{Value, json};
+
+/// Step from which stages are compared: a growth event opens it, and the loop is buckled.
+const AT: i64 = 80;
+
+/// A plan and the state that the CPU reaches with it.
+fn buckled(patch: &Value, seed: u64) -> (Plan, Checkpoint) {
+    let plan = plan(patch, seed);
+    let mut simulation = CpuSimulation::new(plan.clone(), 1);
+    while simulation.time() < AT {
+        simulation.step().unwrap();
+    }
+    (plan, simulation.checkpoint())
+}
+
+/// Both backends' state one step on; the CPU visits all pairs.
+fn both(plan: &Plan, start: &Checkpoint) -> (Checkpoint, Checkpoint) {
+    let mut cpu = CpuSimulation::resume(Plan { search: Search::AllPairs, ..plan.clone() }, start, 1);
+    cpu.step().unwrap();
+    let gpu = advance(device(), std::slice::from_ref(plan), std::slice::from_ref(start), start.time + 1).unwrap();
+    assert_eq!((gpu.len(), gpu[0].len()), (1, 1));
+    (cpu.checkpoint(), gpu[0][0].clone())
+}
+
+/// Switches growth off and every force but those that `keep` puts back; makes one Euler step of it, without a guard.
+fn only(plan: &mut Plan, start: &mut Checkpoint, keep: impl Fn(&StepRow, &mut StepRow)) {
+    let (inner, outer) = (start.inner.len() as u32, start.outer.len() as u32);
+    for row in &mut plan.rows {
+        let mut bare = StepRow {
+            edge: row.edge,
+            ramp: row.ramp,
+            squash: row.squash,
+            r_in: row.r_in,
+            r_wall: row.r_wall,
+            softening: row.softening,
+            range_mean: row.range_mean,
+            range_half: row.range_half,
+            barrier_distance: row.barrier_distance,
+            variation: row.variation,
+            inner_target: inner,
+            outer_target: outer,
+            ..StepRow::default()
+        };
+        keep(row, &mut bare);
+        *row = bare;
+    }
+    plan.integrator = Integrator::Euler;
+    // No clearance is too small: moves are cut at 5 µm only.
+    plan.clearance = -1e3;
+    start.inner.vx.fill(0.0);
+    start.inner.vy.fill(0.0);
+}
+
+fn assert_close(what: &str, cpu: &[f32], gpu: &[f32], relative: f32) {
+    assert_eq!(cpu.len(), gpu.len(), "{what}");
+    let mut worst = (0.0f32, 0);
+    for (i, (a, b)) in cpu.iter().zip(gpu).enumerate() {
+        assert!(a.is_finite() && b.is_finite(), "{what}: entry {i} is {a} and {b}");
+        let off = (a - b).abs() / (1.0 + a.abs());
+        if off > worst.0 {
+            worst = (off, i);
+        }
+    }
+    println!("{what}: {:.2e}", worst.0);
+    let i = worst.1;
+    assert!(worst.0 <= relative, "{what}: entry {i} is {} on the CPU, {} on the GPU ({:.2e})", cpu[i], gpu[i], worst.0);
+}
+
+fn assert_velocities(cpu: &InnerLoop, gpu: &InnerLoop, relative: f32) {
+    assert!(cpu.vx.iter().any(|v| v.abs() > 0.01), "nothing moves: the test shows nothing");
+    assert_eq!(cpu.id, gpu.id);
+    assert_close("vx", &cpu.vx, &gpu.vx, relative);
+    assert_close("vy", &cpu.vy, &gpu.vy, relative);
+}
+
+#[test]
+fn pair_forces_match() {
+    if no_vulkan() {
+        return;
+    }
+    let (plan, start) = buckled(&json!({ "variation": { "amplitude": 0.4 } }), 3);
+    let (mut plan, mut start) = (plan, start);
+    only(&mut plan, &mut start, |row, bare| {
+        (bare.repulsion, bare.barrier) = (row.repulsion, row.barrier);
+    });
+    let (cpu, gpu) = both(&plan, &start);
+    assert_velocities(&cpu.inner, &gpu.inner, 2e-5);
+    assert_close("clearance", &cpu.clearance, &gpu.clearance, 1e-4);
+}
+
+#[test]
+fn pair_forces_match_where_lists_overflow() {
+    if no_vulkan() {
+        return;
+    }
+    // 1,340 particles are 84 blocks, all within range: more than the list of a particle holds.
+    let plan = plan(&json!({ "particles": { "total": 1400, "outer": 60 } }), 4);
+    let mut start = CpuSimulation::new(plan.clone(), 1).checkpoint();
+    let mut plan = plan;
+    only(&mut plan, &mut start, |row, bare| {
+        bare.repulsion = 0.02 * row.repulsion;
+        bare.range_mean = 2000.0;
+    });
+    let (cpu, gpu) = both(&plan, &start);
+    assert_velocities(&cpu.inner, &gpu.inner, 2e-4);
+}
+
+#[test]
+fn local_forces_match() {
+    if no_vulkan() {
+        return;
+    }
+    let (plan, start) = buckled(&json!({ "contortion": { "fraction": 0.5 } }), 5);
+    for (name, relative, keep) in [
+        ("spring", 2e-5, (|row, bare| bare.stiffness = row.stiffness) as fn(&StepRow, &mut StepRow)),
+        ("bending", 2e-5, |row, bare| bare.bending = row.bending),
+        ("containment", 2e-5, |row, bare| {
+            bare.containment = row.containment;
+            bare.r_in = 0.9 * row.r_in;
+        }),
+        ("regulatory", 2e-5, |row, bare| bare.regulatory = row.regulatory),
+        ("contortion", 2e-4, |_, bare| bare.contortion = [0.5; 3]),
+    ] {
+        println!("{name}");
+        let (mut plan, mut start) = (plan.clone(), start.clone());
+        only(&mut plan, &mut start, keep);
+        let (cpu, gpu) = both(&plan, &start);
+        assert_velocities(&cpu.inner, &gpu.inner, relative);
+    }
+    // Friction and damping act on what moves.
+    let (mut plan, mut moving) = (plan, start.clone());
+    only(&mut plan, &mut moving, |row, bare| (bare.friction, bare.damping) = (row.friction, row.damping));
+    (moving.inner.vx, moving.inner.vy) = (start.inner.vx, start.inner.vy);
+    let (cpu, gpu) = both(&plan, &moving);
+    assert_velocities(&cpu.inner, &gpu.inner, 2e-5);
+}
+
+#[test]
+fn integrate_matches() {
+    if no_vulkan() {
+        return;
+    }
+    for integrator in [Integrator::Rk4, Integrator::Euler] {
+        let (mut plan, start) = buckled(&json!({ "variation": { "amplitude": 0.4 } }), 6);
+        plan.integrator = integrator;
+        let (cpu, gpu) = both(&plan, &start);
+        assert_velocities(&cpu.inner, &gpu.inner, 2e-4);
+        // Relative to the position in µm: 1e-6 of 500 µm is ten units in the last place.
+        assert_close("x", &cpu.inner.x, &gpu.inner.x, 1e-6);
+        assert_close("y", &cpu.inner.y, &gpu.inner.y, 1e-6);
+        assert_close("rest", &cpu.inner.rest, &gpu.inner.rest, 1e-6);
+        assert_close("clearance", &cpu.clearance, &gpu.clearance, 1e-4);
+    }
+}
+
+#[test]
+fn integrate_matches_where_stages_leave_the_lists_behind() {
+    if no_vulkan() {
+        return;
+    }
+    let (plan, mut start) = buckled(&json!({}), 7);
+    // Within the step the stages go up to 30 µm, farther than lists reach.
+    for (i, (vx, vy)) in start.inner.vx.iter_mut().zip(&mut start.inner.vy).enumerate() {
+        (*vx, *vy) = (30.0 * ((i / 20) as f32).sin(), 30.0 * ((i / 20) as f32).cos());
+    }
+    let (cpu, gpu) = both(&plan, &start);
+    assert_velocities(&cpu.inner, &gpu.inner, 2e-3);
+    assert_close("x", &cpu.inner.x, &gpu.inner.x, 1e-5);
+}
+
+#[test]
+fn guard_matches() {
+    if no_vulkan() {
+        return;
+    }
+    let (plan, mut start) = buckled(&json!({ "collision": { "strength": 0.02, "barrier": 0 } }), 8);
+    for (i, v) in start.inner.vx.iter_mut().enumerate() {
+        *v = if i % 3 == 0 { 8.0 } else { 0.0 };
+    }
+    let (cpu, gpu) = both(&plan, &start);
+    assert_close("clearance", &cpu.clearance, &gpu.clearance, 1e-4);
+    assert_close("x", &cpu.inner.x, &gpu.inner.x, 1e-5);
+    assert_close("y", &cpu.inner.y, &gpu.inner.y, 1e-5);
+    // Particles that growth has added have no place to compare with.
+    let mut cut = 0;
+    for (k, id) in start.inner.id.iter().enumerate() {
+        let i = gpu.inner.id.iter().position(|other| other == id).unwrap();
+        let (dx, dy) = (gpu.inner.x[i] - start.inner.x[k], gpu.inner.y[i] - start.inner.y[k]);
+        let limit = (0.45 * (gpu.clearance[i] - plan.clearance)).clamp(1e-5, 5.0);
+        assert!(dx.hypot(dy) <= limit + 1e-3, "particle {id} moved {} µm, {limit} allowed", dx.hypot(dy));
+        cut += usize::from(dx.hypot(dy) > limit - 1e-3);
+    }
+    assert!(cut > 10, "the guard had nothing to do: the test shows nothing");
+}
+
+#[test]
+fn growth_matches() {
+    if no_vulkan() {
+        return;
+    }
+    for (seed, inner, outer) in [(9, 37, 5), (10, 300, 40), (11, 0, 0), (12, 100_000, 100_000)] {
+        let (mut plan, start) = buckled(&json!({ "contortion": { "fraction": 0.5 } }), seed);
+        for row in &mut plan.rows {
+            // A target out of reach splits every edge there is room at.
+            row.inner_target = (start.inner.len() as u32 + inner).min(2000);
+            row.outer_target = (start.outer.len() as u32 + outer).min(400);
+        }
+        let (cpu, gpu) = both(&plan, &start);
+        assert!(inner == 0 || cpu.inner.len() > start.inner.len());
+        assert_eq!(cpu.inner.id, gpu.inner.id, "the same edges are split, in the same order");
+        assert_eq!(cpu.inner.next_id, gpu.inner.next_id);
+        assert_eq!(cpu.inner.sign, gpu.inner.sign);
+        assert_eq!(cpu.outer.id, gpu.outer.id);
+        assert_close("rest", &cpu.inner.rest, &gpu.inner.rest, 1e-6);
+        assert_close("anchor_x", &cpu.inner.anchor_x, &gpu.inner.anchor_x, 2e-5);
+        assert_close("anchor_y", &cpu.inner.anchor_y, &gpu.inner.anchor_y, 2e-5);
+        assert_close("x", &cpu.inner.x, &gpu.inner.x, 1e-5);
+    }
+}
+
+#[test]
+fn thickness_matches() {
+    if no_vulkan() {
+        return;
+    }
+    let (plan, start) = buckled(&json!({ "variation": { "amplitude": 0.7 } }), 13);
+    let (cpu, gpu) = both(&plan, &start);
+    let spread = cpu.inner.scale.iter().fold([f32::MAX, 0.0], |s, &x| [s[0].min(x), s[1].max(x)]);
+    assert!(spread[1] > 1.2 * spread[0], "{spread:?}: the test shows nothing");
+    assert_close("scale", &cpu.inner.scale, &gpu.inner.scale, 2e-5);
+}
+
+#[test]
+fn outer_matches() {
+    if no_vulkan() {
+        return;
+    }
+    let (plan, start) = buckled(&json!({ "wall": { "lobing": 0.1 } }), 14);
+    let (mut cpu, mut gpu) = (start.clone(), start);
+    // Several steps, each from its own state, so that the burden of the wall changes.
+    for _ in 0..5 {
+        let mut simulation = CpuSimulation::resume(plan.clone(), &cpu, 1);
+        simulation.step().unwrap();
+        cpu = simulation.checkpoint();
+        gpu = advance(device(), std::slice::from_ref(&plan), &[gpu.clone()], gpu.time + 1).unwrap()[0][0].clone();
+    }
+    assert_eq!(cpu.outer.id, gpu.outer.id);
+    let flat = |p: &[[f32; 2]]| p.iter().flatten().copied().collect::<Vec<f32>>();
+    assert_close("outer positions", &flat(&cpu.outer.p), &flat(&gpu.outer.p), 1e-5);
+    assert_close("outer velocities", &flat(&cpu.outer.v), &flat(&gpu.outer.v), 2e-3);
+}

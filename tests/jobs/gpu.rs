@@ -1,0 +1,248 @@
+//! GPU workers over a device that follows a script: batches, who takes what, every way to fall back.
+
+use crate::scripted::{FakeGpu, Fate, Place, scripted};
+use crate::suite::LEASE;
+use oviduct::clock::{Clock, Stopwatch};
+use oviduct::generate::Backend;
+use oviduct::jobs::state::AttemptEnd;
+use oviduct::jobs::{JobId, NewJob, Status, WorkerInfo};
+use std::time::Duration;
+
+impl Place {
+    /// Queues a job of a size, asked of a backend.
+    async fn ask(&self, backend: Backend, script: &str, size: u32, seed: u64) -> JobId {
+        let spec = serde_json::json!({ "script": script, "size": size });
+        self.store.submit(NewJob { backend, spec, ..scripted(script, seed) }).await.unwrap().job().id
+    }
+}
+
+fn no_cpu(options: &mut oviduct::worker::PoolOptions) {
+    options.workers = 0;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn jobs_of_like_size_run_together_and_end_each_by_itself() {
+    let place = Place::fresh(|_| {}).await;
+    let ok = place.ask(Backend::Auto, "slow", 1, 1).await;
+    let other = place.ask(Backend::Gpu, "ok", 2, 2).await;
+    let bad = place.ask(Backend::Gpu, "certificate", 1, 3).await;
+    let waits = place.ask(Backend::Auto, "wait", 1, 4).await;
+    let gone = place.ask(Backend::Auto, "wait", 1, 5).await;
+    let cpu = place.ask(Backend::Cpu, "ok", 1, 6).await;
+    let gpu = FakeGpu::new(Fate::Well);
+    let pool = place.start_with_gpu(&gpu, no_cpu);
+
+    let running = place.until(waits, |job| job.progress.is_some()).await;
+    assert_eq!((running.backend.used, running.backend.device.as_deref()), (Some(Backend::Gpu), Some("a fake GPU")));
+    let worker = place.store.workers().await.unwrap().pop().unwrap();
+    assert_eq!((worker.backend, worker.device.as_str()), (Backend::Gpu, "a fake GPU"));
+    place.until(gone, |job| job.progress.is_some()).await;
+    place.store.delete(gone).await.unwrap().unwrap();
+    let since = Stopwatch::start();
+    place.store.cancel(waits).await.unwrap();
+    assert_eq!(place.ended(waits).await.status, Status::Cancelled);
+    assert!(since.seconds() < 1.0, "{} s", since.seconds());
+
+    let failed = place.ended(bad).await;
+    assert_eq!((failed.status, failed.problem.unwrap().kind.as_str()), (Status::Failed, "certificate"));
+    let job = place.ended(ok).await;
+    assert_eq!(
+        (job.status, job.backend.used, job.backend.fallback.as_deref()),
+        (Status::Succeeded, Some(Backend::Gpu), None)
+    );
+    place.check_files(&job).await;
+    // What did not fit went back to its place, and came next.
+    let job = place.ended(other).await;
+    assert_eq!((job.status, job.backend.used), (Status::Succeeded, Some(Backend::Gpu)));
+    let outcomes: Vec<_> = place.store.attempts(other).await.unwrap().iter().map(|a| a.outcome.unwrap()).collect();
+    assert_eq!(outcomes, [AttemptEnd::Released, AttemptEnd::Succeeded]);
+    assert_eq!(*gpu.batches.lock().unwrap(), [vec![1, 3, 4, 5], vec![2]]);
+    assert_eq!(place.store.get(cpu).await.unwrap().unwrap().status, Status::Queued);
+    pool.shutdown(Duration::from_secs(5)).await;
+    let worker = place.store.workers().await.unwrap().pop().unwrap();
+    assert_eq!((worker.job, worker.jobs_done), (None, 4));
+    assert!(place.scratch().is_empty());
+    assert_eq!(place.visible().len(), 4, "files of two models");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_a_gpu_cannot_do_falls_back_within_the_attempt_or_fails_as_asked() {
+    let cases = [
+        (Fate::Lost, "the GPU was lost: it was pulled out"),
+        (Fate::OutOfMemory, "the GPU ran out of memory"),
+        (Fate::Unfit, "it is too large for the GPU"),
+        (Fate::Gone, "it was pulled out"),
+    ];
+    for (fate, reason) in cases {
+        let place = Place::fresh(|_| {}).await;
+        let auto = place.ask(Backend::Auto, "slow", 1, 1).await;
+        let only = place.ask(Backend::Gpu, "slow", 1, 2).await;
+        let gpu = FakeGpu::new(fate);
+        let pool = place.start_with_gpu(&gpu, |options| {
+            options.heartbeat = Duration::from_millis(100);
+            no_cpu(options);
+        });
+        if fate == Fate::Lost {
+            // The record tells the truth while it still runs, and progress does not fall.
+            let job = place.until(auto, |job| job.backend.used == Some(Backend::Cpu)).await;
+            assert_eq!((job.status, job.backend.fallback.as_deref()), (Status::Running, Some(reason)));
+            let job = place.until(auto, |job| job.section.is_some()).await;
+            assert!(job.progress.unwrap().fraction >= 0.6);
+            assert_eq!(job.section.unwrap().index, 0);
+        }
+        let job = place.ended(auto).await;
+        assert_eq!((job.status, job.attempts, &job.problem), (Status::Succeeded, 1, &None), "{fate:?}");
+        assert_eq!(job.backend.requested, Backend::Auto);
+        assert_eq!(job.backend.used, Some(Backend::Cpu), "{fate:?}");
+        assert_eq!(job.backend.device.as_deref(), Some("scripted, 2 threads"));
+        assert_eq!(job.backend.fallback.as_deref(), Some(reason), "{fate:?}");
+        place.check_files(&job).await;
+        let job = place.ended(only).await;
+        let problem = job.problem.unwrap();
+        assert_eq!((job.status, problem.kind.as_str()), (Status::Failed, "gpu"), "{fate:?}");
+        assert!(problem.detail.contains(reason), "{}", problem.detail);
+        pool.shutdown(Duration::from_secs(5)).await;
+        assert!(place.scratch().is_empty());
+        if fate == Fate::Gone {
+            assert_eq!(place.store.workers().await.unwrap(), [], "nobody should count on a GPU that is not there");
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_lost_device_harms_only_what_it_had_not_finished_and_is_opened_anew() {
+    let place = Place::fresh(|_| {}).await;
+    let done = place.ask(Backend::Auto, "ok", 1, 1).await;
+    let first = place.ask(Backend::Auto, "slow", 1, 2).await;
+    let second = place.ask(Backend::Auto, "slow", 1, 3).await;
+    let gpu = FakeGpu::new(Fate::Lost);
+    let pool = place.start_with_gpu(&gpu, no_cpu);
+    let job = place.ended(done).await;
+    assert_eq!((job.backend.used, job.backend.fallback), (Some(Backend::Gpu), None));
+    let since = Stopwatch::start();
+    for id in [first, second] {
+        let job = place.ended(id).await;
+        assert_eq!((job.status, job.attempts, job.backend.used), (Status::Succeeded, 1, Some(Backend::Cpu)));
+        assert!(job.backend.fallback.unwrap().contains("lost"));
+    }
+    assert!(since.seconds() > 2.0, "two jobs ran on the CPU's threads at a time");
+    let next = place.ended(place.ask(Backend::Gpu, "ok", 1, 4).await).await;
+    assert_eq!((next.status, next.backend.used), (Status::Succeeded, Some(Backend::Gpu)));
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_panic_of_the_batch_fails_its_jobs_and_the_worker_goes_on() {
+    let place = Place::fresh(|_| {}).await;
+    let ids = [place.ask(Backend::Auto, "slow", 1, 1).await, place.ask(Backend::Gpu, "slow", 1, 2).await];
+    let gpu = FakeGpu::new(Fate::Panics);
+    let pool = place.start_with_gpu(&gpu, no_cpu);
+    for id in ids {
+        let problem = place.ended(id).await.problem.unwrap();
+        assert_eq!((problem.kind.as_str(), problem.detail.as_str()), ("panic", "the driver is at fault"));
+    }
+    *gpu.fate.lock().unwrap() = Fate::Well;
+    let next = place.ended(place.ask(Backend::Gpu, "ok", 1, 3).await).await;
+    assert_eq!(next.status, Status::Succeeded);
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_member_that_lost_its_lease_is_dropped_and_the_others_go_on() {
+    let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
+    let place = Place::fresh(|options| options.clock = clock.clone()).await;
+    let ids = [place.ask(Backend::Auto, "wait", 1, 1).await, place.ask(Backend::Auto, "slow", 1, 2).await];
+    let gpu = FakeGpu::new(Fate::Well);
+    let pool = place.start_with_gpu(&gpu, |options| {
+        options.heartbeat = Duration::from_secs(60);
+        no_cpu(options);
+    });
+    for id in ids {
+        place.until(id, |job| job.progress.is_some()).await;
+    }
+    // Both leases run out; another takes the older job, and the younger one goes back to the queue.
+    clock.advance(LEASE);
+    let other = place.store.claim("other", Backend::Gpu, LEASE, 1).await.unwrap().pop().unwrap();
+    assert_eq!((other.job().id, other.attempt()), (ids[0], 2));
+    let job = place.ended(ids[1]).await;
+    assert_eq!((job.status, job.attempts), (Status::Succeeded, 2));
+    pool.shutdown(Duration::from_secs(5)).await;
+    assert_eq!(place.store.get(ids[0]).await.unwrap().unwrap().version, other.job().version);
+    place.store.release(other).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_shutdown_gives_the_whole_batch_back() {
+    let place = Place::fresh(|_| {}).await;
+    let ids = [place.ask(Backend::Auto, "wait", 1, 1).await, place.ask(Backend::Gpu, "wait", 1, 2).await];
+    let gpu = FakeGpu::new(Fate::Well);
+    let pool = place.start_with_gpu(&gpu, no_cpu);
+    for id in ids {
+        place.until(id, |job| job.progress.is_some()).await;
+    }
+    pool.shutdown(Duration::from_millis(100)).await;
+    for (position, id) in ids.into_iter().enumerate() {
+        let job = place.store.get(id).await.unwrap().unwrap();
+        assert_eq!((job.status, job.queue_position), (Status::Queued, Some(position as u64)));
+        assert_eq!((job.backend.used, job.backend.device), (None, None));
+    }
+    assert!(place.scratch().is_empty());
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_cpu_worker_leaves_auto_to_a_living_gpu_until_the_queue_is_long() {
+    let place = Place::fresh(|_| {}).await;
+    let gpu = FakeGpu::new(Fate::Well);
+    let pool = place.start_with_gpu(&gpu, |options| {
+        options.batch = 1;
+        options.poll = Duration::from_millis(50);
+    });
+    let seen = Stopwatch::start();
+    while place.store.workers().await.unwrap().len() < 2 {
+        assert!(seen.seconds() < 5.0);
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    // The GPU is busy, the CPU is free.
+    let busy = place.ask(Backend::Gpu, "wait", 1, 1).await;
+    place.until(busy, |job| job.progress.is_some()).await;
+    let first = place.ask(Backend::Auto, "ok", 1, 2).await;
+    let named = place.ended(place.ask(Backend::Cpu, "ok", 1, 3).await).await;
+    assert_eq!((named.status, named.backend.fallback), (Status::Succeeded, None));
+    assert_eq!(place.store.get(first).await.unwrap().unwrap().status, Status::Queued);
+    // Two claims' worth may wait; the third is too much.
+    place.ask(Backend::Auto, "ok", 1, 4).await;
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    assert_eq!(place.store.get(first).await.unwrap().unwrap().status, Status::Queued);
+    place.ask(Backend::Auto, "ok", 1, 5).await;
+    let job = place.ended(first).await;
+    assert_eq!((job.status, job.backend.used), (Status::Succeeded, Some(Backend::Cpu)));
+    assert_eq!(job.backend.fallback.as_deref(), Some("3 jobs were waiting for 1 GPU worker"));
+    place.store.cancel(busy).await.unwrap();
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn without_a_living_gpu_worker_a_cpu_worker_takes_auto_and_says_why() {
+    let place = Place::fresh(|_| {}).await;
+    // Another machine's, long silent.
+    let dead = WorkerInfo {
+        id: "far-1-gpu0".into(),
+        host: "far".into(),
+        backend: Backend::Gpu,
+        device: "a far GPU".into(),
+        job: None,
+        jobs_done: 3,
+        heartbeat_at: Clock::System.now() - Duration::from_secs(60),
+    };
+    place.store.worker_seen(&dead).await.unwrap();
+    let pool = place.start(|options| options.no_gpu = Some("no GPU was found".into()));
+    let job = place.ended(place.ask(Backend::Auto, "ok", 1, 1).await).await;
+    assert_eq!((job.backend.used, job.backend.fallback.as_deref()), (Some(Backend::Cpu), Some("no GPU was found")));
+    let named = place.ended(place.ask(Backend::CpuSingle, "ok", 1, 2).await).await;
+    assert_eq!(named.backend.fallback, None);
+    // A GPU that is asked for waits for one.
+    let gpu = place.ask(Backend::Gpu, "ok", 1, 3).await;
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    assert_eq!(place.store.get(gpu).await.unwrap().unwrap().status, Status::Queued);
+    pool.shutdown(Duration::from_secs(5)).await;
+}
