@@ -170,3 +170,13 @@ fn the_manifests_are_sound() {
     }
     assert!(documents.iter().all(|d| d["kind"] == "Namespace" || d["metadata"]["namespace"] == "oviduct"));
 }
+
+#[test]
+fn the_guide_names_every_option() {
+    let guide = std::fs::read_to_string(root().join("../docs/operations.md")).unwrap();
+    for command in ["serve", "worker"] {
+        for option in options(command).iter().filter(|o| !["--help", "--version", "--"].contains(&o.as_str())) {
+            assert!(guide.contains(&format!("`{option}")), "docs/operations.md does not name {option} of {command}");
+        }
+    }
+}
