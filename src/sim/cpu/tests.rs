@@ -1,3 +1,5 @@
+//! Tests of the backend as a whole.
+
 use super::*;
 use crate::geometry::polygon::{check_contour, check_nested};
 use crate::spec::{ModelSpec, preset};
