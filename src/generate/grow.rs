@@ -63,7 +63,7 @@ pub(super) fn grow(
         if pace.wants_checkpoint() {
             growth.save(pace)?;
         }
-        advance(&mut growth.simulation, pace, growth.recorded, cancel)?;
+        advance(&mut growth.simulation, pace, cancel)?;
         growth.history.push(growth.simulation.section());
         let time = growth.simulation.time();
         if time % every == 0 || time == steps {
@@ -85,7 +85,7 @@ impl<'a> Growth<'a> {
         let plan = Plan::new(&request.spec, request.seed);
         let mut simulation = CpuSimulation::new(plan, rayon::current_num_threads());
         while simulation.time() < 0 {
-            advance(&mut simulation, pace, 0, cancel)?;
+            advance(&mut simulation, pace, cancel)?;
         }
         let first = simulation.section();
         pace.section(&first);
@@ -111,7 +111,7 @@ impl<'a> Growth<'a> {
         let plan = Plan::new(&request.spec, request.seed);
         let simulation = CpuSimulation::restore(plan, rayon::current_num_threads(), &from.simulation)
             .map_err(|error| GenerateError::Simulation { detail: error.to_string() })?;
-        pace.resumed(simulation.time(), simulation.particles(), from.recorded);
+        pace.resumed(simulation.time(), simulation.particles());
         let watch = Stopwatch::start();
         let mut sections = from.accepted.iter();
         let first = sections.next().ok_or_else(|| unsound(LoftError::NoSection))?;
@@ -139,7 +139,7 @@ impl<'a> Growth<'a> {
     }
 
     /// Lofts up to the step reached.
-    fn record(&mut self, pace: &Pace<'_>) -> Result<(), GenerateError> {
+    fn record(&mut self, pace: &mut Pace<'_>) -> Result<(), GenerateError> {
         let watch = Stopwatch::start();
         let accepted = self.lofter.advance(&self.history).map_err(unsound)?;
         self.loft_seconds += watch.seconds();
@@ -163,16 +163,11 @@ impl<'a> Growth<'a> {
     }
 }
 
-fn advance(
-    simulation: &mut CpuSimulation,
-    pace: &mut Pace<'_>,
-    recorded: u32,
-    cancel: &CancelToken,
-) -> Result<(), GenerateError> {
+fn advance(simulation: &mut CpuSimulation, pace: &mut Pace<'_>, cancel: &CancelToken) -> Result<(), GenerateError> {
     if cancel.is_cancelled() {
         return Err(GenerateError::Cancelled);
     }
     simulation.step().map_err(failed)?;
-    pace.step(simulation.time(), simulation.particles(), recorded);
+    pace.step(simulation.time(), simulation.particles());
     Ok(())
 }

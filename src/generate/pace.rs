@@ -51,7 +51,7 @@ impl<'a> Pace<'a> {
     }
 
     /// A step is done.
-    pub(super) fn step(&mut self, time: i64, particles: u32, sections: u32) {
+    pub(super) fn step(&mut self, time: i64, particles: u32) {
         let all = self.work[self.work.len() - 1].max(1.0);
         let done = match usize::try_from(time) {
             Ok(t) => self.work[t.min(self.work.len() - 1)],
@@ -59,13 +59,12 @@ impl<'a> Pace<'a> {
         };
         self.now.step = time.max(0) as u32;
         self.now.particles = particles;
-        self.now.sections = sections;
         self.tell(begins_at(Stage::Mesh) * done / all);
     }
 
     /// What follows goes on from a checkpoint at this step.
-    pub(super) fn resumed(&mut self, time: i64, particles: u32, sections: u32) {
-        self.step(time, particles, sections);
+    pub(super) fn resumed(&mut self, time: i64, particles: u32) {
+        self.step(time, particles);
         self.watch = Stopwatch::start();
         self.begun = self.now.fraction;
     }
@@ -81,7 +80,8 @@ impl<'a> Pace<'a> {
     }
 
     /// A section is recorded.
-    pub(super) fn section(&self, section: &Section) {
+    pub(super) fn section(&mut self, section: &Section) {
+        self.now.sections += 1;
         self.sink.section(section);
     }
 

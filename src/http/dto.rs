@@ -133,7 +133,10 @@ impl Model {
             labels: job.labels.clone(),
             backend: job.backend.clone(),
             queue: Queue { position: job.queue_position, wait_seconds },
-            progress: job.progress,
+            progress: job.progress.map(|last| match job.status {
+                Status::Succeeded => Progress { fraction: 1.0, eta_seconds: None, ..last },
+                _ => last,
+            }),
             attempts: job.attempts,
             created_at: job.created_at,
             started_at: job.started_at,

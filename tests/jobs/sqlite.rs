@@ -42,6 +42,18 @@ async fn a_restart_keeps_jobs_and_takes_over_their_leases_at_once() {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let options = StoreOptions { clock: clock.clone(), max_attempts: 2, ..StoreOptions::default() };
     let open = || SqliteStore::open(&path, options.clone());
+    // A store that was dropped lets go of its file when its last connection has closed, a moment later.
+    let open_again = || async {
+        for _ in 0..500 {
+            match open().await {
+                Err(error) if error.to_string().contains("in use by another process") => {
+                    tokio::time::sleep(std::time::Duration::from_millis(10)).await;
+                }
+                other => return other,
+            }
+        }
+        open().await
+    };
 
     let store = open().await.unwrap();
     let other = open().await.unwrap_err();
@@ -52,7 +64,7 @@ async fn a_restart_keeps_jobs_and_takes_over_their_leases_at_once() {
     drop(store);
 
     // The lease has not run out: only recovery gives the job free.
-    let store = open().await.unwrap();
+    let store = open_again().await.unwrap();
     let kept = store.get(queued.id).await.unwrap().unwrap();
     assert_eq!(kept, Job { queue_position: Some(0), ..queued });
     assert_eq!(store.recover().await.unwrap(), [running]);
@@ -63,7 +75,7 @@ async fn a_restart_keeps_jobs_and_takes_over_their_leases_at_once() {
     assert_eq!((again.job().id, again.attempt()), (running, 2));
     drop(store);
 
-    let store = open().await.unwrap();
+    let store = open_again().await.unwrap();
     assert_eq!(store.recover().await.unwrap(), [running]);
     let job = store.get(running).await.unwrap().unwrap();
     assert_eq!(job.status, Status::Failed);

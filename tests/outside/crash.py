@@ -29,6 +29,8 @@ def verify(service, ids):
     for model in ids:
         found = service.ended(model)
         assert found["status"] == "succeeded", found
+        assert found["progress"]["fraction"] == 1, found["progress"]
+        assert found["progress"]["sections"] == found["summary"]["sections"], found["progress"]
         names = [file["name"] for file in found["files"]]
         assert sorted(names) == ["model.glb", "model.obj", "report.json", "sections.bin"], names
         for file in found["files"]:

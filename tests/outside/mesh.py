@@ -4,6 +4,7 @@ Usage: mesh.py FILE...    (.glb or .obj)
 """
 
 import sys
+from dataclasses import dataclass
 
 import numpy as np
 import pymeshlab
@@ -21,8 +22,20 @@ def body(path):
     return positions * 1e6, faces[(a != b) & (b != c) & (c != a)]
 
 
+@dataclass
+class Verdict:
+    """What the judges found in a file."""
+
+    # What is wrong, in words.
+    faults: list
+    # Self-intersecting faces (pymeshlab).
+    crossing: int
+    # Watertight, with consistent winding (trimesh).
+    closed: bool
+
+
 def judge(path):
-    """What is wrong with a file, in words."""
+    """Has a file judged."""
     vertices, faces = body(path)
     faults = []
 
@@ -48,15 +61,16 @@ def judge(path):
     meshes.compute_selection_by_self_intersections_per_face()
     crossing = meshes.current_mesh().selected_face_number()
     expect(crossing == 0, f"pymeshlab: {crossing} self-intersecting faces")
-    print(f"trimesh, pymeshlab: {path}: {len(vertices)} vertices, {len(faces)} faces, {crossing} self-intersecting")
-    return faults
+    print(f"trimesh, pymeshlab: {path}: {len(vertices)} vertices, {len(faces)} faces, {crossing} self-intersecting",
+          flush=True)
+    return Verdict(faults, crossing, bool(mesh.is_watertight and mesh.is_winding_consistent))
 
 
 def main():
     paths = sys.argv[1:]
     if not paths:
         sys.exit("no files to judge")
-    faults = [f"{path}: {fault}" for path in paths for fault in judge(path)]
+    faults = [f"{path}: {fault}" for path in paths for fault in judge(path).faults]
     for fault in faults:
         print(fault, file=sys.stderr)
     sys.exit(1 if faults else 0)

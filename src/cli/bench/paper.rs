@@ -100,7 +100,7 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
         Version::whole("lists", "lists, vectors, one core".into(), &lists),
         Version::whole("lists-multi", many("lists, vectors"), &multi),
     ];
-    report(versions, &plan, Basis { runs, repeats, check, whole: lists.seconds })
+    report(versions, &plan, &Basis { runs, repeats, check, whole: lists.seconds })
 }
 
 /// The run of middling time of `runs`.
@@ -124,7 +124,7 @@ struct Basis {
     whole: f64,
 }
 
-fn report(mut versions: Vec<Version>, plan: &Plan, basis: Basis) -> anyhow::Result<Report> {
+fn report(mut versions: Vec<Version>, plan: &Plan, basis: &Basis) -> anyhow::Result<Report> {
     let seconds = |id: &str| versions.iter().find(|v| v.id == id).map_or(f64::NAN, |v| v.seconds);
     let single = seconds("paper-single");
     let ratios = [

@@ -2,7 +2,6 @@
 
 use crate::model::{BodyKind, Mesh, Ring, Section};
 
-#[expect(unreachable_pub, reason = "a file that the benchmarks share")]
 #[path = "../../../benches/common/tube.rs"]
 mod tube;
 

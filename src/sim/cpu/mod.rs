@@ -1,6 +1,6 @@
 //! The simulation on the CPU: one thread or many, same bytes.
 //!
-//! Each particle gathers its forces from blocks of segments in ascending order into [`LANES`] partial sums that
+//! Each particle gathers its forces from blocks of segments in ascending order into [`layout::LANES`](super::layout::LANES) partial sums that
 //! are reduced in a fixed order; pairs out of range add exact zeros. So neither the number of threads nor the
 //! neighbour search can change a bit. Fused multiply-add is never used.
 

@@ -1,4 +1,4 @@
-//! Tests of the backend as a whole.
+//! Whole runs of the simulation: growth, bytes that do not depend on threads or search, and guards.
 
 use super::*;
 use crate::geometry::polygon::{check_contour, check_nested};
