@@ -98,7 +98,7 @@ fn the_command_line_wins_over_variables_and_these_over_the_file() {
 fn stores_that_there_are_not_are_named() {
     let at = folder();
     for (option, url, named) in
-        [("--database", "mysql://u:secret@h/d", "not mysql:"), ("--artifacts", "s3://bucket", "s3://bucket")]
+        [("--database", "mysql://u:secret@h/d", "not mysql:"), ("--artifacts", "gs://bucket", "gs://bucket")]
     {
         let output = run(at.path(), &["serve", "--addr", "127.0.0.1:0", option, url]);
         assert_eq!(code(&output), 2, "{}", said(&output));

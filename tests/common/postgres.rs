@@ -2,6 +2,7 @@
 //!
 //! A shell of its own holds the cluster: when the process that started it ends, in whatever way, the pipe to
 //! the shell closes, and it stops the server and removes the folder. As root everything runs as user `postgres`.
+#![allow(clippy::unwrap_used, reason = "a test: what fails, fails here")]
 
 use std::io::Write;
 use std::net::TcpListener;

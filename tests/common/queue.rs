@@ -33,7 +33,9 @@ pub fn fill_postgres(rows: u64) -> String {
          spec, submitter, turn, engine) \
          SELECT '01900000-0000-7000-8000-' || lpad(to_hex(i), 12, '0'), 'queued', 'pig', i, to_hex(i), '[\"glb\"]', \
          CASE WHEN i % 10 = 0 THEN 'gpu' ELSE 'auto' END, 0, 0, '{{}}', 'key ' || (i % 7), i / 7, '0.1.0' \
-         FROM generate_series(0, {rows} - 1) AS i"
+         FROM generate_series(0, {rows} - 1) AS i; \
+         -- As submissions leave it, had the jobs come one by one.\n\
+         TRUNCATE queue_length; INSERT INTO queue_length (jobs) VALUES ({rows})"
     )
 }
 
@@ -42,7 +44,7 @@ pub fn options() -> StoreOptions {
     StoreOptions { queue_limit: 10_000_000, ..StoreOptions::default() }
 }
 
-/// Seconds that the middle one of the samples took.
+/// Seconds that a sample took, a quarter of all being faster: what else the machine does is kept out.
 #[derive(Clone, Copy, Debug)]
 pub struct Cost {
     pub claim: f64,
@@ -51,9 +53,9 @@ pub struct Cost {
     pub read: f64,
 }
 
-fn middle(mut seconds: Vec<f64>) -> f64 {
+fn lower_quartile(mut seconds: Vec<f64>) -> f64 {
     seconds.sort_by(f64::total_cmp);
-    seconds[seconds.len() / 2]
+    seconds[seconds.len() / 4]
 }
 
 /// What a claim of one job and of four, a submission, and reading the last of the queue cost.
@@ -66,7 +68,7 @@ pub async fn cost(store: &dyn Store) -> Cost {
             seconds.push(since.seconds());
             assert_eq!(claimed.len(), limit as usize, "the queue is too short");
         }
-        middle(seconds)
+        lower_quartile(seconds)
     };
     let (claim_one, claim_four) = (claim(1, SAMPLES).await, claim(4, SAMPLES / 4).await);
     let (mut submits, mut reads) = (Vec::new(), Vec::new());
@@ -91,5 +93,5 @@ pub async fn cost(store: &dyn Store) -> Cost {
         store.get(id).await.expect("a look").expect("the job");
         reads.push(since.seconds());
     }
-    Cost { claim: claim_one, claim_four, submit: middle(submits), read: middle(reads) }
+    Cost { claim: claim_one, claim_four, submit: lower_quartile(submits), read: lower_quartile(reads) }
 }

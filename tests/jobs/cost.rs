@@ -12,7 +12,7 @@ const LONG: u64 = 100_000;
 /// cost hundreds of times as much. The floor keeps a short queue's luck out.
 fn check(short: Cost, long: Cost) {
     eprintln!("{SHORT} queued: {short:?}\n{LONG} queued: {long:?}");
-    let bound = |short: f64| 4.0 * short.max(0.002);
+    let bound = |short: f64| 4.0 * short.max(0.004);
     assert!(long.claim < bound(short.claim), "a claim: {short:?} {long:?}");
     assert!(long.claim_four < bound(short.claim_four), "four at a time: {short:?} {long:?}");
     assert!(long.submit < bound(short.submit), "a submission: {short:?} {long:?}");

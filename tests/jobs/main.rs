@@ -1,5 +1,11 @@
 //! Jobs: one suite over every store, and the worker pool over a store with a scripted generator.
-#![allow(clippy::unwrap_used, missing_docs, unreachable_pub, reason = "a test: what fails, fails here")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stderr,
+    missing_docs,
+    unreachable_pub,
+    reason = "a test: what fails, fails here"
+)]
 
 mod artifacts;
 mod bucket;

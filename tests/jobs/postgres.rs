@@ -273,7 +273,8 @@ async fn a_server_that_crashes_under_load_loses_nothing() {
     let counts = other.counts().await.unwrap();
     assert_eq!((counts.succeeded, counts.total()), (JOBS + 1, JOBS + 1));
     let mut attempts = 0;
-    for id in ids.lock().unwrap().iter() {
+    let ids = ids.lock().unwrap().clone();
+    for id in &ids {
         let job = other.get(*id).await.unwrap().unwrap();
         place.check_files(&job).await;
         let history = other.attempts(*id).await.unwrap();

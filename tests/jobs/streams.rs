@@ -71,7 +71,7 @@ async fn a_stream_shows_what_another_process_does_within_half_a_second() {
     };
     tokio::time::timeout(Duration::from_secs(60), stream).await.expect("the stream did not end");
     assert!(text.contains("event: end") && text.contains("\"succeeded\""), "{text}");
-    let done = done.lock().unwrap();
+    let done = done.lock().unwrap().clone();
     let mut delays: Vec<f64> = (1..=STEPS).filter_map(|step| Some(arrived.get(&step)? - done[&step])).collect();
     delays.sort_by(f64::total_cmp);
     eprintln!("delays of progress from one process to the stream of another: {delays:.3?} s");
