@@ -113,6 +113,8 @@ async fn a_device_lost_in_mid_batch_harms_no_job_and_is_opened_anew() {
             backend: Backend::Auto,
             labels: BTreeMap::new(),
             digest: format!("{seed} {steps}"),
+            engine: oviduct::ENGINE_VERSION.into(),
+            submitter: None,
             reuse: false,
             idempotency: None,
         };
