@@ -17,7 +17,8 @@ const TINY: [&str; 4] = ["--set", "steps=60", "--set", "particles.total={\"keys\
 
 fn oviduct(folder: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_oviduct"));
-    command.current_dir(folder).env_clear();
+    // Without XDG_RUNTIME_DIR a layer of Mesa complains on stderr when adapters are listed.
+    command.current_dir(folder).env_clear().env("XDG_RUNTIME_DIR", folder);
     command
 }
 

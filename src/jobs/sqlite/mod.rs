@@ -31,7 +31,7 @@ pub struct Sqlite {
     reader: SqlitePool,
     time: Time,
     /// Held while the store is open.
-    _lock: Option<File>,
+    lock: Option<File>,
 }
 
 impl SqliteStore {
@@ -81,7 +81,7 @@ impl SqliteStore {
     }
 
     fn with(writer: SqlitePool, reader: SqlitePool, lock: Option<File>, options: StoreOptions) -> Self {
-        let engine = Sqlite { writer, reader, time: Time::Clock(options.clock.clone()), _lock: lock };
+        let engine = Sqlite { writer, reader, time: Time::Clock(options.clock.clone()), lock };
         Self::over(engine, options, Self::channel())
     }
 
@@ -137,5 +137,9 @@ impl Engine for Sqlite {
         self.reader.close().await;
         // Last, so that it writes the log back into the file.
         self.writer.close().await;
+        // By hand: a child process between fork and exec shares the handle, and with it the lock.
+        if let Some(Err(error)) = self.lock.as_ref().map(File::unlock) {
+            tracing::warn!(%error, "the lock of the job store could not be let go");
+        }
     }
 }
