@@ -1,7 +1,7 @@
 //! What clients see: the shapes of answers. Members that do not apply are null, never absent.
 
 use super::problem::TYPE_PREFIX;
-use crate::generate::{Output, Progress};
+use crate::generate::{Output, Progress, Stage};
 use crate::jobs::{BackendReport, Job, LiveSection, Status, WorkerInfo};
 use jiff::Timestamp;
 use serde::Serialize;
@@ -133,10 +133,7 @@ impl Model {
             labels: job.labels.clone(),
             backend: job.backend.clone(),
             queue: Queue { position: job.queue_position, wait_seconds },
-            progress: job.progress.map(|last| match job.status {
-                Status::Succeeded => Progress { fraction: 1.0, eta_seconds: None, ..last },
-                _ => last,
-            }),
+            progress: if job.status == Status::Succeeded { Some(whole(job)) } else { job.progress },
             attempts: job.attempts,
             created_at: job.created_at,
             started_at: job.started_at,
@@ -148,6 +145,22 @@ impl Model {
             digest: job.digest.clone(),
             reused_from: job.reused_from.map(|id| id.0),
         }
+    }
+}
+
+/// Progress of a succeeded model: all of it, also where it was grown (or reused) before a worker told of any.
+fn whole(job: &Job) -> Progress {
+    let number = |value: Option<&Value>| value.and_then(Value::as_u64).and_then(|n| u32::try_from(n).ok()).unwrap_or(0);
+    let found = |pointer: &str| number(job.summary.as_ref().and_then(|summary| summary.pointer(pointer)));
+    let steps = number(job.spec.get("steps"));
+    Progress {
+        stage: Stage::Store,
+        fraction: 1.0,
+        step: steps,
+        steps,
+        particles: found("/particles/end"),
+        sections: found("/sections"),
+        eta_seconds: None,
     }
 }
 
