@@ -158,8 +158,8 @@ fn whole(job: &Job) -> Progress {
         fraction: 1.0,
         step: steps,
         steps,
-        particles: found("/particles/end"),
-        sections: found("/sections"),
+        particles: found("/particles/end").max(job.progress.map_or(0, |last| last.particles)),
+        sections: found("/sections").max(job.progress.map_or(0, |last| last.sections)),
         eta_seconds: None,
     }
 }

@@ -1,15 +1,15 @@
-//! The job store on PostgreSQL, shared by any number of processes. What it does is in [`super::sql`].
+//! The job store on PostgreSQL, shared by any number of processes. What it does is in `jobs::sql`.
 //!
 //! - **Leases do not depend on the clocks of workers**: the time of every lease and record is that of the database
 //!   (`clock_timestamp()`), asked for within the transaction. Only where the store's [`Clock`] is set by hand, as in
 //!   tests, is that one the time.
 //! - **Claims** take several rows in one statement and pass over those that another is just taking
 //!   (`FOR UPDATE SKIP LOCKED`). No transaction is open while a job runs.
-//! - **Changes** are told to other processes by `NOTIFY` once they stand, see [`notify`].
+//! - **Changes** are told to other processes by `NOTIFY` once they stand, see `notify`.
 //! - **A database that goes away** (a restart, a failover) is waited for: what was rolled back is done again, and
 //!   after a commit whose answer got lost the records are asked whether it stands. An end of an attempt is tried for a
 //!   minute, all else for some seconds.
-//! - **A process that stalls** inside a transaction loses it after [`IDLE_IN_TRANSACTION`], so that no lock outlives it.
+//! - **A process that stalls** inside a transaction loses it after `IDLE_IN_TRANSACTION`, so that no lock outlives it.
 
 mod notify;
 

@@ -1,4 +1,4 @@
-//! The job store on SQLite: one file, or memory for tests. What it does is in [`super::sql`].
+//! The job store on SQLite: one file, or memory for tests. What it does is in `jobs::sql`.
 //!
 //! WAL with one writing connection and several reading ones, so readers never wait for a writer.
 //! `synchronous = FULL`: an accepted job survives the loss of power, not only of the process; a commit then
