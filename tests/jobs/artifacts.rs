@@ -122,7 +122,6 @@ async fn jobs_wait_for_a_bucket_that_is_away_for_a_moment() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-#[ignore = "takes half a minute"]
 async fn jobs_wait_for_a_bucket_that_is_away_for_half_a_minute() {
     an_outage_of(Duration::from_secs(30)).await;
 }
