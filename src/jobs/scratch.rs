@@ -28,18 +28,21 @@ impl Scratch {
     /// Where `root` cannot be made or written to.
     pub fn open(root: &Path) -> io::Result<Self> {
         std::fs::create_dir_all(root)?;
+        // One process at a time looks around and makes its folder: a folder is never seen before it is locked. Where
+        // the file system knows no locks, folders stay single all the same, only leavings may be missed.
+        let door = File::create(root.join(LOCK))?;
+        let _ = door.lock();
         for entry in std::fs::read_dir(root)?.flatten() {
-            let lock = File::open(entry.path().join(LOCK));
-            // A folder without a lock file was left half made or half removed, unless it is just being made by
-            // another process: that one then fails to start, and says so.
-            if !matches!(&lock, Ok(file) if file.try_lock().is_err()) && entry.path().is_dir() {
-                std::fs::remove_dir_all(entry.path())?;
+            let folder = entry.path();
+            let lock = File::open(folder.join(LOCK));
+            // A folder without a lock file was left half removed.
+            if folder.is_dir() && !matches!(&lock, Ok(file) if file.try_lock().is_err()) {
+                remove(&folder);
             }
         }
         let folder = root.join(uuid::Uuid::now_v7().to_string());
         std::fs::create_dir(&folder)?;
         let lock = File::create(folder.join(LOCK))?;
-        // Where the file system knows no locks, folders stay single all the same, only leavings may be missed.
         let _ = lock.try_lock();
         Ok(Self { folder, _lock: lock })
     }
@@ -57,8 +60,17 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        // What stays is removed by the next start.
-        let _ = std::fs::remove_dir_all(&self.folder);
+        remove(&self.folder);
+    }
+}
+
+/// Removes a folder, which somebody else may be removing too. What stays is removed by the next start.
+fn remove(folder: &Path) {
+    match std::fs::remove_dir_all(folder) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => {
+            tracing::warn!(folder = %folder.display(), %error, "scratch files stay until the next start");
+        }
+        _ => {}
     }
 }
 
@@ -95,6 +107,28 @@ mod tests {
         drop(attempt);
         drop(living);
         drop(other);
-        assert_eq!(std::fs::read_dir(root.path()).unwrap().count(), 0);
+        assert_eq!(folders(root.path()), 0);
+    }
+
+    #[test]
+    fn processes_come_and_go_at_the_same_time() {
+        let root = tempfile::tempdir().unwrap();
+        std::thread::scope(|threads| {
+            for n in 0..8 {
+                let root = root.path();
+                threads.spawn(move || {
+                    for attempt in 0..50 {
+                        let scratch = Scratch::open(root).unwrap();
+                        let folder = scratch.attempt(JobId(uuid::Uuid::from_u128(n)), attempt).unwrap();
+                        std::fs::write(folder.path().join("model.glb"), "whole").unwrap();
+                    }
+                });
+            }
+        });
+        assert_eq!(folders(root.path()), 0);
+    }
+
+    fn folders(root: &Path) -> usize {
+        std::fs::read_dir(root).unwrap().flatten().filter(|entry| entry.path().is_dir()).count()
     }
 }
