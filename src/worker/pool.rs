@@ -10,7 +10,7 @@ use crate::generate::Backend;
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
 use crate::jobs::scratch::Scratch;
-use crate::jobs::{Change, ClaimedJob, JobId, Store, StoreError, WorkerInfo};
+use crate::jobs::{Change, ClaimedJob, Store, StoreError, WorkerInfo};
 use crate::metrics::Metrics;
 use std::io;
 use std::path::PathBuf;
@@ -124,7 +124,6 @@ struct Slot {
 /// What a worker is at.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct At {
-    job: Option<JobId>,
     done: u64,
     gpu: GpuState,
 }
@@ -331,7 +330,6 @@ impl Slot {
     }
 
     async fn run(&self, claimed: Vec<ClaimedJob>, share: Share) {
-        self.at(|at| at.job = claimed.first().map(|claimed| claimed.job().id));
         let mut ended = 0;
         if let Some(gpu) = &self.gpu {
             ended += batch::run(&self.context, gpu, &self.threads, claimed).await;
@@ -341,10 +339,7 @@ impl Slot {
                 ended += u64::from(attempt::run_on_cpu(&self.context, &self.threads, why, claimed).await);
             }
         }
-        self.at(|at| {
-            at.job = None;
-            at.done += ended;
-        });
+        self.at(|at| at.done += ended);
     }
 
     fn at(&self, change: impl FnOnce(&mut At)) -> At {
@@ -354,7 +349,7 @@ impl Slot {
     }
 
     /// Leaves a sign of life; not for a GPU worker without its GPU, which nobody should count on.
-    async fn seen(&self, At { job, done, gpu }: At) {
+    async fn seen(&self, At { done, gpu }: At) {
         if self.gpu.is_some() && gpu != GpuState::Open {
             return;
         }
@@ -367,7 +362,7 @@ impl Slot {
             host: self.context.options.host.clone(),
             backend,
             device,
-            job,
+            jobs: Vec::new(),
             jobs_done: done,
             heartbeat_at: self.context.clock.now(),
         };

@@ -5,7 +5,7 @@
 
 use super::attempt::Context;
 use crate::generate::Backend;
-use crate::jobs::{ListFilter, Status, StoreError};
+use crate::jobs::StoreError;
 
 /// Heartbeats without a sign of life after which a GPU worker counts as gone: twice what an idle one lets pass.
 const ALIVE: u32 = 10;
@@ -47,9 +47,7 @@ pub(super) async fn of_cpu(context: &Context) -> Result<Share, StoreError> {
         let why = options.no_gpu.clone().unwrap_or_else(|| "no GPU worker is alive".to_owned());
         return Ok(Share::Auto(why));
     }
-    let newest = ListFilter { status: Some(Status::Queued), limit: 1, ..ListFilter::default() };
-    let page = context.store.list(&newest).await?;
-    let waiting = page.jobs.first().and_then(|job| job.queue_position).map_or(0, |position| position + 1);
+    let waiting = context.store.waiting(Backend::Gpu).await?;
     let taken = 2 * u64::from(options.batch) * alive as u64;
     Ok(if waiting > taken {
         Share::Auto(format!("{waiting} jobs were waiting for {alive} GPU worker{}", if alive == 1 { "" } else { "s" }))

@@ -2,7 +2,7 @@
 
 use oviduct::clock::Stopwatch;
 use oviduct::generate::{Backend, Output};
-use oviduct::jobs::{NewJob, Store, StoreOptions};
+use oviduct::jobs::{NewJob, Priority, Store, StoreOptions};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -80,6 +80,7 @@ pub async fn cost(store: &dyn Store) -> Cost {
             outputs: vec![Output::Glb],
             backend: Backend::Auto,
             labels: BTreeMap::new(),
+            priority: Priority::default(),
             digest: format!("new {n}"),
             engine: oviduct::ENGINE_VERSION.into(),
             reuse: true,

@@ -5,7 +5,7 @@ use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{Backend, CancelToken, Member, Outcome, Output, Request, generate_batch};
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::sqlite::SqliteStore;
-use oviduct::jobs::{Job, JobId, NewJob, Status, Store, StoreOptions};
+use oviduct::jobs::{Job, JobId, NewJob, Priority, Status, Store, StoreOptions};
 use oviduct::spec::{ModelSpec, preset};
 use oviduct::worker::{BatchGenerator, GpuGenerator, PoolOptions, WorkerPool, generate_on_cpu};
 use serde_json::{Value, json};
@@ -112,6 +112,7 @@ async fn a_device_lost_in_mid_batch_harms_no_job_and_is_opened_anew() {
             outputs: vec![Output::Glb],
             backend: Backend::Auto,
             labels: BTreeMap::new(),
+            priority: Priority::default(),
             digest: format!("{seed} {steps}"),
             engine: oviduct::ENGINE_VERSION.into(),
             submitter: None,
