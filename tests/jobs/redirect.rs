@@ -1,7 +1,9 @@
 //! Downloads that the service sends on to S3 (`--redirect-downloads`), from the program itself to a plain client.
 
 use crate::bucket::Bucket;
-use reqwest::header::{CONTENT_DISPOSITION, CONTENT_RANGE, CONTENT_TYPE, ETAG, IF_NONE_MATCH, LOCATION, RANGE};
+use reqwest::header::{
+    CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_RANGE, CONTENT_TYPE, ETAG, HeaderName, IF_NONE_MATCH, LOCATION, RANGE,
+};
 use reqwest::redirect::Policy;
 use reqwest::{Client, Response};
 use serde_json::{Value, json};
@@ -41,8 +43,8 @@ impl Drop for Server {
     }
 }
 
-fn header(answer: &Response, name: reqwest::header::HeaderName) -> String {
-    answer.headers().get(&name).unwrap_or_else(|| panic!("no {name}: {answer:?}")).to_str().unwrap().to_owned()
+fn header(answer: &Response, name: &HeaderName) -> String {
+    answer.headers().get(name).unwrap_or_else(|| panic!("no {name}: {answer:?}")).to_str().unwrap().to_owned()
 }
 
 async fn model(client: &Client, url: &str) -> Value {
@@ -75,24 +77,24 @@ async fn downloads_are_sent_on_to_the_bucket() {
             (format!("{}{}", server.url, file["href"].as_str().unwrap()), file["bytes"].as_u64().unwrap());
         let answer = asks.get(&address).send().await.unwrap();
         assert_eq!(answer.status(), 307);
-        assert_eq!(header(&answer, reqwest::header::CACHE_CONTROL), "no-store", "the address is good for minutes");
-        let signed = header(&answer, LOCATION);
+        assert_eq!(header(&answer, &CACHE_CONTROL), "no-store", "the address is good for minutes");
+        let signed = header(&answer, &LOCATION);
         let endpoint = &bucket.variables()[2].1;
         assert!(signed.starts_with(endpoint), "{signed} is not at {endpoint}");
 
         // Whoever has the address needs no key.
         let whole = asks.get(&signed).send().await.unwrap();
         assert_eq!(whole.status(), 200);
-        assert_eq!(header(&whole, CONTENT_TYPE), file["media_type"].as_str().unwrap());
+        assert_eq!(header(&whole, &CONTENT_TYPE), file["media_type"].as_str().unwrap());
         let name = format!("attachment; filename=\"pig-7-{}\"", file["name"].as_str().unwrap());
-        assert_eq!(header(&whole, CONTENT_DISPOSITION), name);
+        assert_eq!(header(&whole, &CONTENT_DISPOSITION), name);
         let whole = whole.bytes().await.unwrap();
         assert_eq!(hex::encode(Sha256::digest(&whole)), file["sha256"].as_str().unwrap());
         assert_eq!(whole.len() as u64, bytes);
 
         // A range goes along, and a client that follows sees no difference.
         let some = asks.get(&signed).header(RANGE, "bytes=10-109").send().await.unwrap();
-        assert_eq!((some.status().as_u16(), header(&some, CONTENT_RANGE)), (206, format!("bytes 10-109/{bytes}")));
+        assert_eq!((some.status().as_u16(), header(&some, &CONTENT_RANGE)), (206, format!("bytes 10-109/{bytes}")));
         assert_eq!(some.bytes().await.unwrap(), whole[10..110]);
         let some = follows.get(&address).header(RANGE, "bytes=-20").send().await.unwrap();
         assert_eq!(some.status(), 206);
@@ -102,7 +104,7 @@ async fn downloads_are_sent_on_to_the_bucket() {
         // What needs no bytes is answered at once.
         let head = asks.head(&address).send().await.unwrap();
         assert_eq!(head.status(), 200);
-        let known = asks.get(&address).header(IF_NONE_MATCH, header(&head, ETAG)).send().await.unwrap();
+        let known = asks.get(&address).header(IF_NONE_MATCH, header(&head, &ETAG)).send().await.unwrap();
         assert_eq!(known.status(), 304);
 
         // Nobody else's address, and none that is longer than it was signed for.
