@@ -27,4 +27,5 @@ mod scripted;
 mod sqlite;
 mod streams;
 mod suite;
+mod upgrade;
 mod worker;
