@@ -37,6 +37,10 @@ pub(super) struct Global {
     /// How to write the log
     #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text)]
     pub(super) log_format: LogFormat,
+    /// OpenTelemetry collector that traces go to over HTTP, such as http://localhost:4318 [default: none; to serve and
+    /// for workers, what OTEL_EXPORTER_OTLP_ENDPOINT says]
+    #[arg(long, global = true, value_name = "URL")]
+    pub(super) otlp_endpoint: Option<String>,
 }
 
 /// Form of the log.
