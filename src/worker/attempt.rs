@@ -17,6 +17,7 @@ use crate::jobs::{BackendReport, ClaimedJob, Finished, Store, StoreError};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
+use tracing::{Instrument, Span};
 
 /// What all workers of a pool share.
 pub(super) struct Context {
@@ -59,28 +60,43 @@ pub(super) async fn run_on_cpu(
     }
     match prepare(context, &claimed).await {
         Ok(prepared) => run(context, claimed, report, prepared, Start::Cpu(pool, turn), None).await,
-        Err(verdict) => refuse(context, claimed, report, verdict).await,
+        Err(refusal) => refuse(context, claimed, report, refusal).await,
     }
+}
+
+/// Why an attempt could not be made ready.
+pub(super) struct Refusal {
+    verdict: Verdict,
+    span: Span,
 }
 
 /// Makes an attempt ready.
-pub(super) async fn prepare(context: &Context, claimed: &ClaimedJob) -> Result<Prepared, Verdict> {
+pub(super) async fn prepare(context: &Context, claimed: &ClaimedJob) -> Result<Prepared, Refusal> {
     let (id, attempt, options) = (claimed.job().id, claimed.attempt(), &context.options);
-    tracing::info!(job = %id, attempt, "attempt begins");
-    if attempt == 1 {
-        let waited = context.clock.now().duration_since(claimed.job().created_at);
-        options.metrics.waited(Duration::try_from(waited).unwrap_or_default());
+    let span = tracing::info_span!("attempt", job = %id, attempt);
+    let dir = async {
+        tracing::info!("attempt begins");
+        if attempt == 1 {
+            let waited = context.clock.now().duration_since(claimed.job().created_at);
+            options.metrics.waited(Duration::try_from(waited).unwrap_or_default());
+        }
+        options.faults.point("after-claim").await.map_err(verdict::of_injected)?;
+        context.scratch.attempt(id, attempt).map_err(|error| verdict::of_scratch(&error))
+    };
+    match dir.instrument(span.clone()).await {
+        Ok(dir) => {
+            let cancel = CancelToken::default();
+            let live = Live::new(options.faults.clone(), cancel.clone(), options.checkpoint_every).within(span);
+            Ok(Prepared { dir: Arc::new(dir), live: Arc::new(live), cancel })
+        }
+        Err(verdict) => Err(Refusal { verdict, span }),
     }
-    options.faults.point("after-claim").await.map_err(verdict::of_injected)?;
-    let dir = context.scratch.attempt(id, attempt).map_err(|error| verdict::of_scratch(&error))?;
-    let cancel = CancelToken::default();
-    let live = Arc::new(Live::new(options.faults.clone(), cancel.clone(), options.checkpoint_every));
-    Ok(Prepared { dir: Arc::new(dir), live, cancel })
 }
 
 /// Ends an attempt that could not be made ready. Returns whether the job has ended by it.
-pub(super) async fn refuse(context: &Context, claimed: ClaimedJob, report: BackendReport, verdict: Verdict) -> bool {
-    conclude(context, claimed, report, Ending::Broken(Broken::Failed(verdict)), Leavings::default()).await
+pub(super) async fn refuse(context: &Context, claimed: ClaimedJob, report: BackendReport, refusal: Refusal) -> bool {
+    let ending = Ending::Broken(Broken::Failed(refusal.verdict));
+    conclude(context, claimed, report, ending, Leavings::default()).instrument(refusal.span).await
 }
 
 /// Follows the generation of a claimed job, stores its files, and ends it. Returns whether the job has ended by it.
@@ -92,11 +108,15 @@ pub(super) async fn run(
     start: Start,
     second: Option<&Second<'_>>,
 ) -> bool {
-    let mut follower = Follower::new(context, &claimed, &prepared, &report);
-    let ending = work(&mut follower, context, &claimed, &mut report, &prepared, start, second).await;
-    let leavings = follower.leavings();
-    drop(prepared);
-    conclude(context, claimed, report, ending, leavings).await
+    let span = prepared.live.span().clone();
+    let attempt = async {
+        let mut follower = Follower::new(context, &claimed, &prepared, &report);
+        let ending = work(&mut follower, context, &claimed, &mut report, &prepared, start, second).await;
+        let leavings = follower.leavings();
+        drop(prepared);
+        conclude(context, claimed, report, ending, leavings).await
+    };
+    attempt.instrument(span).await
 }
 
 /// Records how an attempt went, and waits for what it left at work. Returns whether the job has ended by it.
@@ -107,7 +127,6 @@ async fn conclude(
     ending: Ending,
     leavings: Leavings,
 ) -> bool {
-    let (id, attempt) = (claimed.job().id, claimed.attempt());
     let (used, fallback) = (report.used, report.fallback.clone());
     let made = matches!(ending, Ending::Stored(_));
     let device = report.device.clone();
@@ -123,15 +142,15 @@ async fn conclude(
         let _ = generation.made().await;
     }
     match result {
-        Ok(()) => tracing::info!(job = %id, attempt, used = used.map(Backend::name), device, fallback, "attempt {how}"),
-        Err(StoreError::Fenced) => tracing::warn!(job = %id, attempt, "attempt {how}, but its lease was lost"),
-        Err(ref error) => tracing::error!(job = %id, attempt, %error, "attempt {how}, but that was not recorded"),
+        Ok(()) => tracing::info!(used = used.map(Backend::name), device, fallback, "attempt {how}"),
+        Err(StoreError::Fenced) => tracing::warn!("attempt {how}, but its lease was lost"),
+        Err(ref error) => tracing::error!(%error, "attempt {how}, but that was not recorded"),
     }
     let ended = result.is_ok() && !matches!(how, "lost" | "given back" | "retried");
     if let Some(checkpoint) = leavings.checkpoint.filter(|_| ended)
         && let Err(error) = context.artifacts.delete(&[checkpoint]).await
     {
-        tracing::warn!(job = %id, %error, "the checkpoint of an ended job is left to the sweep");
+        tracing::warn!(%error, "the checkpoint of an ended job is left to the sweep");
     }
     ended
 }

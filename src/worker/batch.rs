@@ -46,7 +46,7 @@ pub(super) async fn run(context: &Context, gpu: &Gpu, threads: &Threads, claimed
                 prepared.push(ready);
                 members.push(claimed);
             }
-            Err(verdict) => ended += u64::from(attempt::refuse(context, claimed, report(gpu, &[]), verdict).await),
+            Err(refusal) => ended += u64::from(attempt::refuse(context, claimed, report(gpu, &[]), refusal).await),
         }
     }
     tracing::info!(device = gpu.generator.device(), jobs = members.len(), "batch begins");

@@ -147,7 +147,7 @@ impl<'a> Follower<'a> {
             let Some(second) = second.filter(|_| report.requested == Backend::Auto) else {
                 return Err(Broken::Failed(Verdict::Fail(verdict::of_gpu(reason))));
             };
-            tracing::warn!(job = %claimed.job().id, reason, "the job goes on on the CPU");
+            tracing::warn!(reason, "the job goes on on the CPU");
             context.options.metrics.fallback(Fallback::Device);
             let ready = async { (second.take_turn().await, self.saver.load().await) };
             let (turn, from) = self.keeper.keep(ready).await.map_err(Broken::Interrupted)?;

@@ -98,7 +98,7 @@ pub(super) fn generate(
     let token = prepared.cancel.clone();
     let thread = tokio::task::spawn_blocking(move || {
         let work = Work { job: &job, backend, dir: dir.path(), memory_limit_bytes, checkpoint: from.as_deref() };
-        pool.install(|| generator.generate(work, &*live, &token))
+        pool.install(|| live.span().in_scope(|| generator.generate(work, &*live, &token)))
     });
     let made = async move {
         match thread.await {
