@@ -15,7 +15,7 @@ use oviduct::generate::{Backend, CancelToken, Outcome, Sink, Stage};
 use oviduct::http::{AppState, Limits, router};
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{Job, JobId, NewJob, Status};
+use oviduct::jobs::{Job, JobId, NewJob, Status, StoreError};
 use oviduct::spec::{ModelSpec, preset};
 use oviduct::worker::{Work, WorkError, generate_on_cpu};
 use std::fs::File;
@@ -37,14 +37,14 @@ const BALLAST: &str = "ballast";
 enum Disk {
     /// That of this folder, a few megabytes of memory.
     Tmpfs(PathBuf),
-    /// Every one, for this process alone: no file may grow.
-    Limit,
+    /// Every one, for this process alone: no file may grow beyond so many bytes.
+    Limit(u64),
 }
 
 impl Disk {
     fn fill(&self) {
         match self {
-            Self::Limit => limit("512"),
+            Self::Limit(bytes) => limit(&bytes.to_string()),
             Self::Tmpfs(folder) => {
                 let mut ballast = File::options().create(true).append(true).open(folder.join(BALLAST)).unwrap();
                 let full = std::iter::repeat_with(|| ballast.write_all(&[0; 4096])).find_map(Result::err).unwrap();
@@ -55,7 +55,7 @@ impl Disk {
 
     fn free(&self) {
         match self {
-            Self::Limit => limit("unlimited"),
+            Self::Limit(_) => limit("unlimited"),
             Self::Tmpfs(folder) => std::fs::remove_file(folder.join(BALLAST)).unwrap(),
         }
     }
@@ -92,7 +92,7 @@ fn limited() -> Command {
 async fn on_full_disks(test: &str, part: &str, body: impl AsyncFn(&Path, Disk)) {
     if let (Ok(folder), Ok(kind)) = (std::env::var(FOLDER), std::env::var(DISK)) {
         let folder = PathBuf::from(folder);
-        let disk = if kind == "tmpfs" { Disk::Tmpfs(folder.join(part)) } else { Disk::Limit };
+        let disk = if kind == "tmpfs" { Disk::Tmpfs(folder.join(part)) } else { Disk::Limit(512) };
         return body(&folder, disk).await;
     }
     let mut disks = 0;
@@ -189,7 +189,7 @@ async fn a_full_artifact_store_is_waited_for_and_then_told() {
             let (disk, full) = (disk.clone(), Arc::clone(&full));
             move |work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
                 // There is room for what is grown, none for what is stored; the limit knows no difference.
-                if disk == Disk::Limit {
+                if matches!(disk, Disk::Limit(_)) {
                     disk.free();
                 }
                 let made = generate(work, sink, cancel)?;
@@ -300,4 +300,80 @@ async fn a_full_scratch_folder_costs_attempts_and_no_half_file_is_taken() {
         assert_eq!(files(&folder.join("artifacts")).len(), job.files.len() + next.files.len());
     };
     on_full_disks("disk::a_full_scratch_folder_costs_attempts_and_no_half_file_is_taken", "scratch", body).await;
+}
+
+/// Records and files on one disk: records are changed and removed in the room that the store keeps. Where clients go on
+/// asking until that is used up too, they are told, and all is well again once there is room.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn on_a_full_disk_under_everything_models_are_still_cancelled_and_deleted() {
+    let body = async |folder: &Path, disk: Disk| {
+        let all = folder.join("all");
+        // More than the log of the records, less than a large model.
+        let disk = if matches!(disk, Disk::Limit(_)) { Disk::Limit(8_800_000) } else { disk };
+        let place = Place::at(&all, &format!("sqlite:{}", all.join("jobs.db").display())).await;
+        let service = Service::over(&place);
+        let (full, room) = (Arc::new(AtomicBool::new(false)), disk.clone());
+        let filled = Arc::clone(&full);
+        let generator = move |work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
+            // What is grown finds room.
+            if filled.load(Ordering::Relaxed) {
+                room.free();
+            }
+            let made = generate(work, sink, cancel)?;
+            if filled.load(Ordering::Relaxed) {
+                room.fill();
+            }
+            Ok(made)
+        };
+        let pool = place.start_with(Arc::clone(&place.store), Clock::System, Arc::new(generator), |options| {
+            (options.storage_tries, options.storage_wait) = (3, Duration::from_millis(100));
+        });
+        let first = place.ended(place.queue("ok", 1).await).await;
+        let mut waiting = Vec::new();
+        for seed in 0..30 {
+            let new = NewJob { backend: Backend::Gpu, ..scripted("ok", 100 + seed) };
+            waiting.push(place.store.submit(new).await.unwrap().job().id);
+        }
+        disk.fill();
+        full.store(true, Ordering::Relaxed);
+        let failing = place.queue("ok", 2).await;
+        let failed = place.ended(failing).await;
+        assert_eq!((failed.status, failed.problem.unwrap().kind.as_str()), (Status::Failed, "storage"));
+        // Again what its files left.
+        disk.fill();
+        for id in waiting.split_off(1) {
+            assert_eq!(service.ask(Method::POST, &format!("/models/{id}/cancel")).await.0, 200);
+            assert_eq!(service.ask(Method::DELETE, &format!("/models/{id}")).await.0, 204);
+        }
+        service.goes_on(&first, waiting[0]).await;
+        assert!(files(&all.join("artifacts")).is_empty());
+
+        // More records than there is room for.
+        disk.fill();
+        let large = serde_json::json!({ "script": "ok", "large": "x".repeat(200_000) });
+        let mut asked = Vec::new();
+        let refused = loop {
+            let new = NewJob { backend: Backend::Gpu, spec: large.clone(), ..scripted("ok", asked.len() as u64) };
+            match place.store.submit(new).await {
+                Ok(submitted) => asked.push(submitted.job().id),
+                Err(error) => break error,
+            }
+            assert!(asked.len() < 500, "there is room for all of it");
+        };
+        assert!(matches!(refused, StoreError::Database(_)), "{refused}");
+        let counts = place.store.counts().await.unwrap();
+        assert_eq!((counts.queued, counts.failed), (asked.len() as u64, 1), "what was refused left something");
+        assert_eq!(service.ask(Method::GET, &format!("/models/{failing}")).await.0, 200);
+        full.store(false, Ordering::Relaxed);
+        disk.free();
+        for id in asked {
+            place.store.delete(id).await.unwrap().unwrap();
+        }
+        let next = place.ended(place.queue("ok", 2).await).await;
+        assert_eq!(next.status, Status::Succeeded, "{:?}", next.problem);
+        place.check_files(&next).await;
+        pool.shutdown(Duration::from_secs(5)).await;
+        place.store.close().await;
+    };
+    on_full_disks("disk::on_a_full_disk_under_everything_models_are_still_cancelled_and_deleted", "all", body).await;
 }
