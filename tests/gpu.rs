@@ -14,7 +14,11 @@ mod common;
 mod devices;
 #[path = "gpu/functions.rs"]
 mod functions;
+#[path = "gpu/memory.rs"]
+mod memory;
 #[path = "gpu/models.rs"]
 mod models;
+#[path = "gpu/morphometry.rs"]
+mod morphometry;
 #[path = "gpu/stages.rs"]
 mod stages;

@@ -10,7 +10,7 @@ use oviduct::sim::{Plan, SimError};
 use oviduct::spec::Integrator;
 use serde_json::json;
 
-fn run(plans: &[Plan]) -> Kept {
+pub(crate) fn run(plans: &[Plan]) -> Kept {
     let mut kept = Kept::new(plans.len());
     let report = run_batch(device(), plans, &mut kept).unwrap();
     println!("{report:?}");
@@ -22,7 +22,7 @@ fn run(plans: &[Plan]) -> Kept {
     kept
 }
 
-fn assert_sound(section: &Section) {
+pub(crate) fn assert_sound(section: &Section) {
     let (inner, outer) = (&section.inner.points, &section.outer.points);
     check_contour(inner).unwrap_or_else(|e| panic!("inner loop at step {}: {e}", section.step));
     check_contour(outer).unwrap_or_else(|e| panic!("outer loop at step {}: {e}", section.step));
@@ -30,7 +30,7 @@ fn assert_sound(section: &Section) {
 }
 
 /// Lofts the sections as a worker does, mending with replays, and certifies the surface.
-fn certify_run(plan: &Plan, kept: &Kept, member: usize) {
+pub(crate) fn certify_run(plan: &Plan, kept: &Kept, member: usize) {
     let run = &kept.sections[member];
     let mut lofter = Lofter::new(run[0].0.clone()).unwrap();
     let mut sections = vec![run[0].0.clone()];

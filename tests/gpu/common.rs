@@ -7,7 +7,7 @@ use oviduct::spec::{ModelSpec, preset};
 use serde_json::{Value, json};
 use std::sync::OnceLock;
 
-pub(crate) const OPTIONS: GpuOptions = GpuOptions { allow_software: true };
+pub(crate) const OPTIONS: GpuOptions = GpuOptions { allow_software: true, memory_bytes: None };
 
 /// Whether this machine is said to have no Vulkan loader, so that nothing but its absence can be tested.
 pub(crate) fn no_vulkan() -> bool {
@@ -23,7 +23,18 @@ pub(crate) fn found() -> Vec<Adapter> {
 
 /// A device of its own.
 pub(crate) fn open() -> GpuDevice {
-    GpuDevice::open(&found()[0], &OPTIONS).unwrap()
+    open_with(&OPTIONS)
+}
+
+/// A device of its own with other options.
+pub(crate) fn open_with(options: &GpuOptions) -> GpuDevice {
+    GpuDevice::open(&found()[0], options).unwrap()
+}
+
+/// Options that leave so many bytes for batches, on top of what an idle device takes.
+pub(crate) fn leave(bytes: u64) -> GpuOptions {
+    let idle = open().memory_in_use().expect("this backend tells what memory is in use");
+    GpuOptions { memory_bytes: Some(idle + bytes), ..OPTIONS }
 }
 
 /// The device that tests share.

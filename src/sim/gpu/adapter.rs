@@ -11,6 +11,9 @@ use std::task::{Context, Poll, Waker};
 pub struct GpuOptions {
     /// Whether adapters that compute on the CPU may be used (tests, machines without a GPU).
     pub allow_software: bool,
+    /// Most bytes of device memory that batches may have at a time, for a GPU that others use too; `None`: whatever the
+    /// driver gives.
+    pub memory_bytes: Option<u64>,
 }
 
 /// What kind of hardware an adapter is.

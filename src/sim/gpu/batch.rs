@@ -55,8 +55,8 @@ pub trait BatchSink {
 /// Runs `plans` together to their ends. Sections of a member do not depend on what else is in the batch.
 ///
 /// # Errors
-/// [`GpuError::Unfit`] before anything is told to the sink; [`GpuError::OutOfMemory`], [`GpuError::Lost`] and
-/// [`GpuError::Refused`] at any time: members without `finished` or `failed` are then to be run elsewhere from
+/// [`GpuError::Unfit`] before anything is told to the sink; [`GpuError::OutOfMemory`] too where the batch was not given
+/// its memory: a smaller one may go, for nothing of it is left. [`GpuError::Lost`] and [`GpuError::Refused`] at any time: members without `finished` or `failed` are then to be run elsewhere from
 /// their beginning. The memory of the batch is given back in every case.
 pub fn run_batch(device: &GpuDevice, plans: &[Plan], sink: &mut dyn BatchSink) -> Result<BatchReport, GpuError> {
     device.fits(&plans.iter().collect::<Vec<_>>())?;
@@ -172,8 +172,9 @@ impl<'a> Run<'a> {
         device.check()?;
         let all: Vec<&Plan> = plans.iter().collect();
         let sizes = Sizes::new(&all, plans.len());
-        let memory = Memory::new(device, &sizes, plans, starts)?;
+        let memory = Memory::new(device, &sizes)?;
         let ring = Ring::new(device, &sizes, &memory)?;
+        memory.fill(device, &sizes, plans, starts)?;
         let particles = starts.iter().map(|s| (s.inner.len() + s.outer.len()) as u32).collect();
         Ok(Self {
             device,
