@@ -22,3 +22,6 @@ mod models;
 mod morphometry;
 #[path = "gpu/stages.rs"]
 mod stages;
+#[cfg(target_os = "linux")]
+#[path = "gpu/starved.rs"]
+mod starved;

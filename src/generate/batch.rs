@@ -17,6 +17,7 @@ use crate::sim::gpu::{GpuDevice, GpuError};
 use crate::sim::{Plan, SimError, Statistics};
 use std::any::Any;
 use std::collections::VecDeque;
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -78,7 +79,7 @@ fn on<D: Device>(device: &D, members: &[Member<'_>], ended: &(dyn Fn(usize, Resu
         total: Stopwatch::start(),
     };
     // Members that are simulated together; those to be run first come last.
-    let mut groups = Vec::from([0..batch.growing.len()]);
+    let mut groups: Vec<Range<usize>> = std::iter::once(0..batch.growing.len()).collect();
     rayon::in_place_scope(|scope| {
         while let Some(group) = groups.pop() {
             let mut feed = Feed { batch: &batch, scope, first: group.start, begun: Stopwatch::start(), told: false };

@@ -1,6 +1,6 @@
 //! Whole models grown on a device: by the library, by the command, and by a worker whose device is lost in mid-batch.
 
-use crate::common::{OPTIONS, device, leave, no_vulkan};
+use crate::common::{OPTIONS, device, generate, leave, no_vulkan};
 use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{Backend, CancelToken, Member, Outcome, Output, Request, generate_batch};
 use oviduct::jobs::artifacts::Artifacts;
@@ -12,7 +12,6 @@ use oviduct::spec::{ModelSpec, preset};
 use oviduct::worker::{BatchGenerator, GpuGenerator, PoolOptions, WorkerPool, generate_on_cpu};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::process::Command;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -64,13 +63,7 @@ fn the_command_grows_on_a_gpu() {
         return;
     }
     let dir = tempfile::tempdir().unwrap();
-    let run = |arguments: &[&str]| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_oviduct"));
-        command.current_dir(dir.path()).args(["generate", "--seed", "1", "--out", "model", "--json"]);
-        command.args(["--set", "steps=40", "--set", "particles.total={\"keys\":[[0,180],[1,260]]}"]);
-        command.args(["--set", "particles.outer=50", "--set", "burn_in=10"]);
-        command.args(arguments).output().unwrap()
-    };
+    let run = |arguments: &[&str]| generate(dir.path()).args(arguments).output().unwrap();
     let output = run(&["--backend", "gpu", "--allow-software-adapter"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let told: Value = serde_json::from_slice(&output.stdout).unwrap();

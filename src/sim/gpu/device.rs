@@ -18,7 +18,7 @@ const TIDY: Duration = Duration::from_secs(5);
 /// An open device. Cheap to clone, may be used from several threads.
 #[derive(Clone, Debug)]
 pub struct GpuDevice {
-    name: Arc<str>,
+    adapter: Arc<Adapter>,
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
     pub(super) pipelines: Arc<Pipelines>,
@@ -82,7 +82,7 @@ impl GpuDevice {
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| refused.note(from_wgpu(&error))));
         let pipelines = attempt(&device, Pipelines::new).map_err(|e| not_opened(e.to_string()))?;
         Ok(Self {
-            name: adapter.name.as_str().into(),
+            adapter: Arc::new(adapter.clone()),
             device,
             queue,
             pipelines: Arc::new(pipelines),
@@ -94,7 +94,13 @@ impl GpuDevice {
     /// Name of the adapter.
     #[must_use]
     pub fn name(&self) -> &str {
-        &self.name
+        &self.adapter.name
+    }
+
+    /// The adapter that was opened.
+    #[must_use]
+    pub fn adapter(&self) -> &Adapter {
+        &self.adapter
     }
 
     /// Whether the device is gone; it does not come back, open a new one.
