@@ -44,6 +44,40 @@ struct EndLabel {
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct MadeLabel {
+    backend: Word,
+    device: String,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct CauseLabel {
+    cause: Word,
+}
+
+/// Why a job asked of `auto` runs on the CPU.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fallback {
+    /// No GPU worker was alive.
+    NoGpu,
+    /// The GPU workers had more to do than a CPU worker leaves them.
+    Busy,
+    /// A GPU worker held it, but its device could not grow it: limits, lost, out of memory.
+    Device,
+}
+
+impl Fallback {
+    /// The value of the label.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::NoGpu => "no-gpu",
+            Self::Busy => "busy",
+            Self::Device => "device",
+        }
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash, EncodeLabelSet)]
 struct DirectionLabel {
     direction: Word,
 }
@@ -69,6 +103,8 @@ struct Inner {
     streams: Gauge,
     wait: Histogram,
     stages: Durations<StageLabel>,
+    made: Family<MadeLabel, Counter>,
+    fallbacks: Family<CauseLabel, Counter>,
     attempts: Family<EndLabel, Counter>,
     leases_lost: Counter,
     bytes: Family<DirectionLabel, Counter>,
@@ -102,6 +138,8 @@ impl Default for Metrics {
             streams: Gauge::default(),
             wait: long(),
             stages: Durations::new_with_constructor(stage as fn() -> Histogram),
+            made: Family::default(),
+            fallbacks: Family::default(),
             attempts: Family::default(),
             leases_lost: Counter::default(),
             bytes: Family::default(),
@@ -124,6 +162,13 @@ impl Default for Metrics {
             inner.wait.clone(),
         );
         registry.register("stage_seconds", "Run time of a job by stage", inner.stages.clone());
+        registry.register("models_made", "Models made by this process, by what computed them", inner.made.clone());
+        registry.register(
+            "fallbacks",
+            "Attempts of this process at jobs of auto that ran on a CPU: no-gpu (no GPU worker was alive), busy (the GPU \
+             workers had too many), device (a device could not grow it)",
+            inner.fallbacks.clone(),
+        );
         registry.register("attempts", "Attempts by how they ended in this process", inner.attempts.clone());
         registry.register("leases_lost", "Attempts of this process whose lease was lost", inner.leases_lost.clone());
         registry.register("artifact_bytes", "Bytes to (in) and from (out) the artifact store", inner.bytes.clone());
@@ -165,6 +210,16 @@ impl Metrics {
     /// A stage of a job took so long.
     pub fn stage(&self, stage: &'static str, seconds: f64) {
         self.0.stages.get_or_create(&StageLabel { stage: Word(stage) }).observe(seconds);
+    }
+
+    /// A model was made: files stored, record committed.
+    pub fn made(&self, backend: &'static str, device: String) {
+        self.0.made.get_or_create(&MadeLabel { backend: Word(backend), device }).inc();
+    }
+
+    /// A job asked of `auto` runs on the CPU.
+    pub fn fallback(&self, cause: Fallback) {
+        self.0.fallbacks.get_or_create(&CauseLabel { cause: Word(cause.name()) }).inc();
     }
 
     /// An attempt ended.
@@ -230,6 +285,8 @@ mod tests {
         metrics.stage("simulate", 1.5);
         metrics.attempt("succeeded");
         metrics.attempt("lost");
+        metrics.made("gpu", "NVIDIA H200".to_owned());
+        metrics.fallback(Fallback::Busy);
         metrics.bytes_in(10);
         metrics.bytes_out(5);
         metrics.request("GET", "/models/{id}", 200, Duration::from_millis(2));
@@ -240,6 +297,8 @@ mod tests {
             "oviduct_stage_seconds_sum{stage=\"simulate\"} 1.5",
             "oviduct_attempts_total{end=\"lost\"} 1",
             "oviduct_leases_lost_total 1",
+            "oviduct_models_made_total{backend=\"gpu\",device=\"NVIDIA H200\"} 1",
+            "oviduct_fallbacks_total{cause=\"busy\"} 1",
             "oviduct_artifact_bytes_total{direction=\"out\"} 5",
             "oviduct_http_requests_total{method=\"GET\",route=\"/models/{id}\",status=\"200\"} 1",
         ] {

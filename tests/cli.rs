@@ -3,6 +3,9 @@
 #[allow(dead_code, unreachable_pub, reason = "shared with tests that need more of it")]
 #[path = "common/postgres.rs"]
 mod cluster;
+#[allow(unreachable_pub, reason = "a module of its own")]
+#[path = "cli/collector.rs"]
+mod collector;
 
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -323,4 +326,35 @@ fn the_demo_saves_a_certified_model() {
     assert!(String::from_utf8_lossy(&output.stdout).contains("certified: "));
     assert_eq!(names(&at.path().join("demo")), ["data", "model.glb", "report.json", "sections.bin"]);
     assert_eq!(code(&run(at.path(), &["check", "demo/model.glb", "--euler", "0"])), 0);
+}
+
+#[test]
+#[cfg(unix)]
+fn traces_go_to_a_collector() {
+    let at = folder();
+    let collector = collector::Collector::start();
+    let mut server = Server::start_with(at.path(), &["--otlp-endpoint", &collector.url]);
+    let mut arguments = vec!["submit", "--url", &server.url, "--seed", "7", "--wait", "--json"];
+    arguments.extend(TINY);
+    let model = json(&run(at.path(), &arguments));
+    signal(&server.child, "-TERM");
+    assert_eq!(server.child.wait().expect("it ends").code(), Some(0));
+
+    let arrived = collector.arrived();
+    assert!(!arrived.services.is_empty() && arrived.services.iter().all(|name| name == "oviduct"));
+    let attempts: Vec<_> = arrived.named("attempt").collect();
+    assert_eq!(attempts.len(), 1, "{:?}", arrived.spans);
+    let job = attempts[0].attributes.iter().find(|attribute| attribute.key == "job").expect("the job is named");
+    assert!(format!("{:?}", job.value).contains(model["id"].as_str().expect("an id")), "{job:?}");
+    for stage in ["simulate", "mesh", "certify", "export", "store"] {
+        let spans: Vec<_> = arrived.named(stage).collect();
+        assert_eq!(spans.len(), 1, "{stage}");
+        assert_eq!((&spans[0].trace_id, &spans[0].parent_span_id), (&attempts[0].trace_id, &attempts[0].span_id));
+        assert!(spans[0].start_time_unix_nano <= spans[0].end_time_unix_nano, "{stage}");
+    }
+    assert!(arrived.named("request").count() >= 2, "the request for the model, and those that followed it");
+
+    let bad = run(at.path(), &["serve", "--otlp-endpoint", "collector:4318"]);
+    assert_eq!(code(&bad), 2, "{}", said(&bad));
+    assert!(said(&bad).contains("--otlp-endpoint collector:4318"), "{}", said(&bad));
 }

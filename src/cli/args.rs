@@ -37,6 +37,10 @@ pub(super) struct Global {
     /// How to write the log
     #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text)]
     pub(super) log_format: LogFormat,
+    /// OpenTelemetry collector that traces go to over HTTP, such as http://localhost:4318 [default: none; to serve and
+    /// for workers, what OTEL_EXPORTER_OTLP_ENDPOINT says]
+    #[arg(long, global = true, value_name = "URL")]
+    pub(super) otlp_endpoint: Option<String>,
 }
 
 /// Form of the log.
@@ -125,6 +129,10 @@ pub(super) struct ServiceArgs {
     /// Models grown at the same time; each may use every core [0: grow none here]
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub(super) cpu_workers: u32,
+    /// Threads of each of them; most models a second come of as many workers as cores with a thread each [default: all
+    /// cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(super) cpu_threads: Option<u32>,
     #[command(flatten)]
     pub(super) gpu: GpuArgs,
     /// Most models that a GPU grows together
@@ -338,6 +346,8 @@ pub(super) enum Bench {
     Scaling,
     /// Models a second on the GPU, by the size of the batch
     Batch,
+    /// Models a second through HTTP, against the same workers calling the generator directly
+    Overhead,
 }
 
 /// Options of `presets`.

@@ -43,7 +43,7 @@ pub(super) fn parse(args: impl IntoIterator<Item = OsString>) -> Result<Parsed, 
 }
 
 /// Global options that take a value; `insert_default_command` must step over these.
-const GLOBAL: [&str; 3] = ["--config", "--log", "--log-format"];
+const GLOBAL: [&str; 4] = ["--config", "--log", "--log-format", "--otlp-endpoint"];
 
 /// The file of `--config`, which must be known before the options can be parsed.
 fn config_path(args: &[OsString]) -> Option<std::path::PathBuf> {

@@ -5,7 +5,7 @@ use super::client::Client;
 use super::exit::{Ended, Failure};
 use super::{interrupt, model, submit, term};
 use crate::clock::Stopwatch;
-use crate::generate::{CancelToken, Request, generate};
+use crate::generate::{Backend, CancelToken, Output, Request, generate};
 use crate::spec::ModelSpec;
 use anyhow::Context;
 use serde::Serialize;
@@ -15,12 +15,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use tokio::task::JoinSet;
 
 /// What became of one model.
-struct One {
+pub(super) struct One {
     /// From the first request to the answer that it was accepted.
     accepted: f64,
     /// From the first request to its end.
-    ended: f64,
-    succeeded: bool,
+    pub(super) ended: f64,
+    pub(super) succeeded: bool,
     bytes: u64,
     /// Answers 429 on the way.
     refused: u64,
@@ -81,42 +81,22 @@ pub(super) async fn run(args: LoadArgs) -> Ended {
 }
 
 async fn load(args: LoadArgs) -> Result<Report, Failure> {
-    let first = args.model.seed.unwrap_or_else(|| uuid::Uuid::new_v4().as_u64_pair().1 >> 16);
-    let next = Arc::new(AtomicU64::new(0));
-    let mut tasks: JoinSet<Result<Vec<One>, Failure>> = JoinSet::new();
+    let seeds = Seeds::new(args.model.seed.unwrap_or_else(|| uuid::Uuid::new_v4().as_u64_pair().1 >> 16), args.models);
     let watch = Stopwatch::start();
-    if args.direct {
+    let all = if args.direct {
         let (preset, spec) = model::resolve(&args.model)?;
-        for _ in 0..args.concurrency {
-            let (args, next, preset, spec) = (args.clone(), Arc::clone(&next), preset.name.clone(), spec.clone());
-            tasks.spawn_blocking(move || {
-                let pool = rayon::ThreadPoolBuilder::new().build().context("no threads could be made")?;
-                let take = || next.fetch_add(1, Ordering::Relaxed);
-                let seeds = std::iter::from_fn(|| Some(take()).filter(|n| *n < args.models).map(|n| first + n));
-                seeds.map(|seed| pool.install(|| grow(&args, &preset, &spec, seed))).collect()
-            });
-        }
+        let threads = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        let model = Model {
+            preset: preset.name.clone(),
+            spec: Arc::new(spec),
+            backend: args.model.backend,
+            outputs: args.model.outputs.clone(),
+        };
+        direct(&model, seeds, args.concurrency, threads).await?
     } else {
-        let client = Client::new(&args.url)?;
         let body = submit::request(&args.model)?;
-        for _ in 0..args.concurrency {
-            let (client, body, next, models) = (client.clone(), body.clone(), Arc::clone(&next), args.models);
-            tasks.spawn(async move {
-                let mut done = Vec::new();
-                loop {
-                    let n = next.fetch_add(1, Ordering::Relaxed);
-                    if n >= models {
-                        return Ok(done);
-                    }
-                    done.push(request(&client, &body, first + n).await?);
-                }
-            });
-        }
-    }
-    let mut all: Vec<One> = Vec::new();
-    while let Some(done) = tasks.join_next().await {
-        all.extend(done.context("a task of the load panicked")??);
-    }
+        through(&Client::new(&args.url)?, &body, seeds, args.concurrency).await?
+    };
     let seconds = watch.seconds();
     let succeeded = all.iter().filter(|one| one.succeeded).count() as u64;
     Ok(Report {
@@ -132,6 +112,75 @@ async fn load(args: LoadArgs) -> Result<Report, Failure> {
         accepted: Times::of(all.iter().map(|one| one.accepted).collect()),
         ended: Times::of(all.iter().map(|one| one.ended).collect()),
     })
+}
+
+/// Seeds that follow each other, each given out once.
+#[derive(Clone, Debug)]
+pub(super) struct Seeds {
+    next: Arc<AtomicU64>,
+    end: u64,
+}
+
+impl Seeds {
+    pub(super) fn new(first: u64, count: u64) -> Self {
+        Self { next: Arc::new(AtomicU64::new(first)), end: first + count }
+    }
+
+    fn take(&self) -> Option<u64> {
+        Some(self.next.fetch_add(1, Ordering::Relaxed)).filter(|seed| *seed < self.end)
+    }
+}
+
+/// Models of these seeds through a service, so many at a time.
+pub(super) async fn through(
+    client: &Client,
+    body: &Value,
+    seeds: Seeds,
+    concurrency: u32,
+) -> Result<Vec<One>, Failure> {
+    let mut tasks = JoinSet::new();
+    for _ in 0..concurrency {
+        let (client, body, seeds) = (client.clone(), body.clone(), seeds.clone());
+        tasks.spawn(async move {
+            let mut done = Vec::new();
+            while let Some(seed) = seeds.take() {
+                done.push(request(&client, &body, seed).await?);
+            }
+            Ok(done)
+        });
+    }
+    all_of(tasks).await
+}
+
+/// What the generator alone is to grow.
+#[derive(Clone, Debug)]
+pub(super) struct Model {
+    pub(super) preset: String,
+    pub(super) spec: Arc<ModelSpec>,
+    pub(super) backend: Backend,
+    pub(super) outputs: Vec<Output>,
+}
+
+/// Models of these seeds by the generator alone, so many at a time, each on `threads` threads.
+pub(super) async fn direct(model: &Model, seeds: Seeds, concurrency: u32, threads: usize) -> Result<Vec<One>, Failure> {
+    let mut tasks = JoinSet::new();
+    for _ in 0..concurrency {
+        let (model, seeds) = (model.clone(), seeds.clone());
+        tasks.spawn_blocking(move || {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+            let pool = pool.context("no threads could be made")?;
+            std::iter::from_fn(|| seeds.take()).map(|seed| pool.install(|| grow(&model, seed))).collect()
+        });
+    }
+    all_of(tasks).await
+}
+
+async fn all_of(mut tasks: JoinSet<Result<Vec<One>, Failure>>) -> Result<Vec<One>, Failure> {
+    let mut all = Vec::new();
+    while let Some(done) = tasks.join_next().await {
+        all.extend(done.context("a task of the load panicked")??);
+    }
+    Ok(all)
 }
 
 /// One model through the service, from the request to its end.
@@ -155,15 +204,15 @@ async fn request(client: &Client, body: &Value, seed: u64) -> Result<One, Failur
 }
 
 /// One model by the generator alone.
-fn grow(args: &LoadArgs, preset: &str, spec: &ModelSpec, seed: u64) -> Result<One, Failure> {
+fn grow(model: &Model, seed: u64) -> Result<One, Failure> {
     let dir = std::env::temp_dir().join(format!("oviduct-load-{}", uuid::Uuid::now_v7()));
     std::fs::create_dir(&dir).with_context(|| dir.display().to_string())?;
     let request = Request {
-        preset: preset.to_owned(),
-        spec: spec.clone(),
+        preset: model.preset.clone(),
+        spec: ModelSpec::clone(&model.spec),
         seed,
-        backend: args.model.backend,
-        outputs: args.model.outputs.clone(),
+        backend: model.backend,
+        outputs: model.outputs.clone(),
         dir: dir.clone(),
         memory_limit_bytes: None,
     };

@@ -22,18 +22,18 @@ mod serve;
 mod service;
 mod sse;
 mod submit;
+mod telemetry;
 mod term;
 mod units;
 mod upkeep;
 mod worker;
 
-use args::{Cli, Command, Global, LogFormat};
-use exit::{Ended, Failure};
+use args::{Cli, Command};
+use exit::Ended;
 use std::ffi::OsString;
-use std::io::IsTerminal;
 use std::process::ExitCode;
 use std::time::Duration;
-use tracing_subscriber::EnvFilter;
+use telemetry::Telemetry;
 
 /// Time that threads still at work are given when a command has ended.
 const LAST_WORDS: Duration = Duration::from_secs(2);
@@ -56,10 +56,11 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 
 fn start(cli: Cli) -> Ended {
     let serves = matches!(cli.command, Command::Serve(_) | Command::Worker(_));
-    log(&cli.global, if serves { "info" } else { "warn" })?;
+    let telemetry = Telemetry::start(&cli.global, serves)?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let ended = runtime.block_on(dispatch(cli.command));
     runtime.shutdown_timeout(LAST_WORDS);
+    telemetry.stop();
     ended
 }
 
@@ -79,17 +80,4 @@ async fn dispatch(command: Command) -> Ended {
         Command::Openapi => print::openapi(),
         Command::Healthcheck(args) => client::Client::new(&args.url)?.get("/healthz").await.map(|_| ()),
     }
-}
-
-/// Starts logging to stderr.
-fn log(global: &Global, default: &str) -> Result<(), Failure> {
-    let filter = global.log.as_deref().unwrap_or(default);
-    let filter = EnvFilter::try_new(filter).map_err(|error| Failure::usage(format!("--log {filter}: {error}")))?;
-    let colours = std::io::stderr().is_terminal();
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_ansi(colours);
-    let started = match global.log_format {
-        LogFormat::Text => log.try_init(),
-        LogFormat::Json => log.json().try_init(),
-    };
-    started.map_err(|error| Failure::Failed(anyhow::anyhow!("logging could not be started: {error}")))
 }

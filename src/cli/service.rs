@@ -83,8 +83,10 @@ impl Works {
         let no_gpu = found.as_ref().err().cloned();
         let gpus: Vec<Arc<dyn BatchGenerator>> =
             found.into_iter().flatten().map(|gpu| Arc::new(gpu) as Arc<dyn BatchGenerator>).collect();
+        let defaults = PoolOptions::new(data.join("scratch"));
         let options = PoolOptions {
             workers: args.cpu_workers,
+            threads: args.cpu_threads.map_or(defaults.threads, |threads| threads as usize),
             batch: args.gpu_batch,
             no_gpu,
             heartbeat: args.heartbeat,
@@ -94,7 +96,7 @@ impl Works {
             checkpoint_every: Some(limits.checkpoint_every).filter(|every| !every.is_zero()),
             metrics: metrics.clone(),
             faults: Faults::from_env().map_err(|error| Failure::usage(error.to_string()))?,
-            ..PoolOptions::new(data.join("scratch"))
+            ..defaults
         };
         let pool = WorkerPool::start_with_gpus(
             Arc::clone(&store),

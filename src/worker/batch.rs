@@ -1,6 +1,8 @@
 //! The attempts of a batch side by side: one generation of all of them, each with its own lease, cancel and end.
 
-use super::attempt::{self, Context, Generation, Prepared, Second, Start, Threads, Unmade};
+use super::attempt::{self, Context, Prepared};
+use super::follow::{Second, Start};
+use super::generation::{Generation, Threads, Turn, Unmade};
 use super::generator::{BatchGenerator, BatchWork, Work, WorkError};
 use super::verdict;
 use crate::generate::{Backend, GenerateError, Outcome};
@@ -23,8 +25,9 @@ pub(super) struct Gpu {
     pub(super) turn: Arc<Semaphore>,
 }
 
-/// Runs what of `claimed` fits together, gives back the rest, and ends each. Returns how many jobs ended.
-pub(super) async fn run(context: &Context, gpu: &Gpu, threads: &Threads, claimed: Vec<ClaimedJob>) -> u64 {
+/// Runs what of `claimed` fits together, gives back the rest, and ends each. It is the `turn` of another batch once the
+/// device is free, while files of this one are still being stored. Returns how many jobs ended.
+pub(super) async fn run(context: &Context, gpu: &Gpu, threads: &Threads, claimed: Vec<ClaimedJob>, turn: Turn) -> u64 {
     let jobs: Vec<Job> = claimed.iter().map(|claimed| claimed.job().clone()).collect();
     let generator = Arc::clone(&gpu.generator);
     let admitted = tokio::task::spawn_blocking(move || generator.admit(&jobs.iter().collect::<Vec<_>>())).await;
@@ -43,7 +46,7 @@ pub(super) async fn run(context: &Context, gpu: &Gpu, threads: &Threads, claimed
                 prepared.push(ready);
                 members.push(claimed);
             }
-            Err(verdict) => ended += u64::from(attempt::refuse(context, claimed, report(gpu, &[]), verdict).await),
+            Err(refusal) => ended += u64::from(attempt::refuse(context, claimed, report(gpu, &[]), refusal).await),
         }
     }
     tracing::info!(device = gpu.generator.device(), jobs = members.len(), "batch begins");
@@ -56,12 +59,15 @@ pub(super) async fn run(context: &Context, gpu: &Gpu, threads: &Threads, claimed
         let report = BackendReport { requested: claimed.job().backend.requested, ..report(gpu, &[&claimed]) };
         attempt::run(context, claimed, report, ready, Start::Made(generation), Some(&second))
     });
-    ended += join_all(attempts).await.into_iter().map(u64::from).sum::<u64>();
-    if let Some(thread) = thread {
-        // The memory of the device is free only now. What went wrong was told to the members.
-        let _ = thread.await;
-    }
-    ended
+    let device = async {
+        if let Some(thread) = thread {
+            // The memory of the device is free only now. What went wrong was told to the members.
+            let _ = thread.await;
+        }
+        drop(turn);
+    };
+    let (ends, ()) = tokio::join!(join_all(attempts), device);
+    ended + ends.into_iter().map(u64::from).sum::<u64>()
 }
 
 fn report(gpu: &Gpu, claimed: &[&ClaimedJob]) -> BackendReport {

@@ -11,6 +11,7 @@ use crate::model::{Ring, Section};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::Notify;
+use tracing::Span;
 
 /// Most points of a thinned ring.
 const POINTS: usize = 512;
@@ -27,6 +28,8 @@ struct State {
     /// Least fraction to tell.
     floor: f64,
     injected: Option<Injected>,
+    /// The stage that goes on, for traces.
+    stage: Option<(Stage, Span)>,
     /// Stops the generation that is at work.
     cancel: CancelToken,
     /// Since the last checkpoint, or the start.
@@ -37,10 +40,22 @@ struct State {
     asked: bool,
 }
 
+impl State {
+    /// Ends the span of the stage before, where this is another.
+    fn enter(&mut self, stage: Stage, attempt: &Span) {
+        if self.stage.as_ref().is_none_or(|(before, _)| *before != stage) {
+            self.stage = None;
+            self.stage = Some((stage, span(stage, attempt)));
+        }
+    }
+}
+
 /// The newest state of a generation.
 #[derive(Debug)]
 pub(super) struct Live {
     state: Mutex<State>,
+    /// The attempt, for logs and traces.
+    span: Span,
     faults: Faults,
     /// Time between checkpoints.
     every: Option<Duration>,
@@ -65,7 +80,17 @@ impl Live {
     /// An injected fault stops the generation by `cancel`. A checkpoint is taken `every` so often, where it is given.
     pub(super) fn new(faults: Faults, cancel: CancelToken, every: Option<Duration>) -> Self {
         let state = State { cancel, unsaved: Some(Stopwatch::start()), ..State::default() };
-        Self { state: Mutex::new(state), faults, every, saved: Notify::new() }
+        Self { state: Mutex::new(state), span: Span::none(), faults, every, saved: Notify::new() }
+    }
+
+    /// The same within the span of an attempt.
+    pub(super) fn within(self, span: Span) -> Self {
+        Self { span, ..self }
+    }
+
+    /// The attempt, for logs and traces.
+    pub(super) fn span(&self) -> &Span {
+        &self.span
     }
 
     /// Asks for a checkpoint at the next step, where checkpoints are taken at all.
@@ -107,6 +132,7 @@ impl Live {
     /// The files are on their way to the artifact store.
     pub(super) fn storing(&self) {
         let mut state = self.state();
+        state.enter(Stage::Store, &self.span);
         let mut progress = state.progress.unwrap_or(Progress {
             stage: Stage::Store,
             fraction: 0.99,
@@ -148,6 +174,7 @@ impl Sink for Live {
     fn progress(&self, progress: &Progress) {
         {
             let mut state = self.state();
+            state.enter(progress.stage, &self.span);
             state.progress = Some(Progress { fraction: progress.fraction.max(state.floor), ..*progress });
             state.new_progress = true;
         }
@@ -199,6 +226,16 @@ fn name(stage: Stage) -> &'static str {
         Stage::Certify => "certify",
         Stage::Export => "export",
         Stage::Store => "store",
+    }
+}
+
+fn span(stage: Stage, attempt: &Span) -> Span {
+    match stage {
+        Stage::Simulate => tracing::info_span!(parent: attempt, "simulate"),
+        Stage::Mesh => tracing::info_span!(parent: attempt, "mesh"),
+        Stage::Certify => tracing::info_span!(parent: attempt, "certify"),
+        Stage::Export => tracing::info_span!(parent: attempt, "export"),
+        Stage::Store => tracing::info_span!(parent: attempt, "store"),
     }
 }
 

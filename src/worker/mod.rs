@@ -22,6 +22,8 @@
 //! | `share` | which jobs a CPU worker leaves to GPU workers |
 //! | `batch` | the attempts of a batch side by side |
 //! | `attempt` | one attempt at a job, from its claim to its end |
+//! | `follow` | from the start of a generation to its outcome |
+//! | `generation` | a generation on threads of its own, and the threads of a worker |
 //! | `keeper` | the lease while work goes on: heartbeat up, cancel down |
 //! | `live` | progress and sections on their way to the heartbeat |
 //! | `saver` | checkpoints to the artifact store, and back to the next attempt |
@@ -31,6 +33,8 @@
 mod attempt;
 mod batch;
 mod engine;
+mod follow;
+mod generation;
 mod generator;
 mod keeper;
 mod live;

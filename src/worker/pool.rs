@@ -1,7 +1,8 @@
 //! The workers of a process: claim loop, signs of life, shutdown.
 
-use super::attempt::{self, Context, Threads};
+use super::attempt::{self, Context};
 use super::batch::{self, Gpu};
+use super::generation::{self, Threads, Turn};
 use super::generator::{BatchGenerator, Generator};
 use super::keeper::Phase;
 use super::share::{self, Share};
@@ -17,14 +18,16 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::broadcast::{Receiver, error::RecvError};
-use tokio::sync::{Semaphore, watch};
-use tokio::task::JoinSet;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
+use tokio::task::{JoinError, JoinSet};
 use tokio::time::{sleep, timeout};
 
 /// Longest wait between claims while the store is away.
 const LONGEST_WAIT: Duration = Duration::from_secs(10);
 /// How long a shutdown waits for work that was told to stop.
 const LAST_WAIT: Duration = Duration::from_secs(10);
+/// Claims that a worker holds at once: one being computed, one whose files are being stored.
+const CLAIMS: usize = 2;
 /// Heartbeats between the signs of life of a worker of which nothing is new.
 const SEEN_EVERY: u32 = 5;
 
@@ -116,15 +119,26 @@ struct Slot {
     id: String,
     context: Arc<Context>,
     threads: Threads,
+    /// Whose turn it is on the threads, or on the device.
+    turn: Arc<Semaphore>,
+    /// Places of claims that are not done with.
+    places: Arc<Semaphore>,
     /// What makes it a GPU worker.
     gpu: Option<Gpu>,
     at: Mutex<At>,
 }
 
+/// What a worker needs to take on more.
+struct Ready {
+    turn: Turn,
+    _place: OwnedSemaphorePermit,
+}
+
 /// What a worker is at.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct At {
-    job: Option<JobId>,
+    /// Oldest first.
+    jobs: Vec<JobId>,
     done: u64,
     gpu: GpuState,
 }
@@ -185,7 +199,15 @@ impl WorkerPool {
                     Some(Gpu { generator, pool, turn: Arc::new(Semaphore::new(1)) })
                 }
             };
-            slots.push(Arc::new(Slot { id, context: Arc::clone(&context), threads, gpu, at: Mutex::default() }));
+            slots.push(Arc::new(Slot {
+                id,
+                context: Arc::clone(&context),
+                threads,
+                turn: Arc::new(Semaphore::new(1)),
+                places: Arc::new(Semaphore::new(CLAIMS)),
+                gpu,
+                at: Mutex::default(),
+            }));
         }
         for slot in &slots {
             tasks.spawn(claim_loop(Arc::clone(slot)));
@@ -225,24 +247,27 @@ fn threads(worker: &str, count: usize) -> io::Result<Arc<rayon::ThreadPool>> {
         .map_err(io::Error::other)
 }
 
-/// Claims and runs jobs until the pool drains.
+/// Claims jobs until the pool drains, and runs them. The next is claimed as soon as the worker's threads (or its device)
+/// are free, while the files of the one before are still being stored.
 async fn claim_loop(slot: Arc<Slot>) {
     let context = &slot.context;
     let mut phase = context.phase.clone();
     let mut wait = context.options.poll;
+    let mut attempts = JoinSet::new();
     loop {
+        let ready = tokio::select! {
+            biased;
+            _ = phase.wait_for(|phase| *phase != Phase::Run) => break,
+            ready = slot.ready() => ready,
+        };
         // Listening before looking: what is queued in between is told.
         let mut changes = context.store.changes();
-        if *phase.borrow_and_update() != Phase::Run {
-            let at = slot.at(|_| {});
-            slot.seen(at).await;
-            return;
-        }
         let away = match slot.claim().await {
             Ok((claimed, share)) => {
                 wait = context.options.poll;
                 if !claimed.is_empty() {
-                    slot.run(claimed, share).await;
+                    attempts.spawn(Arc::clone(&slot).run(claimed, share, ready));
+                    log_panics(&mut attempts);
                     continue;
                 }
                 false
@@ -253,11 +278,30 @@ async fn claim_loop(slot: Arc<Slot>) {
                 true
             }
         };
+        drop(ready);
         tokio::select! {
             _ = phase.changed() => {}
             () = sleep(wait) => {}
             () = new_job(&mut changes), if !away => {}
         }
+    }
+    while let Some(ended) = attempts.join_next().await {
+        log_panic(ended);
+    }
+    let at = slot.at(|_| {});
+    slot.seen(at).await;
+}
+
+/// Of attempts that have ended.
+fn log_panics(attempts: &mut JoinSet<()>) {
+    while let Some(ended) = attempts.try_join_next() {
+        log_panic(ended);
+    }
+}
+
+fn log_panic(ended: Result<(), JoinError>) {
+    if let Err(error) = ended {
+        tracing::error!(%error, "an attempt ended badly; its lease runs out");
     }
 }
 
@@ -280,8 +324,8 @@ async fn signs_of_life(slots: Vec<Arc<Slot>>, context: Arc<Context>) {
     for beat in 0u32.. {
         for (slot, told) in slots.iter().zip(&mut told) {
             let at = slot.at(|_| {});
-            if beat.is_multiple_of(SEEN_EVERY) || *told != Some(at) {
-                slot.seen(at).await;
+            if beat.is_multiple_of(SEEN_EVERY) || told.as_ref() != Some(&at) {
+                slot.seen(at.clone()).await;
                 *told = Some(at);
             }
         }
@@ -294,6 +338,16 @@ async fn signs_of_life(slots: Vec<Arc<Slot>>, context: Arc<Context>) {
 }
 
 impl Slot {
+    /// Once the worker can take on more.
+    async fn ready(&self) -> Ready {
+        let (place, turn) = (Arc::clone(&self.places), Arc::clone(&self.turn));
+        match (place.acquire_owned().await, turn.acquire_owned().await) {
+            (Ok(place), Ok(turn)) => Ready { turn, _place: place },
+            // Nobody closes them.
+            _ => std::future::pending().await,
+        }
+    }
+
     /// Claims what this worker may run now. A GPU worker whose GPU cannot be opened still takes one job at a time, for
     /// those asked of `gpu` must end too, and say why.
     async fn claim(&self) -> Result<(Vec<ClaimedJob>, Share), StoreError> {
@@ -330,19 +384,19 @@ impl Slot {
         opened.is_ok()
     }
 
-    async fn run(&self, claimed: Vec<ClaimedJob>, share: Share) {
-        self.at(|at| at.job = claimed.first().map(|claimed| claimed.job().id));
+    async fn run(self: Arc<Self>, claimed: Vec<ClaimedJob>, share: Share, ready: Ready) {
+        let Ready { turn, _place } = ready;
+        let jobs: Vec<JobId> = claimed.iter().map(|claimed| claimed.job().id).collect();
+        self.at(|at| at.jobs.extend(&jobs));
         let mut ended = 0;
         if let Some(gpu) = &self.gpu {
-            ended += batch::run(&self.context, gpu, &self.threads, claimed).await;
-        } else {
-            for claimed in claimed {
-                let why = share.reason().map(str::to_owned);
-                ended += u64::from(attempt::run_on_cpu(&self.context, &self.threads, why, claimed).await);
-            }
+            ended += batch::run(&self.context, gpu, &self.threads, claimed, turn).await;
+        } else if let Some(claimed) = claimed.into_iter().next() {
+            // A CPU worker claims one at a time.
+            ended += u64::from(attempt::run_on_cpu(&self.context, &self.threads, &share, claimed, turn).await);
         }
         self.at(|at| {
-            at.job = None;
+            at.jobs.retain(|job| !jobs.contains(job));
             at.done += ended;
         });
     }
@@ -350,24 +404,24 @@ impl Slot {
     fn at(&self, change: impl FnOnce(&mut At)) -> At {
         let mut at = self.at.lock().unwrap_or_else(PoisonError::into_inner);
         change(&mut at);
-        *at
+        at.clone()
     }
 
     /// Leaves a sign of life; not for a GPU worker without its GPU, which nobody should count on.
-    async fn seen(&self, At { job, done, gpu }: At) {
+    async fn seen(&self, At { jobs, done, gpu }: At) {
         if self.gpu.is_some() && gpu != GpuState::Open {
             return;
         }
         let (backend, device) = match &self.gpu {
             Some(gpu) => (Backend::Gpu, gpu.generator.device()),
-            None => (Backend::Cpu, attempt::device(self.threads.all.current_num_threads())),
+            None => (Backend::Cpu, generation::device(self.threads.all.current_num_threads())),
         };
         let worker = WorkerInfo {
             id: self.id.clone(),
             host: self.context.options.host.clone(),
             backend,
             device,
-            job,
+            job: jobs.first().copied(),
             jobs_done: done,
             heartbeat_at: self.context.clock.now(),
         };

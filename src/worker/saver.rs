@@ -38,11 +38,11 @@ impl<'a> Saver<'a> {
             match self.context.artifacts.read_all(key).await {
                 Ok(bytes) => return Some(bytes),
                 Err(error @ ArtifactError::NotFound { .. }) => {
-                    tracing::warn!(job = %self.claimed.job().id, %error, "the checkpoint is gone: the model is grown anew");
+                    tracing::warn!(%error, "the checkpoint is gone: the model is grown anew");
                     return None;
                 }
                 Err(error) => {
-                    tracing::warn!(job = %self.claimed.job().id, %error, tried, "the checkpoint could not be read");
+                    tracing::warn!(%error, tried, "the checkpoint could not be read");
                     tokio::time::sleep(wait).await;
                     wait *= 2;
                 }
@@ -61,13 +61,13 @@ impl<'a> Saver<'a> {
     /// Stores the next checkpoint.
     pub(super) async fn save_next(&mut self) {
         let bytes = self.live.next_checkpoint().await;
-        let (id, attempt, size) = (self.claimed.job().id, self.claimed.attempt(), bytes.len());
+        let size = bytes.len();
         match self.save(bytes.into()).await {
             Ok(()) => {
                 self.context.options.metrics.checkpoint();
-                tracing::info!(job = %id, attempt, bytes = size, "checkpoint stored");
+                tracing::info!(bytes = size, "checkpoint stored");
             }
-            Err(error) => tracing::warn!(job = %id, attempt, %error, "a checkpoint was not stored"),
+            Err(error) => tracing::warn!(%error, "a checkpoint was not stored"),
         }
     }
 

@@ -5,7 +5,8 @@
 
 use super::attempt::Context;
 use crate::generate::Backend;
-use crate::jobs::{ListFilter, Status, StoreError};
+use crate::jobs::StoreError;
+use crate::metrics::Fallback;
 
 /// Heartbeats without a sign of life after which a GPU worker counts as gone: twice what an idle one lets pass.
 const ALIVE: u32 = 10;
@@ -15,8 +16,13 @@ const ALIVE: u32 = 10;
 pub(super) enum Share {
     /// What was asked of a CPU by name.
     ByName,
-    /// `auto` too, for this reason.
-    Auto(String),
+    /// `auto` too.
+    Auto {
+        /// Why, in words for the record.
+        why: String,
+        /// Why, for the counts.
+        cause: Fallback,
+    },
 }
 
 impl Share {
@@ -24,15 +30,7 @@ impl Share {
     pub(super) fn backend(&self) -> Backend {
         match self {
             Self::ByName => Backend::CpuSingle,
-            Self::Auto(_) => Backend::Cpu,
-        }
-    }
-
-    /// Why `auto` runs on the CPU.
-    pub(super) fn reason(&self) -> Option<&str> {
-        match self {
-            Self::ByName => None,
-            Self::Auto(why) => Some(why),
+            Self::Auto { .. } => Backend::Cpu,
         }
     }
 }
@@ -45,14 +43,13 @@ pub(super) async fn of_cpu(context: &Context) -> Result<Share, StoreError> {
     let alive = workers.iter().filter(|w| w.backend == Backend::Gpu && w.heartbeat_at >= oldest).count();
     if alive == 0 {
         let why = options.no_gpu.clone().unwrap_or_else(|| "no GPU worker is alive".to_owned());
-        return Ok(Share::Auto(why));
+        return Ok(Share::Auto { why, cause: Fallback::NoGpu });
     }
-    let newest = ListFilter { status: Some(Status::Queued), limit: 1, ..ListFilter::default() };
-    let page = context.store.list(&newest).await?;
-    let waiting = page.jobs.first().and_then(|job| job.queue_position).map_or(0, |position| position + 1);
+    let waiting = context.store.counts().await?.queued;
     let taken = 2 * u64::from(options.batch) * alive as u64;
     Ok(if waiting > taken {
-        Share::Auto(format!("{waiting} jobs were waiting for {alive} GPU worker{}", if alive == 1 { "" } else { "s" }))
+        let why = format!("{waiting} jobs were waiting for {alive} GPU worker{}", if alive == 1 { "" } else { "s" });
+        Share::Auto { why, cause: Fallback::Busy }
     } else {
         Share::ByName
     })

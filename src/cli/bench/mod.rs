@@ -5,11 +5,13 @@
 //! | `paper` | the paper's Figures 10 and 11: time per step against particles, total running times |
 //! | `scaling` | time per step by threads and particles |
 //! | `batch` | models a second on the GPU, by the size of the batch |
+//! | `overhead` | models a second through HTTP, against the same workers calling the generator directly |
 
 mod batch;
 mod curve;
 mod device;
 mod machine;
+mod overhead;
 mod paper;
 mod plot;
 mod probe;
@@ -40,6 +42,7 @@ pub(super) async fn run(args: BenchArgs) -> Ended {
         Bench::Paper => ("bench-paper", tokio::task::spawn_blocking(move || paper::run(args.quick, args.gpu))),
         Bench::Scaling => ("bench-scaling", tokio::task::spawn_blocking(move || scaling::run(args.quick))),
         Bench::Batch => ("bench-batch", tokio::task::spawn_blocking(move || batch::run(args.quick, args.gpu))),
+        Bench::Overhead => ("bench-overhead", tokio::spawn(overhead::run(args.quick))),
     };
     let report = tokio::select! {
         ended = task => ended.context("the benchmark panicked")??,

@@ -1,0 +1,173 @@
+//! `bench overhead`: what the service costs. Small models come through HTTP from a service in this process (SQLite and
+//! files in a temporary folder, a worker a core), and from as many threads that call the generator directly; the two take
+//! turns, so that whatever else the machine does meets both.
+
+use super::super::args::ServiceArgs;
+use super::super::client::Client;
+use super::super::exit::Failure;
+use super::super::load::{self, Model, One, Seeds};
+use super::super::service::Service;
+use super::{Report, machine};
+use crate::clock::Stopwatch;
+use crate::generate::{Backend, Output};
+use crate::spec::{ModelSpec, preset};
+use anyhow::{Context, anyhow};
+use clap::Parser;
+use serde_json::{Value, json};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::net::TcpListener;
+
+/// Small models: preset `paper` with so many steps, and particles from the first number to the second.
+const SIZES: [(u32, u32, u32); 3] = [(60, 300, 420), (200, 400, 900), (400, 500, 1800)];
+const PRESET: &str = "paper";
+
+/// A service, as the command line starts it.
+#[derive(Debug, Parser)]
+struct Options {
+    #[command(flatten)]
+    service: ServiceArgs,
+}
+
+/// One size, measured.
+struct Row {
+    label: String,
+    /// Models a second by the generator alone, a round each.
+    direct: Vec<f64>,
+    /// Models a second through the service, a round each.
+    service: Vec<f64>,
+    /// Median time that the generator alone takes for a model.
+    seconds: f64,
+}
+
+impl Row {
+    /// Service over direct, the median of the rounds.
+    fn ratio(&self) -> f64 {
+        median(self.service.iter().zip(&self.direct).map(|(service, direct)| service / direct).collect())
+    }
+}
+
+fn median(mut numbers: Vec<f64>) -> f64 {
+    numbers.sort_by(f64::total_cmp);
+    numbers.get(numbers.len() / 2).copied().unwrap_or_default()
+}
+
+pub(super) async fn run(quick: bool) -> anyhow::Result<Report> {
+    let (rounds, seconds_a_round) = if quick { (3, 1.0) } else { (9, 4.0) };
+    let workers = machine::threads() as u32;
+    let folder = std::env::temp_dir().join(format!("oviduct-bench-{}", uuid::Uuid::now_v7()));
+    let mut service =
+        Options::try_parse_from(["oviduct", "--gpu", "off"]).context("the defaults are not valid")?.service;
+    service.database.data.clone_from(&folder);
+    service.cpu_workers = workers;
+    service.cpu_threads = Some(1);
+    service.grace = Duration::ZERO;
+    let listener = TcpListener::bind(("127.0.0.1", 0)).await.context("no port is free")?;
+    let service = Service::start(&service, listener).await.map_err(plain)?;
+    let client = Client::new(&format!("http://{}", service.address())).map_err(plain)?;
+    let mut rows = Vec::new();
+    for size in SIZES {
+        rows.push(measure(&client, size, workers, rounds, seconds_a_round).await?);
+    }
+    service.stop(None).await.map_err(plain)?;
+    std::fs::remove_dir_all(&folder).with_context(|| folder.display().to_string())?;
+    Ok(report(&rows, workers, rounds))
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
+fn plain(failure: Failure) -> anyhow::Error {
+    anyhow!(failure.report().1.join("; "))
+}
+
+async fn measure(
+    client: &Client,
+    (steps, from, to): (u32, u32, u32),
+    workers: u32,
+    rounds: u32,
+    seconds_a_round: f64,
+) -> anyhow::Result<Row> {
+    let patch = json!({ "steps": steps, "particles": { "total": { "keys": [[0, from], [1, to]] } } });
+    let spec = ModelSpec::resolve(preset(PRESET).context("there is no preset `paper`")?, &patch)
+        .map_err(|faults| anyhow!("the small model is not valid: {faults:?}"))?;
+    let model = Model {
+        preset: PRESET.to_owned(),
+        spec: Arc::new(spec),
+        backend: Backend::CpuSingle,
+        outputs: vec![Output::Glb],
+    };
+    let body = json!({ "preset": PRESET, "spec": patch, "backend": "cpu-single", "outputs": ["glb"] });
+    // Enough are asked for that a worker never waits for a request.
+    let asked = 4 * workers;
+    let mut next = 1;
+    let mut seeds = |count: u64| {
+        let seeds = Seeds::new(next, count);
+        next += count;
+        seeds
+    };
+    // Both once before they are timed; the first tells how many models make a round.
+    let first = load::direct(&model, seeds(u64::from(asked)), workers, 1).await.map_err(plain)?;
+    check(&first)?;
+    check(&load::through(client, &body, seeds(u64::from(asked)), asked).await.map_err(plain)?)?;
+    let each = median(first.iter().map(|one| one.ended).collect());
+    let count = (seconds_a_round * f64::from(workers) / each).ceil().max(f64::from(asked)) as u64;
+    let mut row = Row {
+        label: format!("{steps} steps, {from} to {to} particles"),
+        direct: Vec::new(),
+        service: Vec::new(),
+        seconds: 0.0,
+    };
+    let mut times = Vec::new();
+    for round in 0..rounds {
+        // Each goes first every other time.
+        for direct in [round % 2 == 0, round % 2 != 0] {
+            let watch = Stopwatch::start();
+            if direct {
+                let all = load::direct(&model, seeds(count), workers, 1).await.map_err(plain)?;
+                row.direct.push(count as f64 / watch.seconds());
+                check(&all)?;
+                times.extend(all.iter().map(|one| one.ended));
+            } else {
+                let all = load::through(client, &body, seeds(count), asked).await.map_err(plain)?;
+                row.service.push(count as f64 / watch.seconds());
+                check(&all)?;
+            }
+        }
+    }
+    row.seconds = median(times);
+    Ok(row)
+}
+
+fn check(all: &[One]) -> anyhow::Result<()> {
+    anyhow::ensure!(all.iter().all(|one| one.succeeded), "not all models succeeded");
+    Ok(())
+}
+
+fn report(rows: &[Row], workers: u32, rounds: u32) -> Report {
+    let mut lines = vec![
+        machine::line(),
+        format!(
+            "models a second, median of {rounds} rounds: {workers} workers with a thread each behind HTTP (SQLite, local \
+             files, the client in the same process), and {workers} threads that call the generator directly"
+        ),
+        format!("{:<36} {:>9} {:>9} {:>9} {:>7}", "model", "ms each", "direct", "service", "ratio"),
+    ];
+    let mut json_rows: Vec<Value> = Vec::new();
+    for row in rows {
+        let (direct, service) = (median(row.direct.clone()), median(row.service.clone()));
+        lines.push(format!(
+            "{:<36} {:>9.1} {direct:>9.2} {service:>9.2} {:>6.1}%",
+            row.label,
+            1e3 * row.seconds,
+            1e2 * row.ratio()
+        ));
+        json_rows.push(json!({
+            "model": row.label, "seconds_each": row.seconds, "direct_per_second": row.direct,
+            "service_per_second": row.service, "ratio": row.ratio(),
+        }));
+    }
+    let json = json!({
+        "bench": "overhead", "engine": crate::ENGINE_VERSION, "machine": machine::describe(), "preset": PRESET,
+        "workers": workers, "rounds": rounds, "rows": json_rows,
+    });
+    Report { lines, json, files: Vec::new() }
+}

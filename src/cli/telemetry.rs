@@ -1,0 +1,90 @@
+//! What a process says of itself while it works: the log on stderr, and traces to an OpenTelemetry collector if one is
+//! named.
+//!
+//! A request and an attempt at a job are a span each, the stages of an attempt are spans within it. They go out in
+//! batches over OTLP (HTTP, protobuf); a collector that is away costs its spans, never a model.
+
+use super::args::{Global, LogFormat};
+use super::exit::Failure;
+use opentelemetry::trace::TracerProvider;
+use opentelemetry::{KeyValue, global};
+use opentelemetry_otlp::{Protocol, SpanExporter, WithExportConfig};
+use opentelemetry_sdk::Resource;
+use opentelemetry_sdk::propagation::TraceContextPropagator;
+use opentelemetry_sdk::trace::SdkTracerProvider;
+use std::io::IsTerminal;
+use tracing::level_filters::LevelFilter;
+use tracing_subscriber::filter::Targets;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
+use tracing_subscriber::{EnvFilter, Layer};
+
+/// Variables of the OpenTelemetry specification that name a collector.
+const ENDPOINTS: [&str; 2] = ["OTEL_EXPORTER_OTLP_TRACES_ENDPOINT", "OTEL_EXPORTER_OTLP_ENDPOINT"];
+const SERVICE_NAME: &str = "OTEL_SERVICE_NAME";
+
+/// Traces on their way out.
+pub(super) struct Telemetry(Option<SdkTracerProvider>);
+
+impl Telemetry {
+    /// Starts the log, and traces where a collector is named by the options or, for a process that `serves`, by the
+    /// variables of the OpenTelemetry specification. To be called before there is an async runtime.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] for a filter or an address that is none.
+    pub(super) fn start(global: &Global, serves: bool) -> Result<Self, Failure> {
+        let filter = global.log.as_deref().unwrap_or(if serves { "info" } else { "warn" });
+        let filter = EnvFilter::try_new(filter).map_err(|error| Failure::usage(format!("--log {filter}: {error}")))?;
+        let log =
+            tracing_subscriber::fmt::layer().with_writer(std::io::stderr).with_ansi(std::io::stderr().is_terminal());
+        let log = match global.log_format {
+            LogFormat::Text => log.boxed(),
+            LogFormat::Json => log.json().boxed(),
+        };
+        let provider = match &global.otlp_endpoint {
+            Some(endpoint) => Some(provider(Some(endpoint))?),
+            None if serves && ENDPOINTS.iter().any(|name| is_set(name)) => Some(provider(None)?),
+            None => None,
+        };
+        let traces = provider.as_ref().map(|provider| {
+            // What the exporter itself logs must not become traces.
+            let ours = Targets::new().with_target(env!("CARGO_CRATE_NAME"), LevelFilter::INFO);
+            let layer = tracing_opentelemetry::layer().with_tracer(provider.tracer(env!("CARGO_PKG_NAME")));
+            layer.with_location(false).with_threads(false).with_filter(ours)
+        });
+        let started = tracing_subscriber::registry().with(log.with_filter(filter)).with(traces).try_init();
+        started.map_err(|error| Failure::Failed(anyhow::anyhow!("logging could not be started: {error}")))?;
+        Ok(Self(provider))
+    }
+
+    /// Sends what is left.
+    pub(super) fn stop(self) {
+        if let Some(Err(error)) = self.0.map(|provider| provider.shutdown()) {
+            tracing::warn!(%error, "the last spans did not reach the collector");
+        }
+    }
+}
+
+fn is_set(name: &str) -> bool {
+    std::env::var_os(name).is_some_and(|value| !value.is_empty())
+}
+
+fn provider(endpoint: Option<&String>) -> Result<SdkTracerProvider, Failure> {
+    crate::tls::install();
+    let mut exporter = SpanExporter::builder().with_http().with_protocol(Protocol::HttpBinary);
+    if let Some(endpoint) = endpoint {
+        let bad = |detail: String| Failure::usage(format!("--otlp-endpoint {endpoint}: {detail}"));
+        let url = reqwest::Url::parse(endpoint).map_err(|error| bad(error.to_string()))?;
+        if !matches!(url.scheme(), "http" | "https") {
+            return Err(bad("an address with http or https is wanted".to_owned()));
+        }
+        exporter = exporter.with_endpoint(format!("{}/v1/traces", endpoint.trim_end_matches('/')));
+    }
+    let exporter = exporter.build().map_err(|error| Failure::usage(format!("the collector of traces: {error}")))?;
+    let mut resource = Resource::builder().with_attribute(KeyValue::new("service.version", crate::ENGINE_VERSION));
+    if !is_set(SERVICE_NAME) {
+        resource = resource.with_service_name(env!("CARGO_PKG_NAME"));
+    }
+    global::set_text_map_propagator(TraceContextPropagator::new());
+    Ok(SdkTracerProvider::builder().with_resource(resource.build()).with_batch_exporter(exporter).build())
+}

@@ -1,0 +1,217 @@
+//! From the start of a generation to its outcome: the lease is kept, checkpoints are stored, the time that it may take
+//! is watched, and what a GPU could not do goes on on the CPU.
+
+use super::attempt::{Context, Prepared};
+use super::generation::{Generation, Threads, Turn, Unmade, generate};
+use super::keeper::{Interrupt, Keeper};
+use super::live::Live;
+use super::saver::Saver;
+use super::verdict::{self, Verdict};
+use crate::clock::Stopwatch;
+use crate::generate::{Backend, CancelToken, Outcome};
+use crate::jobs::{BackendReport, ClaimedJob};
+use crate::metrics::Fallback;
+use rayon::ThreadPool;
+use std::future::Future;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::Semaphore;
+
+/// How long the record of an attempt that was broken off waits for its thread.
+const STOP_WAIT: Duration = Duration::from_millis(300);
+/// How long an attempt that is given back waits for its last checkpoint to be taken and stored.
+const SAVE_WAIT: Duration = Duration::from_secs(6);
+
+/// Where the generation of an attempt comes from.
+pub(super) enum Start {
+    /// It is to be begun on these threads of the CPU, which are free for it.
+    Cpu(Arc<ThreadPool>, Turn),
+    /// It has begun, as a member of a batch.
+    Made(Generation),
+}
+
+/// Where an attempt goes on that a GPU could not do.
+pub(super) struct Second<'a> {
+    pub(super) threads: &'a Threads,
+    pub(super) turn: &'a Arc<Semaphore>,
+}
+
+impl Second<'_> {
+    async fn take_turn(&self) -> Option<Turn> {
+        Arc::clone(self.turn).acquire_owned().await.ok()
+    }
+}
+
+/// Why there is no outcome.
+pub(super) enum Broken {
+    /// It was broken off.
+    Interrupted(Interrupt),
+    /// It failed.
+    Failed(Verdict),
+}
+
+/// What an attempt leaves behind.
+#[derive(Default)]
+pub(super) struct Leavings {
+    /// A generation that was broken off and has not stopped yet.
+    pub(super) generation: Option<Generation>,
+    /// The checkpoint that the record named last.
+    pub(super) checkpoint: Option<String>,
+}
+
+/// Follows the generation of one attempt.
+pub(super) struct Follower<'a> {
+    context: &'a Context,
+    claimed: &'a ClaimedJob,
+    prepared: &'a Prepared,
+    keeper: Keeper<'a>,
+    saver: Saver<'a>,
+    watch: Stopwatch,
+    leavings: Leavings,
+}
+
+impl<'a> Follower<'a> {
+    pub(super) fn new(
+        context: &'a Context,
+        claimed: &'a ClaimedJob,
+        prepared: &'a Prepared,
+        report: &BackendReport,
+    ) -> Self {
+        Self {
+            context,
+            claimed,
+            prepared,
+            keeper: Keeper::new(context, claimed, report.clone(), &prepared.live),
+            saver: Saver::new(context, claimed, &prepared.live),
+            watch: Stopwatch::start(),
+            leavings: Leavings::default(),
+        }
+    }
+
+    /// Drives `work` while keeping the lease.
+    pub(super) async fn keep<T>(&mut self, work: impl Future<Output = T>) -> Result<T, Interrupt> {
+        self.keeper.keep(work).await
+    }
+
+    /// What is to be cleared away after the attempt.
+    pub(super) fn leavings(self) -> Leavings {
+        self.leavings
+    }
+
+    /// The outcome of the generation; its threads are free again by then, unless it was broken off and has not stopped
+    /// yet. `report` says what computed it.
+    pub(super) async fn outcome(
+        &mut self,
+        start: Start,
+        report: &mut BackendReport,
+        second: Option<&Second<'_>>,
+    ) -> Result<Outcome, Broken> {
+        let result = self.follow(start, report, second).await;
+        match self.prepared.live.injected() {
+            Some(injected) if !matches!(result, Err(Broken::Interrupted(_))) => {
+                Err(Broken::Failed(verdict::of_injected(injected)))
+            }
+            _ => result,
+        }
+    }
+
+    async fn follow(
+        &mut self,
+        start: Start,
+        report: &mut BackendReport,
+        second: Option<&Second<'_>>,
+    ) -> Result<Outcome, Broken> {
+        let Self { context, claimed, prepared, .. } = *self;
+        let mut generation = match start {
+            Start::Made(generation) => generation,
+            Start::Cpu(pool, turn) => {
+                let from = self.keeper.keep(self.saver.load()).await.map_err(Broken::Interrupted)?;
+                let backend = report.used.unwrap_or_default();
+                generate(context, pool, Some(turn), claimed, from, prepared, backend)
+            }
+        };
+        loop {
+            let made = self.keep_in_time(&mut generation).await;
+            self.leavings.checkpoint = self.saver.named();
+            let reason = match made {
+                Ok(Ok(outcome)) => return Ok(outcome),
+                Ok(Err(Unmade::Verdict(verdict))) => return Err(Broken::Failed(verdict)),
+                Ok(Err(Unmade::Gpu(reason))) => reason,
+                Err(broken) => {
+                    // A GPU takes no checkpoints that another attempt could go on from.
+                    let saves = report.used != Some(Backend::Gpu);
+                    self.stop(generation, saves && matches!(broken, Broken::Interrupted(Interrupt::Shutdown))).await;
+                    return Err(broken);
+                }
+            };
+            let Some(second) = second.filter(|_| report.requested == Backend::Auto) else {
+                return Err(Broken::Failed(Verdict::Fail(verdict::of_gpu(reason))));
+            };
+            tracing::warn!(reason, "the job goes on on the CPU");
+            context.options.metrics.fallback(Fallback::Device);
+            let ready = async { (second.take_turn().await, self.saver.load().await) };
+            let (turn, from) = self.keeper.keep(ready).await.map_err(Broken::Interrupted)?;
+            let (pool, cpu) = second.threads.choose(Backend::Cpu);
+            *report = BackendReport { requested: report.requested, fallback: Some(reason), ..cpu };
+            self.keeper.report(report.clone());
+            // The old generation takes its token with it.
+            let cancel = CancelToken::default();
+            prepared.live.restart(cancel.clone());
+            let again = Prepared { cancel, dir: Arc::clone(&prepared.dir), live: Arc::clone(&prepared.live) };
+            generation = generate(context, pool, turn, claimed, from, &again, Backend::Cpu);
+        }
+    }
+
+    /// Drives a generation while keeping the lease and storing checkpoints, within the time that a job may take.
+    async fn keep_in_time(&mut self, generation: &mut Generation) -> Result<Result<Outcome, Unmade>, Broken> {
+        let (limit, spent) = (self.context.options.job_timeout, self.watch.elapsed());
+        let late = async {
+            match limit {
+                Some(limit) => {
+                    tokio::time::sleep(limit.saturating_sub(spent)).await;
+                    limit
+                }
+                None => std::future::pending().await,
+            }
+        };
+        tokio::select! {
+            kept = self.keeper.keep(generation.made()) => kept.map_err(Broken::Interrupted),
+            limit = late => Err(Broken::Failed(verdict::of_timeout(limit))),
+            never = self.saver.run() => match never {},
+        }
+    }
+
+    /// Breaks a generation off, after a last checkpoint if it `saves`.
+    async fn stop(&mut self, mut generation: Generation, saves: bool) {
+        let mut running = true;
+        if saves {
+            running = last_checkpoint(self.context, &self.prepared.live, &mut self.saver, generation.made()).await;
+            self.leavings.checkpoint = self.saver.named();
+        }
+        generation.stop();
+        // Most stop within milliseconds: then the record says so once it is true.
+        if running && tokio::time::timeout(STOP_WAIT, generation.made()).await.is_err() {
+            self.leavings.generation = Some(generation);
+        }
+    }
+}
+
+/// Waits a little for a last checkpoint. Returns whether the thread is still at work.
+async fn last_checkpoint<T>(
+    context: &Context,
+    live: &Live,
+    saver: &mut Saver<'_>,
+    made: impl Future<Output = T>,
+) -> bool {
+    live.ask_for_checkpoint();
+    if !live.takes_checkpoints() {
+        return true;
+    }
+    // Nobody renews the lease meanwhile.
+    let left = context.options.lease.saturating_sub(context.options.heartbeat).mul_f32(0.75);
+    tokio::select! {
+        () = saver.save_next() => true,
+        () = tokio::time::sleep(left.min(SAVE_WAIT)) => true,
+        _ = made => false,
+    }
+}
