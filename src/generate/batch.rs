@@ -85,6 +85,7 @@ fn on<D: Device>(device: &D, members: &[Member<'_>], ended: &(dyn Fn(usize, Resu
             let mut feed = Feed { batch: &batch, scope, first: group.start, begun: Stopwatch::start(), told: false };
             let result = device.run(&batch.plans[group.clone()], &mut feed);
             if matches!(result, Err(GpuError::OutOfMemory)) && group.len() > 1 && !feed.told {
+                tracing::warn!(members = group.len(), "the device has no memory for the batch, which is halved");
                 let middle = group.start + group.len().div_ceil(2);
                 groups.extend([middle..group.end, group.start..middle]);
                 continue;
