@@ -9,7 +9,7 @@ const ROOM: f32 = 40.0;
 // Span of particles over which the curvature of a fold tip is taken.
 const SPAN: u32 = 3u;
 
-var<workgroup> winners: array<u32, 256>;
+var<workgroup> winners: array<u32, LOOP_THREADS>;
 
 fn point(member: u32, n: u32, i: u32) -> vec2<f32> {
     return load2(member, current(X), i % n);

@@ -18,16 +18,16 @@ const GREATEST_MOVE: f32 = 5.0;
 // Partial sums of a particle in shared memory: one word more than there are, against bank conflicts.
 const STRIDE: u32 = 17u;
 
-var<workgroup> lane_x: array<f32, 272>;
-var<workgroup> lane_y: array<f32, 272>;
-var<workgroup> lane_near: array<f32, 272>;
+var<workgroup> lane_x: array<f32, LANES * STRIDE>;
+var<workgroup> lane_y: array<f32, LANES * STRIDE>;
+var<workgroup> lane_near: array<f32, LANES * STRIDE>;
 // Read by one thread for all: particles of the member (0 where it does not run), and whether its lists hold.
 var<workgroup> member_count: u32;
 var<workgroup> member_lists: u32;
 // Of each particle: squared displacement since the lists were built, squared elliptic radius, whether it was shortened.
-var<workgroup> far: array<f32, 16>;
-var<workgroup> wide: array<f32, 16>;
-var<workgroup> shortened: array<u32, 16>;
+var<workgroup> far: array<f32, LANES>;
+var<workgroup> wide: array<f32, LANES>;
+var<workgroup> shortened: array<u32, LANES>;
 
 // Where the positions of this evaluation lie: x, then y, vx, vy in the next fields.
 fn source() -> u32 {

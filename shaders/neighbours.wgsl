@@ -12,7 +12,7 @@ const SPARE: f32 = 4.0;
 var<workgroup> stale: u32;
 var<workgroup> count_all: u32;
 // Bounding boxes of blocks: least x, least y, greatest x, greatest y.
-var<workgroup> boxes: array<vec4<f32>, 64>;
+var<workgroup> boxes: array<vec4<f32>, THREADS>;
 
 fn segment_bounds(member: u32, n: u32, block: u32) -> vec4<f32> {
     let first = block * LANES;

@@ -11,7 +11,7 @@ const TAUT: f32 = 0.8;
 // Pull toward the target per µm of distance.
 const PULL: f32 = 0.1;
 
-var<workgroup> lengths: array<f32, 256>;
+var<workgroup> lengths: array<f32, LOOP_THREADS>;
 var<workgroup> reach: f32;
 
 fn wall_slot(member: u32, field: u32, i: u32) -> u32 {

@@ -10,6 +10,7 @@ use oviduct::sim::cpu::CONSTANTS;
 use oviduct::sim::gpu::layout::{self, Batch, Member, Now, Status};
 use oviduct::sim::gpu::shaders::{ALL, Shader};
 use oviduct::sim::{LANES, StepRow};
+use std::collections::BTreeSet;
 use std::mem::{offset_of, size_of};
 
 fn parse(shader: &Shader) -> Module {
@@ -140,25 +141,53 @@ fn constant(module: &Module, name: &str) -> Literal {
     literal(module, name).unwrap_or_else(|| panic!("no constant {name}"))
 }
 
+/// Constants of the layout that the host has too.
+const SHARED: [(&str, u32); 13] = [
+    ("LANES", LANES as u32),
+    ("BLOCK_THREADS", layout::BLOCK_THREADS),
+    ("THREADS", layout::THREADS),
+    ("LOOP_THREADS", layout::LOOP_THREADS),
+    ("LIST", layout::LIST),
+    ("NONE", layout::NONE),
+    ("HEADER", layout::HEADER),
+    ("RECORDED_INNER", layout::RECORDED_INNER),
+    ("RECORDED_OUTER", layout::RECORDED_OUTER),
+    ("COPIED", layout::COPIED),
+    ("CLEARANCE", layout::CLEARANCE),
+    ("FIELDS", layout::FIELDS),
+    ("WALL_FIELDS", layout::WALL_FIELDS),
+];
+/// Fields in the order in which the host writes and reads them.
+const INNER_FIELDS: [&str; 10] = ["ID", "X", "Y", "VX", "VY", "REST", "ANCHOR_X", "ANCHOR_Y", "SIGN", "SCALE"];
+const OUTER_FIELDS: [&str; 5] = ["WALL_ID", "WALL_X", "WALL_Y", "WALL_VX", "WALL_VY"];
+/// Constants that only shaders need: fields with their widths, which must not overlap …
+const OWN_INNER_FIELDS: [(&str, u32); 13] = [
+    ("STAGE", 8),
+    ("SUM_X", 1),
+    ("SUM_Y", 1),
+    ("FIRST_X", 1),
+    ("FIRST_Y", 1),
+    ("MIDDLE_X", 1),
+    ("MIDDLE_Y", 1),
+    ("CLEARANCE", 1),
+    ("BUILT_X", 1),
+    ("BUILT_Y", 1),
+    ("COUNT", 1),
+    ("WINNER", 1),
+    ("BEFORE", 1),
+];
+const OWN_OUTER_FIELDS: [(&str, u32); 3] = [("WALL_PULL_X", 1), ("WALL_PULL_Y", 1), ("WALL_OLD", 5)];
+/// … how far beyond the skin lists reach, and a stride in shared memory.
+const OWN: [&str; 2] = ["SPARE", "STRIDE"];
+
+/// Random streams that shaders draw from.
+const STREAMS: [(&str, Stream); 2] = [("STREAM_CONTORTION", Stream::Contortion), ("STREAM_GROWTH", Stream::Growth)];
+
 #[test]
 fn constants_are_the_same() {
     for shader in &ALL {
         let module = parse(shader);
-        for (name, value) in [
-            ("LANES", LANES as u32),
-            ("BLOCK_THREADS", layout::BLOCK_THREADS),
-            ("THREADS", layout::THREADS),
-            ("LOOP_THREADS", layout::LOOP_THREADS),
-            ("LIST", layout::LIST),
-            ("NONE", layout::NONE),
-            ("HEADER", layout::HEADER),
-            ("RECORDED_INNER", layout::RECORDED_INNER),
-            ("RECORDED_OUTER", layout::RECORDED_OUTER),
-            ("COPIED", layout::COPIED),
-            ("CLEARANCE", layout::CLEARANCE),
-            ("FIELDS", layout::FIELDS),
-            ("WALL_FIELDS", layout::WALL_FIELDS),
-        ] {
+        for (name, value) in SHARED {
             assert_eq!(constant(&module, name), Literal::U32(value), "{name} in {}", shader.name);
         }
     }
@@ -168,8 +197,7 @@ fn constants_are_the_same() {
 #[test]
 fn constants_of_the_model_are_those_of_the_cpu() {
     let modules = ALL.map(|shader| parse(&shader));
-    let streams = [("STREAM_CONTORTION", Stream::Contortion), ("STREAM_GROWTH", Stream::Growth)];
-    let shared = CONSTANTS.into_iter().chain(streams.map(|(name, stream)| (name, stream as u32 as f32)));
+    let shared = CONSTANTS.into_iter().chain(STREAMS.map(|(name, stream)| (name, stream as u32 as f32)));
     for (name, value) in shared {
         let found: Vec<f32> = modules
             .iter()
@@ -181,5 +209,59 @@ fn constants_of_the_model_are_those_of_the_cpu() {
             .collect();
         assert!(!found.is_empty(), "no shader has {name}");
         assert!(found.iter().all(|&x| x == value), "{name} is {value} on the CPU, {found:?} in shaders");
+    }
+}
+
+#[test]
+fn fields_follow_each_other() {
+    for shader in &ALL {
+        let module = parse(shader);
+        let follow = |first: u32, fields: &[(&str, u32)], end: u32| {
+            let mut next = first;
+            for &(name, width) in fields {
+                assert_eq!(constant(&module, name), Literal::U32(next), "{name} in {}", shader.name);
+                next += width;
+            }
+            assert_eq!(next, end);
+        };
+        follow(0, &INNER_FIELDS.map(|name| (name, 1)), layout::COPIED);
+        follow(2 * layout::COPIED, &OWN_INNER_FIELDS, layout::FIELDS);
+        follow(0, &OUTER_FIELDS.map(|name| (name, 1)), layout::RECORDED_OUTER);
+        follow(layout::RECORDED_OUTER, &OWN_OUTER_FIELDS, layout::WALL_FIELDS);
+    }
+    assert_eq!(layout::RECORDED_INNER, layout::COPIED + 1, "and the clearance");
+}
+
+#[test]
+fn no_constant_and_no_structure_is_left_out() {
+    let compared: BTreeSet<&str> = (SHARED.map(|c| c.0).into_iter())
+        .chain(INNER_FIELDS)
+        .chain(OUTER_FIELDS)
+        .chain(OWN_INNER_FIELDS.map(|f| f.0))
+        .chain(OWN_OUTER_FIELDS.map(|f| f.0))
+        .chain(OWN)
+        .chain(STREAMS.map(|s| s.0))
+        .chain(CONSTANTS.map(|c| c.0))
+        .collect();
+    for shader in &ALL {
+        let module = parse(shader);
+        for (_, constant) in module.constants.iter() {
+            let name = constant.name.as_deref().unwrap_or_default();
+            assert!(compared.contains(name), "{name} of {} is compared with nothing", shader.name);
+        }
+        // Shaders keep what pair forces need in a structure of their own.
+        let known = ["StepRow", "Batch", "Member", "Status", "Now", "PairTerms"];
+        for (_, found) in module.types.iter().filter(|(_, t)| matches!(t.inner, TypeInner::Struct { .. })) {
+            let name = found.name.as_deref().unwrap_or_default();
+            assert!(known.contains(&name), "{name} of {} is compared with nothing", shader.name);
+        }
+        // A constant that pipelines set must be there by this name, or its default would hold in silence.
+        let set: &[&str] = match shader.name {
+            "integrate" => &["EVALUATION", "EULER"],
+            "neighbours" => &["EULER"],
+            _ => &[],
+        };
+        let found: Vec<&str> = module.overrides.iter().map(|(_, o)| o.name.as_deref().unwrap_or_default()).collect();
+        assert_eq!(found, set, "{}", shader.name);
     }
 }

@@ -10,7 +10,7 @@ use std::sync::{Mutex, PoisonError};
 const OFF: &str = "GPUs are switched off (--gpu off)";
 
 fn options(args: GpuArgs) -> GpuOptions {
-    GpuOptions { allow_software: args.allow_software_adapter }
+    GpuOptions { allow_software: args.allow_software_adapter, ..GpuOptions::default() }
 }
 
 /// A generator for each GPU, or why there is none.

@@ -13,10 +13,11 @@ use super::{Ran, check_memory, finish};
 use crate::clock::Stopwatch;
 use crate::mesh::Lofter;
 use crate::model::Section;
-use crate::sim::gpu::GpuDevice;
+use crate::sim::gpu::{GpuDevice, GpuError};
 use crate::sim::{Plan, SimError, Statistics};
 use std::any::Any;
 use std::collections::VecDeque;
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -40,6 +41,8 @@ pub struct Member<'a> {
 
 /// Grows, proves and writes `members`, simulated together on `device`. Calls `ended` once for each, as soon as it has
 /// ended, with its place in `members`; comes back when all have.
+///
+/// What does not get its memory on the device is halved, and the halves are simulated one after the other.
 ///
 /// Takes up one thread of the rayon pool that it is called in, to drive the device; the others loft, prove and write.
 /// [`GenerateError::Gpu`] comes to members that the device could not do or did not finish: they may be grown on
@@ -75,17 +78,28 @@ fn on<D: Device>(device: &D, members: &[Member<'_>], ended: &(dyn Fn(usize, Resu
         shorter: Condvar::new(),
         total: Stopwatch::start(),
     };
+    // Members that are simulated together; those to be run first come last.
+    let mut groups: Vec<Range<usize>> = std::iter::once(0..batch.growing.len()).collect();
     rayon::in_place_scope(|scope| {
-        let result = device.run(&batch.plans, &mut Feed { batch: &batch, scope });
-        for member in &batch.growing {
-            if !member.simulated.load(Ordering::Relaxed) {
-                let why = match &result {
-                    Err(error) => GenerateError::Gpu(error.clone()),
-                    // A device that is well leaves out only what was asked to stop.
-                    Ok(()) => GenerateError::Cancelled,
-                };
-                batch.drop_sections(member);
-                batch.post(scope, member, Item::Broken(why));
+        while let Some(group) = groups.pop() {
+            let mut feed = Feed { batch: &batch, scope, first: group.start, begun: Stopwatch::start(), told: false };
+            let result = device.run(&batch.plans[group.clone()], &mut feed);
+            if matches!(result, Err(GpuError::OutOfMemory)) && group.len() > 1 && !feed.told {
+                tracing::warn!(members = group.len(), "the device has no memory for the batch, which is halved");
+                let middle = group.start + group.len().div_ceil(2);
+                groups.extend([middle..group.end, group.start..middle]);
+                continue;
+            }
+            for member in &batch.growing[group] {
+                if !member.simulated.load(Ordering::Relaxed) {
+                    let why = match &result {
+                        Err(error) => GenerateError::Gpu(error.clone()),
+                        // A device that is well leaves out only what was asked to stop.
+                        Ok(()) => GenerateError::Cancelled,
+                    };
+                    batch.drop_sections(member);
+                    batch.post(scope, member, Item::Broken(why));
+                }
             }
         }
     });
@@ -94,7 +108,7 @@ fn on<D: Device>(device: &D, members: &[Member<'_>], ended: &(dyn Fn(usize, Resu
 /// What is told of a member.
 enum Item<M> {
     Section(Section, M),
-    /// Its last step is done; with the seconds since the start of the batch.
+    /// Its last step is done; with the seconds since the device began with it.
     Simulated(Statistics, f64),
     Broken(GenerateError),
 }
@@ -271,15 +285,25 @@ impl<'a, D: Device> Batch<'a, D> {
     }
 }
 
-/// Hands on what the device tells.
+/// Hands on what the device tells of a group of members.
 struct Feed<'s, 'scope, 'a, D: Device> {
     batch: &'scope Batch<'a, D>,
     scope: &'s rayon::Scope<'scope>,
+    /// The first member of the group.
+    first: usize,
+    begun: Stopwatch,
+    /// Whether anything was told.
+    told: bool,
 }
 
-impl<'scope, D: Device> Feed<'_, 'scope, '_, D> {
-    fn tell(&self, member: usize, item: Item<D::Mark>) {
-        self.batch.post(self.scope, &self.batch.growing[member], item);
+impl<'scope, 'a, D: Device> Feed<'_, 'scope, 'a, D> {
+    fn member(&self, place: usize) -> &'scope Growing<'a, D::Mark> {
+        &self.batch.growing[self.first + place]
+    }
+
+    fn tell(&mut self, place: usize, item: Item<D::Mark>) {
+        self.told = true;
+        self.batch.post(self.scope, self.member(place), item);
     }
 }
 
@@ -294,25 +318,26 @@ impl<D: Device> Told<D::Mark> for Feed<'_, '_, '_, D> {
     }
 
     fn progress(&mut self, member: usize, step: i64, particles: u32) {
-        let member = &self.batch.growing[member];
+        let member = self.member(member);
         if !member.ended.load(Ordering::Relaxed) {
             lock(&member.pace).step(step, particles);
         }
     }
 
     fn cancelled(&mut self, member: usize) -> bool {
-        let member = &self.batch.growing[member];
+        let member = self.member(member);
         member.ended.load(Ordering::Relaxed) || member.member.cancel.is_cancelled()
     }
 
     fn failed(&mut self, member: usize, error: SimError) {
-        self.batch.growing[member].simulated.store(true, Ordering::Relaxed);
+        self.member(member).simulated.store(true, Ordering::Relaxed);
         self.tell(member, Item::Broken(GenerateError::Simulation { detail: error.to_string() }));
     }
 
     fn finished(&mut self, member: usize, statistics: Statistics) {
-        self.batch.growing[member].simulated.store(true, Ordering::Relaxed);
-        self.tell(member, Item::Simulated(statistics, self.batch.total.seconds()));
+        self.member(member).simulated.store(true, Ordering::Relaxed);
+        let seconds = self.begun.seconds();
+        self.tell(member, Item::Simulated(statistics, seconds));
     }
 }
 

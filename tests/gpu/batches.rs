@@ -1,16 +1,17 @@
 //! Whole small runs in batches: sound, repeatable, independent of each other.
 
 use crate::common::{Kept, device, no_vulkan, open, plan, short};
+use oviduct::clock::Stopwatch;
 use oviduct::geometry::polygon::{check_contour, check_nested};
 use oviduct::measure::certify;
 use oviduct::mesh::Lofter;
 use oviduct::model::Section;
-use oviduct::sim::gpu::{GpuError, replay, run_batch};
-use oviduct::sim::{Plan, SimError};
+use oviduct::sim::gpu::{BatchSink, Checkpoint, GpuError, replay, run_batch};
+use oviduct::sim::{Plan, SimError, Statistics};
 use oviduct::spec::Integrator;
 use serde_json::json;
 
-fn run(plans: &[Plan]) -> Kept {
+pub(crate) fn run(plans: &[Plan]) -> Kept {
     let mut kept = Kept::new(plans.len());
     let report = run_batch(device(), plans, &mut kept).unwrap();
     println!("{report:?}");
@@ -22,7 +23,7 @@ fn run(plans: &[Plan]) -> Kept {
     kept
 }
 
-fn assert_sound(section: &Section) {
+pub(crate) fn assert_sound(section: &Section) {
     let (inner, outer) = (&section.inner.points, &section.outer.points);
     check_contour(inner).unwrap_or_else(|e| panic!("inner loop at step {}: {e}", section.step));
     check_contour(outer).unwrap_or_else(|e| panic!("outer loop at step {}: {e}", section.step));
@@ -30,7 +31,7 @@ fn assert_sound(section: &Section) {
 }
 
 /// Lofts the sections as a worker does, mending with replays, and certifies the surface.
-fn certify_run(plan: &Plan, kept: &Kept, member: usize) {
+pub(crate) fn certify_run(plan: &Plan, kept: &Kept, member: usize) {
     let run = &kept.sections[member];
     let mut lofter = Lofter::new(run[0].0.clone()).unwrap();
     let mut sections = vec![run[0].0.clone()];
@@ -184,4 +185,54 @@ fn only_what_fits_and_is_alike_runs_together() {
     let most = device().max_batch(&a);
     assert!(most >= 16, "{most}");
     assert!(device().fits(&vec![&a; most]).is_ok());
+}
+
+/// Notes when it hears of a batch, and stops it after a while.
+struct Pulse {
+    since: Stopwatch,
+    /// Seconds and step of each sign of life of the first member.
+    heard: Vec<(f64, i64)>,
+    stopped: Option<f64>,
+}
+
+impl BatchSink for Pulse {
+    fn section(&mut self, _: usize, _: Section, _: Checkpoint) {}
+    fn progress(&mut self, member: usize, step: i64, _: u32) {
+        if member == 0 {
+            self.heard.push((self.since.seconds(), step));
+        }
+    }
+    fn cancelled(&mut self, _: usize) -> bool {
+        let now = self.since.seconds();
+        let stop = now > 4.0;
+        if stop && self.stopped.is_none() {
+            self.stopped = Some(now);
+        }
+        stop
+    }
+    fn failed(&mut self, _: usize, error: SimError) {
+        panic!("{error}");
+    }
+    fn finished(&mut self, _: usize, _: Statistics) {}
+}
+
+/// On a software adapter a step of this batch takes some ten milliseconds; on a GPU many steps make a chunk.
+#[test]
+fn progress_and_cancellation_keep_within_a_second_on_a_slow_adapter_too() {
+    if no_vulkan() {
+        return;
+    }
+    let patch = json!({ "steps": 20_000, "particles": { "total": 1000, "outer": 90 }, "wall": { "lobing": 0 } });
+    let plans: Vec<Plan> = (1..=3).map(|seed| plan(&patch, seed)).collect();
+    let mut pulse = Pulse { since: Stopwatch::start(), heard: Vec::new(), stopped: None };
+    run_batch(device(), &plans, &mut pulse).unwrap();
+    // A fast device is through before it is stopped.
+    let back = pulse.stopped.map_or(0.0, |at| pulse.since.seconds() - at);
+    let mut gaps: Vec<f64> = pulse.heard.windows(2).map(|w| w[1].0 - w[0].0).collect();
+    gaps.sort_by(f64::total_cmp);
+    let steps = pulse.heard.last().unwrap().1 - pulse.heard[0].1;
+    println!("{steps} steps in {} chunks, gaps {gaps:.3?}, back after {back:.3} s", gaps.len());
+    // Other tests run at the same time, on few cores: single gaps may be longer.
+    assert!(gaps.len() > 2 && gaps[gaps.len() / 2] < 1.0, "{gaps:.3?}");
+    assert!(back < 5.0, "it took {back} s to stop");
 }

@@ -5,9 +5,11 @@ use oviduct::sim::gpu::{Adapter, BatchSink, Checkpoint, GpuDevice, GpuOptions, a
 use oviduct::sim::{Plan, SimError, Statistics};
 use oviduct::spec::{ModelSpec, preset};
 use serde_json::{Value, json};
+use std::path::Path;
+use std::process::Command;
 use std::sync::OnceLock;
 
-pub(crate) const OPTIONS: GpuOptions = GpuOptions { allow_software: true };
+pub(crate) const OPTIONS: GpuOptions = GpuOptions { allow_software: true, memory_bytes: None };
 
 /// Whether this machine is said to have no Vulkan loader, so that nothing but its absence can be tested.
 pub(crate) fn no_vulkan() -> bool {
@@ -23,7 +25,18 @@ pub(crate) fn found() -> Vec<Adapter> {
 
 /// A device of its own.
 pub(crate) fn open() -> GpuDevice {
-    GpuDevice::open(&found()[0], &OPTIONS).unwrap()
+    open_with(&OPTIONS)
+}
+
+/// A device of its own with other options.
+pub(crate) fn open_with(options: &GpuOptions) -> GpuDevice {
+    GpuDevice::open(&found()[0], options).unwrap()
+}
+
+/// Options that leave so many bytes for batches, on top of what an idle device takes.
+pub(crate) fn leave(bytes: u64) -> GpuOptions {
+    let idle = open().memory_in_use().expect("this backend tells what memory is in use");
+    GpuOptions { memory_bytes: Some(idle + bytes), ..OPTIONS }
 }
 
 /// The device that tests share.
@@ -49,6 +62,15 @@ pub(crate) fn short(seed: u64) -> Plan {
         "particles": { "total": { "keys": [[0, 180], [1, 400]] }, "outer": { "keys": [[0, 50], [1, 60]] } },
     });
     plan(&patch, seed)
+}
+
+/// The command that grows a very small model into `dir`, and prints JSON.
+pub(crate) fn generate(dir: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_oviduct"));
+    command.current_dir(dir).args(["generate", "--seed", "1", "--out", "model", "--json"]);
+    command.args(["--set", "steps=40", "--set", "particles.total={\"keys\":[[0,180],[1,260]]}"]);
+    command.args(["--set", "particles.outer=50", "--set", "burn_in=10"]);
+    command
 }
 
 /// Keeps what a batch tells.

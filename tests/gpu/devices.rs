@@ -1,6 +1,6 @@
 //! Adapters: what is offered, and what is said where there is none.
 
-use crate::common::{OPTIONS, found, no_vulkan, open};
+use crate::common::{OPTIONS, found, generate, no_vulkan, open};
 use oviduct::sim::gpu::{AdapterKind, GpuDevice, GpuError, GpuOptions, adapters};
 
 #[test]
@@ -45,4 +45,33 @@ fn adapters_say_what_they_are() {
         assert!(adapter.max_binding_bytes >= 128 << 20);
     }
     assert!(!open().is_lost());
+}
+
+/// Runs on any machine: the loader is hidden by one that cannot be loaded, the drivers by a list that is not there.
+#[cfg(target_os = "linux")]
+#[test]
+fn the_command_says_what_is_missing_and_grows_on_the_cpu() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("libvulkan.so.1"), "no library").unwrap();
+    let nowhere = dir.path().join("nowhere");
+    for (name, value) in [("LD_LIBRARY_PATH", dir.path()), ("VK_DRIVER_FILES", &nowhere)] {
+        let run = |backend: &str| {
+            let mut command = generate(dir.path());
+            command.args(["--backend", backend, "--allow-software-adapter"]);
+            command.env(name, value).env("VK_ICD_FILENAMES", &nowhere).output().unwrap()
+        };
+        let output = run("gpu");
+        let told = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{name}: {told}");
+        assert!(
+            told.contains("no graphics interface could be loaded") && told.contains("libvulkan1"),
+            "{name}: {told}"
+        );
+        assert!(!told.contains("panicked"), "{name}: {told}");
+        let output = run("auto");
+        assert!(output.status.success(), "{name}: {}", String::from_utf8_lossy(&output.stderr));
+        let told: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(told["backend"]["used"], "cpu");
+        assert!(told["backend"]["fallback"].as_str().unwrap().contains("libvulkan1"), "{name}: {told}");
+    }
 }

@@ -1,23 +1,24 @@
 //! Whole models grown on a device: by the library, by the command, and by a worker whose device is lost in mid-batch.
 
-use crate::common::{OPTIONS, device, no_vulkan};
+use crate::common::{OPTIONS, device, generate, leave, no_vulkan};
 use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{Backend, CancelToken, Member, Outcome, Output, Request, generate_batch};
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::sqlite::SqliteStore;
 use oviduct::jobs::{Job, JobId, NewJob, Priority, Status, Store, StoreOptions};
+use oviduct::sim::Plan;
+use oviduct::sim::gpu::{GpuDevice, GpuOptions};
 use oviduct::spec::{ModelSpec, preset};
 use oviduct::worker::{BatchGenerator, GpuGenerator, PoolOptions, WorkerPool, generate_on_cpu};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::process::Command;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-fn spec(steps: u32) -> ModelSpec {
+fn spec(steps: u32, particles: u32) -> ModelSpec {
     let patch = json!({
         "steps": steps, "burn_in": 20,
-        "particles": { "total": { "keys": [[0, 180], [1, 400]] }, "outer": { "keys": [[0, 50], [1, 60]] } },
+        "particles": { "total": { "keys": [[0, 180], [1, particles]] }, "outer": { "keys": [[0, 50], [1, 60]] } },
     });
     ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap()
 }
@@ -30,7 +31,7 @@ fn grow(seeds: &[u64]) -> Vec<Outcome> {
             let dir = dir.path().join(seed.to_string());
             std::fs::create_dir(&dir).unwrap();
             let (preset, backend, outputs) = ("pig".into(), Backend::Gpu, vec![Output::Glb]);
-            Request { preset, spec: spec(60), seed, backend, outputs, dir, memory_limit_bytes: None }
+            Request { preset, spec: spec(60, 400), seed, backend, outputs, dir, memory_limit_bytes: None }
         })
         .collect();
     let cancel = CancelToken::default();
@@ -62,13 +63,7 @@ fn the_command_grows_on_a_gpu() {
         return;
     }
     let dir = tempfile::tempdir().unwrap();
-    let run = |arguments: &[&str]| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_oviduct"));
-        command.current_dir(dir.path()).args(["generate", "--seed", "1", "--out", "model", "--json"]);
-        command.args(["--set", "steps=40", "--set", "particles.total={\"keys\":[[0,180],[1,260]]}"]);
-        command.args(["--set", "particles.outer=50", "--set", "burn_in=10"]);
-        command.args(arguments).output().unwrap()
-    };
+    let run = |arguments: &[&str]| generate(dir.path()).args(arguments).output().unwrap();
     let output = run(&["--backend", "gpu", "--allow-software-adapter"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let told: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -85,15 +80,74 @@ fn the_command_grows_on_a_gpu() {
     assert!(told["backend"]["fallback"].as_str().unwrap().contains("--gpu off"));
 }
 
-async fn until(store: &Arc<dyn Store>, id: JobId, done: impl Fn(&Job) -> bool) -> Job {
-    let since = Stopwatch::start();
-    loop {
-        let job = store.get(id).await.unwrap().expect("the job is gone");
-        if done(&job) {
-            return job;
+/// Jobs, and a GPU worker that takes them once it is there.
+struct Place {
+    store: Arc<dyn Store>,
+    gpu: Arc<GpuGenerator>,
+    dir: tempfile::TempDir,
+}
+
+impl Place {
+    async fn new(options: GpuOptions) -> Self {
+        let store: Arc<dyn Store> = Arc::new(SqliteStore::open_in_memory(StoreOptions::default()).await.unwrap());
+        let gpu = Arc::new(GpuGenerator::all(options).unwrap().swap_remove(0));
+        Self { store, gpu, dir: tempfile::tempdir().unwrap() }
+    }
+
+    async fn submit(&self, seed: u64, spec: &ModelSpec) -> JobId {
+        let new = NewJob {
+            preset: "pig".into(),
+            seed,
+            spec: spec.to_json(),
+            outputs: vec![Output::Glb],
+            backend: Backend::Auto,
+            labels: BTreeMap::new(),
+            priority: Priority::default(),
+            digest: seed.to_string(),
+            engine: oviduct::ENGINE_VERSION.into(),
+            submitter: None,
+            reuse: false,
+            idempotency: None,
+        };
+        self.store.submit(new).await.unwrap().job().id
+    }
+
+    fn start(&self) -> WorkerPool {
+        let options = PoolOptions {
+            workers: 0,
+            progress: Duration::from_millis(20),
+            heartbeat: Duration::from_millis(200),
+            lease: Duration::from_secs(60),
+            ..PoolOptions::new(self.dir.path().join("scratch"))
+        };
+        WorkerPool::start_with_gpus(
+            Arc::clone(&self.store),
+            Artifacts::local(&self.dir.path().join("artifacts")).unwrap(),
+            Arc::new(generate_on_cpu),
+            vec![Arc::clone(&self.gpu) as Arc<dyn BatchGenerator>],
+            options,
+            Clock::System,
+        )
+        .unwrap()
+    }
+
+    async fn until(&self, id: JobId, done: impl Fn(&Job) -> bool) -> Job {
+        let since = Stopwatch::start();
+        loop {
+            let job = self.store.get(id).await.unwrap().expect("the job is gone");
+            if done(&job) {
+                return job;
+            }
+            assert!(since.seconds() < 120.0, "it never came about: {job:?}");
+            tokio::time::sleep(Duration::from_millis(5)).await;
         }
-        assert!(since.seconds() < 120.0, "it never came about: {job:?}");
-        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+
+    /// The job once it has succeeded.
+    async fn grown(&self, id: JobId) -> Job {
+        let job = self.until(id, |job| job.status.is_ended()).await;
+        assert_eq!((job.status, &job.problem), (Status::Succeeded, &None));
+        job
     }
 }
 
@@ -102,56 +156,47 @@ async fn a_device_lost_in_mid_batch_harms_no_job_and_is_opened_anew() {
     if no_vulkan() {
         return;
     }
-    let dir = tempfile::tempdir().unwrap();
-    let store: Arc<dyn Store> = Arc::new(SqliteStore::open_in_memory(StoreOptions::default()).await.unwrap());
-    let submit = async |seed, steps| {
-        let new = NewJob {
-            preset: "pig".into(),
-            seed,
-            spec: spec(steps).to_json(),
-            outputs: vec![Output::Glb],
-            backend: Backend::Auto,
-            labels: BTreeMap::new(),
-            priority: Priority::default(),
-            digest: format!("{seed} {steps}"),
-            engine: oviduct::ENGINE_VERSION.into(),
-            submitter: None,
-            reuse: false,
-            idempotency: None,
-        };
-        store.submit(new).await.unwrap().job().id
-    };
+    let place = Place::new(OPTIONS).await;
     let mut ids = Vec::new();
     for seed in 1..=3 {
-        ids.push(submit(seed, 1200).await);
+        ids.push(place.submit(seed, &spec(1200, 400)).await);
     }
-    let gpu = Arc::new(GpuGenerator::all(OPTIONS).unwrap().swap_remove(0));
-    let options = PoolOptions {
-        workers: 0,
-        progress: Duration::from_millis(20),
-        heartbeat: Duration::from_millis(200),
-        lease: Duration::from_secs(60),
-        ..PoolOptions::new(dir.path().join("scratch"))
-    };
-    let pool = WorkerPool::start_with_gpus(
-        Arc::clone(&store),
-        Artifacts::local(&dir.path().join("artifacts")).unwrap(),
-        Arc::new(generate_on_cpu),
-        vec![Arc::clone(&gpu) as Arc<dyn BatchGenerator>],
-        options,
-        Clock::System,
-    )
-    .unwrap();
-    let running = until(&store, ids[0], |job| job.section.is_some()).await;
+    let pool = place.start();
+    let running = place.until(ids[0], |job| job.section.is_some()).await;
     assert_eq!(running.backend.used, Some(Backend::Gpu));
-    gpu.lose();
+    place.gpu.lose();
     for id in ids {
-        let job = until(&store, id, |job| job.status.is_ended()).await;
-        assert_eq!((job.status, job.attempts, &job.problem), (Status::Succeeded, 1, &None));
-        assert_eq!(job.backend.used, Some(Backend::Cpu));
+        let job = place.grown(id).await;
+        assert_eq!((job.attempts, job.backend.used), (1, Some(Backend::Cpu)));
         assert!(job.backend.fallback.as_ref().unwrap().contains("the GPU was lost"), "{:?}", job.backend);
     }
-    let job = until(&store, submit(4, 60).await, |job| job.status.is_ended()).await;
-    assert_eq!((job.status, job.backend.used, job.backend.fallback), (Status::Succeeded, Some(Backend::Gpu), None));
+    let job = place.grown(place.submit(4, &spec(60, 400)).await).await;
+    assert_eq!((job.backend.used, job.backend.fallback), (Some(Backend::Gpu), None));
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_batch_that_gets_no_memory_is_halved_and_what_does_not_fit_alone_falls_back() {
+    if no_vulkan() {
+        return;
+    }
+    let plan = Plan::new(&spec(60, 400), 1);
+    let place = Place::new(leave(GpuDevice::batch_bytes(&plan, 3))).await;
+    let mut ids = Vec::new();
+    for seed in 1..=4 {
+        ids.push(place.submit(seed, &spec(60, 400)).await);
+    }
+    // It needs more memory alone than there is.
+    let many = spec(60, 3000);
+    assert!(GpuDevice::batch_bytes(&Plan::new(&many, 5), 1) > 2 * GpuDevice::batch_bytes(&plan, 3));
+    let large = place.submit(5, &many).await;
+    let pool = place.start();
+    for id in ids {
+        let job = place.grown(id).await;
+        assert_eq!((job.attempts, job.backend.used, job.backend.fallback), (1, Some(Backend::Gpu), None));
+    }
+    let job = place.grown(large).await;
+    assert_eq!((job.backend.requested, job.backend.used), (Backend::Auto, Some(Backend::Cpu)));
+    assert_eq!(job.backend.fallback.as_deref(), Some("the GPU ran out of memory"));
     pool.shutdown(Duration::from_secs(5)).await;
 }

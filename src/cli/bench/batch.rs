@@ -1,55 +1,82 @@
 //! `bench batch`: models a second on the GPU, by the size of the batch.
 
+use super::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
 use super::{Report, device, machine};
 use crate::cli::args::GpuArgs;
 use crate::cli::{gpu, term};
 use crate::sim::Plan;
+use crate::sim::gpu::GpuDevice;
 use crate::spec::{ModelSpec, preset};
 use anyhow::Context;
 use serde_json::json;
 
 /// Largest batch that is tried.
 const LARGEST: usize = 64;
+/// The same with `--quick`.
+const LARGEST_QUICK: usize = 8;
 
 pub(super) fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
-    let spec = ModelSpec::resolve(preset("paper").context("there is no preset `paper`")?, &json!({}))
+    let (what, patch) = if quick {
+        let small = json!({
+            "steps": 200, "burn_in": 20,
+            "particles": { "total": { "keys": [[0, 260], [1, 900]] }, "outer": { "keys": [[0, 60], [1, 90]] } },
+        });
+        ("a SMALL model (220 steps with burn-in, 260 to 900 particles), for a quick look", small)
+    } else {
+        ("preset paper", json!({}))
+    };
+    let spec = ModelSpec::resolve(preset("paper").context("there is no preset `paper`")?, &patch)
         .map_err(|faults| anyhow::anyhow!("the preset `paper` is not valid: {faults:?}"))?;
-    let device = match gpu::best(args) {
-        Ok(device) => device,
+    match gpu::best(args) {
+        Ok(device) => measure(&device, &spec, what, quick),
         Err(reason) => {
             let lines = vec![machine::line(), format!("nothing to measure: {reason}")];
             let json = json!({ "bench": "batch", "machine": machine::describe(), "device": null, "reason": reason });
-            return Ok(Report { lines, json, files: Vec::new() });
+            Ok(Report { lines, json, files: Vec::new() })
         }
-    };
-    let most = device.max_batch(&Plan::new(&spec, 1)).min(if quick { 8 } else { LARGEST });
-    let mut lines = vec![
-        format!("{} on {}", device.name(), machine::line()),
-        "simulation of the preset paper, sections read back, no surface".to_owned(),
-        format!("{:>6} {:>12} {:>14} {:>18}", "batch", "seconds", "models/s", "device seconds"),
-    ];
-    let mut rows = Vec::new();
+    }
+}
+
+fn measure(device: &GpuDevice, spec: &ModelSpec, what: &str, quick: bool) -> anyhow::Result<Report> {
+    let runs = if quick { 1 } else { 3 };
+    let fit = device.max_batch(&Plan::new(spec, 1));
+    let mut lines = device::lines(device);
+    lines.push(machine::line());
+    lines.push(format!("simulation of {what}, sections read back, no surface; {}", machine::runs(runs)));
+    lines.push(String::new());
+    let heads = ["batch", "seconds", "models/s", "device s", "dispatches", "µs/dispatch", "memory MB"];
+    let [batch, rest @ ..] = heads;
+    lines.push(format!("{batch:>6}{}", rest.map(|head| format!(" {head:>12}")).concat()));
+    let (mut rows, mut points) = (Vec::new(), Vec::new());
+    let most = fit.min(if quick { LARGEST_QUICK } else { LARGEST });
     for size in std::iter::successors(Some(1), |n| Some(2 * n)).take_while(|&n| n <= most) {
         term::note(&format!("a batch of {size} …"));
-        let plans: Vec<Plan> = (1..=size as u64).map(|seed| Plan::new(&spec, seed)).collect();
-        // What drivers put off until the first run does not count.
-        device::run(&device, &plans)?;
-        let runs = if quick { 1 } else { 3 };
-        let mut all: Vec<device::Batch> = (0..runs).map(|_| device::run(&device, &plans)).collect::<Result<_, _>>()?;
-        all.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
-        let run = &all[(runs - 1) / 2];
+        let plans: Vec<Plan> = (1..=size as u64).map(|seed| Plan::new(spec, seed)).collect();
+        let run = device::median(device, &plans, runs)?;
         let rate = size as f64 / run.seconds;
+        let bytes = GpuDevice::batch_bytes(&plans[0], size);
         let on_device = run.report.device_seconds.map_or("unknown".to_owned(), |s| format!("{s:.3}"));
-        lines.push(format!("{size:>6} {:>12.3} {rate:>14.2} {on_device:>18}", run.seconds));
-        rows.push(json!({
-            "batch": size, "seconds": run.seconds, "models_per_second": rate,
-            "device_seconds": run.report.device_seconds, "dispatches": run.report.dispatches,
-            "submissions": run.report.submissions,
-        }));
+        lines.push(format!(
+            "{size:>6} {:>12.3} {rate:>12.3} {on_device:>12} {:>12} {:>12.2} {:>12.0}",
+            run.seconds,
+            run.report.dispatches,
+            run.microseconds_a_dispatch(),
+            1e-6 * bytes as f64,
+        ));
+        rows.push(json!({ "batch": size, "models_per_second": rate, "memory_bytes": bytes, "run": run.describe() }));
+        points.push((size as f64, rate));
     }
     let json = json!({
-        "bench": "batch", "engine": crate::ENGINE_VERSION, "machine": machine::describe(), "device": device.name(),
-        "preset": "paper", "largest_that_fits": device.max_batch(&Plan::new(&spec, 1)), "rows": rows,
+        "bench": "batch", "engine": crate::ENGINE_VERSION, "machine": machine::describe(),
+        "device": device::describe(device), "model": what, "runs": runs, "largest_that_fits": fit, "rows": rows,
     });
-    Ok(Report { lines, json, files: Vec::new() })
+    let axes = Axes {
+        title: format!("Models a second by the size of the batch: {}", device::label(device)),
+        x: "models in the batch",
+        y: "models a second",
+        names: SeriesLabelPosition::LowerRight,
+    };
+    let line = Line { label: what.to_owned(), points };
+    let files = vec![("models-per-second.svg".to_owned(), plot::draw(&axes, &[line], Scale::Linear)?)];
+    Ok(Report { lines, json, files })
 }

@@ -31,13 +31,17 @@ pub(super) fn integrate(points: &[Point], particles: impl IntoIterator<Item = u3
     particles.into_iter().map(|n| at(points, f64::from(n))).sum()
 }
 
-/// Means over runs of `width` steps.
+/// Two points whose particles differ by less than this share are drawn as one.
+const TELL_APART: f64 = 0.01;
+
+/// Means over runs of `width` steps, and over runs of as good as the same number of particles.
 pub(super) fn smooth(steps: &[Point], width: usize) -> Vec<Point> {
     let mean = |run: &[Point]| {
         let of = |value: fn(&Point) -> f64| run.iter().map(value).sum::<f64>() / run.len() as f64;
         Point { particles: of(|p| p.particles), seconds_per_step: of(|p| p.seconds_per_step) }
     };
-    steps.chunks(width).map(mean).collect()
+    let means: Vec<Point> = steps.chunks(width).map(mean).collect();
+    means.chunk_by(|a, b| b.particles - a.particles < TELL_APART * a.particles).map(mean).collect()
 }
 
 #[cfg(test)]
@@ -60,6 +64,15 @@ mod tests {
     fn one_point_is_a_constant() {
         let point = Point { particles: 10.0, seconds_per_step: 2.0 };
         assert_eq!(at(&[point], 99.0), 2.0);
-        assert_eq!(smooth(&[point; 5], 2), [point; 3]);
+        assert_eq!(smooth(&[point; 5], 2), [point]);
+    }
+
+    #[test]
+    fn smoothing_keeps_what_grows() {
+        let steps: Vec<Point> =
+            (0..6).map(|k| Point { particles: f64::from(100 + 10 * k), seconds_per_step: f64::from(k) }).collect();
+        let smoothed = smooth(&steps, 2);
+        assert_eq!(smoothed.iter().map(|p| p.particles).collect::<Vec<_>>(), [105.0, 125.0, 145.0]);
+        assert_eq!(smoothed[1].seconds_per_step, 2.5);
     }
 }

@@ -3,8 +3,9 @@
 use super::curve::Point;
 use crate::clock::Stopwatch;
 use crate::model::Section;
-use crate::sim::gpu::{BatchReport, BatchSink, Checkpoint, GpuDevice, run_batch};
+use crate::sim::gpu::{AdapterKind, BatchReport, BatchSink, Checkpoint, GpuDevice, run_batch};
 use crate::sim::{Plan, SimError, Statistics};
+use serde_json::{Value, json};
 
 /// A batch that was run.
 pub(super) struct Batch {
@@ -15,8 +16,74 @@ pub(super) struct Batch {
     pub(super) points: Vec<Point>,
 }
 
+impl Batch {
+    /// What is behind the seconds, for programs.
+    pub(super) fn describe(&self) -> Value {
+        let report = &self.report;
+        json!({
+            "seconds": self.seconds, "device_seconds": report.device_seconds, "dispatches": report.dispatches,
+            "submissions": report.submissions, "bytes_back": report.bytes_back,
+        })
+    }
+
+    /// Microseconds that a dispatch took in the mean: by the device's own clock, where it has one.
+    pub(super) fn microseconds_a_dispatch(&self) -> f64 {
+        1e6 * self.report.device_seconds.unwrap_or(self.seconds) / self.report.dispatches.max(1) as f64
+    }
+}
+
+/// The device for programs.
+pub(super) fn describe(device: &GpuDevice) -> Value {
+    let adapter = device.adapter();
+    json!({
+        "name": adapter.name, "kind": adapter.kind.as_str(), "backend": adapter.backend, "driver": adapter.driver,
+        "timestamps": adapter.timestamps,
+    })
+}
+
+fn is_software(device: &GpuDevice) -> bool {
+    device.adapter().kind == AdapterKind::Software
+}
+
+/// The device for people, and a warning where it is none.
+pub(super) fn lines(device: &GpuDevice) -> Vec<String> {
+    let adapter = device.adapter();
+    let mut lines = vec![format!(
+        "{}, {} over {}, driver {}",
+        adapter.name,
+        adapter.kind.as_str(),
+        adapter.backend,
+        adapter.driver
+    )];
+    if is_software(device) {
+        lines.push("a SOFTWARE adapter, on the CPU: its times say nothing of a GPU's".to_owned());
+    }
+    if !adapter.timestamps {
+        lines.push("it has no clock of its own: device seconds are unknown".to_owned());
+    }
+    lines
+}
+
+/// In a few words, for tables and plots.
+pub(super) fn label(device: &GpuDevice) -> String {
+    // The rest of a name tells of versions.
+    let name = device.name().split(" (").next().unwrap_or_default();
+    if is_software(device) { format!("{name}, a SOFTWARE adapter") } else { name.to_owned() }
+}
+
+/// The run of middling time of `runs`. What drivers put off until the first run does not count; a software adapter puts
+/// off nothing that is worth a run of minutes.
+pub(super) fn median(device: &GpuDevice, plans: &[Plan], runs: usize) -> anyhow::Result<Batch> {
+    if !is_software(device) {
+        run(device, plans)?;
+    }
+    let mut all: Vec<Batch> = (0..runs).map(|_| run(device, plans)).collect::<anyhow::Result<_>>()?;
+    all.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
+    Ok(all.swap_remove((runs - 1) / 2))
+}
+
 /// Simulates `plans` together. Sections are taken and dropped.
-pub(super) fn run(device: &GpuDevice, plans: &[Plan]) -> anyhow::Result<Batch> {
+fn run(device: &GpuDevice, plans: &[Plan]) -> anyhow::Result<Batch> {
     let mut times = Times { watch: Stopwatch::start(), last: None, points: Vec::new(), failed: None };
     let report = run_batch(device, plans, &mut times)?;
     let seconds = times.watch.seconds();

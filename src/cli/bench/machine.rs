@@ -38,3 +38,8 @@ pub(super) fn line() -> String {
     let slow = if cfg!(debug_assertions) { "; NOT an optimised build" } else { "" };
     format!("{}, {} threads, {} {}{slow}", processor(), threads(), std::env::consts::OS, std::env::consts::ARCH)
 }
+
+/// How a time was taken.
+pub(super) fn runs(count: usize) -> String {
+    if count == 1 { "one run".to_owned() } else { format!("median of {count} runs") }
+}

@@ -5,7 +5,7 @@
 //! states of a real run, and integrated over the counts of that run's steps. The output says which is which.
 
 use super::curve::{self, Point};
-use super::plot::{self, Line, Scale};
+use super::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
 use super::probe::{self, Run, Way};
 use super::{Report, device, machine};
 use crate::cli::args::GpuArgs;
@@ -16,7 +16,7 @@ use crate::sim::gpu::GpuDevice;
 use crate::spec::{ModelSpec, Search, preset};
 use anyhow::Context;
 use serde::Serialize;
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// Particles at which all pairs are sampled: of the start, of the kink of the schedule, of the end, and between.
 const COUNTS: [u32; 6] = [710, 1175, 2000, 3500, 5500, 8300];
@@ -94,9 +94,12 @@ pub(super) fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
     let check = curve::integrate(&check, counts.iter().copied());
 
     let many = |what: &str| format!("{what}, {cores} threads");
-    let (on_gpu, no_gpu) = match gpu::best(args) {
-        Ok(device) => (Some(gpu_version(&device, &plan, runs)?), None),
-        Err(reason) => (None, Some(reason)),
+    let (version, on_gpu) = match gpu::best(args) {
+        Ok(device) => {
+            let (version, on_gpu) = gpu_version(&device, &plan, runs)?;
+            (Some(version), on_gpu)
+        }
+        Err(reason) => (None, OnGpu { lines: vec![format!("no GPU: {reason}")], json: json!({ "reason": reason }) }),
     };
     let mut versions = vec![
         Version::sampled("paper-single", "paper's: all pairs, scalar, one core".into(), paper_single, &counts),
@@ -106,21 +109,29 @@ pub(super) fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
         Version::whole("lists", "lists, vectors, one core".into(), &lists),
         Version::whole("lists-multi", many("lists, vectors"), &multi),
     ];
-    versions.extend(on_gpu);
-    report(versions, &plan, &Basis { runs, repeats, check, whole: lists.seconds, no_gpu })
+    versions.extend(version);
+    report(versions, &plan, &Basis { runs, repeats, check, whole: lists.seconds, on_gpu })
 }
 
-/// Whole runs on the GPU, sections read back. The first one, in which drivers do what they put off, does not count.
-fn gpu_version(device: &GpuDevice, plan: &Plan, runs: usize) -> anyhow::Result<Version> {
-    term::note(&format!("{} …", device.name()));
-    let plans = std::slice::from_ref(plan);
-    device::run(device, plans)?;
-    let mut all: Vec<_> = (0..runs).map(|_| device::run(device, plans)).collect::<anyhow::Result<_>>()?;
-    all.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
-    let run = all.swap_remove((runs - 1) / 2);
+/// Whole runs on the GPU, sections read back.
+fn gpu_version(device: &GpuDevice, plan: &Plan, runs: usize) -> anyhow::Result<(Version, OnGpu)> {
+    term::note(&format!("{} …", device::label(device)));
+    let run = device::median(device, std::slice::from_ref(plan), runs)?;
     let points = curve::smooth(&run.points, SMOOTH / plan.record_every.max(1) as usize + 1);
-    let label = format!("lists, {}", device.name());
-    Ok(Version { id: "gpu", label, sampled: false, seconds: run.seconds, times_paper_single: 0.0, points })
+    let label = format!("lists, {}", device::label(device));
+    let version = Version { id: "gpu", label, sampled: false, seconds: run.seconds, times_paper_single: 0.0, points };
+    let mut lines = device::lines(device);
+    let dispatches = run.report.dispatches;
+    if let Some(seconds) = run.report.device_seconds {
+        lines.push(format!(
+            "{} of its {} by its own clock in compute passes: {dispatches} dispatches of {:.2} µs in the mean",
+            show(seconds),
+            show(run.seconds),
+            run.microseconds_a_dispatch(),
+        ));
+    }
+    let json = json!({ "device": device::describe(device), "run": run.describe() });
+    Ok((version, OnGpu { lines, json }))
 }
 
 /// The run of middling time of `runs`.
@@ -142,8 +153,13 @@ struct Basis {
     /// Seconds that sampling gives for a run with lists, and seconds that it took.
     check: f64,
     whole: f64,
-    /// Why there is no version on a GPU.
-    no_gpu: Option<String>,
+    on_gpu: OnGpu,
+}
+
+/// What is to be said of the GPU, or of why there is none.
+struct OnGpu {
+    lines: Vec<String>,
+    json: Value,
 }
 
 fn report(mut versions: Vec<Version>, plan: &Plan, basis: &Basis) -> anyhow::Result<Report> {
@@ -160,12 +176,12 @@ fn report(mut versions: Vec<Version>, plan: &Plan, basis: &Basis) -> anyhow::Res
 
     let steps = plan.steps + plan.burn_in;
     let how = format!(
-        "whole runs: {steps} steps ({} of them burn-in), median of {}; sampled: time per step at {} particles, median of \
-         {}, on states of a real run, integrated over the counts of its steps by power laws between them",
+        "whole: {steps} steps ({} of them burn-in), {}; sampled: time per step at {} particles, {}, from states of a \
+         real run, integrated over the counts of its steps by power laws between them",
         plan.burn_in,
-        basis.runs,
+        machine::runs(basis.runs),
         COUNTS.map(|n| n.to_string()).join(", "),
-        basis.repeats,
+        machine::runs(basis.repeats),
     );
     let check =
         format!("check of the sampling: lists on one core sampled {}, whole {}", show(basis.check), show(basis.whole));
@@ -175,24 +191,33 @@ fn report(mut versions: Vec<Version>, plan: &Plan, basis: &Basis) -> anyhow::Res
         let how = if v.sampled { "sampled" } else { "whole" };
         lines.push(format!("{:<40} {how:>8} {:>14} {:>12.1}", v.label, show(v.seconds), v.times_paper_single));
     }
-    lines.extend(basis.no_gpu.iter().map(|reason| format!("GPU: {reason}")));
+    lines.push(String::new());
+    lines.extend(basis.on_gpu.lines.iter().cloned());
     lines.push(String::new());
     lines.extend(ratios.iter().map(|(what, ratio)| format!("{what}: {ratio:.1}")));
     lines.push(format!("the paper's own: {}", PAPER.map(|(what, s)| format!("{what} {s} s")).join("; ")));
 
-    let curves: Vec<Line> =
-        versions.iter().map(|v| Line { label: v.label.clone(), points: v.points.clone() }).collect();
-    let title = format!("Time per step, preset paper: {}", machine::line());
+    let curve = |v: &Version| {
+        let points = v.points.iter().map(|p| (p.particles, 1e3 * p.seconds_per_step)).collect();
+        Line { label: format!("{}{}", v.label, if v.sampled { " (sampled)" } else { "" }), points }
+    };
+    let curves: Vec<Line> = versions.iter().map(curve).collect();
+    let axes = Axes {
+        title: format!("Time per step, preset paper: {}", machine::line()),
+        x: "particles (both loops)",
+        y: "time per step, ms",
+        names: SeriesLabelPosition::UpperLeft,
+    };
     let files = vec![
-        ("time-per-step.svg".to_owned(), plot::draw(&title, &curves, Scale::Linear)?),
-        ("time-per-step-log.svg".to_owned(), plot::draw(&title, &curves, Scale::Logarithmic)?),
+        ("time-per-step.svg".to_owned(), plot::draw(&axes, &curves, Scale::Linear)?),
+        ("time-per-step-log.svg".to_owned(), plot::draw(&axes, &curves, Scale::Logarithmic)?),
     ];
     let json = json!({
         "bench": "paper", "engine": crate::ENGINE_VERSION, "machine": machine::describe(), "preset": "paper",
         "seed": SEED, "steps": plan.steps, "burn_in": plan.burn_in, "method": how,
         "sampled_at_particles": COUNTS, "runs": basis.runs, "samples": basis.repeats,
         "sampling_check": { "lists_sampled_seconds": basis.check, "lists_whole_seconds": basis.whole },
-        "versions": versions, "no_gpu": basis.no_gpu,
+        "versions": versions, "gpu": basis.on_gpu.json,
         "ratios": {
             "all_pairs_over_lists_scalar": ratios[0].1,
             "all_pairs_over_lists_vector": ratios[1].1,

@@ -1,8 +1,8 @@
 //! Curves as SVG, linear or logarithmic.
 
-use super::curve::Point;
 use anyhow::anyhow;
-use plotters::chart::{ChartContext, SeriesLabelPosition};
+use plotters::chart::ChartContext;
+pub(super) use plotters::chart::SeriesLabelPosition;
 use plotters::coord::cartesian::Cartesian2d;
 use plotters::coord::ranged1d::ValueFormatter;
 use plotters::coord::types::RangedCoordf64;
@@ -24,43 +24,53 @@ const COLOURS: [RGBColor; 8] = [
 /// A curve and its name. Few points are marked one by one.
 pub(super) struct Line {
     pub(super) label: String,
-    pub(super) points: Vec<Point>,
+    /// Each (x, y), ascending in x.
+    pub(super) points: Vec<(f64, f64)>,
 }
 
-/// Scale of the time axis.
+/// What stands above the plot and beside its axes.
+pub(super) struct Axes {
+    pub(super) title: String,
+    pub(super) x: &'static str,
+    pub(super) y: &'static str,
+    /// Where the names of the curves are in nobody's way.
+    pub(super) names: SeriesLabelPosition,
+}
+
+/// Scale of the upward axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Scale {
     Linear,
     Logarithmic,
 }
 
-/// Draws time per step (ms) against particles.
+/// Draws curves from x = 0 on.
 ///
 /// # Errors
 /// Where the picture cannot be laid out.
-pub(super) fn draw(title: &str, lines: &[Line], scale: Scale) -> anyhow::Result<String> {
-    layout(title, lines, scale).map_err(|error| anyhow!("the plot could not be drawn: {error}"))
+pub(super) fn draw(axes: &Axes, lines: &[Line], scale: Scale) -> anyhow::Result<String> {
+    layout(axes, lines, scale).map_err(|error| anyhow!("the plot could not be drawn: {error}"))
 }
 
 type Drawn<T> = Result<T, Box<dyn std::error::Error>>;
 
-fn layout(title: &str, lines: &[Line], scale: Scale) -> Drawn<String> {
+fn layout(axes: &Axes, lines: &[Line], scale: Scale) -> Drawn<String> {
     let all = || lines.iter().flat_map(|line| &line.points);
-    let most = all().fold(1.0f64, |m, p| m.max(p.particles));
-    let slowest = all().fold(0.0f64, |m, p| m.max(1e3 * p.seconds_per_step));
-    let fastest = all().fold(f64::INFINITY, |m, p| m.min(1e3 * p.seconds_per_step));
+    let most = all().fold(1.0f64, |m, p| m.max(p.0));
+    let highest = all().fold(f64::MIN_POSITIVE, |m, p| m.max(p.1));
+    let lowest = all().fold(f64::INFINITY, |m, p| m.min(p.1));
     let mut svg = String::new();
     {
         let root = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
         root.fill(&WHITE)?;
         let mut builder = ChartBuilder::on(&root);
-        builder.caption(title, ("sans-serif", 17)).margin(14).x_label_area_size(46).y_label_area_size(72);
+        builder.caption(&axes.title, ("sans-serif", 17)).margin(14).x_label_area_size(46).y_label_area_size(72);
         let x = 0.0..1.02 * most;
         match scale {
-            Scale::Linear => curves(&mut builder.build_cartesian_2d(x, 0.0..1.05 * slowest)?, lines)?,
+            Scale::Linear => curves(&mut builder.build_cartesian_2d(x, 0.0..1.05 * highest)?, axes, lines)?,
             Scale::Logarithmic => {
-                let y = (0.5 * fastest..2.0 * slowest).log_scale();
-                curves(&mut builder.build_cartesian_2d(x, y)?, lines)?;
+                let y = (0.5 * lowest..2.0 * highest).log_scale();
+                curves(&mut builder.build_cartesian_2d(x, y)?, axes, lines)?;
             }
         }
         root.present()?;
@@ -68,7 +78,11 @@ fn layout(title: &str, lines: &[Line], scale: Scale) -> Drawn<String> {
     Ok(svg)
 }
 
-fn curves<'a, B, Y>(chart: &mut ChartContext<'a, B, Cartesian2d<RangedCoordf64, Y>>, lines: &[Line]) -> Drawn<()>
+fn curves<'a, B, Y>(
+    chart: &mut ChartContext<'a, B, Cartesian2d<RangedCoordf64, Y>>,
+    axes: &Axes,
+    lines: &[Line],
+) -> Drawn<()>
 where
     B: DrawingBackend + 'a,
     B::ErrorType: 'static,
@@ -76,14 +90,14 @@ where
 {
     chart
         .configure_mesh()
-        .x_desc("particles (both loops)")
-        .y_desc("time per step, ms")
+        .x_desc(axes.x)
+        .y_desc(axes.y)
         .x_label_formatter(&|n| format!("{n:.0}"))
-        .y_label_formatter(&|ms| if *ms < 10.0 { format!("{ms}") } else { format!("{ms:.0}") })
+        .y_label_formatter(&|y| tick(*y))
         .light_line_style(WHITE)
         .draw()?;
     for (line, colour) in lines.iter().zip(COLOURS.iter().cycle()) {
-        let points = || line.points.iter().map(|p| (p.particles, 1e3 * p.seconds_per_step));
+        let points = || line.points.iter().copied();
         chart
             .draw_series(LineSeries::new(points(), colour.stroke_width(2)))?
             .label(&line.label)
@@ -94,11 +108,16 @@ where
     }
     chart
         .configure_series_labels()
-        .position(SeriesLabelPosition::UpperLeft)
+        .position(axes.names.clone())
         .background_style(WHITE.mix(0.85))
         .border_style(BLACK.mix(0.3))
         .draw()?;
     Ok(())
+}
+
+/// A number at an axis, without the digits that adding up steps leaves behind.
+fn tick(y: f64) -> String {
+    if y < 10.0 { format!("{}", (1e6 * y).round() / 1e6) } else { format!("{y:.0}") }
 }
 
 #[cfg(test)]
@@ -107,18 +126,23 @@ mod tests {
 
     #[test]
     fn every_curve_is_named_in_both_scales() {
-        let point = |particles, seconds_per_step| Point { particles, seconds_per_step };
+        let axes = Axes { title: "A title".into(), x: "particles", y: "time", names: SeriesLabelPosition::UpperLeft };
         let lines = [
-            Line { label: "slow way".into(), points: vec![point(710.0, 0.01), point(8300.0, 1.0)] },
-            Line { label: "fast way".into(), points: vec![point(710.0, 1e-4), point(8300.0, 1e-3)] },
+            Line { label: "slow way".into(), points: vec![(710.0, 0.01), (8300.0, 1.0)] },
+            Line { label: "fast way".into(), points: vec![(710.0, 1e-4), (8300.0, 1e-3)] },
         ];
         for scale in [Scale::Linear, Scale::Logarithmic] {
-            let svg = draw("A title", &lines, scale).unwrap();
+            let svg = draw(&axes, &lines, scale).unwrap();
             assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
-            for text in ["A title", "slow way", "fast way", "particles"] {
+            for text in ["A title", "slow way", "fast way", "particles", "time"] {
                 assert!(svg.contains(text), "{text} in {scale:?}");
             }
             assert!(!svg.contains("NaN"));
         }
+    }
+
+    #[test]
+    fn ticks_are_short() {
+        assert_eq!([0.2 + 0.4, 0.0, 1e-4, 12.000_000_1, 1500.0].map(tick), ["0.6", "0", "0.0001", "12", "1500"]);
     }
 }

@@ -28,7 +28,11 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
         format!(
             "microseconds a step with lists, median of {repeats} samples of {WINDOW} steps (preset paper, seed {SEED})"
         ),
-        format!("{:>9} {}", "particles", threads.iter().map(|n| format!("{n:>9} thr")).collect::<String>()),
+        format!(
+            "{:>9} {}",
+            "particles",
+            threads.iter().map(|n| format!("{:>12}", threads_in_words(*n))).collect::<String>()
+        ),
     ];
     for state in &states {
         let mut row = Vec::new();
@@ -38,7 +42,7 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
             let way = Way { search: Search::Lists, kernel: Kernel::Vector, threads: n };
             let point = probe::sample(state, way, &way.pool()?, WINDOW, repeats)?;
             particles = point.particles;
-            line += &format!("{:>13.1}", 1e6 * point.seconds_per_step);
+            line += &format!("{:>12.1}", 1e6 * point.seconds_per_step);
             row.push(json!({ "threads": n, "seconds_per_step": point.seconds_per_step }));
         }
         lines.push(format!("{particles:>9} {line}"));
@@ -49,4 +53,8 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
         "seed": SEED, "samples": repeats, "steps_per_sample": WINDOW, "rows": rows,
     });
     Ok(Report { lines, json, files: Vec::new() })
+}
+
+fn threads_in_words(count: usize) -> String {
+    format!("{count} thread{}", if count == 1 { "" } else { "s" })
 }

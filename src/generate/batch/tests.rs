@@ -18,6 +18,10 @@ struct Twin {
     lost_at: Option<i64>,
     /// A member and the step at which it leaves the finite numbers.
     fails_at: Option<(usize, i64)>,
+    /// Members that it has memory for.
+    room: Option<usize>,
+    /// Members of each run, those included that did not get their memory.
+    runs: Mutex<Vec<usize>>,
     replays: AtomicU64,
 }
 
@@ -29,6 +33,10 @@ impl Device for Twin {
     }
 
     fn run(&self, plans: &[Plan], told: &mut dyn Told<CpuSimulation>) -> Result<(), GpuError> {
+        lock(&self.runs).push(plans.len());
+        if self.room.is_some_and(|room| plans.len() > room) {
+            return Err(GpuError::OutOfMemory);
+        }
         let mut members: Vec<Option<CpuSimulation>> =
             plans.iter().map(|plan| Some(CpuSimulation::new(plan.clone(), 1))).collect();
         for time in -i64::from(plans[0].burn_in)..=i64::from(plans[0].steps) {
@@ -198,4 +206,34 @@ fn a_lost_device_is_told_to_all_that_it_did_not_finish() {
     // The folders may be used again.
     let outcome = generate(&requests[0], &(), &CancelToken::default()).unwrap();
     assert_eq!(outcome.used, Backend::Cpu);
+}
+
+#[test]
+fn a_batch_that_gets_no_memory_is_halved() {
+    let dir = tempfile::tempdir().unwrap();
+    let requests: Vec<Request> = [1, 2, 3, 4, 5].map(|seed| request(seed, dir.path())).into();
+    let device = Twin { room: Some(2), fails_at: Some((1, 30)), ..Twin::default() };
+    let cancels: Vec<CancelToken> = (0..5).map(|_| CancelToken::default()).collect();
+    // It waits for the others when it is cancelled.
+    cancels[3].cancel();
+    let ends = run(&device, &requests, &[&() as &dyn Sink; 5], &cancels, 2);
+    assert_eq!(*lock(&device.runs), [5, 3, 2, 1, 2]);
+    for member in [0, 2] {
+        let alone = generate(&requests[member], &(), &CancelToken::default()).unwrap();
+        let outcome = ends[member].as_ref().unwrap();
+        assert_eq!((outcome.used, hashes(outcome)), (Backend::Gpu, hashes(&alone)));
+    }
+    // The second of each group that has one fails.
+    for member in [1, 4] {
+        assert!(matches!(&ends[member], Err(GenerateError::Simulation { detail }) if detail.contains("step 30")));
+    }
+    assert!(matches!(ends[3], Err(GenerateError::Cancelled)));
+
+    let device = Twin { room: Some(0), ..Twin::default() };
+    for end in plainly(&device, &requests[..2], 2) {
+        let error = end.unwrap_err();
+        assert!(matches!(error, GenerateError::Gpu(GpuError::OutOfMemory)), "{error}");
+        assert_eq!(error.to_string(), "the GPU ran out of memory");
+    }
+    assert_eq!(*lock(&device.runs), [2, 1, 1]);
 }

@@ -11,6 +11,9 @@ use std::task::{Context, Poll, Waker};
 pub struct GpuOptions {
     /// Whether adapters that compute on the CPU may be used (tests, machines without a GPU).
     pub allow_software: bool,
+    /// Most bytes of device memory that batches may have at a time, for a GPU that others use too; `None`: whatever the
+    /// driver gives.
+    pub memory_bytes: Option<u64>,
 }
 
 /// What kind of hardware an adapter is.
@@ -56,7 +59,16 @@ pub struct Adapter {
     pub max_buffer_bytes: u64,
     /// Whether the device can take time itself.
     pub timestamps: bool,
+    /// Maker and model.
+    hardware: (u32, u32),
     pub(super) handle: wgpu::Adapter,
+}
+
+/// Which of (hardware, backend) to keep where several backends show the same hardware, as Vulkan and DX12 do: what the
+/// first of these backends shows. Two cards of a kind stay two.
+fn shown_first(found: &[((u32, u32), &str)]) -> Vec<bool> {
+    let first = |hardware| found.iter().find(|(other, _)| *other == hardware).map(|(_, backend)| *backend);
+    found.iter().map(|&(hardware, backend)| first(hardware) == Some(backend)).collect()
 }
 
 /// The adapters that `options` allow, best first (discrete, integrated, virtual, software).
@@ -73,6 +85,9 @@ pub fn adapters(options: &GpuOptions) -> Result<Vec<Adapter>, GpuError> {
     let handles = ready(instance.enumerate_adapters(wgpu::Backends::PRIMARY)).unwrap_or_default();
     let found = handles.len();
     let mut adapters: Vec<Adapter> = handles.into_iter().filter_map(describe).collect();
+    let mut shown =
+        shown_first(&adapters.iter().map(|a| (a.hardware, a.backend.as_str())).collect::<Vec<_>>()).into_iter();
+    adapters.retain(|_| shown.next().unwrap_or(true));
     adapters.sort_by_key(|a| a.kind);
     if !options.allow_software {
         adapters.retain(|a| a.kind != AdapterKind::Software);
@@ -113,6 +128,7 @@ fn describe(handle: wgpu::Adapter) -> Option<Adapter> {
         driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
         max_binding_bytes: limits.max_storage_buffer_binding_size,
         max_buffer_bytes: limits.max_buffer_size,
+        hardware: (info.vendor, info.device),
         timestamps: handle.features().contains(wgpu::Features::TIMESTAMP_QUERY),
         handle,
     })
@@ -123,5 +139,18 @@ pub(super) fn ready<F: Future>(future: F) -> Option<F::Output> {
     match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(value) => Some(value),
         Poll::Pending => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hardware_that_two_backends_show_counts_once() {
+        let (card, chip) = ((0x10de, 0x2335), (0x8086, 0x9a49));
+        let found = [(card, "vulkan"), (card, "vulkan"), (chip, "dx12"), (card, "dx12"), (card, "dx12")];
+        assert_eq!(shown_first(&found), [true, true, true, false, false]);
+        assert_eq!(shown_first(&[]), [false; 0]);
     }
 }

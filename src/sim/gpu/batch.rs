@@ -8,6 +8,7 @@ use super::course::Course;
 use super::device::GpuDevice;
 use super::error::GpuError;
 use super::memory::{Memory, Sizes};
+use super::pace::Pace;
 use super::record::Record;
 use super::ring::Ring;
 use crate::clock::Stopwatch;
@@ -55,8 +56,8 @@ pub trait BatchSink {
 /// Runs `plans` together to their ends. Sections of a member do not depend on what else is in the batch.
 ///
 /// # Errors
-/// [`GpuError::Unfit`] before anything is told to the sink; [`GpuError::OutOfMemory`], [`GpuError::Lost`] and
-/// [`GpuError::Refused`] at any time: members without `finished` or `failed` are then to be run elsewhere from
+/// [`GpuError::Unfit`] before anything is told to the sink; [`GpuError::OutOfMemory`] too where the batch was not given
+/// its memory: a smaller one may go, for nothing of it is left. [`GpuError::Lost`] and [`GpuError::Refused`] at any time: members without `finished` or `failed` are then to be run elsewhere from
 /// their beginning. The memory of the batch is given back in every case.
 pub fn run_batch(device: &GpuDevice, plans: &[Plan], sink: &mut dyn BatchSink) -> Result<BatchReport, GpuError> {
     device.fits(&plans.iter().collect::<Vec<_>>())?;
@@ -120,10 +121,6 @@ impl BatchSink for Every {
     fn finished(&mut self, _: usize, _: Statistics) {}
 }
 
-/// A chunk of work is to take about this long, seconds: short against any watchdog and against a second.
-const CHUNK_SECONDS: f64 = 0.05;
-/// Most steps of a chunk.
-const CHUNK_STEPS: i64 = 512;
 /// Chunks that wait on the device at most: one runs while the next is prepared.
 const IN_FLIGHT: usize = 2;
 /// How long to wait before the sink is asked again whether to go on.
@@ -140,11 +137,8 @@ struct Run<'a> {
     running: Vec<bool>,
     particles: Vec<u32>,
     in_flight: VecDeque<Chunk>,
-    chunk_steps: i64,
+    pace: Pace,
     watch: Stopwatch,
-    /// Seconds at which the last chunk was seen to end, and seconds that the sink took since.
-    ended: f64,
-    taken: f64,
     report: BatchReport,
 }
 
@@ -172,8 +166,9 @@ impl<'a> Run<'a> {
         device.check()?;
         let all: Vec<&Plan> = plans.iter().collect();
         let sizes = Sizes::new(&all, plans.len());
-        let memory = Memory::new(device, &sizes, plans, starts)?;
+        let memory = Memory::new(device, &sizes)?;
         let ring = Ring::new(device, &sizes, &memory)?;
+        memory.fill(device, &sizes, plans, starts)?;
         let particles = starts.iter().map(|s| (s.inner.len() + s.outer.len()) as u32).collect();
         Ok(Self {
             device,
@@ -184,10 +179,8 @@ impl<'a> Run<'a> {
             running: vec![true; plans.len()],
             particles,
             in_flight: VecDeque::new(),
-            chunk_steps: 2,
+            pace: Pace::new(),
             watch: Stopwatch::start(),
-            ended: 0.0,
-            taken: 0.0,
             report: BatchReport::default(),
         })
     }
@@ -204,7 +197,7 @@ impl<'a> Run<'a> {
                 continue;
             }
             if let Some(chunk) = self.in_flight.pop_front() {
-                self.pace(&chunk);
+                self.pace.chunk(chunk.steps, chunk.submitted, self.watch.seconds());
                 self.ring.collect();
                 let begun = self.watch.seconds();
                 for _ in 0..chunk.records {
@@ -215,7 +208,7 @@ impl<'a> Run<'a> {
                 for member in (0..self.plans.len()).filter(|&m| self.running[m]) {
                     sink.progress(member, chunk.time, self.particles[member]);
                 }
-                self.taken = self.watch.seconds() - begun;
+                self.pace.busy(self.watch.seconds() - begun);
             }
         }
         self.report.seconds = self.watch.seconds();
@@ -244,7 +237,7 @@ impl<'a> Run<'a> {
         let begin = self.course.time();
         let mut encoder = self.device.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let (mut records, mut stretches) = (0, 0);
-        let end = begin + self.chunk_steps;
+        let end = begin + self.pace.steps();
         while let Some((next, recorded)) = self.course.next_stretch(end) {
             if recorded && !self.ring.is_free() || self.ring.passes_left() == 0 {
                 break;
@@ -271,19 +264,6 @@ impl<'a> Run<'a> {
         let submitted = self.watch.seconds();
         self.in_flight.push_back(Chunk { submission, time, steps: time - begin, submitted, records });
         Ok(true)
-    }
-
-    /// Sets the length of the next chunks by how long this one took.
-    fn pace(&mut self, chunk: &Chunk) {
-        let now = self.watch.seconds();
-        let seconds = (now - chunk.submitted.max(self.ended)).max(1e-6);
-        self.ended = now;
-        // Where the sink took most of the time, nothing is known of the device's.
-        if chunk.steps > 0 && self.taken < 0.5 * seconds.max(CHUNK_SECONDS) {
-            let wanted = chunk.steps as f64 * CHUNK_SECONDS / seconds;
-            // Grows gently: the next steps may be dearer.
-            self.chunk_steps = (wanted as i64).clamp(1, (2 * self.chunk_steps).min(CHUNK_STEPS));
-        }
     }
 
     fn deliver(&mut self, record: &Record, sink: &mut dyn BatchSink) {

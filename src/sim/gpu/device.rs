@@ -12,15 +12,18 @@ use std::time::Duration;
 
 /// Most members of a batch: more would only wait for each other.
 const MAX_BATCH: usize = 256;
+/// How long the end of a batch waits for what it had submitted.
+const TIDY: Duration = Duration::from_secs(5);
 
 /// An open device. Cheap to clone, may be used from several threads.
 #[derive(Clone, Debug)]
 pub struct GpuDevice {
-    name: Arc<str>,
+    adapter: Arc<Adapter>,
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
     pub(super) pipelines: Arc<Pipelines>,
     health: Arc<Health>,
+    memory_bytes: Option<u64>,
 }
 
 /// What the driver told outside of calls.
@@ -78,13 +81,26 @@ impl GpuDevice {
         let refused = Arc::clone(&health);
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| refused.note(from_wgpu(&error))));
         let pipelines = attempt(&device, Pipelines::new).map_err(|e| not_opened(e.to_string()))?;
-        Ok(Self { name: adapter.name.as_str().into(), device, queue, pipelines: Arc::new(pipelines), health })
+        Ok(Self {
+            adapter: Arc::new(adapter.clone()),
+            device,
+            queue,
+            pipelines: Arc::new(pipelines),
+            health,
+            memory_bytes: options.memory_bytes,
+        })
     }
 
     /// Name of the adapter.
     #[must_use]
     pub fn name(&self) -> &str {
-        &self.name
+        &self.adapter.name
+    }
+
+    /// The adapter that was opened.
+    #[must_use]
+    pub fn adapter(&self) -> &Adapter {
+        &self.adapter
     }
 
     /// Whether the device is gone; it does not come back, open a new one.
@@ -140,6 +156,20 @@ impl GpuDevice {
         Sizes::new(&[plan], members).total_bytes()
     }
 
+    /// Bytes of device memory that batches and what outlives them have now; `None` where the backend does not tell.
+    #[must_use]
+    pub fn memory_in_use(&self) -> Option<u64> {
+        self.device.generate_allocator_report().map(|report| report.total_allocated_bytes)
+    }
+
+    /// Fails where `bytes` more are more than was allowed.
+    pub(super) fn room_for(&self, bytes: u64) -> Result<(), GpuError> {
+        match self.memory_bytes {
+            Some(most) if self.memory_in_use().unwrap_or(0) + bytes > most => Err(GpuError::OutOfMemory),
+            _ => Ok(()),
+        }
+    }
+
     /// Runs `what` on the device; tells an error that it caused, or that the device is gone.
     pub(super) fn attempt<R>(&self, what: impl FnOnce(&wgpu::Device) -> R) -> Result<R, GpuError> {
         let result = attempt(&self.device, what)?;
@@ -167,10 +197,15 @@ impl GpuDevice {
         }
     }
 
-    /// Lets the device clean up.
+    /// Lets the device clean up once everything is done that was submitted, and written since: until then the memory
+    /// that it uses is not given back.
     pub(super) fn tidy(&self) {
+        if self.is_lost() {
+            return;
+        }
+        let submission_index = Some(self.queue.submit([]));
         // Whatever is wrong is told to the next batch.
-        let _ = self.poll(wgpu::PollType::Poll);
+        let _ = self.poll(wgpu::PollType::Wait { submission_index, timeout: Some(TIDY) });
     }
 
     fn poll(&self, poll: wgpu::PollType) -> Result<Result<wgpu::PollStatus, wgpu::PollError>, GpuError> {

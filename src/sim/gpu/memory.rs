@@ -121,21 +121,22 @@ pub(super) struct Memory {
     pub(super) record: wgpu::Buffer,
     pub(super) staging: Vec<wgpu::Buffer>,
     pub(super) group: wgpu::BindGroup,
+    /// The storage buffers in the order of their bindings, and the constants of the batch.
     buffers: Vec<wgpu::Buffer>,
 }
 
 impl Memory {
-    /// Allocates and fills the buffers.
-    pub(super) fn new(
-        device: &GpuDevice,
-        sizes: &Sizes,
-        plans: &[Plan],
-        starts: &[Checkpoint],
-    ) -> Result<Self, GpuError> {
-        device.attempt(|gpu| Self::fill(gpu, device, sizes, plans, starts))
+    /// Allocates the buffers. Nothing is written yet: what has been written to stays with the queue until the next
+    /// submission, so that a batch of half the size would not find the memory that this one did not get.
+    ///
+    /// # Errors
+    /// [`GpuError::OutOfMemory`]; what was allocated by then is given back.
+    pub(super) fn new(device: &GpuDevice, sizes: &Sizes) -> Result<Self, GpuError> {
+        device.room_for(sizes.total_bytes())?;
+        device.attempt(|gpu| Self::allocate(gpu, device, sizes))
     }
 
-    fn fill(gpu: &wgpu::Device, device: &GpuDevice, sizes: &Sizes, plans: &[Plan], starts: &[Checkpoint]) -> Self {
+    fn allocate(gpu: &wgpu::Device, device: &GpuDevice, sizes: &Sizes) -> Self {
         use wgpu::BufferUsages as Use;
         let buffer = |label, size, usage| {
             gpu.create_buffer(&wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: false })
@@ -158,10 +159,28 @@ impl Memory {
             layout: &device.pipelines.layout,
             entries: &entries,
         });
+        let (record, states) = (buffers[8].clone(), buffers[3].clone());
+        buffers.push(uniform);
+        Self { states, record, staging, group, buffers }
+    }
+
+    /// Fills the buffers.
+    pub(super) fn fill(
+        &self,
+        device: &GpuDevice,
+        sizes: &Sizes,
+        plans: &[Plan],
+        starts: &[Checkpoint],
+    ) -> Result<(), GpuError> {
+        device.attempt(|_| self.write(&device.queue, sizes, plans, starts))
+    }
+
+    fn write(&self, queue: &wgpu::Queue, sizes: &Sizes, plans: &[Plan], starts: &[Checkpoint]) {
+        let buffers = &self.buffers;
         let write = |buffer: &wgpu::Buffer, word: u64, data: &[u32]| {
-            device.queue.write_buffer(buffer, 4 * word, bytemuck::cast_slice(data));
+            queue.write_buffer(buffer, 4 * word, bytemuck::cast_slice(data));
         };
-        write(&uniform, 0, bytemuck::cast_slice(&[sizes.batch]));
+        write(&buffers[9], 0, bytemuck::cast_slice(&[sizes.batch]));
         for (m, (plan, start)) in plans.iter().zip(starts).enumerate() {
             let m = m as u64;
             let at = |words: u32| m * u64::from(words);
@@ -180,9 +199,6 @@ impl Memory {
             let outer_capacity = sizes.batch.outer_capacity;
             write(&buffers[7], at(WALL_FIELDS * outer_capacity), &outer_fields(start, outer_capacity as usize));
         }
-        let (record, states) = (buffers[8].clone(), buffers[3].clone());
-        buffers.push(uniform);
-        Self { states, record, staging, group, buffers }
     }
 
     /// Gives the memory back, whatever still refers to it.

@@ -9,6 +9,7 @@ mod device;
 mod error;
 pub mod layout;
 mod memory;
+mod pace;
 mod pipelines;
 mod record;
 mod ring;

@@ -1,0 +1,63 @@
+//! Device memory: what is not given ends in an error of its own and leaves nothing behind, and what was given comes back
+//! after every batch.
+
+use crate::common::{Kept, leave, no_vulkan, open_with, short};
+use oviduct::sim::Plan;
+use oviduct::sim::gpu::{GpuDevice, GpuError, run_batch};
+
+/// What a batch takes besides what [`GpuDevice::batch_bytes`] counts: constants, the clock, alignment.
+const MORE: u64 = 200_000;
+
+pub(crate) fn plans(members: u64) -> Vec<Plan> {
+    (1..=members).map(short).collect()
+}
+
+/// Runs a batch that does not get its memory: nothing is told, and nothing is left of it.
+pub(crate) fn refused(device: &GpuDevice, plans: &[Plan]) {
+    let before = device.memory_in_use().unwrap();
+    let mut kept = Kept::new(plans.len());
+    assert_eq!(run_batch(device, plans, &mut kept).unwrap_err(), GpuError::OutOfMemory);
+    assert!(kept.sections.iter().all(Vec::is_empty) && kept.reached.iter().all(|&step| step == i64::MIN));
+    assert_eq!(device.memory_in_use().unwrap(), before);
+    assert!(!device.is_lost());
+}
+
+#[test]
+fn a_batch_beyond_the_memory_is_refused_and_smaller_ones_run() {
+    if no_vulkan() {
+        return;
+    }
+    let two = GpuDevice::batch_bytes(&short(1), 2);
+    let device = open_with(&leave(two + MORE));
+    refused(&device, &plans(3));
+    let mut kept = Kept::new(2);
+    run_batch(&device, &plans(2), &mut kept).unwrap();
+    assert!(kept.finished.iter().all(Option::is_some));
+    refused(&device, &plans(4));
+}
+
+#[test]
+fn memory_is_given_back_after_every_batch() {
+    if no_vulkan() {
+        return;
+    }
+    // Two batches at a time would not find room.
+    let device = open_with(&leave(GpuDevice::batch_bytes(&short(1), 2) + MORE));
+    // Once anything was done: a device keeps a few bytes until then.
+    run_batch(&device, &plans(1), &mut Kept::new(1)).unwrap();
+    let idle = device.memory_in_use().unwrap();
+    let mut bad = plans(2);
+    bad[1].rows[10].stiffness = f32::NAN;
+    for round in 0..9 {
+        let mut kept = Kept::new(2);
+        match round % 3 {
+            0 => {}
+            // Everything is cancelled with work in flight.
+            1 => kept.cancel = Some((0, -19)),
+            _ => kept.cancel = Some((0, 10)),
+        }
+        let plans = if round % 3 == 1 { &plans(1) } else { &bad };
+        run_batch(&device, plans, &mut kept).unwrap();
+        assert_eq!(device.memory_in_use().unwrap(), idle, "round {round}");
+    }
+}
