@@ -1,6 +1,8 @@
-//! What a claim, a submission and a look at a job cost on queues of 10^2 to 10^6 jobs, on both stores.
+//! What a claim, a heartbeat, a submission, a look at a job and the counts cost with 10^2 to 10^6 jobs queued and as many
+//! ended, on both stores.
 //!
-//! `cargo bench --bench claim [-- LONGEST]`. PostgreSQL is started from Debian's package, as in the tests.
+//! `cargo bench --bench claim [-- LONGEST [ROUNDS]]`. PostgreSQL is started from Debian's package, as in the tests. Each
+//! cell is the median of the rounds, and in brackets their least and greatest.
 #![allow(missing_docs, unreachable_pub, clippy::print_stdout, reason = "a bench prints its results")]
 
 #[path = "../tests/common/postgres.rs"]
@@ -10,39 +12,53 @@ mod cluster;
 mod queue;
 
 use cluster::Cluster;
-use oviduct::jobs::{Database, open};
-use queue::{Cost, cost, fill_postgres, fill_sqlite, options};
+use oviduct::jobs::{Database, Store, open};
+use queue::{Costs, costs, fill_postgres, fill_sqlite, options};
 
-fn print(store: &str, rows: u64, cost: Cost) {
-    let [claim, four, submit, read] = [cost.claim, cost.claim_four, cost.submit, cost.read].map(|s| s * 1e3);
-    println!("| {store} | {rows} | {claim:.2} | {four:.2} | {submit:.2} | {read:.2} |");
+/// Measures a store over and over, and prints a row of the table.
+async fn measure(name: &str, rows: u64, rounds: usize, store: &dyn Store) {
+    let mut all: Vec<Costs> = Vec::new();
+    for _ in 0..rounds {
+        all.push(costs(store).await);
+    }
+    let mut line = format!("| {name} | {rows} |");
+    for what in 0..all[0].0.len() {
+        let mut millis: Vec<f64> = all.iter().map(|costs| costs.0[what].1 * 1e3).collect();
+        millis.sort_by(f64::total_cmp);
+        line += &format!(" {:.2} ({:.2}–{:.2}) |", millis[rounds / 2], millis[0], millis[rounds - 1]);
+    }
+    println!("{line}");
 }
 
-async fn run(longest: u64) {
-    println!("| store | queued | claim, ms | claim of 4, ms | submit, ms | look, ms |\n|---|---|---|---|---|---|");
-    let sizes: Vec<u64> = (2..=6).map(|n| 10u64.pow(n)).filter(|rows| *rows <= longest).collect();
+async fn run(longest: u64, rounds: usize) {
+    println!("| store | queued | claim, ms | claim of 4, ms | heartbeat, ms | submit, ms | look, ms | counts, ms |");
+    println!("|---|---|---|---|---|---|---|---|");
+    let sizes: Vec<u64> = (1..=3).map(|n| 100u64.pow(n)).filter(|rows| *rows <= longest).collect();
+    // The jobs that are claimed come on top.
+    let taken = 100 * rounds as u64;
     for &rows in &sizes {
         let dir = tempfile::tempdir().expect("a folder");
         let path = dir.path().join("jobs.db");
         let database = Database::Sqlite(path.clone());
         database.migrate().await.expect("tables");
-        // The jobs that the samples take come on top.
-        fill_sqlite(&path, rows + 100).await;
+        fill_sqlite(&path, rows + taken).await;
         let store = database.open(options()).await.expect("a store");
-        print("SQLite", rows, cost(&*store).await);
+        measure("SQLite", rows, rounds, &*store).await;
         store.close().await;
     }
     let cluster = Cluster::shared();
     for &rows in &sizes {
         let url = cluster.database();
         let store = open(&url, options()).await.expect("a store");
-        cluster.psql(&url, &fill_postgres(rows + 100));
-        print("PostgreSQL", rows, cost(&*store).await);
+        cluster.psql(&url, &fill_postgres(rows + taken));
+        cluster.psql(&url, "ANALYZE");
+        measure("PostgreSQL", rows, rounds, &*store).await;
         store.close().await;
     }
 }
 
 fn main() {
-    let longest = std::env::args().skip(1).find_map(|arg| arg.parse().ok()).unwrap_or(1_000_000);
-    tokio::runtime::Runtime::new().expect("a runtime").block_on(run(longest));
+    let mut numbers = std::env::args().skip(1).filter_map(|arg| arg.parse::<u64>().ok());
+    let (longest, rounds) = (numbers.next().unwrap_or(1_000_000), numbers.next().unwrap_or(5));
+    tokio::runtime::Runtime::new().expect("a runtime").block_on(run(longest, rounds.max(1) as usize));
 }

@@ -279,6 +279,15 @@ fn submit_over_http_and_a_graceful_end() {
     assert_eq!(names(&at.path().join("got")), ["model.glb", "model.obj", "report.json", "sections.bin"]);
     assert_eq!(code(&run(at.path(), &["check", "got/model.glb", "--euler", "0"])), 0);
 
+    // How urgent it is can be said in all three ways, and must be a priority.
+    let asked = [&["submit", "--url", &url, "--seed", "8", "--json"][..], &TINY].concat();
+    assert_eq!(json(&run(at.path(), &[&asked[..], &["--priority", "-5"]].concat()))["priority"], -5);
+    let asked_by = |command: &mut Command| json(&command.args(&asked).output().expect("the command runs"));
+    assert_eq!(asked_by(oviduct(at.path()).env("OVIDUCT_PRIORITY", "-100"))["priority"], -100);
+    std::fs::write(at.path().join("oviduct.toml"), "[submit]\npriority = -7\n").expect("written");
+    assert_eq!(asked_by(oviduct(at.path()).args(["--config", "oviduct.toml"]))["priority"], -7);
+    assert_eq!(code(&run(at.path(), &[&asked[..], &["--priority", "101"]].concat())), 2);
+
     // The same model is there already; and another one is only asked for.
     arguments.push("--wait");
     let output = run(at.path(), &arguments);

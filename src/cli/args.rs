@@ -5,6 +5,7 @@
 
 use super::units;
 use crate::generate::{Backend, Output};
+use crate::jobs::Priority;
 use clap::builder::FalseyValueParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::net::SocketAddr;
@@ -265,6 +266,9 @@ pub(super) struct SubmitArgs {
     /// Label as NAME:VALUE; may be repeated
     #[arg(long, value_name = "NAME:VALUE", value_delimiter = ',')]
     pub(super) label: Vec<String>,
+    /// How urgent it is, -100 to 100: of what waits, the higher is begun first
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(i64).range(Priority::MIN..=Priority::MAX), default_value_t = 0, allow_hyphen_values = true)]
+    pub(super) priority: i64,
     /// Grow it anew even where the service has the same model already
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) no_reuse: bool,

@@ -14,6 +14,9 @@ pub(super) async fn run(args: SubmitArgs) -> Ended {
     if !args.label.is_empty() {
         body["labels"] = labels(&args.label)?;
     }
+    if args.priority != 0 {
+        body["priority"] = json!(args.priority);
+    }
     if args.no_reuse {
         body["reuse"] = json!(false);
     }

@@ -55,6 +55,7 @@ pub(super) async fn create(
         outputs: request.outputs.clone(),
         backend: request.backend,
         labels: request.labels.clone(),
+        priority: request.priority,
         digest: spec.digest(seed),
         engine: crate::ENGINE_VERSION.to_owned(),
         reuse: request.reuse,
@@ -69,6 +70,7 @@ pub(super) async fn create(
         .store
         .submit_batch(NewBatch {
             jobs: seeds.into_iter().map(job).collect(),
+            priority: request.priority,
             idempotency: key.map(|key| (key, hex::encode(Sha256::digest(canonical(&body))))),
         })
         .await?;

@@ -126,6 +126,7 @@ pub(super) async fn create(
             outputs: request.outputs,
             backend: request.backend,
             labels: request.labels,
+            priority: request.priority,
             digest: spec.digest(seed),
             engine: crate::ENGINE_VERSION.to_owned(),
             reuse: request.reuse,

@@ -2,7 +2,7 @@
 
 use super::problem::TYPE_PREFIX;
 use crate::generate::{Output, Progress, Stage};
-use crate::jobs::{BackendReport, Job, LiveSection, Status, WorkerInfo};
+use crate::jobs::{BackendReport, Job, LiveSection, Priority, Status, WorkerInfo};
 use jiff::Timestamp;
 use serde::Serialize;
 use serde_json::Value;
@@ -33,6 +33,9 @@ pub struct Model {
     pub outputs: Vec<Output>,
     /// Labels.
     pub labels: BTreeMap<String, String>,
+    /// How urgent it is: of what waits, the higher is begun first.
+    #[schema(value_type = i64, minimum = -100, maximum = 100)]
+    pub priority: Priority,
     /// What computes it.
     pub backend: BackendReport,
     /// Its way through the queue.
@@ -70,7 +73,8 @@ pub struct Model {
 /// The way of a model through the queue.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Queue {
-    /// Models ahead of it that ask for the same backend, counted up to 1000; null once it has left the queue.
+    /// Models ahead of it, among those that ask for the same backend: of higher priority, of an earlier turn between
+    /// submitters, or older. Counted up to 1000; null once it has left the queue.
     #[schema(minimum = 0)]
     pub position: Option<u64>,
     /// Seconds it waited; null while it waits.
@@ -131,6 +135,7 @@ impl Model {
             spec: job.spec.clone(),
             outputs: job.outputs.clone(),
             labels: job.labels.clone(),
+            priority: job.priority,
             backend: job.backend.clone(),
             queue: Queue { position: job.queue_position, wait_seconds },
             progress: if job.status == Status::Succeeded { Some(whole(job)) } else { job.progress },
@@ -181,6 +186,9 @@ pub struct Batch {
     /// When it was accepted.
     #[schema(value_type = String, format = DateTime)]
     pub created_at: Timestamp,
+    /// How urgent its models are.
+    #[schema(value_type = i64, minimum = -100, maximum = 100)]
+    pub priority: Priority,
     /// Its models by status.
     pub counts: BatchCounts,
     /// Ids of its models, in the order of the seeds.
@@ -216,6 +224,7 @@ impl From<&crate::jobs::Batch> for Batch {
         Self {
             id: batch.id.0,
             created_at: batch.created_at,
+            priority: batch.priority,
             counts: BatchCounts {
                 total: counts.total(),
                 queued: counts.queued,
@@ -268,8 +277,10 @@ pub struct Worker {
     pub backend: crate::generate::Backend,
     /// Device in words.
     pub device: String,
-    /// The model that it grows.
+    /// The oldest of the models that it grows.
     pub job: Option<Uuid>,
+    /// The models that it grows: one, or those of a GPU's batch, the oldest first.
+    pub jobs: Vec<Uuid>,
     /// Models it has ended.
     #[schema(minimum = 0)]
     pub jobs_done: u64,
@@ -285,7 +296,8 @@ impl From<WorkerInfo> for Worker {
             host: worker.host,
             backend: worker.backend,
             device: worker.device,
-            job: worker.job.map(|id| id.0),
+            job: worker.jobs.first().map(|id| id.0),
+            jobs: worker.jobs.iter().map(|id| id.0).collect(),
             jobs_done: worker.jobs_done,
             heartbeat_at: worker.heartbeat_at,
         }

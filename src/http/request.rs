@@ -4,6 +4,7 @@
 
 use super::problem::Fault;
 use crate::generate::{Backend, Output};
+use crate::jobs::Priority;
 use crate::spec::DEFAULT_PRESET;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
@@ -18,8 +19,9 @@ pub(super) const LABEL_KEY_MAX: usize = 64;
 /// Longest value of a label, in characters.
 pub(super) const LABEL_VALUE_MAX: usize = 256;
 
-const MEMBERS: [&str; 7] = ["preset", "seed", "spec", "outputs", "backend", "labels", "reuse"];
-const BATCH_MEMBERS: [&str; 8] = ["preset", "seeds", "count", "spec", "outputs", "backend", "labels", "reuse"];
+const MEMBERS: [&str; 8] = ["preset", "seed", "spec", "outputs", "backend", "labels", "priority", "reuse"];
+const BATCH_MEMBERS: [&str; 9] =
+    ["preset", "seeds", "count", "spec", "outputs", "backend", "labels", "priority", "reuse"];
 
 /// A request whose own members are well formed; the spec is checked by resolving it on the preset.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,6 +32,7 @@ pub(super) struct ModelRequest {
     pub(super) outputs: Vec<Output>,
     pub(super) backend: Backend,
     pub(super) labels: BTreeMap<String, String>,
+    pub(super) priority: Priority,
     pub(super) reuse: bool,
 }
 
@@ -59,6 +62,7 @@ impl ModelRequest {
                 .get("backend")
                 .map_or(Backend::Auto, |v| choice(v, "/backend", faults).unwrap_or_default()),
             labels: members.get("labels").map_or_else(BTreeMap::new, |v| labels(v, faults)),
+            priority: members.get("priority").map_or_else(Priority::default, |v| priority(v, faults)),
             reuse: members.get("reuse").is_none_or(|v| flag(v, "/reuse", faults)),
         }
     }
@@ -81,6 +85,8 @@ impl ModelRequest {
                     "description": "Names of the client's own, to find models by.",
                     "propertyNames": { "minLength": 1, "maxLength": LABEL_KEY_MAX, "pattern": "^[^:\\u0000]+$" },
                     "additionalProperties": { "type": "string", "maxLength": LABEL_VALUE_MAX, "pattern": "^[^\\u0000]*$" } },
+                "priority": { "type": "integer", "minimum": Priority::MIN, "maximum": Priority::MAX, "default": 0,
+                    "description": "How urgent it is: of what waits, the higher is begun first." },
                 "reuse": { "type": "boolean", "default": true,
                     "description": "Whether a finished model with the same digest may be taken instead of growing it again." }
             },
@@ -200,6 +206,16 @@ fn seed(value: &Value, pointer: &str, faults: &mut Vec<Fault>) -> Option<u64> {
         faults.push(Fault::at(pointer, format!("must be an integer from 0 to {SEED_MAX}, not {}", describe(value))));
     }
     seed
+}
+
+fn priority(value: &Value, faults: &mut Vec<Fault>) -> Priority {
+    #[expect(clippy::cast_possible_truncation, reason = "saturating, and then out of range")]
+    let whole = value.as_i64().or_else(|| value.as_f64().filter(|x| x.fract() == 0.0).map(|x| x as i64));
+    whole.and_then(|n| Priority::try_from(n).ok()).unwrap_or_else(|| {
+        let (min, max) = (Priority::MIN, Priority::MAX);
+        faults.push(Fault::at("/priority", format!("must be an integer from {min} to {max}, not {}", describe(value))));
+        Priority::default()
+    })
 }
 
 fn spec(value: &Value, faults: &mut Vec<Fault>) -> Value {
@@ -324,10 +340,23 @@ mod tests {
     }
 
     #[test]
+    fn a_priority_is_a_small_integer() {
+        assert_eq!(read(&json!({})).unwrap().priority.get(), 0);
+        for (value, priority) in
+            [(json!(-100), -100), (json!(100), 100), (json!(7.0), 7), (json!(-0.0), 0), (json!(-3e0), -3)]
+        {
+            assert_eq!(read(&json!({"priority": value})).unwrap().priority.get(), priority);
+        }
+        for value in [json!(101), json!(-101), json!(0.5), json!("7"), json!(null), json!(1e300), json!(u64::MAX)] {
+            assert_eq!(read(&json!({"priority": value})).unwrap_err(), ["/priority"]);
+        }
+    }
+
+    #[test]
     fn all_faults_come_at_once() {
         let body = json!({
             "preset": 1, "seed": -1, "spec": [], "outputs": ["glb", "glb", "fbx", 3], "backend": "tpu",
-            "labels": {"a": 1, "": "x", "b:c": "x", "d": "x".repeat(257)}, "reuse": "no", "sede": 1, "a/b": 1
+            "labels": {"a": 1, "": "x", "b:c": "x", "d": "x".repeat(257)}, "priority": 1.5, "reuse": "no", "sede": 1, "a/b": 1
         });
         assert_eq!(
             read(&body).unwrap_err(),
@@ -345,6 +374,7 @@ mod tests {
                 "/labels/a",
                 "/labels/b:c",
                 "/labels/d",
+                "/priority",
                 "/reuse"
             ]
         );

@@ -105,6 +105,38 @@ pub struct LiveSection {
     pub outer: Vec<[f32; 2]>,
 }
 
+/// How urgent a job is, from −100 to 100: the higher is claimed first. 0 where nothing is said.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(transparent)]
+pub struct Priority(i8);
+
+impl Priority {
+    /// The lowest.
+    pub const MIN: i64 = -100;
+    /// The highest.
+    pub const MAX: i64 = 100;
+
+    /// As a number.
+    #[must_use]
+    pub fn get(self) -> i64 {
+        self.0.into()
+    }
+}
+
+/// A number that is no priority.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("a priority is an integer from {} to {}, not {}", Priority::MIN, Priority::MAX, .0)]
+pub struct NoPriority(i64);
+
+impl TryFrom<i64> for Priority {
+    type Error = NoPriority;
+
+    fn try_from(value: i64) -> Result<Self, NoPriority> {
+        let small = i8::try_from(value).ok().filter(|_| (Self::MIN..=Self::MAX).contains(&value));
+        small.map(Self).ok_or(NoPriority(value))
+    }
+}
+
 /// A job to be queued.
 #[derive(Clone, Debug)]
 pub struct NewJob {
@@ -120,6 +152,8 @@ pub struct NewJob {
     pub backend: Backend,
     /// Labels.
     pub labels: BTreeMap<String, String>,
+    /// How urgent it is. No part of the digest: a finished model is reused whatever its priority was.
+    pub priority: Priority,
     /// Digest of spec, seed and engine version.
     pub digest: String,
     /// The engine version that the digest is of.
@@ -152,6 +186,8 @@ pub struct Job {
     pub outputs: Vec<Output>,
     /// Labels.
     pub labels: BTreeMap<String, String>,
+    /// How urgent it is.
+    pub priority: Priority,
     /// What computes it.
     pub backend: BackendReport,
     /// Position in the queue from 0, while queued, among the jobs that ask for the same backend. Exact up to 1000; a

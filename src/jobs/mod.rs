@@ -16,7 +16,7 @@ pub mod state;
 mod store;
 pub mod sweep;
 
-pub use job::{BackendReport, BatchId, File, Job, JobId, LiveSection, NewJob, Problem, Status};
+pub use job::{BackendReport, BatchId, File, Job, JobId, LiveSection, NewJob, NoPriority, Priority, Problem, Status};
 pub use open::{Database, open};
 pub use sql::SqlStore;
 pub use store::{

@@ -1,6 +1,6 @@
 //! The contract of a job store. One test suite runs over every implementation.
 
-use super::job::{BackendReport, BatchId, File, Job, JobId, LiveSection, NewJob, Problem, Status};
+use super::job::{BackendReport, BatchId, File, Job, JobId, LiveSection, NewJob, Priority, Problem, Status};
 use super::state::{AttemptEnd, Fence};
 use crate::clock::Clock;
 use crate::generate::{Backend, Progress};
@@ -50,8 +50,10 @@ impl Submitted {
 /// Jobs to be queued together: all or none.
 #[derive(Clone, Debug)]
 pub struct NewBatch {
-    /// The jobs, in order; their own `idempotency` is not looked at.
+    /// The jobs, in order; their own `idempotency` and `priority` are not looked at.
     pub jobs: Vec<NewJob>,
+    /// How urgent all of them are.
+    pub priority: Priority,
     /// Idempotency key, with a hash of the canonical request body. Keys of batches and of jobs are apart.
     pub idempotency: Option<(String, String)>,
 }
@@ -97,6 +99,8 @@ pub struct Batch {
     pub id: BatchId,
     /// When it was accepted.
     pub created_at: Timestamp,
+    /// How urgent its jobs are.
+    pub priority: Priority,
     /// Its jobs by status.
     pub counts: Counts,
     /// Its jobs, in the order in which they were asked for.
@@ -253,8 +257,8 @@ pub struct WorkerInfo {
     pub backend: Backend,
     /// Device in words.
     pub device: String,
-    /// The job that it runs.
-    pub job: Option<JobId>,
+    /// The jobs whose leases it holds, the oldest first. The store knows; what [`Store::worker_seen`] says is not asked.
+    pub jobs: Vec<JobId>,
     /// Jobs it has ended.
     pub jobs_done: u64,
     /// Last sign of life.
@@ -315,8 +319,8 @@ pub trait Store: Send + Sync + 'static {
     /// Removes a batch with all its jobs, in one transaction; returns as [`Store::delete`] does.
     async fn delete_batch(&self, id: BatchId) -> Result<Option<Vec<String>>, StoreError>;
 
-    /// Claims up to `limit` jobs that `backend` may run: submitters take turns, and the jobs of each go
-    /// oldest first. Jobs whose lease has expired go back to
+    /// Claims up to `limit` jobs that `backend` may run, in the order in which they are due: the higher
+    /// priority first; within one, submitters take turns, and the jobs of each go oldest first. Jobs whose lease has expired go back to
     /// their place in the queue before, so that a long queue cannot hold them up; those whose attempts are used
     /// up fail instead (`attempts-exhausted`, with the history), those asked to stop end as cancelled.
     async fn claim(
@@ -326,6 +330,8 @@ pub trait Store: Send + Sync + 'static {
         lease: Duration,
         limit: u32,
     ) -> Result<Vec<ClaimedJob>, StoreError>;
+    /// How many jobs wait that `backend` may run, counted up to 1000 for each backend asked for.
+    async fn waiting(&self, backend: Backend) -> Result<u64, StoreError>;
     /// Renews the lease and records progress. The version grows, and others are told, only where something is new.
     async fn heartbeat(
         &self,
@@ -367,7 +373,7 @@ pub trait Store: Send + Sync + 'static {
     async fn ended_before(&self, before: Timestamp, limit: u32) -> Result<Vec<JobId>, StoreError>;
     /// Bytes of all files that jobs name, each key counted once.
     async fn stored_bytes(&self) -> Result<u64, StoreError>;
-    /// All jobs by status.
+    /// All jobs by status, of one moment. Costs the same however many there are.
     async fn counts(&self) -> Result<Counts, StoreError>;
 
     /// Changes as they happen; a receiver that lags is told so and reads the records again.

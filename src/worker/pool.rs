@@ -11,7 +11,7 @@ use crate::generate::Backend;
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
 use crate::jobs::scratch::Scratch;
-use crate::jobs::{Change, ClaimedJob, JobId, Store, StoreError, WorkerInfo};
+use crate::jobs::{Change, ClaimedJob, Store, StoreError, WorkerInfo};
 use crate::metrics::Metrics;
 use std::io;
 use std::path::PathBuf;
@@ -137,8 +137,6 @@ struct Ready {
 /// What a worker is at.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct At {
-    /// Oldest first.
-    jobs: Vec<JobId>,
     done: u64,
     gpu: GpuState,
 }
@@ -386,8 +384,6 @@ impl Slot {
 
     async fn run(self: Arc<Self>, claimed: Vec<ClaimedJob>, share: Share, ready: Ready) {
         let Ready { turn, _place } = ready;
-        let jobs: Vec<JobId> = claimed.iter().map(|claimed| claimed.job().id).collect();
-        self.at(|at| at.jobs.extend(&jobs));
         let mut ended = 0;
         if let Some(gpu) = &self.gpu {
             ended += batch::run(&self.context, gpu, &self.threads, claimed, turn).await;
@@ -395,10 +391,7 @@ impl Slot {
             // A CPU worker claims one at a time.
             ended += u64::from(attempt::run_on_cpu(&self.context, &self.threads, &share, claimed, turn).await);
         }
-        self.at(|at| {
-            at.jobs.retain(|job| !jobs.contains(job));
-            at.done += ended;
-        });
+        self.at(|at| at.done += ended);
     }
 
     fn at(&self, change: impl FnOnce(&mut At)) -> At {
@@ -408,7 +401,7 @@ impl Slot {
     }
 
     /// Leaves a sign of life; not for a GPU worker without its GPU, which nobody should count on.
-    async fn seen(&self, At { jobs, done, gpu }: At) {
+    async fn seen(&self, At { done, gpu }: At) {
         if self.gpu.is_some() && gpu != GpuState::Open {
             return;
         }
@@ -421,7 +414,7 @@ impl Slot {
             host: self.context.options.host.clone(),
             backend,
             device,
-            job: jobs.first().copied(),
+            jobs: Vec::new(),
             jobs_done: done,
             heartbeat_at: self.context.clock.now(),
         };

@@ -45,7 +45,7 @@ pub(super) async fn of_cpu(context: &Context) -> Result<Share, StoreError> {
         let why = options.no_gpu.clone().unwrap_or_else(|| "no GPU worker is alive".to_owned());
         return Ok(Share::Auto { why, cause: Fallback::NoGpu });
     }
-    let waiting = context.store.counts().await?.queued;
+    let waiting = context.store.waiting(Backend::Gpu).await?;
     let taken = 2 * u64::from(options.batch) * alive as u64;
     Ok(if waiting > taken {
         let why = format!("{waiting} jobs were waiting for {alive} GPU worker{}", if alive == 1 { "" } else { "s" });

@@ -212,7 +212,7 @@ impl App {
             host: "here".into(),
             backend,
             device: "test".into(),
-            job: None,
+            jobs: Vec::new(),
             jobs_done: 3,
             heartbeat_at: self.clock.now(),
         };

@@ -74,6 +74,7 @@ async fn a_batch_is_all_or_nothing() {
         (json!({}), ""),
         (json!({ "count": 1, "seed": 4 }), "/seed"),
         (json!({ "count": 1, "spec": { "steps": -1 } }), "/spec/steps"),
+        (json!({ "count": 1, "priority": 1000 }), "/priority"),
     ] {
         let reply = app.post("/batches", &body).await;
         assert_eq!((reply.status.as_u16(), reply.places()), (422, vec![place.to_owned()]), "{body}");
@@ -90,6 +91,8 @@ async fn an_idempotency_key_gives_the_same_batch() {
     assert_eq!((first.header("idempotency-replayed"), second.header("idempotency-replayed")), (None, Some("true")));
     let other = app.post_with("/batches", &[("idempotency-key", "k")], &json!({ "count": 3 })).await;
     assert_eq!(other.slug(), "idempotency-key-reused");
+    let urgent = app.post_with("/batches", &[("idempotency-key", "k")], &json!({ "count": 2, "priority": 1 })).await;
+    assert_eq!(urgent.slug(), "idempotency-key-reused", "the priority is part of what was asked");
 }
 
 #[tokio::test]

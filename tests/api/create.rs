@@ -109,6 +109,41 @@ async fn validating_queues_nothing_and_predicts() {
 }
 
 #[tokio::test]
+async fn the_higher_priority_is_begun_first() {
+    let app = App::new().await;
+    let ask = async |path: &str, body: Value| app.post(path, &body).await.json();
+    let plain = ask("/models", json!({ "seed": 1 })).await;
+    let low = ask("/models", json!({ "seed": 2, "priority": -100 })).await;
+    let urgent = ask("/models", json!({ "seed": 3, "priority": 100 })).await;
+    let batch = ask("/batches", json!({ "seeds": [4, 5], "priority": 50.0 })).await;
+    assert_eq!((&plain["priority"], &low["priority"], &urgent["priority"]), (&json!(0), &json!(-100), &json!(100)));
+    assert_eq!(batch["priority"], 50);
+    assert_eq!(app.get(&format!("/batches/{}", batch["id"].as_str().unwrap())).await.json(), batch);
+    let order = [&urgent["id"], &batch["models"][0], &batch["models"][1], &plain["id"], &low["id"]];
+    for (place, id) in order.iter().enumerate() {
+        let model = app.get(&format!("/models/{}", id.as_str().unwrap())).await.json();
+        assert_eq!(model["queue"]["position"], place);
+    }
+    for id in order {
+        assert_eq!(app.claim().await.job().id.to_string(), id.as_str().unwrap());
+    }
+}
+
+/// It says when a model is made, not what it is.
+#[tokio::test]
+async fn the_priority_is_no_part_of_the_digest_but_of_the_request() {
+    let app = App::new().await;
+    let key = [("idempotency-key", "k")];
+    let made = app.post_with("/models", &key, &json!({ "seed": 1 })).await.json();
+    let other = app.post_with("/models", &key, &json!({ "seed": 1, "priority": 3 })).await;
+    assert_eq!((other.status.as_u16(), other.slug().as_str()), (422, "idempotency-key-reused"));
+    app.finish(app.claim().await, &files()).await;
+    let reused = app.post("/models", &json!({ "seed": 1, "priority": 3 })).await;
+    assert_eq!((reused.status.as_u16(), &reused.json()["reused_from"]), (201, &made["id"]));
+    assert_eq!((&reused.json()["digest"], &reused.json()["priority"]), (&made["digest"], &json!(3)));
+}
+
+#[tokio::test]
 async fn an_idempotency_key_gives_the_same_model() {
     let app = App::new().await;
     let key = [("idempotency-key", "k-1")];

@@ -45,6 +45,9 @@ impl Store for Faulty {
     async fn claim(&self, _: &str, _: Backend, _: Duration, _: u32) -> Result<Vec<ClaimedJob>, StoreError> {
         away()
     }
+    async fn waiting(&self, _: Backend) -> Result<u64, StoreError> {
+        away()
+    }
     async fn heartbeat(
         &self,
         _: &ClaimedJob,

@@ -88,7 +88,17 @@ async fn workers_are_listed() {
     assert_eq!(app.get("/workers").await.json(), json!({ "workers": [] }));
     app.worker(Backend::CpuSingle).await;
     let want = json!({ "workers": [{ "id": "w1", "host": "here", "backend": "cpu-single", "device": "test", "job": null,
-        "jobs_done": 3, "heartbeat_at": moment(&app.clock) }] });
+        "jobs": [], "jobs_done": 3, "heartbeat_at": moment(&app.clock) }] });
+    assert_eq!(app.get("/workers").await.json(), want);
+    // All that it runs is named, the oldest first.
+    let (old, new) = (app.model(1).await, app.model(2).await);
+    let running = [app.claim().await, app.claim().await];
+    let worker = app.get("/workers").await.json()["workers"][0].clone();
+    let ids = [&old, &new].map(|model| model.strip_prefix("/models/").unwrap());
+    assert_eq!((&worker["job"], &worker["jobs"]), (&json!(ids[0]), &json!(ids)));
+    for job in running {
+        app.store.release(job).await.unwrap();
+    }
     assert_eq!(app.get("/workers").await.json(), want);
 }
 

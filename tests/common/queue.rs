@@ -1,23 +1,25 @@
-//! Long queues by SQL, and what claims and submissions cost on them.
+//! Long queues by SQL, and what claims, submissions and looks cost on them.
 
 use oviduct::clock::Stopwatch;
-use oviduct::generate::{Backend, Output};
-use oviduct::jobs::{NewJob, Store, StoreOptions};
+use oviduct::generate::{Backend, Output, Progress, Stage};
+use oviduct::jobs::{ClaimedJob, JobId, NewJob, Priority, Store, StoreOptions};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// Claims and submissions that are timed on a queue.
 pub const SAMPLES: usize = 40;
 
-/// Queues `rows` jobs of seven submitters, one in ten for GPUs, in the SQLite file at `path`, which has its tables.
+/// Queues `rows` jobs of seven submitters and three priorities, one in ten for GPUs, in the SQLite file at `path`, which
+/// has its tables; and as many that have ended.
 pub async fn fill_sqlite(path: &std::path::Path, rows: u64) {
     let pool = sqlx::SqlitePool::connect(&format!("sqlite://{}", path.display())).await.expect("the file opens");
     sqlx::query(
-        "WITH RECURSIVE n (i) AS (SELECT 0 UNION ALL SELECT i + 1 FROM n WHERE i + 1 < $1) \
+        "WITH RECURSIVE n (i) AS (SELECT 0 UNION ALL SELECT i + 1 FROM n WHERE i + 1 < 2 * $1) \
          INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, available_at, created_at, \
-         spec, submitter, turn) \
-         SELECT '01900000-0000-7000-8000-' || printf('%012x', i), 'queued', 'pig', i, printf('%x', i), '[\"glb\"]', \
-         CASE WHEN i % 10 = 0 THEN 'gpu' ELSE 'auto' END, 0, 0, '{}', 'key ' || (i % 7), i / 7 FROM n",
+         finished_at, spec, submitter, rank, turn) \
+         SELECT '01900000-0000-7000-8000-' || printf('%012x', i), CASE WHEN i < $1 THEN 'queued' ELSE 'failed' END, \
+         'pig', i, printf('%x', i), '[\"glb\"]', CASE WHEN i % 10 = 0 THEN 'gpu' ELSE 'auto' END, 0, 0, \
+         CASE WHEN i < $1 THEN NULL ELSE i END, '{}', 'key ' || (i % 7), i / 7 % 3 - 1, i / 21 FROM n",
     )
     .bind(rows as i64)
     .execute(&pool)
@@ -29,13 +31,17 @@ pub async fn fill_sqlite(path: &std::path::Path, rows: u64) {
 /// The same in PostgreSQL, as SQL.
 pub fn fill_postgres(rows: u64) -> String {
     format!(
-        "INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, available_at, created_at, \
-         spec, submitter, turn, engine) \
-         SELECT '01900000-0000-7000-8000-' || lpad(to_hex(i), 12, '0'), 'queued', 'pig', i, to_hex(i), '[\"glb\"]', \
-         CASE WHEN i % 10 = 0 THEN 'gpu' ELSE 'auto' END, 0, 0, '{{}}', 'key ' || (i % 7), i / 7, '0.1.0' \
-         FROM generate_series(0, {rows} - 1) AS i; \
-         -- As submissions leave it, had the jobs come one by one.\n\
-         TRUNCATE queue_length; INSERT INTO queue_length (jobs) VALUES ({rows})"
+        // As submissions and ends leave the counts, had the jobs come one by one.
+        "SET session_replication_role = replica; \
+         INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, available_at, created_at, \
+         finished_at, spec, submitter, rank, turn, engine) \
+         SELECT '01900000-0000-7000-8000-' || lpad(to_hex(i), 12, '0'), \
+         CASE WHEN i < {rows} THEN 'queued' ELSE 'failed' END, 'pig', i, to_hex(i), '[\"glb\"]', \
+         CASE WHEN i % 10 = 0 THEN 'gpu' ELSE 'auto' END, 0, 0, CASE WHEN i < {rows} THEN NULL ELSE i END, '{{}}', \
+         'key ' || (i % 7), i / 7 % 3 - 1, i / 21, '0.1.0' FROM generate_series(0, 2 * {rows} - 1) AS i; \
+         INSERT INTO queue_length (jobs) VALUES ({rows}); \
+         INSERT INTO ended_jobs (status, jobs) VALUES ('failed', {rows}); \
+         SET session_replication_role = DEFAULT"
     )
 }
 
@@ -44,54 +50,83 @@ pub fn options() -> StoreOptions {
     StoreOptions { queue_limit: 10_000_000, ..StoreOptions::default() }
 }
 
-/// Seconds that a sample took, a quarter of all being faster: what else the machine does is kept out.
-#[derive(Clone, Copy, Debug)]
-pub struct Cost {
-    pub claim: f64,
-    pub claim_four: f64,
-    pub submit: f64,
-    pub read: f64,
-}
+/// Seconds that things take: of each many samples, a quarter being faster, so that what else the machine does is kept
+/// out.
+#[derive(Clone, Debug)]
+pub struct Costs(pub Vec<(&'static str, f64)>);
 
 fn lower_quartile(mut seconds: Vec<f64>) -> f64 {
     seconds.sort_by(f64::total_cmp);
     seconds[seconds.len() / 4]
 }
 
-/// What a claim of one job and of four, a submission, and reading the last of the queue cost.
-pub async fn cost(store: &dyn Store) -> Cost {
+fn new_job(n: usize) -> NewJob {
+    NewJob {
+        preset: "pig".into(),
+        seed: 1,
+        spec: serde_json::json!({}),
+        outputs: vec![Output::Glb],
+        backend: Backend::Auto,
+        labels: BTreeMap::new(),
+        priority: Priority::default(),
+        digest: format!("new {n}"),
+        engine: oviduct::ENGINE_VERSION.into(),
+        reuse: true,
+        idempotency: Some((format!("key {n}"), String::new())),
+        submitter: Some("key 3".into()),
+    }
+}
+
+/// What a claim of one job and of four, a heartbeat, a submission, a look at the last of its priority (with its
+/// position) and the counts cost. Removes what it submits.
+pub async fn costs(store: &dyn Store) -> Costs {
+    const LEASE: Duration = Duration::from_secs(600);
     let claim = async |limit: u32, samples: usize| {
-        let mut seconds = Vec::new();
+        let (mut seconds, mut held) = (Vec::new(), Vec::new());
         for _ in 0..samples {
             let since = Stopwatch::start();
-            let claimed = store.claim("w", Backend::Cpu, Duration::from_secs(600), limit).await.expect("a claim");
+            let claimed = store.claim("w", Backend::Cpu, LEASE, limit).await.expect("a claim");
             seconds.push(since.seconds());
             assert_eq!(claimed.len(), limit as usize, "the queue is too short");
+            held.extend(claimed);
         }
-        lower_quartile(seconds)
+        (lower_quartile(seconds), held)
     };
-    let (claim_one, claim_four) = (claim(1, SAMPLES).await, claim(4, SAMPLES / 4).await);
-    let (mut submits, mut reads) = (Vec::new(), Vec::new());
+    let ((one, held), (four, _)) = (claim(1, SAMPLES).await, claim(4, SAMPLES / 4).await);
+    let mut beats = Vec::new();
+    for claimed in &held {
+        beats.push(beat(store, claimed).await);
+    }
+    let (mut submits, mut looks, mut counts) = (Vec::new(), Vec::new(), Vec::new());
+    let mut ids: Vec<JobId> = Vec::new();
     for n in 0..SAMPLES {
-        let new = NewJob {
-            preset: "pig".into(),
-            seed: 1,
-            spec: serde_json::json!({}),
-            outputs: vec![Output::Glb],
-            backend: Backend::Auto,
-            labels: BTreeMap::new(),
-            digest: format!("new {n}"),
-            engine: oviduct::ENGINE_VERSION.into(),
-            reuse: true,
-            idempotency: Some((format!("key {n}"), String::new())),
-            submitter: Some("key 3".into()),
-        };
+        let new = new_job(n);
         let since = Stopwatch::start();
         let id = store.submit(new).await.expect("a submission").job().id;
         submits.push(since.seconds());
         let since = Stopwatch::start();
         store.get(id).await.expect("a look").expect("the job");
-        reads.push(since.seconds());
+        looks.push(since.seconds());
+        let since = Stopwatch::start();
+        store.counts().await.expect("counts");
+        counts.push(since.seconds());
+        ids.push(id);
     }
-    Cost { claim: claim_one, claim_four, submit: lower_quartile(submits), read: lower_quartile(reads) }
+    for id in ids {
+        store.delete(id).await.expect("it is removed");
+    }
+    let names = ["claim", "claim of 4", "heartbeat", "submit", "look", "counts"];
+    let seconds =
+        [one, four, lower_quartile(beats), lower_quartile(submits), lower_quartile(looks), lower_quartile(counts)];
+    Costs(names.into_iter().zip(seconds).collect())
+}
+
+/// Seconds of a heartbeat that has something to tell.
+async fn beat(store: &dyn Store, claimed: &ClaimedJob) -> f64 {
+    let (stage, eta_seconds) = (Stage::Simulate, None);
+    let progress = Progress { stage, fraction: 0.5, step: 1, steps: 2, particles: 8, sections: 1, eta_seconds };
+    let since = Stopwatch::start();
+    let backend = &claimed.job().backend;
+    store.heartbeat(claimed, Duration::from_secs(600), backend, Some(&progress), None).await.expect("a heartbeat");
+    since.seconds()
 }

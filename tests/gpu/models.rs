@@ -5,7 +5,7 @@ use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{Backend, CancelToken, Member, Outcome, Output, Request, generate_batch};
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::sqlite::SqliteStore;
-use oviduct::jobs::{Job, JobId, NewJob, Status, Store, StoreOptions};
+use oviduct::jobs::{Job, JobId, NewJob, Priority, Status, Store, StoreOptions};
 use oviduct::sim::Plan;
 use oviduct::sim::gpu::{GpuDevice, GpuOptions};
 use oviduct::spec::{ModelSpec, preset};
@@ -102,6 +102,7 @@ impl Place {
             outputs: vec![Output::Glb],
             backend: Backend::Auto,
             labels: BTreeMap::new(),
+            priority: Priority::default(),
             digest: seed.to_string(),
             engine: oviduct::ENGINE_VERSION.into(),
             submitter: None,

@@ -55,13 +55,21 @@ impl Bucket {
         self.up.send_replace(up);
     }
 
-    pub fn artifacts(&self) -> Artifacts {
-        let variables = [
+    /// Its URL as an option says it.
+    pub const URL: &str = "s3://models/of/tests";
+
+    /// Where it is and who may enter, as the usual variables.
+    pub fn variables(&self) -> [(String, String); 3] {
+        [
             ("AWS_ACCESS_KEY_ID", KEY.to_owned()),
             ("AWS_SECRET_ACCESS_KEY", SECRET.to_owned()),
             ("AWS_ENDPOINT_URL", format!("http://{}", self.address)),
-        ];
-        Artifacts::s3("s3://models/of/tests", variables.map(|(name, value)| (name.to_owned(), value))).unwrap()
+        ]
+        .map(|(name, value)| (name.to_owned(), value))
+    }
+
+    pub fn artifacts(&self) -> Artifacts {
+        Artifacts::s3(Self::URL, self.variables()).unwrap()
     }
 }
 

@@ -50,6 +50,10 @@ impl Store for Deaf {
         self.0.claim(worker, backend, lease, limit).await
     }
 
+    async fn waiting(&self, backend: Backend) -> Result<u64, StoreError> {
+        self.0.waiting(backend).await
+    }
+
     async fn heartbeat(
         &self,
         claimed: &ClaimedJob,

@@ -36,6 +36,8 @@ async fn jobs_of_like_size_run_together_and_end_each_by_itself() {
     assert_eq!((running.backend.used, running.backend.device.as_deref()), (Some(Backend::Gpu), Some("a fake GPU")));
     let worker = place.store.workers().await.unwrap().pop().unwrap();
     assert_eq!((worker.backend, worker.device.as_str()), (Backend::Gpu, "a fake GPU"));
+    assert!([waits, gone].iter().all(|id| worker.jobs.contains(id)), "all that it runs: {:?}", worker.jobs);
+    assert!(!worker.jobs.contains(&other), "what did not fit was given back");
     place.until(gone, |job| job.progress.is_some()).await;
     place.store.delete(gone).await.unwrap().unwrap();
     let since = Stopwatch::start();
@@ -60,7 +62,7 @@ async fn jobs_of_like_size_run_together_and_end_each_by_itself() {
     assert_eq!(place.store.get(cpu).await.unwrap().unwrap().status, Status::Queued);
     pool.shutdown(Duration::from_secs(5)).await;
     let worker = place.store.workers().await.unwrap().pop().unwrap();
-    assert_eq!((worker.job, worker.jobs_done), (None, 4));
+    assert_eq!((worker.jobs.len(), worker.jobs_done), (0, 4));
     assert!(place.scratch().is_empty());
     assert_eq!(place.visible().len(), 4, "files of two models");
 }
@@ -231,7 +233,7 @@ async fn without_a_living_gpu_worker_a_cpu_worker_takes_auto_and_says_why() {
         host: "far".into(),
         backend: Backend::Gpu,
         device: "a far GPU".into(),
-        job: None,
+        jobs: Vec::new(),
         jobs_done: 3,
         heartbeat_at: Clock::System.now() - Duration::from_secs(60),
     };

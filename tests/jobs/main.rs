@@ -14,14 +14,18 @@ mod checkpoint;
 mod cluster;
 mod cost;
 mod deaf;
+#[cfg(target_os = "linux")]
+mod disk;
 mod gpu;
 mod kill;
 mod postgres;
 #[path = "../common/queue.rs"]
 mod queue;
 mod random;
+mod redirect;
 mod scripted;
 mod sqlite;
 mod streams;
 mod suite;
+mod upgrade;
 mod worker;

@@ -149,6 +149,49 @@ async fn claimers_of_several_processes_end_each_job_once() {
     assert!(ended.iter().all(|job| job.attempts == 1));
 }
 
+/// The counts are sums of rows that every transaction adds to; they are put together on the way, whoever does what.
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn counts_of_several_processes_are_right_and_stay_few_rows() {
+    let url = Ground::Postgres.url("".as_ref()).await;
+    let (one, other) = tokio::join!(open(&url), open(&url));
+    let clients = (0..4).map(|client| {
+        let store = Arc::clone(if client % 2 == 0 { &one } else { &other });
+        tokio::spawn(async move {
+            for n in 0..150 {
+                let new = NewJob { reuse: false, ..new_job("d") };
+                let id = store.submit(new).await.unwrap().job().id;
+                match n % 4 {
+                    0 => drop(store.cancel(id).await.unwrap()),
+                    1 => drop(store.delete(id).await.unwrap()),
+                    2 => {
+                        for claimed in store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap() {
+                            let done = finished(&claimed);
+                            store.finish(claimed, done).await.unwrap();
+                        }
+                    }
+                    _ => {}
+                }
+                let counts = store.counts().await.unwrap();
+                assert!(counts.total() <= 600, "{counts:?}");
+            }
+        })
+    });
+    for client in join_all(clients).await {
+        client.unwrap();
+    }
+    let psql = async |sql: &'static str| {
+        let url = url.clone();
+        tokio::task::spawn_blocking(move || Cluster::shared().psql(&url, sql)).await.unwrap()
+    };
+    let counts = one.counts().await.unwrap();
+    let counted = psql("SELECT status, COUNT(*) FROM jobs GROUP BY status ORDER BY status").await;
+    let told = format!("cancelled|{}\nqueued|{}\nsucceeded|{}\n", counts.cancelled, counts.queued, counts.succeeded);
+    assert_eq!((counted, counts.running, counts.total()), (told, 0, 448));
+    let rows = "SELECT (SELECT COUNT(*) FROM queue_length) + (SELECT COUNT(*) FROM ended_jobs)";
+    let rows: u64 = psql(rows).await.trim().parse().unwrap();
+    assert!(rows <= 600, "of some 1800 changes {rows} rows are left");
+}
+
 fn signal(process: u32, name: &str) {
     let status = Command::new("kill").args([format!("-{name}"), process.to_string()]).status().unwrap();
     assert!(status.success());

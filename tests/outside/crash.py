@@ -1,7 +1,7 @@
 """Kills a live server in each stage of a model's life and starts it again.
 
 Every accepted model must end once, with whole files; no half file may ever be visible.
-Usage: crash.py OVIDUCT_BINARY
+Usage: crash.py OVIDUCT_BINARY [sqlite|postgres]
 """
 
 import hashlib
@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 
+from postgres import Cluster
 from service import SMALL, Service
 
 # Places in the life of a model at which the server ends itself without cleaning up (OVIDUCT_FAULT).
@@ -53,8 +54,20 @@ def stray(data):
     return found
 
 
-def main(folder):
-    service = Service(BINARY, folder, *OPTIONS)
+def sweep(service, folder):
+    """Uploads that a killed process left are not removed at once where other processes may share the store: on a start,
+    once they are a day old."""
+    for path in stray(folder):
+        os.utime(path, (0, 0))
+    service.start()
+    deadline = time.monotonic() + 30
+    while stray(folder) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    service.stop()
+
+
+def main(folder, *database):
+    service = Service(BINARY, folder, *OPTIONS, *database)
     ids, endings = [], {}
     for seed, point in enumerate(POINTS):
         service.start(OVIDUCT_FAULT=f"{point}:kill")
@@ -79,11 +92,18 @@ def main(folder):
     for model, ended in endings.items():
         assert service.json("GET", f"/models/{model}") == ended, "a model that had ended changed"
     service.stop()
+    if database:
+        sweep(service, folder)
     assert stray(folder) == [], stray(folder)
-    print(f"crash: {len(ids)} models accepted, {len(ids)} ended, each once, with whole files")
+    print(f"crash: {len(ids)} models accepted, {len(ids)} ended, each once, with whole files, on {DATABASE}")
 
 
 if __name__ == "__main__":
-    BINARY = os.path.abspath(sys.argv[1])
+    BINARY, DATABASE = os.path.abspath(sys.argv[1]), (sys.argv[2:] or ["sqlite"])[0]
+    assert DATABASE in ("sqlite", "postgres"), __doc__
     with tempfile.TemporaryDirectory() as folder:
-        main(folder)
+        if DATABASE == "postgres":
+            with Cluster() as cluster:
+                main(folder, "--database", cluster.url)
+        else:
+            main(folder)

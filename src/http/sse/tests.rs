@@ -16,6 +16,7 @@ fn job() -> Job {
         spec: json!({}),
         outputs: vec![],
         labels: Default::default(),
+        priority: Default::default(),
         backend: BackendReport { requested: Backend::Auto, used: None, device: None, fallback: None },
         queue_position: Some(0),
         progress: None,

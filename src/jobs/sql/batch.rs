@@ -1,6 +1,7 @@
 //! Batches: jobs that are taken, read and removed together.
 
 use super::order::queue_room;
+use super::read::priority;
 use super::submit::{self, Ids, place};
 use super::{Before, Done, Link, Operation, SqlError, values, variant};
 use crate::jobs::job::{BatchId, JobId, NewJob};
@@ -41,13 +42,14 @@ impl Operation for SubmitBatch {
         let first = || BatchId(self.ids.at(now).0);
         let id = *self.tried.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(first);
         link.execute(
-            "INSERT INTO batches (id, created_at, idempotency_key, idempotency_body) VALUES ($1, $2, $3, $4)",
-            values![id.to_string(), now, key, body],
+            "INSERT INTO batches (id, created_at, idempotency_key, idempotency_body, priority) \
+             VALUES ($1, $2, $3, $4, $5)",
+            values![id.to_string(), now, key, body, self.new.priority.get()],
         )
         .await?;
         let mut room = queue_room(link, options).await?;
         for new in &self.new.jobs {
-            let alone = NewJob { idempotency: None, ..new.clone() };
+            let alone = NewJob { idempotency: None, priority: self.new.priority, ..new.clone() };
             place(link, options, self.ids.at(now), &alone, Some(id), &mut room).await?;
         }
         Ok(accepted(known(link, id).await?))
@@ -67,7 +69,7 @@ pub(super) async fn read(link: &mut Link<'_>, id: BatchId) -> Result<Option<Batc
     // One statement, so that the jobs are those of one moment.
     let rows = link
         .all(
-            "SELECT b.created_at, j.id, j.status FROM batches b LEFT JOIN jobs j ON j.batch = b.id WHERE b.id = $1 \
+            "SELECT b.created_at, b.priority, j.id, j.status FROM batches b LEFT JOIN jobs j ON j.batch = b.id WHERE b.id = $1 \
              ORDER BY j.id",
             values![id.to_string()],
         )
@@ -76,7 +78,8 @@ pub(super) async fn read(link: &mut Link<'_>, id: BatchId) -> Result<Option<Batc
         return Ok(None);
     };
     let created_at = first.time("created_at")?;
-    let mut batch = Batch { id, created_at, counts: Counts::default(), jobs: Vec::with_capacity(rows.len()) };
+    let priority = priority(first.int("priority")?)?;
+    let mut batch = Batch { id, created_at, priority, counts: Counts::default(), jobs: Vec::with_capacity(rows.len()) };
     for row in &rows {
         if let Some(job) = row.optional_id("id")? {
             batch.jobs.push(job);

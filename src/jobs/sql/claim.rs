@@ -11,6 +11,7 @@ use crate::jobs::job::JobId;
 use crate::jobs::state::{self, Event};
 use crate::jobs::store::{Change, ClaimedJob, StoreOptions};
 use jiff::Timestamp;
+use std::collections::VecDeque;
 use std::time::Duration;
 
 /// Ends what has run out, then claims up to `limit` jobs.
@@ -35,7 +36,7 @@ pub(super) async fn any_to_claim(link: &mut Link<'_>, backend: Backend) -> Resul
         values.push(Value::from(word(lane)));
         sql += &format!(
             " OR (SELECT 1 FROM jobs WHERE status = 'queued' AND backend_requested = ${} AND available_at <= $1 \
-             ORDER BY turn, id LIMIT 1) IS NOT NULL",
+             ORDER BY rank, turn, id LIMIT 1) IS NOT NULL",
             values.len()
         );
     }
@@ -64,21 +65,20 @@ impl Claim {
         options: &StoreOptions,
         now: Timestamp,
     ) -> Result<Vec<ClaimedJob>, SqlError> {
-        let mut ids: Vec<JobId> = Vec::new();
+        let mut lanes = Vec::new();
         for lane in state::accepted(self.backend) {
-            let head = link
+            let waiting = link
                 .all(
-                    "SELECT id FROM jobs INDEXED BY jobs_queue WHERE status = 'queued' AND backend_requested = $1 \
-                     AND available_at <= $2 ORDER BY turn, id LIMIT $3",
+                    "SELECT rank, id FROM jobs INDEXED BY jobs_queue WHERE status = 'queued' \
+                     AND backend_requested = $1 AND available_at <= $2 ORDER BY rank, turn, id LIMIT $3",
                     values![word(lane), now, self.limit],
                 )
                 .await?;
-            for row in &head {
-                ids.push(row.id("id")?);
-            }
+            let waiting: Result<VecDeque<_>, SqlError> =
+                waiting.iter().map(|row| Ok((row.int("rank")?, row.id("id")?))).collect();
+            lanes.push(waiting?);
         }
-        ids.sort_unstable();
-        ids.truncate(self.limit as usize);
+        let ids = due(lanes, self.limit);
         let mut claimed = Vec::with_capacity(ids.len());
         for id in ids {
             let event = Event::Claim(self.worker.clone());
@@ -95,18 +95,23 @@ impl Claim {
     }
 
     async fn at_once(&self, link: &mut Link<'_>, now: Timestamp) -> Result<Vec<ClaimedJob>, SqlError> {
-        // The limits stand in the text, so that a plan made once for all values counts on few rows.
+        // The limits stand in the text, so that a plan made once for all values counts on few rows. Taking the better
+        // head of the lanes again and again is taking all by the last id of each lane and rank so far.
         let (jobs, limit) = (select_jobs(link), self.limit);
         let sql = format!(
-            "WITH heads AS MATERIALIZED (SELECT head.id FROM unnest($1::text[]) AS lane (name) CROSS JOIN LATERAL (\
-             SELECT id FROM jobs WHERE status = 'queued' AND backend_requested = lane.name AND available_at <= $2 \
-             ORDER BY turn, id LIMIT {limit} FOR UPDATE SKIP LOCKED) AS head), \
+            "WITH heads AS MATERIALIZED (SELECT lane.name, head.* FROM unnest($1::text[]) AS lane (name) \
+             CROSS JOIN LATERAL (SELECT rank, turn, id FROM jobs WHERE status = 'queued' \
+             AND backend_requested = lane.name AND available_at <= $2 \
+             ORDER BY rank, turn, id LIMIT {limit} FOR UPDATE SKIP LOCKED) AS head), \
+             due AS MATERIALIZED (SELECT id, ROW_NUMBER() OVER (ORDER BY rank, last, turn, id) AS place FROM (\
+             SELECT rank, turn, id, MAX(id) OVER (PARTITION BY name, rank ORDER BY turn, id) AS last FROM heads\
+             ) AS merged ORDER BY place LIMIT {limit}), \
              claimed AS (UPDATE jobs SET status = 'running', attempts = attempts + 1, holder = $3, lease_until = $4, \
              started_at = COALESCE(started_at, $2), version = version + 1 \
-             WHERE id = ANY (ARRAY(SELECT id FROM heads ORDER BY id LIMIT {limit})) RETURNING *), \
+             WHERE id = ANY (ARRAY(SELECT id FROM due)) RETURNING *), \
              begun AS (INSERT INTO attempts (job_id, attempt, worker, started_at) \
              SELECT id, attempts, $3, $2 FROM claimed) \
-             {jobs} FROM claimed j ORDER BY j.id"
+             {jobs} FROM due JOIN claimed j ON j.id = due.id ORDER BY due.place"
         );
         let lanes: Vec<String> = state::accepted(self.backend).iter().map(word).collect();
         let values = values![lanes, now, &self.worker, until(now, self.lease)];
@@ -117,4 +122,13 @@ impl Claim {
         };
         rows.iter().map(claimed).collect()
     }
+}
+
+/// The ids that are due, of lanes each in its order: from the head of higher priority, or else the older one, on.
+fn due(mut lanes: Vec<VecDeque<(i64, JobId)>>, limit: u32) -> Vec<JobId> {
+    let next = || {
+        let lane = lanes.iter_mut().filter(|lane| !lane.is_empty()).min_by_key(|lane| lane.front().copied())?;
+        lane.pop_front().map(|(_, id)| id)
+    };
+    std::iter::from_fn(next).take(limit as usize).collect()
 }

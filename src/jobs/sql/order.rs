@@ -1,35 +1,44 @@
 //! The order in which jobs are claimed, and places in it.
 //!
 //! Each backend that can be asked for has a lane of its own, so that a worker never reads past jobs that it
-//! cannot run. Within a lane, jobs are claimed by (`turn`, age). A submission gets its turn once: one after the last
-//! queued job of its submitter, but not before the lane's present turn (that of the job claimed last, or of the
-//! head of the queue). So submitters take turns however many jobs each has queued, one that comes new waits for one
-//! turn of each other, one that was away saves nothing up, and with a single submitter the order is that of
-//! age. A job that is given back keeps its turn. Between lanes the older head goes first.
+//! cannot run. Within a lane, jobs are claimed by (`rank`, `turn`, age). The rank is the priority, negated, so that one
+//! direction of an index is the order. Turns are kept within a lane and a rank. A submission gets its turn once: one
+//! after the last queued job of its submitter, but not before the present turn (that of the job claimed last, or of
+//! the first that waits). So submitters take turns however many jobs each has queued, one that comes new waits for one
+//! turn of each other, one that was away saves nothing up, and with a single submitter and one priority the order is
+//! that of age. A job that is given back keeps its rank and turn. Between lanes the head of higher priority goes
+//! first, then the older one.
 //!
 //! Everything here reads a few ends of indexes, whatever the length of the queue: a turn, three; a position is
 //! counted, but not beyond [`POSITIONS`].
 
 use super::read::Record;
 use super::{Link, SqlError, values, word};
-use crate::jobs::job::{NewJob, Status};
+use crate::generate::Backend;
+use crate::jobs::job::{Job, NewJob, Priority, Status};
+use crate::jobs::state;
 use crate::jobs::store::StoreOptions;
 
 /// Positions in the queue are exact up to this one; whoever is further back is told this one.
 const POSITIONS: u64 = 1000;
+
+/// The place of a priority in the order of claims: the higher, the earlier.
+pub(super) fn rank(priority: Priority) -> i64 {
+    -priority.get()
+}
 
 /// The turn of a job that is about to be queued.
 pub(super) async fn turn(link: &mut Link<'_>, new: &NewJob) -> Result<i64, SqlError> {
     // An aggregate over a lane would do; ORDER BY with LIMIT leaves the planner no choice but the end of the index.
     let row = link
         .one(
-            "SELECT (SELECT turn FROM jobs WHERE status = 'running' AND backend_requested = $1 \
+            "SELECT (SELECT turn FROM jobs WHERE status = 'running' AND backend_requested = $1 AND rank = $2 \
              ORDER BY turn DESC LIMIT 1) AS running, \
-             (SELECT turn FROM jobs WHERE status = 'queued' AND backend_requested = $1 \
+             (SELECT turn FROM jobs WHERE status = 'queued' AND backend_requested = $1 AND rank = $2 \
              ORDER BY turn, id LIMIT 1) AS head, \
-             (SELECT turn FROM jobs WHERE status = 'queued' AND backend_requested = $1 AND submitter = $2 \
-             ORDER BY turn DESC LIMIT 1) AS own",
-            values![word(new.backend), submitter(new)],
+             (SELECT turn FROM jobs WHERE status = 'queued' AND backend_requested = $1 AND rank = $2 \
+             AND submitter = $3 ORDER BY turn DESC LIMIT 1) AS own",
+            values![word(new.backend), rank(new.priority), submitter(new)],
         )
         .await?;
     let present = row.optional_int("running")?.max(row.optional_int("head")?).unwrap_or(0);
@@ -42,45 +51,52 @@ pub(super) fn submitter(new: &NewJob) -> String {
 }
 
 /// How many more jobs the queue takes. Its length is kept by triggers; where transactions of several connections run
-/// at a time, as rows to be summed, which are put together here where they grow many.
+/// at a time, as rows to be summed.
 pub(super) async fn queue_room(link: &mut Link<'_>, options: &StoreOptions) -> Result<u64, SqlError> {
-    const MANY: u64 = 256;
-    let row = link
-        .one("SELECT CAST(COALESCE(SUM(jobs), 0) AS BIGINT) AS queued, COUNT(*) AS parts FROM queue_length", vec![])
-        .await?;
-    if row.count::<u64>("parts")? > MANY {
-        link.execute(
-            "WITH parts AS (DELETE FROM queue_length WHERE ctid = ANY (ARRAY(\
-             SELECT ctid FROM queue_length FOR UPDATE SKIP LOCKED)) RETURNING jobs) \
-             INSERT INTO queue_length (jobs) SELECT COALESCE(SUM(jobs), 0) FROM parts",
-            vec![],
-        )
-        .await?;
+    let length = "SELECT CAST(COALESCE(SUM(jobs), 0) AS BIGINT) AS queued FROM queue_length";
+    Ok(options.queue_limit.saturating_sub(link.one(length, vec![]).await?.count("queued")?))
+}
+
+/// How many jobs wait that `backend` may run, each lane counted up to 1000.
+pub(super) async fn waiting(link: &mut Link<'_>, backend: Backend) -> Result<u64, SqlError> {
+    let mut waiting = 0;
+    for lane in state::accepted(backend) {
+        let row = link
+            .one(
+                "SELECT COUNT(*) AS n FROM (SELECT 1 FROM jobs WHERE status = 'queued' AND backend_requested = $1 \
+                 LIMIT 1000) AS lane",
+                values![word(lane)],
+            )
+            .await?;
+        waiting += row.count::<u64>("n")?;
     }
-    Ok(options.queue_limit.saturating_sub(row.count("queued")?))
+    Ok(waiting)
 }
 
 /// Sets the position in the queue of those that wait, by lane: each is counted on from the one before it, so that a
 /// page costs one pass over a part of an index.
 pub(super) async fn set_positions(link: &mut Link<'_>, records: &mut [Record]) -> Result<(), SqlError> {
-    let mut queued: Vec<(String, i64, &mut _)> = records
+    type Place = (i64, i64, String);
+    const FIRST: Place = (i64::MIN, i64::MIN, String::new());
+    let place = |record: &Record| (rank(record.job.priority), record.turn, record.job.id.to_string());
+    let mut queued: Vec<(String, Place, &mut Job)> = records
         .iter_mut()
         .filter(|record| record.job.status == Status::Queued)
-        .map(|record| (word(record.job.backend.requested), record.turn, &mut record.job))
+        .map(|record| (word(record.job.backend.requested), place(record), &mut record.job))
         .collect();
-    queued.sort_unstable_by(|(a, at, x), (b, bt, y)| (a, at, x.id).cmp(&(b, bt, y.id)));
-    let (mut lane, mut from, mut before) = (String::new(), (i64::MIN, String::new()), 0);
-    for (backend, turn, job) in queued {
+    queued.sort_unstable_by(|(a, here, _), (b, there, _)| (a, here).cmp(&(b, there)));
+    let (mut lane, mut from, mut before) = (String::new(), FIRST, 0);
+    for (backend, here, job) in queued {
         if backend != lane {
-            (lane, from, before) = (backend, (i64::MIN, String::new()), 0);
+            (lane, from, before) = (backend, FIRST, 0);
         }
-        let here = (turn, job.id.to_string());
         if before < POSITIONS {
             let row = link
                 .one(
                     "SELECT COUNT(*) AS n FROM (SELECT 1 FROM jobs WHERE status = 'queued' AND backend_requested = $1 \
-                     AND (turn, id) >= ($2, $3) AND (turn, id) < ($4, $5) ORDER BY turn, id LIMIT 1000) AS ahead",
-                    values![lane.clone(), from.0, from.1, here.0, here.1.clone()],
+                     AND (rank, turn, id) >= ($2, $3, $4) AND (rank, turn, id) < ($5, $6, $7) \
+                     ORDER BY rank, turn, id LIMIT 1000) AS ahead",
+                    values![lane.clone(), from.0, from.1, from.2, here.0, here.1, here.2.clone()],
                 )
                 .await?;
             before = POSITIONS.min(before + row.count::<u64>("n")?);

@@ -5,7 +5,7 @@ use super::claim::{Claim, any_to_claim};
 use super::lease::{Cancel, End, Record, Renew, SetCheckpoint};
 use super::submit::{Delete, Ids, Submit};
 use super::workers::{WorkerSeen, workers};
-use super::{CHANGES, Connection, Done, Link, Operation, SqlError, Time, read};
+use super::{CHANGES, Connection, Done, Link, Operation, SqlError, Time, order, read};
 use crate::generate::{Backend, Progress};
 use crate::jobs::job::{BackendReport, BatchId, Job, JobId, LiveSection, NewJob, Problem};
 use crate::jobs::state::Event;
@@ -171,6 +171,10 @@ impl<E: Engine> Store for SqlStore<E> {
             return Ok(Vec::new());
         }
         self.run(Claim { worker: worker.to_owned(), backend, lease, limit }).await
+    }
+
+    async fn waiting(&self, backend: Backend) -> Result<u64, StoreError> {
+        Ok(order::waiting(&mut self.reader().await?.link(self.time()), backend).await?)
     }
 
     async fn heartbeat(

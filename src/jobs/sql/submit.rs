@@ -1,6 +1,6 @@
 //! Taking jobs in and removing them.
 
-use super::order::{queue_room, submitter, turn};
+use super::order::{queue_room, rank, submitter, turn};
 use super::read::{self, known_job};
 use super::{Before, Done, Link, Operation, SqlError, Value, json, values, variant, word};
 use crate::generate::Output;
@@ -134,9 +134,9 @@ async fn insert(
     link.execute(
         "INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, backend_used, device, \
          fallback, available_at, created_at, finished_at, reused_from, idempotency_key, idempotency_body, summary, \
-         spec, engine, engine_used, batch, submitter, turn) \
+         spec, engine, engine_used, batch, submitter, turn, rank) \
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, \
-         $22)",
+         $22, $23)",
         values![
             id,
             if source.is_some() { "succeeded" } else { "queued" },
@@ -160,6 +160,7 @@ async fn insert(
             batch.map(|batch| batch.to_string()),
             submitter(new),
             turn,
+            rank(new.priority),
         ],
     )
     .await?;

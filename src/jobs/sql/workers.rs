@@ -1,8 +1,10 @@
 //! Signs of life of workers.
 
 use super::{Done, Link, Operation, SqlError, values, variant, word};
+use crate::jobs::job::JobId;
 use crate::jobs::store::{StoreOptions, WorkerInfo};
 use jiff::Timestamp;
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// Workers seen within this time are listed.
@@ -21,18 +23,9 @@ impl Operation for WorkerSeen {
         let now = link.now().await?;
         let worker = &self.0;
         link.execute(
-            "INSERT INTO workers (id, host, backend, device, job, jobs_done, heartbeat_at) \
-             VALUES ($1, $2, $3, $4, $5, $6, $7) ON CONFLICT (id) DO UPDATE SET host = $2, backend = $3, device = $4, \
-             job = $5, jobs_done = $6, heartbeat_at = $7",
-            values![
-                &worker.id,
-                &worker.host,
-                word(worker.backend),
-                &worker.device,
-                worker.job.map(|job| job.to_string()),
-                worker.jobs_done,
-                now,
-            ],
+            "INSERT INTO workers (id, host, backend, device, jobs_done, heartbeat_at) VALUES ($1, $2, $3, $4, $5, $6) \
+             ON CONFLICT (id) DO UPDATE SET host = $2, backend = $3, device = $4, jobs_done = $5, heartbeat_at = $6",
+            values![&worker.id, &worker.host, word(worker.backend), &worker.device, worker.jobs_done, now,],
         )
         .await?;
         let old = now.saturating_sub(FORGET).unwrap_or(Timestamp::MIN);
@@ -41,10 +34,14 @@ impl Operation for WorkerSeen {
     }
 }
 
-/// Workers seen lately.
+/// Workers seen lately, with the jobs whose leases they hold.
 pub(super) async fn workers(link: &mut Link<'_>) -> Result<Vec<WorkerInfo>, SqlError> {
     let since = link.now().await?.saturating_sub(SEEN).unwrap_or(Timestamp::MIN);
     let rows = link.all("SELECT * FROM workers WHERE heartbeat_at >= $1 ORDER BY id", values![since]).await?;
+    let mut held: BTreeMap<String, Vec<JobId>> = BTreeMap::new();
+    for row in link.all("SELECT holder, id FROM jobs WHERE status = 'running' ORDER BY id", values![]).await? {
+        held.entry(row.text("holder")?.to_owned()).or_default().push(row.id("id")?);
+    }
     rows.iter()
         .map(|row| {
             Ok(WorkerInfo {
@@ -52,7 +49,7 @@ pub(super) async fn workers(link: &mut Link<'_>) -> Result<Vec<WorkerInfo>, SqlE
                 host: row.text("host")?.to_owned(),
                 backend: variant(row.text("backend")?)?,
                 device: row.text("device")?.to_owned(),
-                job: row.optional_id("job")?,
+                jobs: held.remove(row.text("id")?).unwrap_or_default(),
                 jobs_done: row.count("jobs_done")?,
                 heartbeat_at: row.time("heartbeat_at")?,
             })

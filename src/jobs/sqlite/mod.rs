@@ -5,19 +5,28 @@
 //! costs one fsync, which is small against a model. Writers begin with `BEGIN IMMEDIATE`, so that what they
 //! read is still true when they write.
 //!
+//! A full disk: the log is kept some megabytes longer than checkpoints let it grow, so that records can still be changed
+//! and removed where nothing else finds room. Where that is used up too, changes fail until there is room again.
+//!
 //! A file store is held by one process at a time (a lock file beside it says so), which is what makes
 //! [`SqliteStore::recover`] sound. Time is that of the process's clock.
 
 use super::job::JobId;
 use super::sql::{Connection, Done, Engine, Expire, Link, Operation, Reader, SqlError, SqlStore, Time};
 use super::store::{Change, StoreError, StoreOptions};
-use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::AssertSqlSafe;
+use sqlx::sqlite::{
+    SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
+};
 use std::fs::{File, TryLockError};
 use std::path::Path;
 use std::time::Duration;
 
 /// How long a connection waits for another's lock before it fails.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
+/// The length that the write-ahead log has at least. SQLite writes it back into the database file from 4 MB on, and then
+/// begins at its front again, in the room that it has.
+const LOG: u64 = 8 << 20;
 /// Connections for reading.
 const READERS: u32 = 4;
 
@@ -65,6 +74,7 @@ impl SqliteStore {
             .foreign_keys(true);
         let writer = pool(1).connect_with(connect.clone()).await.map_err(SqlError::from)?;
         migrate(&writer).await?;
+        reserve(&writer).await?;
         let reader = pool(READERS).connect_with(connect.pragma("query_only", "ON")).await.map_err(SqlError::from)?;
         Ok(Self::with(writer, reader, Some(lock), options))
     }
@@ -114,12 +124,50 @@ async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
         .map_err(|error| StoreError::Database(error.to_string()))
 }
 
+/// Makes the log as long as [`LOG`], by something large that is not committed: its place in the file stays. On a disk that
+/// is full already the store opens without.
+async fn reserve(writer: &SqlitePool) -> Result<(), SqlError> {
+    let mut connection = writer.acquire().await?;
+    begin(&mut connection).await?;
+    let sql = format!("CREATE TABLE room AS SELECT zeroblob({LOG}) AS bytes");
+    let grown = sqlx::query(AssertSqlSafe(sql)).execute(&mut *connection).await;
+    rollback(&mut connection).await;
+    if let Err(error) = grown {
+        tracing::warn!(%error, "no room is kept for changes of records on a full disk");
+    }
+    Ok(())
+}
+
+/// Transactions are begun and ended by hand: where a disk is full, SQLite rolls back by itself, and sqlx would for ever
+/// take the connection to be in a transaction.
+async fn begin(connection: &mut SqliteConnection) -> Result<(), SqlError> {
+    let begin = "BEGIN IMMEDIATE";
+    if sqlx::query(begin).execute(&mut *connection).await.is_err() {
+        // A panic may have left one open.
+        rollback(connection).await;
+        sqlx::query(begin).execute(connection).await?;
+    }
+    Ok(())
+}
+
+/// Fails where SQLite has done so already, which is as well.
+async fn rollback(connection: &mut SqliteConnection) {
+    let _ = sqlx::query("ROLLBACK").execute(connection).await;
+}
+
 impl Engine for Sqlite {
     async fn transact<O: Operation>(&self, operation: &O, options: &StoreOptions) -> Result<Done<O::Output>, SqlError> {
-        let mut tx = self.writer.begin_with("BEGIN IMMEDIATE").await?;
-        let done = operation.run(&mut Link::new(Connection::Sqlite(&mut tx), &self.time), options).await?;
-        tx.commit().await?;
-        Ok(done)
+        let mut connection = self.writer.acquire().await?;
+        begin(&mut connection).await?;
+        let done = operation.run(&mut Link::new(Connection::Sqlite(&mut connection), &self.time), options).await;
+        let committed = match done {
+            Ok(done) => sqlx::query("COMMIT").execute(&mut *connection).await.map(|_| done).map_err(SqlError::from),
+            Err(error) => Err(error),
+        };
+        if committed.is_err() {
+            rollback(&mut connection).await;
+        }
+        committed
     }
 
     async fn reader(&self) -> Result<Reader, SqlError> {

@@ -3,7 +3,8 @@
 use super::*;
 
 fn batch_of(digests: &[&str]) -> NewBatch {
-    NewBatch { jobs: digests.iter().map(|digest| new_job(digest)).collect(), idempotency: None }
+    let jobs = digests.iter().map(|digest| new_job(digest)).collect();
+    NewBatch { jobs, priority: Priority::default(), idempotency: None }
 }
 
 /// Jobs of a batch go their ways one by one; the batch counts them.

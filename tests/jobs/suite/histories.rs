@@ -6,9 +6,14 @@ use oviduct::random::{Stream, below, words};
 
 const MAX_ATTEMPTS: u32 = 3;
 
+/// The backends that a CPU worker takes, each with a lane of its own.
+const LANES: [Backend; 3] = [Backend::Auto, Backend::Cpu, Backend::CpuSingle];
+
 /// What the store should hold of a job.
 struct Expected {
     state: State,
+    submitter: Option<String>,
+    turn: i64,
     lease_until: Timestamp,
     available_at: Timestamp,
     seen: Job,
@@ -25,17 +30,18 @@ struct History {
     bench: Bench,
     jobs: BTreeMap<JobId, Expected>,
     held: Vec<Held>,
+    reused: u32,
 }
 
 pub async fn random_histories_agree_with_the_state_machine(factory: Factory) {
     for seed in 1..=4 {
         let bench = bench(factory, |options| options.max_attempts = MAX_ATTEMPTS).await;
-        let mut history = History { bench, jobs: BTreeMap::new(), held: Vec::new() };
+        let mut history = History { bench, jobs: BTreeMap::new(), held: Vec::new(), reused: 0 };
         for step in 0..250 {
             let [op, pick, worker, amount] = words(seed, Stream::Growth, step, 0);
             let context = format!("seed {seed}, step {step}");
             match below(op, 16) {
-                0..=2 => history.submit(step).await,
+                0..=2 => history.submit(step, [pick, worker, amount]).await,
                 3 => history.cancel(pick).await,
                 4 => history.delete(pick).await,
                 5..=8 => history.claim(["a", "b", "c"][below(worker, 3) as usize], 1 + below(amount, 2)).await,
@@ -45,6 +51,7 @@ pub async fn random_histories_agree_with_the_state_machine(factory: Factory) {
             }
             history.compare(&context).await;
         }
+        assert!(history.reused > 0, "seed {seed} reused no model: it shows too little");
         let ended = history.jobs.values().filter(|job| job.state.status.is_ended()).count();
         assert!(ended > 10, "seed {seed} ended only {ended} jobs: it shows too little");
     }
@@ -71,10 +78,68 @@ impl History {
         true
     }
 
-    async fn submit(&mut self, step: u32) {
-        let seen = self.bench.queue(&step.to_string()).await;
+    /// Those of a lane and a priority in this state.
+    fn peers(&self, new: &NewJob, status: Status) -> impl Iterator<Item = &Expected> {
+        let of = (new.backend, new.priority);
+        self.jobs.values().filter(move |job| {
+            (job.seen.backend.requested, job.seen.priority, job.state.status) == (of.0, of.1, status)
+        })
+    }
+
+    /// A turn after the submitter's last, but not before that which is being served.
+    fn turn(&self, new: &NewJob) -> i64 {
+        let served = self.peers(new, Status::Running).map(|job| job.turn).max();
+        let first = self.peers(new, Status::Queued).map(|job| job.turn).min();
+        let own = self.peers(new, Status::Queued).filter(|job| job.submitter == new.submitter);
+        let next = own.map(|job| job.turn + 1).max();
+        [served, first, next].into_iter().flatten().max().unwrap_or(0)
+    }
+
+    async fn submit(&mut self, step: u32, [how, who, again]: [u32; 3]) {
+        // Now and then what has ended is asked for again.
+        let made: Vec<&Job> =
+            self.jobs.values().map(|job| &job.seen).filter(|job| job.status == Status::Succeeded).collect();
+        let digest = match made.get(below(again, 16) as usize) {
+            Some(job) => job.digest.clone(),
+            None => step.to_string(),
+        };
+        let new = NewJob {
+            backend: LANES[below(how, 3) as usize],
+            priority: [-7, 0, 0, 100][(how % 4) as usize].try_into().unwrap(),
+            submitter: [None, Some("x".into()), Some("y".into())][below(who, 3) as usize].clone(),
+            ..new_job(&digest)
+        };
+        let (turn, submitter) = (self.turn(&new), new.submitter.clone());
+        let made = self.jobs.values().any(|job| job.seen.digest == digest && job.state.status == Status::Succeeded);
+        let submitted = self.bench.store.submit(new).await.unwrap();
+        assert_eq!(matches!(submitted, Submitted::Reused(_)), made, "{submitted:?}");
+        self.reused += u32::from(made);
+        let seen = submitted.job().clone();
+        let state = State { status: if made { Status::Succeeded } else { Status::Queued }, ..State::queued() };
         let now = self.bench.clock.now();
-        self.jobs.insert(seen.id, Expected { state: State::queued(), lease_until: now, available_at: now, seen });
+        let expected = Expected { state, submitter, turn, lease_until: now, available_at: now, seen };
+        self.jobs.insert(expected.seen.id, expected);
+    }
+
+    /// Where a job stands in the order of its lane: the smaller, the earlier.
+    fn place(&self, id: JobId) -> (std::cmp::Reverse<Priority>, i64, JobId) {
+        let job = &self.jobs[&id];
+        (std::cmp::Reverse(job.seen.priority), job.turn, id)
+    }
+
+    /// What a claim should take: again and again the better one among the heads of the lanes.
+    fn due(&self, now: Timestamp, limit: u32) -> Vec<JobId> {
+        let ready = |job: &Expected| job.state.status == Status::Queued && job.available_at <= now;
+        let mut left: Vec<JobId> = self.jobs.iter().filter(|(_, job)| ready(job)).map(|(id, _)| *id).collect();
+        let mut due = Vec::new();
+        while due.len() < limit as usize && !left.is_empty() {
+            let of = |lane| left.iter().filter(move |id| self.jobs[id].seen.backend.requested == lane);
+            let heads = LANES.iter().filter_map(|lane| of(*lane).min_by_key(|id| self.place(**id)));
+            let first = *heads.min_by_key(|id| (self.place(**id).0, **id)).unwrap();
+            left.retain(|id| *id != first);
+            due.push(first);
+        }
+        due
     }
 
     async fn cancel(&mut self, word: u32) {
@@ -85,8 +150,14 @@ impl History {
 
     async fn delete(&mut self, word: u32) {
         let Some(id) = self.pick(word) else { return };
-        let keys = self.bench.store.delete(id).await.unwrap().unwrap();
-        assert_eq!(keys.len(), self.jobs.remove(&id).unwrap().seen.files.len());
+        let mut keys = self.bench.store.delete(id).await.unwrap().unwrap();
+        let gone = self.jobs.remove(&id).unwrap().seen.files;
+        let kept: Vec<&File> = self.jobs.values().flat_map(|job| &job.seen.files).collect();
+        let mut alone: Vec<String> =
+            gone.into_iter().map(|file| file.key).filter(|key| !kept.iter().any(|file| file.key == *key)).collect();
+        keys.sort();
+        alone.sort();
+        assert_eq!(keys, alone);
     }
 
     async fn claim(&mut self, worker: &str, limit: u32) {
@@ -96,9 +167,7 @@ impl History {
         for id in ids {
             assert!(self.apply(id, &Event::Expire));
         }
-        let ready = |job: &Expected| job.state.status == Status::Queued && job.available_at <= now;
-        let ids: Vec<JobId> = self.jobs.iter().filter(|(_, job)| ready(job)).map(|(id, _)| *id).collect();
-        let expected = &ids[..ids.len().min(limit as usize)];
+        let expected = self.due(now, limit);
         let claimed = self.bench.store.claim(worker, Backend::Cpu, LEASE, limit).await.unwrap();
         assert_eq!(claimed.iter().map(|claimed| claimed.job().id).collect::<Vec<_>>(), expected);
         for claimed in claimed {
@@ -149,6 +218,19 @@ impl History {
     async fn compare(&mut self, context: &str) {
         let page = self.bench.store.list(&ListFilter { limit: 1000, ..ListFilter::default() }).await.unwrap();
         assert_eq!(page.jobs.len(), self.jobs.len(), "{context}");
+        let mut counts = Counts::default();
+        for job in self.jobs.values() {
+            *counts.of_mut(job.state.status) += 1;
+        }
+        assert_eq!(self.bench.store.counts().await.unwrap(), counts, "{context}");
+        for (id, job) in self.jobs.iter().filter(|(_, job)| job.state.status == Status::Queued) {
+            let lane = self.jobs.iter().filter(|(_, other)| {
+                other.state.status == Status::Queued && other.seen.backend.requested == job.seen.backend.requested
+            });
+            let ahead = lane.filter(|(other, _)| self.place(**other) < self.place(*id)).count() as u64;
+            let told = page.jobs.iter().find(|told| told.id == *id).unwrap().queue_position;
+            assert_eq!(told, Some(ahead), "{context}");
+        }
         for job in page.jobs {
             let expected = self.jobs.get_mut(&job.id).unwrap();
             let state = &expected.state;

@@ -76,12 +76,12 @@ pub async fn queue_positions_are_by_age(factory: Factory) {
 
 pub async fn workers_are_seen(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
-    let seen = |id: &str, jobs_done, heartbeat_at: Timestamp| WorkerInfo {
+    let seen = |id: &str, jobs_done: u64, heartbeat_at: Timestamp| WorkerInfo {
         id: id.into(),
         host: "host".into(),
         backend: Backend::Cpu,
         device: "cpu, 2 threads".into(),
-        job: (jobs_done == 0).then(|| JobId(uuid::Uuid::nil())),
+        jobs: Vec::new(),
         jobs_done,
         heartbeat_at,
     };
@@ -89,50 +89,25 @@ pub async fn workers_are_seen(factory: Factory) {
     bench.clock.advance(Duration::from_secs(200));
     let (first, last) = (seen("a", 0, bench.clock.now()), seen("a", 3, bench.clock.now()));
     bench.store.worker_seen(&first).await.unwrap();
-    assert_eq!(bench.store.workers().await.unwrap().len(), 2);
+    let workers = bench.store.workers().await.unwrap();
+    assert_eq!((workers.len(), &workers[0]), (2, &first));
+    // Its jobs are those whose leases it holds.
+    let mut running = Vec::new();
+    for n in 0..3 {
+        running.push(bench.queue(&n.to_string()).await.id);
+    }
+    let urgent = NewJob { priority: 1.try_into().unwrap(), ..new_job("urgent") };
+    running.push(bench.store.submit(urgent).await.unwrap().job().id);
+    let mut claimed = bench.store.claim("a", Backend::Cpu, LEASE, 4).await.unwrap();
+    let jobs = async || bench.store.workers().await.unwrap().into_iter().map(|worker| worker.jobs).collect::<Vec<_>>();
+    assert_eq!(jobs().await, [running.clone(), vec![]], "the oldest first");
+    bench.store.release(claimed.swap_remove(0)).await.unwrap();
+    assert_eq!(jobs().await, [running[..3].to_vec(), vec![]]);
+    for claimed in claimed {
+        let done = finished(&claimed);
+        bench.store.finish(claimed, done).await.unwrap();
+    }
     bench.store.worker_seen(&last).await.unwrap();
     bench.clock.advance(Duration::from_secs(200));
     assert_eq!(bench.store.workers().await.unwrap(), [last]);
-}
-
-pub async fn submitters_take_turns(factory: Factory) {
-    let bench = bench(factory, |_| {}).await;
-    let submit = async |who: &str, jobs: u32| {
-        for n in 0..jobs {
-            let new = NewJob { submitter: Some(who.into()), ..new_job(&format!("{who}{n}")) };
-            bench.store.submit(new).await.unwrap();
-        }
-    };
-    let claim = async |jobs: usize| {
-        let mut order = Vec::new();
-        for _ in 0..jobs {
-            order.push(bench.claim("w").await.unwrap().job().digest.clone());
-        }
-        order
-    };
-    submit("a", 6).await;
-    submit("b", 3).await;
-    assert_eq!(claim(3).await, ["a0", "b0", "a1"]);
-    // One who comes later waits for one turn of each, and saves nothing up.
-    submit("c", 2).await;
-    assert_eq!(claim(8).await, ["b1", "c0", "a2", "b2", "c1", "a3", "a4", "a5"]);
-    assert!(bench.claim("w").await.is_none());
-}
-
-pub async fn a_job_given_back_keeps_its_turn(factory: Factory) {
-    let bench = bench(factory, |_| {}).await;
-    for n in 0..5 {
-        bench.queue(&n.to_string()).await;
-    }
-    let first = bench.claim("w").await.unwrap();
-    let second = bench.claim("w").await.unwrap();
-    bench.store.release(first).await.unwrap();
-    bench.queue("5").await;
-    let mut order = Vec::new();
-    while let Some(claimed) = bench.claim("w").await {
-        order.push(claimed.job().digest.clone());
-    }
-    assert_eq!(order, ["0", "2", "3", "4", "5"]);
-    bench.store.release(second).await.unwrap();
-    assert_eq!(bench.claim("w").await.unwrap().job().digest, "1");
 }

@@ -6,6 +6,7 @@ mod histories;
 mod keep;
 mod lease;
 mod list;
+mod order;
 mod submit;
 
 pub use batch::*;
@@ -13,6 +14,7 @@ pub use histories::*;
 pub use keep::*;
 pub use lease::*;
 pub use list::*;
+pub use order::*;
 pub use submit::*;
 
 use futures_util::future::{BoxFuture, join_all};
@@ -22,7 +24,8 @@ use oviduct::generate::{Backend, Output, Progress, Stage};
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{
     BackendReport, Change, ClaimedJob, Counts, Directive, File, Finished, Job, JobId, ListFilter, LiveSection,
-    NewBatch, NewJob, Problem, Status, Store, StoreError, StoreOptions, Submitted, SubmittedBatch, WorkerInfo,
+    NewBatch, NewJob, Priority, Problem, Status, Store, StoreError, StoreOptions, Submitted, SubmittedBatch,
+    WorkerInfo,
 };
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
@@ -61,6 +64,11 @@ macro_rules! over {
             lists_are_filtered_and_paged
             queue_positions_are_by_age
             submitters_take_turns
+            the_higher_priority_goes_first
+            submitters_take_turns_within_a_priority
+            what_is_given_back_keeps_its_priority_and_turn
+            a_claim_of_several_takes_what_is_due_of_all_lanes
+            a_batch_has_one_priority
             a_job_given_back_keeps_its_turn
             claims_keep_to_their_backend
             workers_are_seen
@@ -86,6 +94,7 @@ pub fn new_job(digest: &str) -> NewJob {
         outputs: vec![Output::Glb],
         backend: Backend::Auto,
         labels: BTreeMap::new(),
+        priority: Priority::default(),
         digest: digest.into(),
         engine: oviduct::ENGINE_VERSION.into(),
         reuse: true,

@@ -1,0 +1,379 @@
+//! A disk that is full for real. Each test runs again in processes of its own, whose disk can be filled and freed:
+//!
+//! - on every machine under a limit on the size of files (`RLIMIT_FSIZE`, with `SIGXFSZ` ignored): writes fail with
+//!   `EFBIG`;
+//! - where the kernel lets a process mount one in a namespace of its own (root, or user namespaces), on a tmpfs of a few
+//!   megabytes: writes fail with `ENOSPC`.
+
+use crate::scripted::{Place, generate, scripted};
+use crate::suite::new_job;
+use axum::body::Body;
+use axum::http::{Method, Request};
+use http_body_util::BodyExt;
+use oviduct::clock::Clock;
+use oviduct::generate::{Backend, CancelToken, Outcome, Sink, Stage};
+use oviduct::http::{AppState, Limits, router};
+use oviduct::jobs::artifacts::Artifacts;
+use oviduct::jobs::state::AttemptEnd;
+use oviduct::jobs::{Job, JobId, NewJob, Status, StoreError};
+use oviduct::spec::{ModelSpec, preset};
+use oviduct::worker::{Work, WorkError, generate_on_cpu};
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use tokio_util::sync::CancellationToken;
+use tower::ServiceExt;
+
+const FOLDER: &str = "OVIDUCT_TEST_FOLDER";
+const DISK: &str = "OVIDUCT_TEST_DISK";
+const BALLAST: &str = "ballast";
+
+/// A disk that can be filled.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Disk {
+    /// That of this folder, a few megabytes of memory.
+    Tmpfs(PathBuf),
+    /// Every one, for this process alone: no file may grow beyond so many bytes.
+    Limit(u64),
+}
+
+impl Disk {
+    fn fill(&self) {
+        match self {
+            Self::Limit(bytes) => limit(&bytes.to_string()),
+            Self::Tmpfs(folder) => {
+                let mut ballast = File::options().create(true).append(true).open(folder.join(BALLAST)).unwrap();
+                let full = std::iter::repeat_with(|| ballast.write_all(&[0; 4096])).find_map(Result::err).unwrap();
+                assert_eq!(full.kind(), std::io::ErrorKind::StorageFull, "{full}");
+            }
+        }
+    }
+
+    fn free(&self) {
+        match self {
+            Self::Limit(_) => limit("unlimited"),
+            Self::Tmpfs(folder) => std::fs::remove_file(folder.join(BALLAST)).unwrap(),
+        }
+    }
+}
+
+/// Sets the limit on the size of this process's files.
+fn limit(bytes: &str) {
+    let process = std::process::id().to_string();
+    let status = Command::new("prlimit").args(["--pid", &process, &format!("--fsize={bytes}:")]).status().unwrap();
+    assert!(status.success(), "prlimit: {status}");
+}
+
+/// What puts a process on a small disk at `folder`; nothing where this machine lets nobody mount one.
+fn tmpfs(folder: &Path) -> Option<Command> {
+    let mount = "mount -t tmpfs -o size=48m tmpfs \"$0\" && exec \"$@\"";
+    let command = |namespaces: &[&str]| {
+        let mut command = Command::new("unshare");
+        command.args(namespaces).args(["--", "sh", "-c", mount]).arg(folder);
+        command
+    };
+    let ways: [&[&str]; 2] = [&["--mount"], &["--user", "--map-root-user", "--mount"]];
+    let works = |way: &&&[&str]| command(way).arg("true").output().is_ok_and(|out| out.status.success());
+    ways.iter().find(works).map(|way| command(way))
+}
+
+/// What runs a process whose writes fail, rather than end it, beyond a limit.
+fn limited() -> Command {
+    let mut command = Command::new("sh");
+    command.args(["-c", "trap '' XFSZ; exec \"$@\"", "sh"]);
+    command
+}
+
+/// Does `body`, in a process started for it on each kind of disk there is; `part` of the folder is on the disk.
+async fn on_full_disks(test: &str, part: &str, body: impl AsyncFn(&Path, Disk)) {
+    if let (Ok(folder), Ok(kind)) = (std::env::var(FOLDER), std::env::var(DISK)) {
+        let folder = PathBuf::from(folder);
+        let disk = if kind == "tmpfs" { Disk::Tmpfs(folder.join(part)) } else { Disk::Limit(512) };
+        return body(&folder, disk).await;
+    }
+    let mut disks = 0;
+    for kind in ["limit", "tmpfs"] {
+        let dir = tempfile::tempdir().unwrap();
+        let at = dir.path().join(part);
+        std::fs::create_dir(&at).unwrap();
+        let Some(mut command) = (if kind == "limit" { Some(limited()) } else { tmpfs(&at) }) else {
+            eprintln!("{test}: nobody may mount a tmpfs here; it ran under a limit on the size of files");
+            continue;
+        };
+        command.arg(std::env::current_exe().unwrap()).args(["--exact", test, "--nocapture", "--test-threads=1"]);
+        command.env(FOLDER, dir.path()).env(DISK, kind);
+        let output = tokio::task::spawn_blocking(move || command.output()).await.unwrap().unwrap();
+        let said = [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned()).concat();
+        assert!(output.status.success() && said.contains("1 passed"), "on {kind}: {}\n{said}", output.status);
+        disks += 1;
+    }
+    assert!(disks > 0);
+}
+
+/// A service over a place, asked in process.
+struct Service(axum::Router);
+
+impl Service {
+    fn over(place: &Place) -> Self {
+        let (store, artifacts) = (Arc::clone(&place.store), place.artifacts.clone());
+        let state = AppState::new(store, artifacts, Clock::System, Limits::default(), CancellationToken::new());
+        Self(router(state))
+    }
+
+    async fn ask(&self, method: Method, path: &str) -> (u16, Vec<u8>) {
+        let request = Request::builder().method(method).uri(path).body(Body::empty()).unwrap();
+        let (parts, body) = self.0.clone().oneshot(request).await.unwrap().into_parts();
+        (parts.status.as_u16(), body.collect().await.unwrap().to_bytes().to_vec())
+    }
+
+    /// Reads a model's files and compares them with what its record says.
+    async fn reads(&self, job: &Job) {
+        use sha2::{Digest, Sha256};
+        for file in &job.files {
+            let (status, bytes) = self.ask(Method::GET, &format!("/models/{}/files/{}", job.id, file.name)).await;
+            assert_eq!((status, bytes.len() as u64), (200, file.bytes), "{}", file.name);
+            assert_eq!(hex::encode(Sha256::digest(&bytes)), file.sha256, "{}", file.name);
+        }
+    }
+
+    /// Reading, cancel and delete: `read` is read, `waits` is cancelled, then both are deleted.
+    async fn goes_on(&self, read: &Job, waits: JobId) {
+        self.reads(read).await;
+        assert_eq!(self.ask(Method::GET, "/readyz").await.0, 200);
+        let (status, body) = self.ask(Method::POST, &format!("/models/{waits}/cancel")).await;
+        let model: serde_json::Value = serde_json::from_slice(&body).unwrap();
+        assert_eq!((status, &model["status"]), (200, &"cancelled".into()));
+        for id in [waits, read.id] {
+            assert_eq!(self.ask(Method::DELETE, &format!("/models/{id}")).await.0, 204);
+            assert_eq!(self.ask(Method::GET, &format!("/models/{id}")).await.0, 404);
+        }
+    }
+}
+
+/// All files below a folder but the ballast, also those that are half written.
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        match path.is_dir() {
+            true => found.extend(files(&path)),
+            false if entry.file_name() == BALLAST => {}
+            false => found.push(path),
+        }
+    }
+    found
+}
+
+/// Files in the folder, the records in memory.
+async fn place(folder: &Path, max_attempts: u32) -> Place {
+    let mut place = Place::fresh(|options| options.max_attempts = max_attempts).await;
+    folder.clone_into(&mut place.dir);
+    place.artifacts = Artifacts::local(&folder.join("artifacts")).unwrap();
+    place
+}
+
+fn full_words(text: &str) -> bool {
+    text.contains("No space left on device") || text.contains("File too large")
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_full_artifact_store_is_waited_for_and_then_told() {
+    let body = async |folder: &Path, disk: Disk| {
+        let place = place(folder, 5).await;
+        let (service, full) = (Service::over(&place), Arc::new(AtomicBool::new(false)));
+        let generator = {
+            let (disk, full) = (disk.clone(), Arc::clone(&full));
+            move |work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
+                // There is room for what is grown, none for what is stored; the limit knows no difference.
+                if matches!(disk, Disk::Limit(_)) {
+                    disk.free();
+                }
+                let made = generate(work, sink, cancel)?;
+                if full.load(Ordering::Relaxed) {
+                    disk.fill();
+                }
+                Ok(made)
+            }
+        };
+        let start = |tries, wait| {
+            place.start_with(Arc::clone(&place.store), Clock::System, Arc::new(generator.clone()), |options| {
+                (options.storage_tries, options.storage_wait) = (tries, Duration::from_millis(wait));
+                options.heartbeat = Duration::from_millis(200);
+                options.lease = Duration::from_millis(800);
+            })
+        };
+        let pool = start(3, 100);
+        let (first, second) = (place.queue("ok", 1).await, place.queue("ok", 3).await);
+        let (first, second) = (place.ended(first).await, place.ended(second).await);
+        assert_eq!((first.status, second.status), (Status::Succeeded, Status::Succeeded));
+        full.store(true, Ordering::Relaxed);
+
+        // Through all tries: told as a problem, and nothing of it is left, whole or half. Seed 2 is large.
+        let failed = place.ended(place.queue("ok", 2).await).await;
+        let problem = failed.problem.unwrap();
+        assert_eq!((failed.status, problem.kind.as_str()), (Status::Failed, "storage"));
+        assert!(full_words(&problem.detail) && problem.detail.contains("tried 3 times"), "{}", problem.detail);
+        assert_eq!(files(&folder.join("artifacts")).len(), first.files.len() + second.files.len());
+        assert!(place.scratch().is_empty());
+        let behind = NewJob { backend: Backend::Gpu, ..scripted("ok", 9) };
+        let behind = place.store.submit(behind).await.unwrap().job().id;
+        service.goes_on(&first, behind).await;
+        assert_eq!(files(&folder.join("artifacts")).len(), second.files.len());
+        pool.shutdown(Duration::from_secs(5)).await;
+
+        // For longer than its lease, which is kept; then there is room.
+        disk.free();
+        let pool = start(1000, 50);
+        let waits = place.queue("ok", 2).await;
+        place.until(waits, |job| job.progress.is_some_and(|at| at.stage == Stage::Store)).await;
+        tokio::time::sleep(Duration::from_millis(1500)).await;
+        let waiting = place.store.get(waits).await.unwrap().unwrap();
+        assert_eq!((waiting.status, waiting.attempts, waiting.files.len()), (Status::Running, 1, 0));
+        service.reads(&second).await;
+        full.store(false, Ordering::Relaxed);
+        disk.free();
+        let job = place.ended(waits).await;
+        assert_eq!((job.status, job.attempts), (Status::Succeeded, 1), "{:?}", job.problem);
+        place.check_files(&job).await;
+        service.reads(&job).await;
+        let next = place.ended(place.queue("ok", 4).await).await;
+        assert_eq!(next.status, Status::Succeeded);
+        service.reads(&next).await;
+        pool.shutdown(Duration::from_secs(5)).await;
+        assert_eq!(files(&folder.join("artifacts")).len(), 3 * next.files.len());
+    };
+    on_full_disks("disk::a_full_artifact_store_is_waited_for_and_then_told", "artifacts", body).await;
+}
+
+/// A real model whose files find no room while they are written.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_full_scratch_folder_costs_attempts_and_no_half_file_is_taken() {
+    let body = async |folder: &Path, disk: Disk| {
+        let place = place(folder, 3).await;
+        let service = Service::over(&place);
+        let patch = serde_json::json!({ "steps": 60, "particles": { "total": { "keys": [[0, 300], [1, 420]] } } });
+        let spec = ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap();
+        let ask = async |seed: u64| {
+            let new = NewJob { seed, spec: spec.to_json(), reuse: false, ..new_job(&spec.digest(seed)) };
+            place.store.submit(new).await.unwrap().job().id
+        };
+        let pool = place.start_with(Arc::clone(&place.store), Clock::System, Arc::new(generate_on_cpu), |options| {
+            options.poll = Duration::from_millis(100);
+        });
+        let whole = place.ended(ask(7).await).await;
+        assert_eq!(whole.status, Status::Succeeded, "{:?}", whole.problem);
+
+        // It waits in the queue for its next attempt, and comes out as if nothing had been.
+        disk.fill();
+        let waits = ask(7).await;
+        place.until(waits, |job| job.status == Status::Queued && job.attempts == 1).await;
+        let attempts = place.store.attempts(waits).await.unwrap();
+        assert_eq!(attempts[0].outcome, Some(AttemptEnd::Retried));
+        assert!(full_words(attempts[0].detail.as_deref().unwrap_or_default()), "{attempts:?}");
+        assert_eq!(files(&folder.join("artifacts")).len(), whole.files.len(), "half a model was stored");
+        disk.free();
+        let job = place.ended(waits).await;
+        assert_eq!((job.status, job.attempts), (Status::Succeeded, 2), "{:?}", job.problem);
+        let hashes = |job: &Job| job.files.iter().map(|file| file.sha256.clone()).collect::<Vec<_>>();
+        assert_eq!(hashes(&job), hashes(&whole));
+
+        // Through all attempts: told with what happened in each.
+        disk.fill();
+        let failing = ask(8).await;
+        let behind = NewJob { backend: Backend::Gpu, ..scripted("ok", 9) };
+        service.goes_on(&whole, place.store.submit(behind).await.unwrap().job().id).await;
+        let failed = place.ended(failing).await;
+        let problem = failed.problem.unwrap();
+        assert_eq!((failed.status, problem.kind.as_str()), (Status::Failed, "attempts-exhausted"));
+        assert!(full_words(&problem.detail), "{}", problem.detail);
+        assert!(failed.files.is_empty());
+        disk.free();
+        let next = place.ended(ask(9).await).await;
+        assert_eq!(next.status, Status::Succeeded, "{:?}", next.problem);
+        service.reads(&next).await;
+        pool.shutdown(Duration::from_secs(5)).await;
+        assert!(place.scratch().is_empty());
+        assert_eq!(files(&folder.join("artifacts")).len(), job.files.len() + next.files.len());
+    };
+    on_full_disks("disk::a_full_scratch_folder_costs_attempts_and_no_half_file_is_taken", "scratch", body).await;
+}
+
+/// Records and files on one disk: records are changed and removed in the room that the store keeps. Where clients go on
+/// asking until that is used up too, they are told, and all is well again once there is room.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn on_a_full_disk_under_everything_models_are_still_cancelled_and_deleted() {
+    let body = async |folder: &Path, disk: Disk| {
+        let all = folder.join("all");
+        // More than the log of the records, less than a large model.
+        let disk = if matches!(disk, Disk::Limit(_)) { Disk::Limit(8_800_000) } else { disk };
+        let place = Place::at(&all, &format!("sqlite:{}", all.join("jobs.db").display())).await;
+        let service = Service::over(&place);
+        let (full, room) = (Arc::new(AtomicBool::new(false)), disk.clone());
+        let filled = Arc::clone(&full);
+        let generator = move |work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
+            // What is grown finds room.
+            if filled.load(Ordering::Relaxed) {
+                room.free();
+            }
+            let made = generate(work, sink, cancel)?;
+            if filled.load(Ordering::Relaxed) {
+                room.fill();
+            }
+            Ok(made)
+        };
+        let pool = place.start_with(Arc::clone(&place.store), Clock::System, Arc::new(generator), |options| {
+            (options.storage_tries, options.storage_wait) = (3, Duration::from_millis(100));
+        });
+        let first = place.ended(place.queue("ok", 1).await).await;
+        let mut waiting = Vec::new();
+        for seed in 0..30 {
+            let new = NewJob { backend: Backend::Gpu, ..scripted("ok", 100 + seed) };
+            waiting.push(place.store.submit(new).await.unwrap().job().id);
+        }
+        disk.fill();
+        full.store(true, Ordering::Relaxed);
+        let failing = place.queue("ok", 2).await;
+        let failed = place.ended(failing).await;
+        assert_eq!((failed.status, failed.problem.unwrap().kind.as_str()), (Status::Failed, "storage"));
+        // Again what its files left.
+        disk.fill();
+        for id in waiting.split_off(1) {
+            assert_eq!(service.ask(Method::POST, &format!("/models/{id}/cancel")).await.0, 200);
+            assert_eq!(service.ask(Method::DELETE, &format!("/models/{id}")).await.0, 204);
+        }
+        service.goes_on(&first, waiting[0]).await;
+        assert!(files(&all.join("artifacts")).is_empty());
+
+        // More records than there is room for.
+        disk.fill();
+        let large = serde_json::json!({ "script": "ok", "large": "x".repeat(200_000) });
+        let mut asked = Vec::new();
+        let refused = loop {
+            let new = NewJob { backend: Backend::Gpu, spec: large.clone(), ..scripted("ok", asked.len() as u64) };
+            match place.store.submit(new).await {
+                Ok(submitted) => asked.push(submitted.job().id),
+                Err(error) => break error,
+            }
+            assert!(asked.len() < 500, "there is room for all of it");
+        };
+        assert!(matches!(refused, StoreError::Database(_)), "{refused}");
+        let counts = place.store.counts().await.unwrap();
+        assert_eq!((counts.queued, counts.failed), (asked.len() as u64, 1), "what was refused left something");
+        assert_eq!(service.ask(Method::GET, &format!("/models/{failing}")).await.0, 200);
+        full.store(false, Ordering::Relaxed);
+        disk.free();
+        for id in asked {
+            place.store.delete(id).await.unwrap().unwrap();
+        }
+        let next = place.ended(place.queue("ok", 2).await).await;
+        assert_eq!(next.status, Status::Succeeded, "{:?}", next.problem);
+        place.check_files(&next).await;
+        pool.shutdown(Duration::from_secs(5)).await;
+        place.store.close().await;
+    };
+    on_full_disks("disk::on_a_full_disk_under_everything_models_are_still_cancelled_and_deleted", "all", body).await;
+}

@@ -1,0 +1,123 @@
+//! Downloads that the service sends on to S3 (`--redirect-downloads`), from the program itself to a plain client.
+
+use crate::bucket::Bucket;
+use reqwest::header::{
+    CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_RANGE, CONTENT_TYPE, ETAG, HeaderName, IF_NONE_MATCH, LOCATION, RANGE,
+};
+use reqwest::redirect::Policy;
+use reqwest::{Client, Response};
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Stdio};
+use std::time::Duration;
+
+/// `oviduct serve` over a bucket, ended with the test.
+struct Server {
+    child: Child,
+    url: String,
+}
+
+impl Server {
+    fn start(bucket: &Bucket, data: &std::path::Path, options: &[&str]) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_oviduct"))
+            .args(["serve", "--addr", "127.0.0.1:0", "--log", "warn", "--gpu", "off", "--artifacts", Bucket::URL])
+            .args(options)
+            .env_clear()
+            .envs(bucket.variables())
+            .current_dir(data)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut url = String::new();
+        BufReader::new(child.stdout.take().unwrap()).read_line(&mut url).unwrap();
+        assert!(url.starts_with("http://127.0.0.1:"), "{url}");
+        Self { child, url: url.trim().to_owned() }
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn header(answer: &Response, name: &HeaderName) -> String {
+    answer.headers().get(name).unwrap_or_else(|| panic!("no {name}: {answer:?}")).to_str().unwrap().to_owned()
+}
+
+async fn model(client: &Client, url: &str) -> Value {
+    let body =
+        json!({ "seed": 7, "spec": { "steps": 60, "particles": { "total": { "keys": [[0, 300], [1, 420]] } } } });
+    let asked: Value = client.post(format!("{url}/models")).json(&body).send().await.unwrap().json().await.unwrap();
+    let address = format!("{url}/models/{}", asked["id"].as_str().unwrap());
+    for _ in 0..600 {
+        let model: Value = client.get(&address).send().await.unwrap().json().await.unwrap();
+        if !matches!(model["status"].as_str(), Some("queued" | "running")) {
+            assert_eq!(model["status"], "succeeded", "{model}");
+            return model;
+        }
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+    panic!("it did not end");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn downloads_are_sent_on_to_the_bucket() {
+    oviduct::tls::install();
+    let bucket = Bucket::start().await;
+    let data = tempfile::tempdir().unwrap();
+    let server = tokio::task::block_in_place(|| Server::start(&bucket, data.path(), &["--redirect-downloads"]));
+    let asks = Client::builder().redirect(Policy::none()).build().unwrap();
+    let follows = Client::new();
+    let model = model(&asks, &server.url).await;
+    for file in model["files"].as_array().unwrap() {
+        let (address, bytes) =
+            (format!("{}{}", server.url, file["href"].as_str().unwrap()), file["bytes"].as_u64().unwrap());
+        let answer = asks.get(&address).send().await.unwrap();
+        assert_eq!(answer.status(), 307);
+        assert_eq!(header(&answer, &CACHE_CONTROL), "no-store", "the address is good for minutes");
+        let signed = header(&answer, &LOCATION);
+        let endpoint = &bucket.variables()[2].1;
+        assert!(signed.starts_with(endpoint), "{signed} is not at {endpoint}");
+
+        // Whoever has the address needs no key.
+        let whole = asks.get(&signed).send().await.unwrap();
+        assert_eq!(whole.status(), 200);
+        assert_eq!(header(&whole, &CONTENT_TYPE), file["media_type"].as_str().unwrap());
+        let name = format!("attachment; filename=\"pig-7-{}\"", file["name"].as_str().unwrap());
+        assert_eq!(header(&whole, &CONTENT_DISPOSITION), name);
+        let whole = whole.bytes().await.unwrap();
+        assert_eq!(hex::encode(Sha256::digest(&whole)), file["sha256"].as_str().unwrap());
+        assert_eq!(whole.len() as u64, bytes);
+
+        // A range goes along, and a client that follows sees no difference.
+        let some = asks.get(&signed).header(RANGE, "bytes=10-109").send().await.unwrap();
+        assert_eq!((some.status().as_u16(), header(&some, &CONTENT_RANGE)), (206, format!("bytes 10-109/{bytes}")));
+        assert_eq!(some.bytes().await.unwrap(), whole[10..110]);
+        let some = follows.get(&address).header(RANGE, "bytes=-20").send().await.unwrap();
+        assert_eq!(some.status(), 206);
+        assert_eq!(some.bytes().await.unwrap(), whole[whole.len() - 20..]);
+        assert_eq!(follows.get(&address).send().await.unwrap().bytes().await.unwrap(), whole);
+
+        // What needs no bytes is answered at once.
+        let head = asks.head(&address).send().await.unwrap();
+        assert_eq!(head.status(), 200);
+        let known = asks.get(&address).header(IF_NONE_MATCH, header(&head, &ETAG)).send().await.unwrap();
+        assert_eq!(known.status(), 304);
+
+        // Nobody else's address, and none that is longer than it was signed for.
+        let other = signed.replacen("/models/of/tests/", "/models/of/others/", 1);
+        assert!(!asks.get(&other).send().await.unwrap().status().is_success());
+        assert!(
+            !asks
+                .get(signed.replace("X-Amz-Expires=300", "X-Amz-Expires=900"))
+                .send()
+                .await
+                .unwrap()
+                .status()
+                .is_success()
+        );
+    }
+}

@@ -1,0 +1,179 @@
+//! The order of claims: priorities, turns of submitters, lanes.
+
+use super::*;
+
+pub async fn submitters_take_turns(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let submit = async |who: &str, jobs: u32| {
+        for n in 0..jobs {
+            let new = NewJob { submitter: Some(who.into()), ..new_job(&format!("{who}{n}")) };
+            bench.store.submit(new).await.unwrap();
+        }
+    };
+    let claim = async |jobs: usize| {
+        let mut order = Vec::new();
+        for _ in 0..jobs {
+            order.push(bench.claim("w").await.unwrap().job().digest.clone());
+        }
+        order
+    };
+    submit("a", 6).await;
+    submit("b", 3).await;
+    assert_eq!(claim(3).await, ["a0", "b0", "a1"]);
+    // One who comes later waits for one turn of each, and saves nothing up.
+    submit("c", 2).await;
+    assert_eq!(claim(8).await, ["b1", "c0", "a2", "b2", "c1", "a3", "a4", "a5"]);
+    assert!(bench.claim("w").await.is_none());
+}
+
+pub async fn a_job_given_back_keeps_its_turn(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    for n in 0..5 {
+        bench.queue(&n.to_string()).await;
+    }
+    let first = bench.claim("w").await.unwrap();
+    let second = bench.claim("w").await.unwrap();
+    bench.store.release(first).await.unwrap();
+    bench.queue("5").await;
+    let mut order = Vec::new();
+    while let Some(claimed) = bench.claim("w").await {
+        order.push(claimed.job().digest.clone());
+    }
+    assert_eq!(order, ["0", "2", "3", "4", "5"]);
+    bench.store.release(second).await.unwrap();
+    assert_eq!(bench.claim("w").await.unwrap().job().digest, "1");
+}
+
+fn urgent(digest: &str, priority: i64) -> NewJob {
+    NewJob { priority: priority.try_into().unwrap(), ..new_job(digest) }
+}
+
+impl Bench {
+    async fn submit(&self, new: NewJob) -> Job {
+        self.store.submit(new).await.unwrap().job().clone()
+    }
+
+    /// The digests of what is queued, by position.
+    async fn waiting(&self) -> Vec<String> {
+        let page = self.store.list(&ListFilter { limit: 100, ..ListFilter::default() }).await.unwrap();
+        let mut waiting: Vec<(u64, String)> =
+            page.jobs.iter().filter_map(|job| Some((job.queue_position?, job.digest.clone()))).collect();
+        waiting.sort();
+        assert!(waiting.iter().map(|(at, _)| *at).eq(0..waiting.len() as u64), "{waiting:?}");
+        for job in page.jobs {
+            // One by one they are told as on the page.
+            assert_eq!(self.get(job.id).await, job);
+        }
+        waiting.into_iter().map(|(_, digest)| digest).collect()
+    }
+
+    /// Claims one after the other until nothing is left.
+    async fn drain(&self) -> Vec<String> {
+        let mut order = Vec::new();
+        while let Some(claimed) = self.claim("w").await {
+            order.push(claimed.job().digest.clone());
+        }
+        order
+    }
+}
+
+/// Higher first, within one priority by age; the position says so, and the record says which.
+pub async fn the_higher_priority_goes_first(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    for (digest, priority) in [("a", 0), ("b", -100), ("c", 5), ("d", 100), ("e", 0), ("f", 5), ("g", -1), ("h", 100)] {
+        let job = bench.submit(urgent(digest, priority)).await;
+        assert_eq!(job.priority.get(), priority);
+    }
+    let order = ["d", "h", "c", "f", "a", "e", "g", "b"];
+    assert_eq!(bench.waiting().await, order);
+    assert_eq!(bench.claim("w").await.unwrap().job().digest, "d");
+    // One more comes in between.
+    assert_eq!(bench.submit(urgent("i", 50)).await.queue_position, Some(1));
+    assert_eq!(bench.drain().await, ["h", "i", "c", "f", "a", "e", "g", "b"]);
+    // It is no part of what makes a model: a finished one is taken, whatever its priority.
+    let made = bench.succeed("j").await;
+    let reused = bench.submit(urgent("j", 9)).await;
+    assert_eq!((reused.reused_from, reused.priority.get(), made.priority.get()), (Some(made.id), 9, 0));
+}
+
+/// Turns are taken apart in each priority: who has much that is urgent holds up neither the urgent jobs of others nor
+/// his own turn among those that are not.
+pub async fn submitters_take_turns_within_a_priority(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    for (who, priority, jobs) in [("a", 0, 4), ("a", 7, 4), ("b", 0, 2), ("b", 7, 2), ("c", 7, 1)] {
+        for n in 0..jobs {
+            let new = NewJob { submitter: Some(who.into()), ..urgent(&format!("{who}{priority}{n}"), priority) };
+            bench.submit(new).await;
+        }
+    }
+    let order = ["a70", "b70", "c70", "a71", "b71", "a72", "a73", "a00", "b00", "a01", "b01", "a02", "a03"];
+    assert_eq!(bench.waiting().await, order);
+    assert_eq!(bench.drain().await, order);
+}
+
+/// A job that is released, tried again or whose lease runs out goes back to its place among those of its priority.
+pub async fn what_is_given_back_keeps_its_priority_and_turn(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    for (digest, priority) in [("a", 3), ("b", 3), ("c", 3), ("d", 3), ("e", 0)] {
+        bench.submit(urgent(digest, priority)).await;
+    }
+    let released = bench.claim("w").await.unwrap();
+    let retried = bench.claim("w").await.unwrap();
+    let _expires = bench.claim("w").await.unwrap();
+    assert_eq!(bench.waiting().await, ["d", "e"]);
+    bench.store.release(released).await.unwrap();
+    let retried = bench.store.retry(retried, problem("io")).await.unwrap();
+    assert_eq!((retried.priority.get(), retried.queue_position), (3, Some(1)));
+    bench.submit(urgent("f", 3)).await;
+    bench.submit(urgent("g", 4)).await;
+    assert_eq!(bench.waiting().await, ["g", "a", "b", "d", "f", "e"]);
+    bench.clock.advance(LEASE);
+    assert_eq!(bench.claim("w").await.unwrap().job().digest, "g");
+    assert_eq!(bench.waiting().await, ["a", "b", "c", "d", "f", "e"]);
+    assert_eq!(bench.drain().await, ["a", "b", "c", "d", "f", "e"]);
+}
+
+/// Of lanes side by side the head of higher priority goes first, then the older one; no lane loses its own order.
+pub async fn a_claim_of_several_takes_what_is_due_of_all_lanes(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let ask = async |digest: &str, backend, who: &str, priority| {
+        bench.submit(NewJob { backend, submitter: Some(who.into()), ..urgent(digest, priority) }).await;
+    };
+    // In the lane of auto the last comes before the second, for its submitter has had no turn.
+    ask("auto 1", Backend::Auto, "x", 0).await;
+    ask("auto 3", Backend::Auto, "x", 0).await;
+    ask("cpu 1", Backend::Cpu, "x", 0).await;
+    ask("cpu urgent", Backend::Cpu, "x", 1).await;
+    ask("auto 2", Backend::Auto, "y", 0).await;
+    ask("single 1", Backend::CpuSingle, "x", 0).await;
+    for (backend, waiting) in [(Backend::Gpu, 3), (Backend::Cpu, 6), (Backend::CpuSingle, 3), (Backend::Auto, 6)] {
+        assert_eq!(bench.store.waiting(backend).await.unwrap(), waiting, "{backend:?}");
+    }
+    let order = ["cpu urgent", "auto 1", "cpu 1", "auto 2", "auto 3", "single 1"];
+    for limit in [1, 2, 4, 9] {
+        let mut claimed = Vec::new();
+        while claimed.len() < order.len() {
+            claimed.extend(bench.store.claim("w", Backend::Cpu, LEASE, limit).await.unwrap());
+        }
+        let digests: Vec<&str> = claimed.iter().map(|claimed| claimed.job().digest.as_str()).collect();
+        assert_eq!(digests, order, "{limit} at a time");
+        for claimed in claimed {
+            bench.store.release(claimed).await.unwrap();
+        }
+    }
+}
+
+/// A batch keeps the priority that all its jobs have.
+pub async fn a_batch_has_one_priority(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    bench.submit(urgent("a", 2)).await;
+    let jobs = vec![new_job("b"), new_job("c")];
+    let batch = NewBatch { jobs, priority: 3.try_into().unwrap(), idempotency: None };
+    let batch = bench.store.submit_batch(batch).await.unwrap().batch().clone();
+    assert_eq!(batch.priority.get(), 3);
+    assert_eq!(bench.waiting().await, ["b", "c", "a"]);
+    for job in &batch.jobs {
+        bench.store.delete(*job).await.unwrap();
+    }
+    assert_eq!(bench.store.batch(batch.id).await.unwrap().unwrap().priority.get(), 3);
+}

@@ -1,0 +1,90 @@
+//! Tables of the versions before priorities, brought up to date with the jobs in them.
+
+use crate::scripted::Ground;
+use crate::suite::{LEASE, finished, new_job};
+use oviduct::generate::Backend;
+use oviduct::jobs::sqlite::SqliteStore;
+use oviduct::jobs::{Counts, NewJob, Store, StoreOptions};
+use sqlx::migrate::Migrator;
+use std::path::Path;
+
+/// A folder with the first `n` migrations of a database.
+fn first(n: usize, migrations: &str) -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let all = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/jobs").join(migrations).join("migrations");
+    let mut paths: Vec<_> = std::fs::read_dir(all).unwrap().map(|entry| entry.unwrap().path()).collect();
+    paths.sort();
+    assert!(n < paths.len());
+    for path in &paths[..n] {
+        std::fs::copy(path, dir.path().join(path.file_name().unwrap())).unwrap();
+    }
+    dir
+}
+
+/// Three that wait, of two submitters, one that runs, and three that have ended.
+const JOBS: &str = "INSERT INTO batches (id, created_at) VALUES ('01900000-0000-7000-8000-000000000000', 0); \
+    INSERT INTO jobs (id, status, holder, lease_until, finished_at, preset, seed, digest, outputs, backend_requested, \
+    available_at, created_at, spec, submitter, turn, engine, batch) VALUES \
+    ('01900000-0000-7000-8000-000000000001', 'failed', NULL, NULL, 1, 'pig', 1, 'd1', '[]', 'auto', 0, 0, '{}', '', 0, \
+    '0.1.0', '01900000-0000-7000-8000-000000000000'), \
+    ('01900000-0000-7000-8000-000000000002', 'cancelled', NULL, NULL, 1, 'pig', 1, 'd2', '[]', 'auto', 0, 0, '{}', '', \
+    0, '0.1.0', NULL), \
+    ('01900000-0000-7000-8000-000000000003', 'cancelled', NULL, NULL, 1, 'pig', 1, 'd3', '[]', 'auto', 0, 0, '{}', '', \
+    0, '0.1.0', NULL), \
+    ('01900000-0000-7000-8000-000000000004', 'running', 'old', 4000000000000000, NULL, 'pig', 1, 'd4', '[]', 'auto', 0, \
+    0, '{}', 'a', 3, '0.1.0', NULL), \
+    ('01900000-0000-7000-8000-000000000005', 'queued', NULL, NULL, NULL, 'pig', 1, 'd5', '[]', 'auto', 0, 0, '{}', 'a', \
+    5, '0.1.0', NULL), \
+    ('01900000-0000-7000-8000-000000000006', 'queued', NULL, NULL, NULL, 'pig', 1, 'd6', '[]', 'auto', 0, 0, '{}', 'a', \
+    6, '0.1.0', NULL), \
+    ('01900000-0000-7000-8000-000000000007', 'queued', NULL, NULL, NULL, 'pig', 1, 'd7', '[]', 'auto', 0, 0, '{}', 'b', \
+    5, '0.1.0', NULL)";
+
+async fn goes_on(store: &dyn Store) {
+    let counts = Counts { queued: 3, running: 1, failed: 1, cancelled: 2, ..Counts::default() };
+    assert_eq!(store.counts().await.unwrap(), counts);
+    let submit = async |digest: &str, priority: i64| {
+        let priority = priority.try_into().unwrap();
+        let new = NewJob { priority, submitter: Some("b".into()), ..new_job(digest) };
+        store.submit(new).await.unwrap().job().clone()
+    };
+    assert_eq!(submit("urgent", 1).await.queue_position, Some(0));
+    assert_eq!(submit("low", -1).await.queue_position, Some(4));
+    // A turn after the last of its submitter, and younger than the other of that turn.
+    assert_eq!(submit("plain", 0).await.queue_position, Some(4));
+    let mut order = Vec::new();
+    while let Some(claimed) = store.claim("new", Backend::Cpu, LEASE, 1).await.unwrap().pop() {
+        order.push(claimed.job().digest.clone());
+        assert_eq!(claimed.job().priority.get(), i64::from(order.len() == 1) - i64::from(order.len() == 6));
+        let done = finished(&claimed);
+        store.finish(claimed, done).await.unwrap();
+    }
+    assert_eq!(order, ["urgent", "d5", "d7", "d6", "plain", "low"]);
+    let batch = oviduct::jobs::BatchId(uuid::Uuid::from_u128(0x0190_0000_0000_7000_8000_0000_0000_0000));
+    assert_eq!(store.batch(batch).await.unwrap().unwrap().priority.get(), 0);
+    store.delete_batch(batch).await.unwrap().unwrap();
+    let counts = Counts { running: 1, succeeded: 6, cancelled: 2, ..Counts::default() };
+    assert_eq!(store.counts().await.unwrap(), counts);
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn jobs_of_an_older_version_go_on_on_sqlite() {
+    let dir = tempfile::tempdir().unwrap();
+    let url = Ground::Sqlite.url(dir.path()).await;
+    let before = sqlx::SqlitePool::connect(&format!("{url}?mode=rwc")).await.unwrap();
+    Migrator::new(first(3, "sqlite").path()).await.unwrap().run(&before).await.unwrap();
+    sqlx::raw_sql(JOBS).execute(&before).await.unwrap();
+    before.close().await;
+    // Not by `open`, which takes over what runs: what is shown is the same on both.
+    goes_on(&SqliteStore::open(dir.path().join("jobs.db"), StoreOptions::default()).await.unwrap()).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn jobs_of_an_older_version_go_on_on_postgres() {
+    let url = Ground::Postgres.url("".as_ref()).await;
+    let before = sqlx::PgPool::connect(&url).await.unwrap();
+    Migrator::new(first(1, "postgres").path()).await.unwrap().run(&before).await.unwrap();
+    sqlx::raw_sql(JOBS).execute(&before).await.unwrap();
+    before.close().await;
+    goes_on(&*oviduct::jobs::open(&url, StoreOptions::default()).await.unwrap()).await;
+}

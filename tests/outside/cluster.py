@@ -1,0 +1,191 @@
+"""The service on several machines, as far as one machine can show it: two API processes and workers that come and go, over
+one PostgreSQL and one bucket of an S3 server that others wrote (moto).
+
+Every model must end once with the bytes that `oviduct generate` makes, whatever ends without warning meanwhile; both APIs
+show the same; events arrive through an API that neither took the model nor grows it.
+Usage: cluster.py OVIDUCT_BINARY
+"""
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+import boto3
+from postgres import Cluster
+from service import SMALL, Service, free_port
+
+BUCKET = "organs"
+LEASE = ["--lease", "2s", "--heartbeat", "500ms"]
+MODELS = 14
+
+
+class Bucket:
+    """An S3 server with an empty bucket, for the time of a `with`."""
+
+    def __enter__(self):
+        port = free_port()
+        program = os.path.join(os.path.dirname(sys.executable), "moto_server")
+        self.process = subprocess.Popen([program, "-H", "127.0.0.1", "-p", str(port)], stderr=subprocess.DEVNULL)
+        self.variables = {
+            "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}",
+            "AWS_REGION": "us-east-1",
+            "AWS_ACCESS_KEY_ID": "key",
+            "AWS_SECRET_ACCESS_KEY": "secret",
+        }
+        os.environ.update(self.variables)
+        self.s3 = boto3.client("s3", region_name="us-east-1", endpoint_url=self.variables["AWS_ENDPOINT_URL"])
+        deadline = time.monotonic() + 60
+        while True:
+            try:
+                self.s3.create_bucket(Bucket=BUCKET)
+                return self
+            except Exception:
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(0.2)
+
+    def __exit__(self, *_):
+        self.process.kill()
+        self.process.wait()
+
+    def keys(self):
+        pages = self.s3.get_paginator("list_objects_v2").paginate(Bucket=BUCKET)
+        return {item["Key"]: item["Size"] for page in pages for item in page.get("Contents", [])}
+
+    def unfinished(self):
+        return self.s3.list_multipart_uploads(Bucket=BUCKET).get("Uploads", [])
+
+
+class Worker:
+    """`oviduct worker` with a folder of its own."""
+
+    def __init__(self, binary, folder, stores):
+        data = tempfile.mkdtemp(dir=folder)
+        with open(os.path.join(data, "worker.log"), "ab") as log:
+            line = [binary, "worker", "--data", data, "--gpu", "off", *LEASE, *stores]
+            self.process = subprocess.Popen(line, stdout=log, stderr=log)
+
+    def kill(self):
+        self.process.kill()
+        self.process.wait()
+
+    def stop(self):
+        self.process.send_signal(signal.SIGTERM)
+        code = self.process.wait(60)
+        assert code == 0, f"a worker ended with {code}"
+
+
+class Listener(threading.Thread):
+    """Follows the events of a model; what came last is its end."""
+
+    def __init__(self, service, model):
+        super().__init__(daemon=True)
+        self.line = ["curl", "-sN", "--max-time", "100", f"{service.url}/models/{model}/events"]
+        self.events = []
+        self.start()
+
+    def run(self):
+        text = subprocess.run(self.line, capture_output=True, text=True).stdout
+        self.events = [line[7:] for line in text.splitlines() if line.startswith("event: ")]
+
+
+def spec_of(seed):
+    """The last model takes some seconds, so that there is progress to be told of."""
+    return {**SMALL, "steps": 1000} if seed == MODELS - 1 else SMALL
+
+
+def submit(service, seed):
+    body = {"seed": seed, "spec": spec_of(seed), "outputs": ["glb"], "reuse": False}
+    return service.json("POST", "/models", body)["id"]
+
+
+def until_some_have_ended(service, count):
+    deadline = time.monotonic() + 120
+    while True:
+        ended = service.json("GET", "/models?status=succeeded&limit=50")["models"]
+        if len(ended) >= count:
+            return
+        assert time.monotonic() < deadline, f"{len(ended)} of {count} models ended"
+        time.sleep(0.05)
+
+
+def generated(binary, folder, seed):
+    """The hashes of the files that the generator alone makes."""
+    spec = os.path.join(folder, "spec.json")
+    with open(spec, "w") as file:
+        json.dump(spec_of(seed), file)
+    out = os.path.join(folder, f"seed-{seed}")
+    line = [binary, "generate", "--seed", str(seed), "--spec", spec, "--backend", "cpu", "--out", out, "--json"]
+    made = json.loads(subprocess.run(line, check=True, capture_output=True).stdout)
+    return {file["name"]: file["sha256"] for file in made["files"]}
+
+
+def main(binary, folder, cluster, bucket):
+    stores = ["--database", cluster.url, "--artifacts", f"s3://{BUCKET}/models-of-a-lab"]
+    apis = []
+    for name in "ab":
+        data = os.path.join(folder, name)
+        os.mkdir(data)
+        apis.append(Service(binary, data, *stores, "--cpu-workers", "0", "--gpu", "off").start())
+    a, b = apis
+    workers = [Worker(binary, folder, stores) for _ in range(2)]
+    models = {submit(apis[seed % 2], seed): seed for seed in range(MODELS)}
+    last = list(models)[-1]
+    # Through the API that did not take it, and is not going to be killed.
+    assert models[last] % 2
+    listener = Listener(a, last)
+
+    until_some_have_ended(a, 2)
+    workers.pop(0).kill()
+    workers.append(Worker(binary, folder, stores))
+    b.kill()
+    until_some_have_ended(a, 5)
+    workers.pop(0).stop()
+    workers.append(Worker(binary, folder, stores))
+    b.start()
+
+    named = set()
+    for model, seed in models.items():
+        found = b.ended(model)
+        assert found["status"] == "succeeded", found
+        assert a.json("GET", f"/models/{model}") == found, "the two differ"
+        whole = {file["name"]: file["sha256"] for file in found["files"]}
+        for service in apis:
+            for file in found["files"]:
+                status, _, content = service.call("GET", file["href"])
+                assert status == 200 and hashlib.sha256(content).hexdigest() == file["sha256"], (file, status)
+        if seed in (0, 1, MODELS - 1):
+            assert whole == generated(binary, folder, seed), f"other bytes than the generator's, seed {seed}"
+        named.update((model, file["name"], file["bytes"]) for file in found["files"])
+    listener.join(100)
+    assert listener.events[-1:] == ["end"], listener.events
+    assert "progress" in listener.events, listener.events
+    listed = a.json("GET", "/models?limit=50")["models"]
+    assert sorted(model["id"] for model in listed) == sorted(models), "not the models that were accepted"
+
+    there = bucket.keys()
+    for model, name, size in named:
+        sizes = [bytes for key, bytes in there.items() if f"/{model}/" in key and key.endswith(f"/{name}")]
+        assert size in sizes, f"{name} of {model} is not in the bucket"
+    assert bucket.unfinished() == [], "an upload was left open"
+    for model in models:
+        status, _, _ = a.call("DELETE", f"/models/{model}")
+        assert status == 204, status
+    for worker in workers:
+        worker.stop()
+    for api in apis:
+        api.stop()
+    attempts = sum(found["attempts"] for found in listed)
+    print(f"cluster: {MODELS} models over 2 APIs, 2 workers at a time (one killed, one stopped), {attempts} attempts: "
+          "each ended once, with the generator's bytes")
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as place, Cluster() as database, Bucket() as artifacts:
+        main(os.path.abspath(sys.argv[1]), place, database, artifacts)

@@ -1,0 +1,50 @@
+"""PostgreSQL for the judges: a server of Debian's package in a temporary folder, on a free loopback port."""
+
+import glob
+import os
+import pwd
+import shutil
+import subprocess
+import tempfile
+
+from service import free_port
+
+
+def programs():
+    """The folder of PostgreSQL's programs, that of the newest version."""
+    found = [path for path in glob.glob("/usr/lib/postgresql/*/bin") if os.path.exists(f"{path}/initdb")]
+    if not found:
+        raise SystemExit("PostgreSQL is missing: run scripts/need, or apt-get install postgresql")
+    return max(found, key=lambda path: float(path.split("/")[4]))
+
+
+class Cluster:
+    """A running server, stopped and removed at the end of a `with`. As root it runs as user `postgres`."""
+
+    def __enter__(self):
+        self.bin, self.port = programs(), free_port()
+        self.folder = tempfile.mkdtemp(prefix="oviduct-postgres-", dir="/tmp")
+        # PostgreSQL refuses to run as root.
+        self.user = pwd.getpwnam("postgres") if os.getuid() == 0 else None
+        if self.user:
+            os.chown(self.folder, self.user.pw_uid, self.user.pw_gid)
+        self.run("initdb", "-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C.UTF-8", "--no-sync")
+        settings = f"-p {self.port} -c listen_addresses=127.0.0.1 -c unix_socket_directories="
+        self.run("pg_ctl", "-o", settings, "-l", f"{self.folder}/log", "-w", "start")
+        self.url = f"postgres://postgres@127.0.0.1:{self.port}/postgres?sslmode=disable"
+        return self
+
+    def __exit__(self, *_):
+        self.run("pg_ctl", "-m", "immediate", "stop")
+        shutil.rmtree(self.folder)
+
+    def run(self, program, *arguments):
+        who = {"user": self.user.pw_uid, "group": self.user.pw_gid, "extra_groups": []} if self.user else {}
+        line = [f"{self.bin}/{program}", "-D", f"{self.folder}/data", *arguments]
+        environment = {"PATH": f"{self.bin}:{os.environ['PATH']}", "LC_ALL": "C.UTF-8"}
+        # Not a pipe: the server would hold it open.
+        with open(f"{self.folder}/{program}.out", "wb") as out:
+            code = subprocess.run(line, stdout=out, stderr=out, env=environment, cwd="/", **who).returncode
+        if code != 0:
+            with open(f"{self.folder}/{program}.out", errors="replace") as said:
+                raise SystemExit(f"{program} ended with {code}:\n{said.read()}")
