@@ -21,6 +21,7 @@ pub mod metrics;
 pub mod model;
 pub mod random;
 pub mod tls;
+pub mod trace;
 
 pub mod spec;
 

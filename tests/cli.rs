@@ -355,6 +355,8 @@ fn traces_go_to_a_collector() {
     assert_eq!(attempts.len(), 1, "{:?}", arrived.spans);
     let job = attempts[0].attributes.iter().find(|attribute| attribute.key == "job").expect("the job is named");
     assert!(format!("{:?}", job.value).contains(model["id"].as_str().expect("an id")), "{job:?}");
+    let parent = arrived.named("request").find(|request| request.span_id == attempts[0].parent_span_id);
+    assert_eq!(parent.expect("the request for the model").trace_id, attempts[0].trace_id);
     for stage in ["simulate", "mesh", "certify", "export", "store"] {
         let spans: Vec<_> = arrived.named(stage).collect();
         assert_eq!(spans.len(), 1, "{stage}");

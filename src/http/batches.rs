@@ -12,6 +12,7 @@ use super::openapi::{BatchMissing, BatchRequest as BatchRequestDoc, BodyProblems
 use super::problem::Problem;
 use super::request::{BatchRequest, Seeds};
 use crate::jobs::{NewBatch, NewJob, SubmittedBatch};
+use crate::trace;
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -48,6 +49,7 @@ pub(super) async fn create(
     let accepted = check(&state, each, faults).await?;
     let (request, spec) = (accepted.request, accepted.spec);
     let canonical_spec = spec.to_json();
+    let trace = trace::current();
     let job = |seed: u64| NewJob {
         preset: request.preset.clone(),
         seed,
@@ -61,6 +63,7 @@ pub(super) async fn create(
         reuse: request.reuse,
         idempotency: None,
         submitter: None,
+        trace: trace.clone(),
     };
     let seeds = match seeds {
         Seeds::These(seeds) => seeds,

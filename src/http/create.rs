@@ -13,6 +13,7 @@ use super::request::{ModelRequest, SEED_MAX};
 use crate::generate::Backend;
 use crate::jobs::{Job, NewJob, Submitted};
 use crate::spec::{Cost, ModelSpec, OverLimit, preset, presets};
+use crate::trace;
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -132,6 +133,7 @@ pub(super) async fn create(
             reuse: request.reuse,
             idempotency: key.map(|key| (key, hex::encode(Sha256::digest(canonical(&body))))),
             submitter: None,
+            trace: trace::current(),
         })
         .await?;
     let replayed = matches!(submitted, Submitted::Replayed(_));

@@ -4,17 +4,15 @@
 
 use super::problem::{Kind, MEDIA_TYPE, Problem};
 use crate::clock::Stopwatch;
+use crate::trace;
 use axum::Router;
 use axum::body::Body;
 use axum::extract::Request;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use opentelemetry::global;
-use opentelemetry::propagation::Extractor;
 use tower_http::catch_panic::CatchPanicLayer;
 use tracing::Instrument;
-use tracing_opentelemetry::OpenTelemetrySpanExt;
 use uuid::Uuid;
 
 /// Header of the request id: taken from the client where it is short and plain, else drawn.
@@ -42,7 +40,7 @@ async fn envelope(request: Request, next: Next) -> Response {
     let method = request.method().clone();
     let path = request.uri().path().to_owned();
     let span = tracing::info_span!("request", %method, %path, request_id = %id, model = tracing::field::Empty);
-    continue_trace(&span, request.headers());
+    trace::adopt(&span, request.headers().get(trace::TRACEPARENT).and_then(|value| value.to_str().ok()));
     let watch = Stopwatch::start();
     let response = next.run(request).instrument(span.clone()).await;
     let mut response = span.in_scope(|| {
@@ -61,22 +59,6 @@ async fn envelope(request: Request, next: Next) -> Response {
     }
     headers.insert(header::X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
     response
-}
-
-/// Makes the span part of the trace that the client names in `traceparent`, where traces are collected.
-fn continue_trace(span: &tracing::Span, headers: &HeaderMap) {
-    struct Names<'a>(&'a HeaderMap);
-    impl Extractor for Names<'_> {
-        fn get(&self, key: &str) -> Option<&str> {
-            self.0.get(key).and_then(|value| value.to_str().ok())
-        }
-        fn keys(&self) -> Vec<&str> {
-            self.0.keys().map(HeaderName::as_str).collect()
-        }
-    }
-    let context = global::get_text_map_propagator(|propagator| propagator.extract(&Names(headers)));
-    // Fails where no traces are collected.
-    let _ = span.set_parent(context);
 }
 
 /// Gives an error answer its problem body, and `OPTIONS` its answer.

@@ -165,6 +165,8 @@ pub struct NewJob {
     pub idempotency: Option<(String, String)>,
     /// Who submits, for a fair share of the workers; all that are not known are one.
     pub submitter: Option<String>,
+    /// The trace that its attempts belong to, as W3C `traceparent`.
+    pub trace: Option<String>,
 }
 
 /// The whole record of a job.
@@ -188,6 +190,8 @@ pub struct Job {
     pub labels: BTreeMap<String, String>,
     /// How urgent it is.
     pub priority: Priority,
+    /// The trace that its attempts belong to, as W3C `traceparent`.
+    pub trace: Option<String>,
     /// What computes it.
     pub backend: BackendReport,
     /// Position in the queue from 0, while queued, among the jobs that ask for the same backend. Exact up to 1000; a

@@ -14,6 +14,7 @@ use crate::generate::{Backend, CancelToken};
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::scratch::{AttemptDir, Scratch};
 use crate::jobs::{BackendReport, ClaimedJob, Finished, Store, StoreError};
+use crate::trace;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::watch;
@@ -74,6 +75,7 @@ pub(super) struct Refusal {
 pub(super) async fn prepare(context: &Context, claimed: &ClaimedJob) -> Result<Prepared, Refusal> {
     let (id, attempt, options) = (claimed.job().id, claimed.attempt(), &context.options);
     let span = tracing::info_span!("attempt", job = %id, attempt);
+    trace::adopt(&span, claimed.job().trace.as_deref());
     let dir = async {
         tracing::info!("attempt begins");
         if attempt == 1 {

@@ -74,6 +74,7 @@ fn new_job(n: usize) -> NewJob {
         reuse: true,
         idempotency: Some((format!("key {n}"), String::new())),
         submitter: Some("key 3".into()),
+        trace: None,
     }
 }
 

@@ -106,6 +106,7 @@ impl Place {
             digest: seed.to_string(),
             engine: oviduct::ENGINE_VERSION.into(),
             submitter: None,
+            trace: None,
             reuse: false,
             idempotency: None,
         };

@@ -17,6 +17,7 @@ fn job() -> Job {
         outputs: vec![],
         labels: Default::default(),
         priority: Default::default(),
+        trace: None,
         backend: BackendReport { requested: Backend::Auto, used: None, device: None, fallback: None },
         queue_position: Some(0),
         progress: None,

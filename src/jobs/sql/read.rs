@@ -61,6 +61,7 @@ pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
         outputs: parse(row.text("outputs")?)?,
         labels: parse(row.text("labels")?)?,
         priority: priority(row.int("rank")?.saturating_neg())?,
+        trace: owned(row, "trace")?,
         backend: BackendReport {
             requested: variant(row.text("backend_requested")?)?,
             used: optional_variant(row, "backend_used")?,

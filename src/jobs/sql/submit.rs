@@ -134,9 +134,9 @@ async fn insert(
     link.execute(
         "INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, backend_used, device, \
          fallback, available_at, created_at, finished_at, reused_from, idempotency_key, idempotency_body, summary, \
-         spec, engine, engine_used, batch, submitter, turn, rank) \
+         spec, engine, engine_used, batch, submitter, turn, rank, trace) \
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, \
-         $22, $23)",
+         $22, $23, $24)",
         values![
             id,
             if source.is_some() { "succeeded" } else { "queued" },
@@ -161,6 +161,7 @@ async fn insert(
             submitter(new),
             turn,
             rank(new.priority),
+            new.trace.clone(),
         ],
     )
     .await?;

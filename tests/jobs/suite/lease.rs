@@ -11,6 +11,7 @@ pub async fn a_job_goes_from_the_queue_to_its_end(factory: Factory) {
     assert_eq!(queued.status, Status::Queued);
     assert_eq!((queued.version, queued.queue_position, queued.attempts), (1, Some(0), 0));
     assert_eq!((&queued.labels, queued.seed, &queued.spec), (&new.labels, new.seed, &new.spec));
+    assert!(queued.trace.is_some() && queued.trace == new.trace);
     assert_eq!((queued.created_at, queued.started_at), (bench.clock.now(), None));
     assert_eq!(bench.get(queued.id).await, queued);
 

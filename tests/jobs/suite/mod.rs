@@ -100,6 +100,7 @@ pub fn new_job(digest: &str) -> NewJob {
         reuse: true,
         idempotency: None,
         submitter: None,
+        trace: Some("00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01".into()),
     }
 }
 

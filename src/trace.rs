@@ -1,0 +1,49 @@
+//! Traces that go on from one process to the next: the context of a span as W3C `traceparent`, which requests bring along
+//! and records keep. Where no traces are collected there is none, and nothing is done.
+
+use opentelemetry::global;
+use opentelemetry::propagation::{Extractor, Injector};
+use tracing::Span;
+use tracing_opentelemetry::OpenTelemetrySpanExt;
+
+/// Name of the field that carries a context.
+pub const TRACEPARENT: &str = "traceparent";
+
+#[derive(Default)]
+struct Carrier(Option<String>);
+
+impl Injector for Carrier {
+    fn set(&mut self, key: &str, value: String) {
+        if key == TRACEPARENT {
+            self.0 = Some(value);
+        }
+    }
+}
+
+impl Extractor for Carrier {
+    fn get(&self, key: &str) -> Option<&str> {
+        self.0.as_deref().filter(|_| key == TRACEPARENT)
+    }
+
+    fn keys(&self) -> Vec<&str> {
+        self.0.as_ref().map(|_| TRACEPARENT).into_iter().collect()
+    }
+}
+
+/// The context of the current span.
+#[must_use]
+pub fn current() -> Option<String> {
+    let mut carrier = Carrier::default();
+    let context = Span::current().context();
+    global::get_text_map_propagator(|propagator| propagator.inject_context(&context, &mut carrier));
+    carrier.0
+}
+
+/// Makes `span`, which has just been made, part of the trace that `traceparent` names; what names none is passed over.
+pub fn adopt(span: &Span, traceparent: Option<&str>) {
+    let Some(traceparent) = traceparent else { return };
+    let carrier = Carrier(Some(traceparent.to_owned()));
+    let context = global::get_text_map_propagator(|propagator| propagator.extract(&carrier));
+    // Fails where no traces are collected.
+    let _ = span.set_parent(context);
+}
