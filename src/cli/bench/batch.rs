@@ -44,7 +44,7 @@ fn measure(device: &GpuDevice, spec: &ModelSpec, what: &str, quick: bool) -> any
     lines.push(machine::line());
     lines.push(format!("simulation of {what}, sections read back, no surface; {}", machine::runs(runs)));
     lines.push(String::new());
-    let heads = ["batch", "seconds", "models/s", "device s", "dispatches", "µs/dispatch", "memory MB"];
+    let heads = ["batch", "seconds", "models/s", "device s", "host s", "dispatches", "µs/dispatch", "memory MB"];
     let [batch, rest @ ..] = heads;
     lines.push(format!("{batch:>6}{}", rest.map(|head| format!(" {head:>12}")).concat()));
     let (mut rows, mut points) = (Vec::new(), Vec::new());
@@ -57,8 +57,9 @@ fn measure(device: &GpuDevice, spec: &ModelSpec, what: &str, quick: bool) -> any
         let bytes = GpuDevice::batch_bytes(&plans[0], size);
         let on_device = run.report.device_seconds.map_or("unknown".to_owned(), |s| format!("{s:.3}"));
         lines.push(format!(
-            "{size:>6} {:>12.3} {rate:>12.3} {on_device:>12} {:>12} {:>12.2} {:>12.0}",
+            "{size:>6} {:>12.3} {rate:>12.3} {on_device:>12} {:>12.3} {:>12} {:>12.2} {:>12.0}",
             run.seconds,
+            run.report.host_seconds,
             run.report.dispatches,
             run.microseconds_a_dispatch(),
             1e-6 * bytes as f64,

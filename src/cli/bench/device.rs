@@ -21,7 +21,8 @@ impl Batch {
     pub(super) fn describe(&self) -> Value {
         let report = &self.report;
         json!({
-            "seconds": self.seconds, "device_seconds": report.device_seconds, "dispatches": report.dispatches,
+            "seconds": self.seconds, "device_seconds": report.device_seconds,
+            "host_seconds": report.host_seconds, "dispatches": report.dispatches,
             "submissions": report.submissions, "bytes_back": report.bytes_back,
         })
     }

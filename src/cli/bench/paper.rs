@@ -124,10 +124,12 @@ fn gpu_version(device: &GpuDevice, plan: &Plan, runs: usize) -> anyhow::Result<(
     let dispatches = run.report.dispatches;
     if let Some(seconds) = run.report.device_seconds {
         lines.push(format!(
-            "{} of its {} by its own clock in compute passes: {dispatches} dispatches of {:.2} µs in the mean",
+            "{} of its {} by its own clock in compute passes: {dispatches} dispatches of {:.2} µs in the mean; meanwhile \
+             the host took {} to read the sections",
             show(seconds),
             show(run.seconds),
             run.microseconds_a_dispatch(),
+            show(run.report.host_seconds),
         ));
     }
     let json = json!({ "device": device::describe(device), "run": run.describe() });

@@ -118,7 +118,9 @@ fn pool(connections: u32) -> SqlitePoolOptions {
 }
 
 async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
+    // Tables of a later version, of which there was a way back, are as good.
     sqlx::migrate!("src/jobs/sqlite/migrations")
+        .set_ignore_missing(true)
         .run(pool)
         .await
         .map_err(|error| StoreError::Database(error.to_string()))

@@ -30,6 +30,9 @@ pub struct BatchReport {
     pub bytes_back: u64,
     /// Seconds that compute passes took by the device's own clock; `None` where it has none.
     pub device_seconds: Option<f64>,
+    /// Seconds that the host took to read records and to hand them on, while the device went on as far as the ring of
+    /// staging buffers allows.
+    pub host_seconds: f64,
     /// Seconds from the first submission to the last section.
     pub seconds: f64,
 }
@@ -208,7 +211,9 @@ impl<'a> Run<'a> {
                 for member in (0..self.plans.len()).filter(|&m| self.running[m]) {
                     sink.progress(member, chunk.time, self.particles[member]);
                 }
-                self.pace.busy(self.watch.seconds() - begun);
+                let busy = self.watch.seconds() - begun;
+                self.report.host_seconds += busy;
+                self.pace.busy(busy);
             }
         }
         self.report.seconds = self.watch.seconds();
