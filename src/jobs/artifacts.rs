@@ -146,6 +146,21 @@ impl Artifacts {
     /// # Errors
     /// [`ArtifactError::Scratch`], [`ArtifactError::Store`]; then nothing is visible.
     pub async fn put_file(&self, key: &str, path: &Path) -> Result<Stored, ArtifactError> {
+        let stored = match read_small(path).await? {
+            Some((bytes, stored)) => {
+                self.store.put(&Key::from(key), bytes.into()).await?;
+                stored
+            }
+            None => self.put_in_parts(key, path).await?,
+        };
+        let there = self.store.head(&Key::from(key)).await?.size;
+        if there != stored.bytes {
+            return Err(ArtifactError::Store(format!("{} bytes went up to {key}, {there} are there", stored.bytes)));
+        }
+        Ok(stored)
+    }
+
+    async fn put_in_parts(&self, key: &str, path: &Path) -> Result<Stored, ArtifactError> {
         let scratch = |source| ArtifactError::Scratch { path: path.to_owned(), source };
         let mut file = tokio::fs::File::open(path).await.map_err(scratch)?;
         let mut upload = BufWriter::with_capacity(Arc::clone(&self.store), Key::from(key), PART);
@@ -172,10 +187,6 @@ impl Artifacts {
             }
         }
         upload.shutdown().await.map_err(|error| ArtifactError::Store(chain(&error)))?;
-        let there = self.store.head(&Key::from(key)).await?.size;
-        if there != bytes {
-            return Err(ArtifactError::Store(format!("{bytes} bytes went up to {key}, {there} are there")));
-        }
         Ok(Stored { bytes, sha256: hex::encode(hash.finalize()) })
     }
 
@@ -275,6 +286,21 @@ impl Artifacts {
         }
         Ok(removed)
     }
+}
+
+/// The bytes of a file that goes up in one request, read on one trip to a thread that may block; `None` for a greater one.
+async fn read_small(path: &Path) -> Result<Option<(Bytes, Stored)>, ArtifactError> {
+    let from = path.to_owned();
+    let read = tokio::task::spawn_blocking(move || {
+        if std::fs::metadata(&from)?.len() > PART as u64 {
+            return Ok(None);
+        }
+        let bytes = Bytes::from(std::fs::read(&from)?);
+        let stored = Stored { bytes: bytes.len() as u64, sha256: hex::encode(Sha256::digest(&bytes)) };
+        Ok(Some((bytes, stored)))
+    });
+    let read = read.await.unwrap_or_else(|error| Err(std::io::Error::other(error)));
+    read.map_err(|source| ArtifactError::Scratch { path: path.to_owned(), source })
 }
 
 /// Removes uploads that were broken off: object_store stages a local file as `name#number` and does not list it.

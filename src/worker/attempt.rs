@@ -1,7 +1,7 @@
 //! One attempt at a job, from its claim to its end. An attempt that a GPU cannot do goes on on the CPU.
 
-use super::follow::{Broken, Follower, Leavings, Second, Start};
-use super::generation::{Threads, Turn};
+use super::follow::{Broken, Cpu, Follower, Leavings, Start};
+use super::generation::Turn;
 use super::generator::Generator;
 use super::keeper::{Interrupt, Phase};
 use super::live::Live;
@@ -46,21 +46,25 @@ enum Ending {
     Broken(Broken),
 }
 
-/// Runs a claimed job on the CPU, whose threads are free for it, and ends it. Returns whether the job has ended by it.
+/// Runs a claimed job on the CPU and ends it; keeps the right to claim the `next` one until it is nearly done. Returns
+/// whether the job has ended by it.
 pub(super) async fn run_on_cpu(
     context: &Context,
-    threads: &Threads,
+    cpu: &Cpu<'_>,
     share: &Share,
     claimed: ClaimedJob,
-    turn: Turn,
+    next: Turn,
 ) -> bool {
-    let (pool, mut report) = threads.choose(claimed.job().backend.requested);
+    let (pool, mut report) = cpu.threads.choose(claimed.job().backend.requested);
     if let (Share::Auto { why, cause }, Backend::Auto) = (share, report.requested) {
         report.fallback = Some(why.clone());
         context.options.metrics.fallback(*cause);
     }
     match prepare(context, &claimed).await {
-        Ok(prepared) => run(context, claimed, report, prepared, Start::Cpu(pool, turn), None).await,
+        Ok(prepared) => {
+            prepared.live.keep(next);
+            run(context, claimed, report, prepared, Start::Cpu(pool), cpu).await
+        }
         Err(refusal) => refuse(context, claimed, report, refusal).await,
     }
 }
@@ -108,12 +112,12 @@ pub(super) async fn run(
     mut report: BackendReport,
     prepared: Prepared,
     start: Start,
-    second: Option<&Second<'_>>,
+    cpu: &Cpu<'_>,
 ) -> bool {
     let span = prepared.live.span().clone();
     let attempt = async {
         let mut follower = Follower::new(context, &claimed, &prepared, &report);
-        let ending = work(&mut follower, context, &claimed, &mut report, &prepared, start, second).await;
+        let ending = work(&mut follower, context, &claimed, &mut report, &prepared, start, cpu).await;
         let leavings = follower.leavings();
         drop(prepared);
         conclude(context, claimed, report, ending, leavings).await
@@ -212,9 +216,9 @@ async fn work(
     report: &mut BackendReport,
     prepared: &Prepared,
     start: Start,
-    second: Option<&Second<'_>>,
+    cpu: &Cpu<'_>,
 ) -> Ending {
-    let outcome = match follower.outcome(start, report, second).await {
+    let outcome = match follower.outcome(start, report, cpu).await {
         Ok(outcome) => outcome,
         Err(broken) => return Ending::Broken(broken),
     };

@@ -1,8 +1,8 @@
 //! The attempts of a batch side by side: one generation of all of them, each with its own lease, cancel and end.
 
 use super::attempt::{self, Context, Prepared};
-use super::follow::{Second, Start};
-use super::generation::{Generation, Threads, Turn, Unmade};
+use super::follow::{Cpu, Start};
+use super::generation::{Generation, Turn, Unmade};
 use super::generator::{BatchGenerator, BatchWork, Work, WorkError};
 use super::verdict;
 use crate::generate::{Backend, GenerateError, Outcome};
@@ -11,7 +11,7 @@ use futures_util::future::join_all;
 use rayon::ThreadPool;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, PoisonError};
-use tokio::sync::{Semaphore, oneshot};
+use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
 type Answer = oneshot::Sender<Result<Outcome, WorkError>>;
@@ -21,13 +21,11 @@ pub(super) struct Gpu {
     pub(super) generator: Arc<dyn BatchGenerator>,
     /// One thread more than the worker has: it drives the device.
     pub(super) pool: Arc<ThreadPool>,
-    /// Jobs that fall back run on the CPU one after another.
-    pub(super) turn: Arc<Semaphore>,
 }
 
-/// Runs what of `claimed` fits together, gives back the rest, and ends each. It is the `turn` of another batch once the
-/// device is free, while files of this one are still being stored. Returns how many jobs ended.
-pub(super) async fn run(context: &Context, gpu: &Gpu, threads: &Threads, claimed: Vec<ClaimedJob>, turn: Turn) -> u64 {
+/// Runs what of `claimed` fits together, gives back the rest, and ends each; keeps the right to claim the `next` batch until
+/// the device is free, which is before the files of this one are stored. Returns how many jobs ended.
+pub(super) async fn run(context: &Context, gpu: &Gpu, cpu: &Cpu<'_>, claimed: Vec<ClaimedJob>, next: Turn) -> u64 {
     let jobs: Vec<Job> = claimed.iter().map(|claimed| claimed.job().clone()).collect();
     let generator = Arc::clone(&gpu.generator);
     let admitted = tokio::task::spawn_blocking(move || generator.admit(&jobs.iter().collect::<Vec<_>>())).await;
@@ -54,17 +52,16 @@ pub(super) async fn run(context: &Context, gpu: &Gpu, threads: &Threads, claimed
         Ok(_) => generate(context, gpu, &members, &prepared),
         Err(reason) => (prepared.iter().map(|ready| unmade(ready, reason)).collect(), None),
     };
-    let second = Second { threads, turn: &gpu.turn };
     let attempts = members.into_iter().zip(prepared).zip(generations).map(|((claimed, ready), generation)| {
         let report = BackendReport { requested: claimed.job().backend.requested, ..report(gpu, &[&claimed]) };
-        attempt::run(context, claimed, report, ready, Start::Made(generation), Some(&second))
+        attempt::run(context, claimed, report, ready, Start::Made(generation), cpu)
     });
     let device = async {
         if let Some(thread) = thread {
             // The memory of the device is free only now. What went wrong was told to the members.
             let _ = thread.await;
         }
-        drop(turn);
+        drop(next);
     };
     let (ends, ()) = tokio::join!(join_all(attempts), device);
     ended + ends.into_iter().map(u64::from).sum::<u64>()

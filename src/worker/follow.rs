@@ -11,6 +11,7 @@ use crate::clock::Stopwatch;
 use crate::generate::{Backend, CancelToken, Outcome};
 use crate::jobs::{BackendReport, ClaimedJob};
 use crate::metrics::Fallback;
+use bytes::Bytes;
 use rayon::ThreadPool;
 use std::future::Future;
 use std::sync::Arc;
@@ -24,22 +25,16 @@ const SAVE_WAIT: Duration = Duration::from_secs(6);
 
 /// Where the generation of an attempt comes from.
 pub(super) enum Start {
-    /// It is to be begun on these threads of the CPU, which are free for it.
-    Cpu(Arc<ThreadPool>, Turn),
+    /// It is to be begun on these threads of the CPU, once it is its turn.
+    Cpu(Arc<ThreadPool>),
     /// It has begun, as a member of a batch.
     Made(Generation),
 }
 
-/// Where an attempt goes on that a GPU could not do.
-pub(super) struct Second<'a> {
+/// The CPU of a worker: where a job runs, or goes on that a GPU could not do. One at a time.
+pub(super) struct Cpu<'a> {
     pub(super) threads: &'a Threads,
     pub(super) turn: &'a Arc<Semaphore>,
-}
-
-impl Second<'_> {
-    async fn take_turn(&self) -> Option<Turn> {
-        Arc::clone(self.turn).acquire_owned().await.ok()
-    }
 }
 
 /// Why there is no outcome.
@@ -104,9 +99,9 @@ impl<'a> Follower<'a> {
         &mut self,
         start: Start,
         report: &mut BackendReport,
-        second: Option<&Second<'_>>,
+        cpu: &Cpu<'_>,
     ) -> Result<Outcome, Broken> {
-        let result = self.follow(start, report, second).await;
+        let result = self.follow(start, report, cpu).await;
         match self.prepared.live.injected() {
             Some(injected) if !matches!(result, Err(Broken::Interrupted(_))) => {
                 Err(Broken::Failed(verdict::of_injected(injected)))
@@ -115,19 +110,14 @@ impl<'a> Follower<'a> {
         }
     }
 
-    async fn follow(
-        &mut self,
-        start: Start,
-        report: &mut BackendReport,
-        second: Option<&Second<'_>>,
-    ) -> Result<Outcome, Broken> {
+    async fn follow(&mut self, start: Start, report: &mut BackendReport, cpu: &Cpu<'_>) -> Result<Outcome, Broken> {
         let Self { context, claimed, prepared, .. } = *self;
         let mut generation = match start {
             Start::Made(generation) => generation,
-            Start::Cpu(pool, turn) => {
-                let from = self.keeper.keep(self.saver.load()).await.map_err(Broken::Interrupted)?;
-                let backend = report.used.unwrap_or_default();
-                generate(context, pool, Some(turn), claimed, from, prepared, backend)
+            Start::Cpu(pool) => {
+                let (turn, from) = self.turn(cpu).await?;
+                self.watch = Stopwatch::start();
+                generate(context, pool, turn, claimed, from, prepared, report.used.unwrap_or_default())
             }
         };
         loop {
@@ -144,15 +134,14 @@ impl<'a> Follower<'a> {
                     return Err(broken);
                 }
             };
-            let Some(second) = second.filter(|_| report.requested == Backend::Auto) else {
+            if (report.requested, report.used) != (Backend::Auto, Some(Backend::Gpu)) {
                 return Err(Broken::Failed(Verdict::Fail(verdict::of_gpu(reason))));
-            };
+            }
             tracing::warn!(reason, "the job goes on on the CPU");
             context.options.metrics.fallback(Fallback::Device);
-            let ready = async { (second.take_turn().await, self.saver.load().await) };
-            let (turn, from) = self.keeper.keep(ready).await.map_err(Broken::Interrupted)?;
-            let (pool, cpu) = second.threads.choose(Backend::Cpu);
-            *report = BackendReport { requested: report.requested, fallback: Some(reason), ..cpu };
+            let (turn, from) = self.turn(cpu).await?;
+            let (pool, now) = cpu.threads.choose(Backend::Cpu);
+            *report = BackendReport { requested: report.requested, fallback: Some(reason), ..now };
             self.keeper.report(report.clone());
             // The old generation takes its token with it.
             let cancel = CancelToken::default();
@@ -160,6 +149,12 @@ impl<'a> Follower<'a> {
             let again = Prepared { cancel, dir: Arc::clone(&prepared.dir), live: Arc::clone(&prepared.live) };
             generation = generate(context, pool, turn, claimed, from, &again, Backend::Cpu);
         }
+    }
+
+    /// Its turn on the CPU, and the checkpoint that an earlier attempt left.
+    async fn turn(&mut self, cpu: &Cpu<'_>) -> Result<(Option<Turn>, Option<Bytes>), Broken> {
+        let ready = async { (Arc::clone(cpu.turn).acquire_owned().await.ok(), self.saver.load().await) };
+        self.keeper.keep(ready).await.map_err(Broken::Interrupted)
     }
 
     /// Drives a generation while keeping the lease and storing checkpoints, within the time that a job may take.

@@ -10,7 +10,7 @@ use crate::jobs::fault::{Faults, Injected};
 use crate::model::{Ring, Section};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-use tokio::sync::Notify;
+use tokio::sync::{Notify, OwnedSemaphorePermit};
 use tracing::Span;
 
 /// Most points of a thinned ring.
@@ -30,6 +30,8 @@ struct State {
     injected: Option<Injected>,
     /// The stage that goes on, for traces.
     stage: Option<(Stage, Span)>,
+    /// The right to claim the next job, kept until this one is nearly done.
+    next: Option<OwnedSemaphorePermit>,
     /// Stops the generation that is at work.
     cancel: CancelToken,
     /// Since the last checkpoint, or the start.
@@ -41,11 +43,14 @@ struct State {
 }
 
 impl State {
-    /// Ends the span of the stage before, where this is another.
+    /// Ends the span of the stage before, where this is another. From the certificate on the next job may be claimed.
     fn enter(&mut self, stage: Stage, attempt: &Span) {
         if self.stage.as_ref().is_none_or(|(before, _)| *before != stage) {
             self.stage = None;
             self.stage = Some((stage, span(stage, attempt)));
+            if matches!(stage, Stage::Certify | Stage::Export | Stage::Store) {
+                self.next = None;
+            }
         }
     }
 }
@@ -86,6 +91,11 @@ impl Live {
     /// The same within the span of an attempt.
     pub(super) fn within(self, span: Span) -> Self {
         Self { span, ..self }
+    }
+
+    /// Keeps the right to claim the `next` job until this one is nearly done.
+    pub(super) fn keep(&self, next: OwnedSemaphorePermit) {
+        self.state().next = Some(next);
     }
 
     /// The attempt, for logs and traces.

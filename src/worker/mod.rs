@@ -5,7 +5,8 @@
 //! and removes what it uploaded; files are in the artifact store before the commit that names them; whatever
 //! a generation does (panic, too much memory, an error, no answer), only its own job fails.
 //!
-//! A CPU worker has a job at a time, a GPU worker (one an adapter) a batch of like size. Who takes what:
+//! A CPU worker computes a job at a time, a GPU worker (one an adapter) a batch of like size; each claims its next one a
+//! moment before it is done, so that it never waits for the stores. Who takes what:
 //! - `gpu` goes to GPU workers, `cpu` and `cpu-single` to CPU workers, whatever else waits.
 //! - `auto` goes to GPU workers. A CPU worker takes it only while no GPU worker is alive, or while more jobs wait
 //!   than the GPU workers take with their next two claims.

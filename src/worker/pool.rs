@@ -2,6 +2,7 @@
 
 use super::attempt::{self, Context};
 use super::batch::{self, Gpu};
+use super::follow::Cpu;
 use super::generation::{self, Threads, Turn};
 use super::generator::{BatchGenerator, Generator};
 use super::keeper::Phase;
@@ -26,7 +27,7 @@ use tokio::time::{sleep, timeout};
 const LONGEST_WAIT: Duration = Duration::from_secs(10);
 /// How long a shutdown waits for work that was told to stop.
 const LAST_WAIT: Duration = Duration::from_secs(10);
-/// Claims that a worker holds at once: one being computed, one whose files are being stored.
+/// Claims that a worker holds at once: while one is computed, the one before is being stored or the next one is ready.
 const CLAIMS: usize = 2;
 /// Heartbeats between the signs of life of a worker of which nothing is new.
 const SEEN_EVERY: u32 = 5;
@@ -119,8 +120,10 @@ struct Slot {
     id: String,
     context: Arc<Context>,
     threads: Threads,
-    /// Whose turn it is on the threads, or on the device.
+    /// Whose turn it is on the threads.
     turn: Arc<Semaphore>,
+    /// The right to claim; given back when what was claimed is nearly done.
+    next: Arc<Semaphore>,
     /// Places of claims that are not done with.
     places: Arc<Semaphore>,
     /// What makes it a GPU worker.
@@ -130,7 +133,7 @@ struct Slot {
 
 /// What a worker needs to take on more.
 struct Ready {
-    turn: Turn,
+    next: Turn,
     _place: OwnedSemaphorePermit,
 }
 
@@ -194,7 +197,7 @@ impl WorkerPool {
                 None => None,
                 Some(generator) => {
                     let pool = self::threads(&format!("{id}-batch"), all + 1)?;
-                    Some(Gpu { generator, pool, turn: Arc::new(Semaphore::new(1)) })
+                    Some(Gpu { generator, pool })
                 }
             };
             slots.push(Arc::new(Slot {
@@ -202,6 +205,7 @@ impl WorkerPool {
                 context: Arc::clone(&context),
                 threads,
                 turn: Arc::new(Semaphore::new(1)),
+                next: Arc::new(Semaphore::new(1)),
                 places: Arc::new(Semaphore::new(CLAIMS)),
                 gpu,
                 at: Mutex::default(),
@@ -245,8 +249,8 @@ fn threads(worker: &str, count: usize) -> io::Result<Arc<rayon::ThreadPool>> {
         .map_err(io::Error::other)
 }
 
-/// Claims jobs until the pool drains, and runs them. The next is claimed as soon as the worker's threads (or its device)
-/// are free, while the files of the one before are still being stored.
+/// Claims jobs until the pool drains, and runs them. The next is claimed as soon as the one before is nearly done (its
+/// certificate is under way, or its device is free), so that the worker's threads never wait for the stores.
 async fn claim_loop(slot: Arc<Slot>) {
     let context = &slot.context;
     let mut phase = context.phase.clone();
@@ -338,9 +342,9 @@ async fn signs_of_life(slots: Vec<Arc<Slot>>, context: Arc<Context>) {
 impl Slot {
     /// Once the worker can take on more.
     async fn ready(&self) -> Ready {
-        let (place, turn) = (Arc::clone(&self.places), Arc::clone(&self.turn));
-        match (place.acquire_owned().await, turn.acquire_owned().await) {
-            (Ok(place), Ok(turn)) => Ready { turn, _place: place },
+        let (place, next) = (Arc::clone(&self.places), Arc::clone(&self.next));
+        match (place.acquire_owned().await, next.acquire_owned().await) {
+            (Ok(place), Ok(next)) => Ready { next, _place: place },
             // Nobody closes them.
             _ => std::future::pending().await,
         }
@@ -383,13 +387,14 @@ impl Slot {
     }
 
     async fn run(self: Arc<Self>, claimed: Vec<ClaimedJob>, share: Share, ready: Ready) {
-        let Ready { turn, _place } = ready;
+        let Ready { next, _place } = ready;
+        let cpu = Cpu { threads: &self.threads, turn: &self.turn };
         let mut ended = 0;
         if let Some(gpu) = &self.gpu {
-            ended += batch::run(&self.context, gpu, &self.threads, claimed, turn).await;
+            ended += batch::run(&self.context, gpu, &cpu, claimed, next).await;
         } else if let Some(claimed) = claimed.into_iter().next() {
             // A CPU worker claims one at a time.
-            ended += u64::from(attempt::run_on_cpu(&self.context, &self.threads, &share, claimed, turn).await);
+            ended += u64::from(attempt::run_on_cpu(&self.context, &cpu, &share, claimed, next).await);
         }
         self.at(|at| at.done += ended);
     }

@@ -6,6 +6,7 @@ use crate::clock::Stopwatch;
 use crate::generate::Outcome;
 use crate::jobs::fault::Injected;
 use crate::jobs::{ClaimedJob, File, artifacts};
+use futures_util::future::try_join_all;
 use std::path::Path;
 use std::time::Duration;
 
@@ -35,29 +36,32 @@ pub(super) fn files(claimed: &ClaimedJob, outcome: &Outcome) -> Vec<File> {
         .collect()
 }
 
-/// Stores `files` from `dir`. Each is tried a few times with doubled waits; what arrives must have the size and
-/// the checksum that the generator told.
+/// Stores `files` from `dir`, all at the same time. Each is tried a few times with doubled waits; what arrives must have the
+/// size and the checksum that the generator told.
 pub(super) async fn upload(context: &Context, live: &Live, files: &[File], dir: &Path) -> Result<(), UploadError> {
     live.storing();
     let watch = Stopwatch::start();
     context.options.faults.point("store").await?;
     context.options.faults.point("before-upload").await?;
-    for file in files {
-        let mut wait = context.options.storage_wait;
-        let tries = context.options.storage_tries.max(1);
-        for tried in 1..=tries {
-            let Err(cause) = put(context, file, &dir.join(&file.name)).await else { break };
-            tracing::warn!(file = file.key, %cause, tried, "storing a file failed");
-            if tried == tries {
-                return Err(UploadError::Storage { name: file.name.clone(), cause, tries });
-            }
-            tokio::time::sleep(wait).await;
-            wait = (wait * 2).min(Duration::from_secs(30));
-        }
-    }
+    try_join_all(files.iter().map(|file| put_patiently(context, file, dir))).await?;
     context.options.faults.point("after-upload").await?;
     context.options.metrics.stage("store", watch.seconds());
     context.options.metrics.bytes_in(files.iter().map(|file| file.bytes).sum());
+    Ok(())
+}
+
+async fn put_patiently(context: &Context, file: &File, dir: &Path) -> Result<(), UploadError> {
+    let mut wait = context.options.storage_wait;
+    let tries = context.options.storage_tries.max(1);
+    for tried in 1..=tries {
+        let Err(cause) = put(context, file, &dir.join(&file.name)).await else { break };
+        tracing::warn!(file = file.key, %cause, tried, "storing a file failed");
+        if tried == tries {
+            return Err(UploadError::Storage { name: file.name.clone(), cause, tries });
+        }
+        tokio::time::sleep(wait).await;
+        wait = (wait * 2).min(Duration::from_secs(30));
+    }
     Ok(())
 }
 
