@@ -36,6 +36,9 @@ struct Row {
     direct: Vec<f64>,
     /// Models a second through the service, a round each.
     service: Vec<f64>,
+    /// Share of the workers' time in which they computed, a round each: what was reached over what the computing alone
+    /// would give, by the service's own `oviduct_stage_seconds`.
+    computing: Vec<f64>,
     /// Median time that the generator alone takes for a model.
     seconds: f64,
 }
@@ -50,6 +53,17 @@ impl Row {
 fn median(mut numbers: Vec<f64>) -> f64 {
     numbers.sort_by(f64::total_cmp);
     numbers.get(numbers.len() / 2).copied().unwrap_or_default()
+}
+
+/// Seconds that the workers have computed so far.
+async fn computed(client: &Client) -> anyhow::Result<f64> {
+    let text = client.get("/metrics").await.map_err(plain)?.text().await?;
+    let stages = ["simulate", "mesh", "certify", "export"];
+    let sum = |stage: &str| {
+        let name = format!("oviduct_stage_seconds_sum{{stage=\"{stage}\"}} ");
+        text.lines().find_map(|line| line.strip_prefix(&name)?.parse::<f64>().ok()).unwrap_or_default()
+    };
+    Ok(stages.into_iter().map(sum).sum())
 }
 
 pub(super) async fn run(quick: bool) -> anyhow::Result<Report> {
@@ -114,6 +128,7 @@ async fn measure(
         label: format!("{steps} steps, {from} to {to} particles"),
         direct: Vec::new(),
         service: Vec::new(),
+        computing: Vec::new(),
         seconds: 0.0,
     };
     let mut times = Vec::new();
@@ -127,8 +142,11 @@ async fn measure(
                 check(&all)?;
                 times.extend(all.iter().map(|one| one.ended));
             } else {
+                let before = computed(client).await?;
                 let all = load::through(client, &body, seeds(count), asked).await.map_err(plain)?;
-                row.service.push(count as f64 / watch.seconds());
+                let seconds = watch.seconds();
+                row.service.push(count as f64 / seconds);
+                row.computing.push((computed(client).await? - before) / (f64::from(workers) * seconds));
                 check(&all)?;
             }
         }
@@ -147,22 +165,24 @@ fn report(rows: &[Row], workers: u32, rounds: u32) -> Report {
         machine::line(),
         format!(
             "models a second, median of {rounds} rounds: {workers} workers with a thread each behind HTTP (SQLite, local \
-             files, the client in the same process), and {workers} threads that call the generator directly"
+             files, the client in the same process), and {workers} threads that call the generator directly; computing: the \
+             share of the workers' time that their models' stages took"
         ),
-        format!("{:<36} {:>9} {:>9} {:>9} {:>7}", "model", "ms each", "direct", "service", "ratio"),
+        format!("{:<36} {:>9} {:>9} {:>9} {:>7} {:>10}", "model", "ms each", "direct", "service", "ratio", "computing"),
     ];
     let mut json_rows: Vec<Value> = Vec::new();
     for row in rows {
         let (direct, service) = (median(row.direct.clone()), median(row.service.clone()));
         lines.push(format!(
-            "{:<36} {:>9.1} {direct:>9.2} {service:>9.2} {:>6.1}%",
+            "{:<36} {:>9.1} {direct:>9.2} {service:>9.2} {:>6.1}% {:>9.1}%",
             row.label,
             1e3 * row.seconds,
-            1e2 * row.ratio()
+            1e2 * row.ratio(),
+            1e2 * median(row.computing.clone()),
         ));
         json_rows.push(json!({
             "model": row.label, "seconds_each": row.seconds, "direct_per_second": row.direct,
-            "service_per_second": row.service, "ratio": row.ratio(),
+            "service_per_second": row.service, "ratio": row.ratio(), "computing": row.computing,
         }));
     }
     let json = json!({
