@@ -38,13 +38,16 @@ fn section() -> Section {
     Section { step: 10.0, z_um: 300.0, added: false, inner: ring(1000), outer: ring(100) }
 }
 
-/// `spec.script`: `ok`, `wait` (for a cancel), `deaf` (3 s without looking at the token), `slow` (1.2 s), `panic`, `memory`, `certificate`, `io`, `spec`.
+/// `spec.script`: `ok`, `wait` (for a cancel), `prove` (likewise, under its certificate), `deaf` (3 s without looking at the token), `slow` (1.2 s), `panic`, `memory`, `certificate`, `io`, `spec`.
 pub fn generate(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, WorkError> {
     let script = work.job.spec["script"].as_str().unwrap().to_owned();
     sink.progress(&progress(Stage::Simulate, 0.1));
     sink.section(&section());
+    if script == "prove" {
+        sink.progress(&progress(Stage::Certify, 0.8));
+    }
     let patience = match script.as_str() {
-        "wait" => Duration::from_secs(60),
+        "wait" | "prove" => Duration::from_secs(60),
         "slow" => Duration::from_millis(1200),
         _ => Duration::from_millis(20),
     };

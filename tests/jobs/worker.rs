@@ -106,6 +106,29 @@ async fn a_running_job_stops_within_a_second_of_its_cancel() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_next_job_is_claimed_while_the_one_before_is_being_certified_and_waits_for_its_turn() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start(|options| options.heartbeat = Duration::from_millis(100));
+    let first = place.queue("prove", 1).await;
+    let next = place.queue("ok", 2).await;
+    let last = place.queue("ok", 3).await;
+    let claimed = place.until(next, |job| job.status == Status::Running).await;
+    assert_eq!((claimed.attempts, claimed.progress), (1, None));
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    let now = async |id| place.store.get(id).await.unwrap().unwrap();
+    // The threads are taken, and no more is claimed than what comes next.
+    assert_eq!((now(first).await.status, now(next).await.progress), (Status::Running, None));
+    assert_eq!(now(last).await.status, Status::Queued);
+    place.store.cancel(first).await.unwrap();
+    assert_eq!(place.ended(first).await.status, Status::Cancelled);
+    for id in [next, last] {
+        let job = place.ended(id).await;
+        assert_eq!((job.status, job.attempts), (Status::Succeeded, 1), "{:?}", job.problem);
+    }
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_cancel_is_recorded_within_a_second_even_where_a_stage_is_slow_to_stop() {
     let place = Place::fresh(|_| {}).await;
     let pool = place.start(|_| {});
