@@ -15,6 +15,7 @@ import sys
 import tempfile
 import threading
 import time
+import urllib.request
 
 import boto3
 from postgres import Cluster
@@ -86,13 +87,15 @@ class Listener(threading.Thread):
 
     def __init__(self, service, model):
         super().__init__(daemon=True)
-        self.line = ["curl", "-sN", "--max-time", "100", f"{service.url}/models/{model}/events"]
+        self.url = f"{service.url}/models/{model}/events"
         self.events = []
         self.start()
 
     def run(self):
-        text = subprocess.run(self.line, capture_output=True, text=True).stdout
-        self.events = [line[7:] for line in text.splitlines() if line.startswith("event: ")]
+        with urllib.request.urlopen(self.url, timeout=100) as stream:
+            for line in stream:
+                if line.startswith(b"event: "):
+                    self.events.append(line[7:].decode().strip())
 
 
 def spec_of(seed):
