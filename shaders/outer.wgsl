@@ -76,7 +76,7 @@ fn outer(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
         let v = wall2(member, WALL_VX, (i + 1u) % n) - wall2(member, WALL_VX, i);
         let edge = max(sqrt(d.x * d.x + d.y * d.y), 1e-6);
         let u = d / edge;
-        let pull = rows[row].stiffness * (edge - rest) + rows[row].damping * (v.x * u.x + v.y * u.y);
+        let pull = rows[row].wall_stiffness * (edge - rest) + rows[row].wall_damping * (v.x * u.x + v.y * u.y);
         put2(member, WALL_PULL_X, i, pull * u);
     }
     storageBarrier();
@@ -93,7 +93,7 @@ fn outer(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
         let pull = clamp(PULL * (wanted - elliptic), -limit, limit);
         let before = wall2(member, WALL_PULL_X, (i + n - 1u) % n);
         let v0 = wall2(member, WALL_VX, i);
-        let force = wall2(member, WALL_PULL_X, i) - before + pull * p / elliptic - rows[row].friction * v0;
+        let force = wall2(member, WALL_PULL_X, i) - before + pull * p / elliptic - rows[row].wall_friction * v0;
         let v = clamp(v0 + force, vec2<f32>(-MOVE), vec2<f32>(MOVE));
         var q = p + v;
         let flat_q = vec2<f32>(q.x, q.y / squash);

@@ -97,6 +97,9 @@ fn structures_are_laid_out_alike() {
                 variation,
                 tip_weight,
                 lobing,
+                wall_stiffness,
+                wall_damping,
+                wall_friction,
                 inner_target,
                 outer_target,
             }

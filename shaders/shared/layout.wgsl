@@ -42,6 +42,9 @@ struct StepRow {
     variation: f32,
     tip_weight: f32,
     lobing: f32,
+    wall_stiffness: f32,
+    wall_damping: f32,
+    wall_friction: f32,
     inner_target: u32,
     outer_target: u32,
 }

@@ -6,12 +6,11 @@
 //! as they are.
 
 use super::device::{Device, Told};
-use super::grow::{Grown, unsound};
+use super::grow::{Grown, lofter, unsound};
 use super::pace::Pace;
 use super::types::{Backend, CancelToken, GenerateError, Outcome, Request, Sink};
 use super::{Ran, check_memory, finish};
 use crate::clock::Stopwatch;
-use crate::mesh::Lofter;
 use crate::model::Section;
 use crate::sim::gpu::{GpuDevice, GpuError};
 use crate::sim::{Plan, SimError, Statistics};
@@ -123,9 +122,9 @@ struct Lofting<M> {
 }
 
 impl<M> Lofting<M> {
-    fn new(section: Section, mark: M) -> Result<Self, GenerateError> {
+    fn new(request: &Request, section: Section, mark: M) -> Result<Self, GenerateError> {
         let sections = vec![section.clone()];
-        let lofter = Lofter::new(section).map_err(unsound)?;
+        let lofter = lofter(request, section)?;
         let grown = Grown { lofter, sections, flipped: 0, statistics: Statistics::default(), loft_seconds: 0.0 };
         Ok(Self { grown, mark })
     }
@@ -249,7 +248,7 @@ impl<'a, D: Device> Batch<'a, D> {
                         self.advance(member, loft, &section)?;
                         loft.mark = mark;
                     }
-                    None => *loft = Some(Lofting::new(section.clone(), mark)?),
+                    None => *loft = Some(Lofting::new(member.member.request, section.clone(), mark)?),
                 }
                 lock(&member.pace).section(&section);
                 Ok(None)

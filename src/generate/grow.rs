@@ -34,6 +34,15 @@ fn failed(error: SimError) -> GenerateError {
     GenerateError::Simulation { detail: error.to_string() }
 }
 
+/// Vertices that mending may add to any model, beside as many again as were predicted.
+const SPARE_VERTICES: u64 = 1_000_000;
+
+/// A surface that begins with `first`, limited to what mending may add.
+pub(super) fn lofter(request: &Request, first: Section) -> Result<Lofter, GenerateError> {
+    let most = 2 * request.spec.cost(&[]).vertices + SPARE_VERTICES;
+    Ok(Lofter::new(first).map_err(unsound)?.with_most_vertices(most))
+}
+
 /// A growth under way.
 struct Growth<'a> {
     request: &'a Request,
@@ -92,7 +101,7 @@ impl<'a> Growth<'a> {
         Ok(Self {
             request,
             simulation,
-            lofter: Lofter::new(first.clone()).map_err(unsound)?,
+            lofter: lofter(request, first.clone())?,
             sections: vec![first],
             history: Vec::with_capacity(request.spec.solver.record_every as usize),
             flipped: 0,
@@ -116,7 +125,7 @@ impl<'a> Growth<'a> {
         let mut sections = from.accepted.iter();
         let first = sections.next().ok_or_else(|| unsound(LoftError::NoSection))?;
         pace.section(first);
-        let mut lofter = Lofter::new(first.clone()).map_err(unsound)?;
+        let mut lofter = lofter(request, first.clone())?;
         for section in sections {
             if cancel.is_cancelled() {
                 return Err(GenerateError::Cancelled);

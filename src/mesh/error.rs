@@ -109,7 +109,13 @@ pub enum LoftError {
         /// Why.
         source: TriangulateError,
     },
-    /// More vertices than an index can number.
-    #[error("the surface has more vertices than 32-bit indices can number")]
-    TooLarge,
+    /// More vertices than were allowed, or than 32-bit indices can number.
+    #[error(
+        "the surface would have more than {most} vertices: its walls meet in so many places that sections are added \
+         without end (weaker forces, finer steps or shorter recording intervals may help)"
+    )]
+    TooLarge {
+        /// The limit.
+        most: usize,
+    },
 }

@@ -39,6 +39,8 @@ pub struct Lofter {
     inner_wall: Vec<[u32; 3]>,
     outer_wall: Vec<[u32; 3]>,
     isthmus: Option<(Rim, Vec<u32>)>,
+    /// Most vertices that the surface may have.
+    most: usize,
 }
 
 /// The rim on which the next slab stands.
@@ -113,7 +115,16 @@ impl Lofter {
             inner_wall: Vec::new(),
             outer_wall: Vec::new(),
             isthmus: None,
+            most: u32::MAX as usize,
         })
+    }
+
+    /// The same, but for a surface of at most so many vertices: mending may add sections without end in sight where
+    /// walls meet everywhere.
+    #[must_use]
+    pub fn with_most_vertices(mut self, most: u64) -> Self {
+        self.most = usize::try_from(most).unwrap_or(usize::MAX).min(u32::MAX as usize);
+        self
     }
 
     /// Adds the slab up to the last section of `history`, which holds the sections of the steps since the
@@ -211,16 +222,22 @@ impl Lofter {
             return self.climb(&history[middle..], added, depth, accepted);
         }
         // A section half way that is not sound: the straight paths themselves meet.
+        let unmendable = LoftError::Unmendable {
+            from_step: self.section.step,
+            to_step: target.step,
+            z_um: target.z_um,
+            x_um: f64::from(point[0]) * 1e6,
+            y_um: f64::from(point[1]) * 1e6,
+        };
         if depth == 0 || sound.is_err() {
-            return Err(LoftError::Unmendable {
-                from_step: self.section.step,
-                to_step: target.step,
-                z_um: target.z_um,
-                x_um: f64::from(point[0]) * 1e6,
-                y_um: f64::from(point[1]) * 1e6,
-            });
+            return Err(unmendable);
         }
         let middle = align::halfway(&self.section, target)?;
+        // Nor can there be a section between where single precision knows no place between.
+        let z = metres(middle.z_um);
+        if z <= self.front.z || z >= metres(target.z_um) {
+            return Err(unmendable);
+        }
         self.climb(&[middle], true, depth - 1, accepted)?;
         self.climb(history, added, depth - 1, accepted)
     }
@@ -260,8 +277,9 @@ impl Lofter {
     /// Makes a tested slab part of the surface; the slab below it is then final.
     fn accept(&mut self, attempt: Attempt) -> Result<(), LoftError> {
         let Attempt { new_after, below, slab, blocks, ids, z, .. } = attempt;
-        if self.positions.len() + slab.lower.len() + slab.upper.len() >= u32::MAX as usize {
-            return Err(LoftError::TooLarge);
+        let added = slab.lower.len() - self.front.rim.len() + slab.upper.len();
+        if self.positions.len() + added > self.most {
+            return Err(LoftError::TooLarge { most: self.most });
         }
         let mut lower = Vec::with_capacity(slab.lower.len());
         for (&vertex, &count) in self.front.vertices.iter().zip(&new_after) {

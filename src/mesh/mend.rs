@@ -10,6 +10,8 @@ use crate::geometry::blocks::Blocks;
 
 /// Cells of one contact that are tried in all combinations of diagonals; more call for a new section.
 const MOST_CELLS: usize = 6;
+/// Contacts of a slab from which on flipping is not tried; more call for a new section.
+const MOST_CONTACTS: usize = 1000;
 
 /// Tests a slab, given its boxes, and flips diagonals where walls meet: all of a slab that is not refined,
 /// or what touches the `changed` cells (ascending). Returns the number of diagonals flipped, or a point
@@ -19,6 +21,9 @@ pub(super) fn settle(slab: &mut Slab, blocks: &Blocks, changed: Option<&[usize]>
         None => all_contacts(slab, blocks),
         Some(changed) => contacts_of(slab, blocks, changed),
     };
+    if contacts.len() >= MOST_CONTACTS {
+        return Err(slab.lower.points[contacts[0].0]);
+    }
     let mut flipped = 0;
     for cells in groups(&contacts) {
         flipped += part(slab, blocks, &cells).ok_or_else(|| slab.lower.points[cells[0]])?;
@@ -26,7 +31,7 @@ pub(super) fn settle(slab: &mut Slab, blocks: &Blocks, changed: Option<&[usize]>
     Ok(flipped)
 }
 
-/// All pairs of cells in contact; a cell with itself where its own triangles fold onto each other.
+/// All pairs of cells in contact, or the first [`MOST_CONTACTS`]; a cell with itself where its own triangles fold onto each other.
 fn all_contacts(slab: &Slab, blocks: &Blocks) -> Vec<(usize, usize)> {
     let parted = slab.parted_from_next();
     let mut contacts = Vec::new();
@@ -38,6 +43,9 @@ fn all_contacts(slab: &Slab, blocks: &Blocks) -> Vec<(usize, usize)> {
         }
     }
     blocks.pairs(|i, j| {
+        if contacts.len() >= MOST_CONTACTS {
+            return;
+        }
         let clear = (parted[i] && slab.lower.next(i) == j) || (parted[j] && slab.lower.next(j) == i);
         if !clear && cells_meet(slab, i, j) {
             contacts.push((i, j));
@@ -138,11 +146,29 @@ fn part(slab: &mut Slab, blocks: &Blocks, cells: &[usize]) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::groups;
+    use super::{MOST_CONTACTS, all_contacts, groups, settle};
+    use crate::mesh::slab::{Rim, Slab};
 
     #[test]
     fn contacts_gather_into_groups() {
         let found = groups(&[(1, 2), (5, 9), (7, 7), (2, 9), (11, 12)]);
         assert_eq!(found, [vec![7], vec![1, 2, 5, 9], vec![11, 12]]);
+    }
+
+    /// A star whose upper rim is turned against the lower one: spikes sweep through spikes.
+    #[test]
+    fn contacts_without_end_are_not_counted() {
+        let star = |turn: usize| {
+            let point = |i: usize| {
+                let radius = if i.is_multiple_of(2) { 5e-4 } else { 1e-3 };
+                let angle = std::f32::consts::TAU * ((i + turn) % 3000) as f32 / 3000.0;
+                [radius * angle.cos(), radius * angle.sin()]
+            };
+            Rim { points: (0..3000).map(point).collect(), inner: 3000 }
+        };
+        let mut slab = Slab::new(star(0), star(300));
+        let blocks = slab.blocks();
+        assert_eq!(all_contacts(&slab, &blocks).len(), MOST_CONTACTS);
+        assert!(settle(&mut slab, &blocks, None).is_err());
     }
 }

@@ -259,6 +259,26 @@ fn walls_that_truly_meet_are_named() {
 }
 
 #[test]
+fn sections_are_not_added_without_end() {
+    let history: Vec<Section> = (1..=10).map(|k| around_a_spike(f64::from(k), 40.0 - 26.0 * f64::from(k))).collect();
+    let vertices = |most: u64| {
+        let mut lofter = Lofter::new(around_a_spike(0.0, 40.0)).unwrap().with_most_vertices(most);
+        lofter.advance(&history)?;
+        Ok::<_, LoftError>(lofter.finish().unwrap().positions.len() as u64)
+    };
+    let needed = vertices(u64::MAX).unwrap();
+    assert_eq!(vertices(needed), Ok(needed));
+    assert_eq!(vertices(needed - 1), Err(LoftError::TooLarge { most: needed as usize - 1 }));
+}
+
+#[test]
+fn places_that_single_precision_cannot_tell_apart_end_the_search() {
+    let at = |step: f64, spike: f64| Section { z_um: 500_000.0 + 0.2 * step, ..around_a_spike(step, spike) };
+    let mut lofter = Lofter::new(at(0.0, 40.0)).unwrap();
+    assert!(matches!(lofter.advance(&[at(1.0, -220.0)]), Err(LoftError::Unmendable { .. })));
+}
+
+#[test]
 fn unsound_sections_are_named() {
     let sound = around_a_spike(0.0, 40.0);
     let mut crossing = around_a_spike(1.0, 35.0);

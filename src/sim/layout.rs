@@ -55,6 +55,12 @@ pub struct StepRow {
     pub tip_weight: f32,
     /// Lobing of the outer wall, fraction of its radius.
     pub lobing: f32,
+    /// Spring stiffness of the outer wall.
+    pub wall_stiffness: f32,
+    /// Spring damping of the outer wall.
+    pub wall_damping: f32,
+    /// Friction of the outer wall.
+    pub wall_friction: f32,
     /// Particles that the inner loop shall have after the growth event at the start of this step.
     pub inner_target: u32,
     /// The same for the outer loop.

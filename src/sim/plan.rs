@@ -31,6 +31,10 @@ pub struct Lobe {
     pub drift: f64,
 }
 
+/// Greatest 4k + 2(kf + 4c) of the outer loop, which takes steps of semi-implicit Euler whatever the integrator of the inner
+/// one: that is stable below 4, less the pull toward its target.
+const WALL_STABLE: f64 = 3.6;
+
 /// Number of cosines of the thickness field.
 const WAVES: u32 = 24;
 
@@ -137,12 +141,16 @@ impl Plan {
         let r_in = (f64::from(inner) * edge * spacing / (PI * squash)).sqrt();
         let ahead = if t < 0 { 0.0 } else { (t0 + f64::from(p.particles.every)).min(steps) };
         let [inner_target, outer_target] = counts(p, ahead);
+        let (stiffness, damping) = (value(&p.spring.stiffness), value(&p.spring.damping));
+        let relaxation = value(&p.spring.relaxation) as f32;
+        let friction = value(&p.friction);
+        let wall_share = (WALL_STABLE / (4.0 * stiffness + 2.0 * (friction + 4.0 * damping))).min(1.0);
         StepRow {
-            stiffness: value(&p.spring.stiffness) as f32,
-            damping: value(&p.spring.damping) as f32,
-            relaxation: value(&p.spring.relaxation) as f32,
+            stiffness: stiffness as f32,
+            damping: damping as f32,
+            relaxation,
             edge: edge as f32,
-            friction: value(&p.friction) as f32,
+            friction: friction as f32,
             bending: value(&p.bending) as f32,
             containment: value(&p.containment.strength) as f32,
             ramp: value(&p.containment.ramp_um) as f32,
@@ -160,6 +168,9 @@ impl Plan {
             variation: value(&p.variation.amplitude) as f32,
             tip_weight: value(&p.particles.tip_weight) as f32,
             lobing: value(&p.wall.lobing) as f32,
+            wall_stiffness: (stiffness * wall_share) as f32,
+            wall_damping: (damping * wall_share) as f32,
+            wall_friction: (friction * wall_share) as f32,
             inner_target,
             outer_target,
         }

@@ -1,15 +1,9 @@
-//! What must hold between parameters: stability of the integration, monotone growth, room for the walls.
-//!
-//! Stability with time step 1 (project notes on the physics): the highest mode of a chain with spring k and
-//! bending kb has the frequency sqrt(4k + 16kb), its damping is kf + 4c; classical Runge–Kutta needs
-//! the first below 2.83 and the second below 2.79, whatever the number of particles. Semi-implicit Euler needs
-//! ω² + 2γ < 4 of each mode (from the roots of λ² − (2 − γ − ω²)λ + 1 − γ): 4k + 2(kf + 4c) along the loop and
-//! 16kb + 2kf across it. Containment and regulation pull like springs of strength/ramp and strength/softening,
-//! which are held to the same bound. What acts between strands is left to the guard, which bounds each step.
+//! What must hold between parameters: stability of the integration ([`super::stability`]), monotone growth, room for the
+//! walls.
 
 use super::canonical::number;
 use super::fault::Fault;
-use super::parameters::{Integrator, Parameters};
+use super::parameters::Parameters;
 use super::schedule::Schedule;
 use std::f64::consts::PI;
 
@@ -19,6 +13,11 @@ pub(super) const MIN_INNER: f64 = 16.0;
 const MIN_SECTION_DISTANCE_UM: f64 = 0.05;
 /// A split is refused under this many clearances; an edge is halved by it.
 const EDGE_CLEARANCES: f64 = 80.0;
+/// Least distance of recorded sections in units of the last place of the tube's length in metres, single precision: room for
+/// the sections between them that mending may add.
+const MIN_SECTION_PLACES: f64 = 64.0;
+/// Share of its particles that a loop must have wherever it is.
+const KEEPS_UP: f64 = 0.75;
 /// Places at which slow schedules are compared.
 const PLACES: u32 = 512;
 
@@ -34,67 +33,16 @@ pub(super) fn faults(p: &Parameters, bad: &[String]) -> Vec<Fault> {
     checks.faults
 }
 
-struct Checks<'a> {
+pub(super) struct Checks<'a> {
     bad: &'a [String],
-    faults: Vec<Fault>,
+    pub(super) faults: Vec<Fault>,
 }
 
 impl Checks<'_> {
     /// Notes a fault at `at` where `ok` is false, unless one of the values it is `about` is not the caller's.
-    fn require(&mut self, ok: bool, at: &str, about: &[&str], detail: impl FnOnce() -> String) {
+    pub(super) fn require(&mut self, ok: bool, at: &str, about: &[&str], detail: impl FnOnce() -> String) {
         if !ok && !self.bad.iter().any(|bad| about.contains(&bad.as_str())) {
             self.faults.push(Fault::new(at, detail()));
-        }
-    }
-
-    fn stability(&mut self, p: &Parameters) {
-        let most = |s: &Schedule| s.range().1;
-        let (k, c) = (most(&p.spring.stiffness), most(&p.spring.damping));
-        let (kb, kf) = (most(&p.bending), most(&p.friction));
-        let frequency = (4.0 * k + 16.0 * kb).sqrt();
-        self.require(frequency < 2.83, "/spring/stiffness", &["/spring/stiffness", "/bending"], || {
-            format!(
-                "is unstable together with /bending: sqrt(4·stiffness + 16·bending) reaches {frequency:.3} 1/step \
-                 (stiffness {k}, bending {kb}) and must stay below 2.83"
-            )
-        });
-        let field = stiffness(&p.containment.strength, &p.containment.ramp_um)
-            + stiffness(&p.regulatory.strength, &p.regulatory.softening_um);
-        let pull = field.sqrt();
-        let about =
-            ["/containment/strength", "/containment/ramp_um", "/regulatory/strength", "/regulatory/softening_um"];
-        self.require(pull < 2.83, "/containment/strength", &about, || {
-            format!(
-                "is unstable together with /containment/ramp_um and /regulatory: sqrt(strength/ramp_um + regulatory \
-                 strength/softening_um) reaches {pull:.3} 1/step and must stay below 2.83"
-            )
-        });
-        let damping = kf + 4.0 * c;
-        self.require(damping < 2.79, "/spring/damping", &["/spring/damping", "/friction"], || {
-            format!(
-                "is unstable together with /friction: friction + 4·damping reaches {damping:.3} 1/step \
-                 (friction {kf}, damping {c}) and must stay below 2.79"
-            )
-        });
-        if p.solver.integrator == Integrator::Euler {
-            let at = "/solver/integrator";
-            let along = 4.0 * k + field + 2.0 * damping;
-            let about = [at, "/spring/stiffness", "/spring/damping", "/friction"];
-            self.require(along < 4.0, at, &about, || {
-                format!(
-                    "\"euler\" is unstable here: 4·stiffness + 2·friction + 8·damping (with the pull \
-                     of containment and regulation, {field:.3}) reaches {along:.3} and must stay \
-                     below 4; \"rk4\" bears more"
-                )
-            });
-            let across = 16.0 * kb + field + 2.0 * kf;
-            self.require(across < 4.0, at, &[at, "/bending", "/friction"], || {
-                format!(
-                    "\"euler\" is unstable here: 16·bending + 2·friction (with the pull of containment and \
-                     regulation, {field:.3}) reaches {across:.3} and must stay below 4; \
-                     \"rk4\" bears more"
-                )
-            });
         }
     }
 
@@ -123,10 +71,11 @@ impl Checks<'_> {
             stations.windows(2).map(|s| (place(s[1]) - place(s[0]), s[0])).min_by(|a, b| a.0.total_cmp(&b.0));
         if let Some((distance, step)) = thinnest {
             let about = ["/z", "/length_mm", "/steps", "/solver/record_every"];
-            self.require(distance >= MIN_SECTION_DISTANCE_UM, "/z", &about, || {
+            let least = MIN_SECTION_DISTANCE_UM.max(MIN_SECTION_PLACES * last_place_um(p.length_mm));
+            self.require(distance >= least, "/z", &about, || {
                 format!(
-                    "puts the sections after step {step} only {distance:.2e} µm apart; at least {MIN_SECTION_DISTANCE_UM} µm \
-                     are needed (longer tube, fewer recorded sections, or a steeper schedule)"
+                    "puts the sections after step {step} only {distance:.2e} µm apart; at least {least:.3} µm \
+                     are needed, since places are single-precision metres (another length of the tube, fewer recorded sections, or a steeper schedule)"
                 )
             });
         }
@@ -163,6 +112,11 @@ impl Checks<'_> {
                      from {a:.0} to {b:.0} particles"
                 )
             });
+            return;
+        }
+        if let Some(slow) = too_slow(p) {
+            let at = "/particles/every";
+            self.require(false, at, &[at, at_total, at_outer, "/steps"], || slow);
         }
     }
 
@@ -214,9 +168,39 @@ impl Checks<'_> {
     }
 }
 
-/// Greatest stiffness of a force of this strength that sets in over this distance, 1/step².
-fn stiffness(strength: &Schedule, over: &Schedule) -> f64 {
-    strength.range().1 / over.range().0
+/// Why loops could not follow their counts, if so: an event at the start of every `particles.every`-th step splits each edge
+/// once at most. A loop may fall behind a little, and make up for it at the next events.
+fn too_slow(p: &Parameters) -> Option<String> {
+    let count = |step: u32| {
+        let u = f64::from(step) / f64::from(p.steps);
+        let outer = p.particles.outer.at(u).round();
+        [p.particles.total.at(u).round() - outer, outer]
+    };
+    let every = p.particles.every;
+    let mut has = count(0);
+    for step in (0..p.steps).step_by(every as usize) {
+        let end = step.saturating_add(every).min(p.steps);
+        let wanted = count(end);
+        for (has, wanted) in has.iter_mut().zip(wanted) {
+            *has = (2.0 * *has).min(wanted).max(*has);
+        }
+        let least = if end == p.steps { 1.0 } else { KEEPS_UP };
+        if let Some(k) = (0..2).find(|&k| has[k] < least * wanted[k]) {
+            let which = ["inner", "outer"][k];
+            return Some(format!(
+                "lets {every} steps pass between growth events, of which each can double a loop at most: at step {end} the \
+                 {which} loop would have {:.0} of its {:.0} particles",
+                has[k], wanted[k]
+            ));
+        }
+    }
+    None
+}
+
+/// The distance to the next number in single precision above this length in metres, µm.
+fn last_place_um(length_mm: f64) -> f64 {
+    let metres = (length_mm * 1e-3) as f32;
+    f64::from(metres.next_up() - metres) * 1e6
 }
 
 /// Fractions of the steps, in order, at which to compare schedules: an even spread and all their keys.

@@ -33,6 +33,9 @@ const BASE_BYTES: u64 = 32 << 20;
 const VERTEX_BYTES: u64 = 48;
 /// Memory a triangle: indices, tree and tables of the certificate; assumed.
 const TRIANGLE_BYTES: u64 = 100;
+/// Memory a particle and step since the last recorded section, which are kept to mend the slab: the section and, on a
+/// GPU, the state of a checkpoint.
+const HISTORY_BYTES: u64 = 64;
 /// Places at which the work is sampled.
 const PLACES: u32 = 256;
 
@@ -112,13 +115,14 @@ impl ModelSpec {
         let kept = |s: &&Size| outputs.contains(&s.name) || ["sections", "report"].contains(&s.name);
         let (vertices, triangles) = (count(vertices), count(triangles));
         let particles_end = u32::try_from(count(particles(self.steps))).unwrap_or(u32::MAX);
+        let history = u64::from(particles_end) * u64::from(self.solver.record_every) * HISTORY_BYTES;
         Cost {
             particles_end,
             sections,
             vertices,
             triangles,
             bytes: SIZES.iter().filter(kept).map(size).collect(),
-            memory_bytes: BASE_BYTES + vertices * VERTEX_BYTES + triangles * TRIANGLE_BYTES,
+            memory_bytes: BASE_BYTES + vertices * VERTEX_BYTES + triangles * TRIANGLE_BYTES + history,
             seconds: self.seconds(triangles),
         }
     }
@@ -178,7 +182,7 @@ fn count(value: f64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spec::preset;
+    use crate::spec::{Limits, preset};
     use serde_json::{Value, json};
 
     fn spec(patch: &Value) -> ModelSpec {
@@ -205,11 +209,23 @@ mod tests {
 
     #[test]
     fn a_last_step_beside_the_raster_is_recorded_too() {
-        let s = spec(&json!({ "steps": 25 }));
+        let s = spec(&json!({ "steps": 25, "particles": { "total": 900 } }));
         assert_eq!(s.stations().collect::<Vec<_>>(), [0, 10, 20, 25]);
         assert_eq!(s.cost(&[]).sections, 4);
-        let s = spec(&json!({ "steps": 20 }));
+        let s = spec(&json!({ "steps": 20, "particles": { "total": 900 } }));
         assert_eq!(s.stations().collect::<Vec<_>>(), [0, 10, 20]);
+    }
+
+    #[test]
+    fn the_steps_between_two_sections_take_memory() {
+        let memory = |every: u32| spec(&json!({ "solver": { "record_every": every } })).cost(&[]).memory_bytes;
+        assert!(memory(1000) > 500 << 20, "{}", memory(1000));
+        assert!(memory(10) < 400 << 20, "{}", memory(10));
+        let sparse = json!({
+            "solver": { "record_every": 1000 }, "particles": { "total": 200_000, "outer": 1000 }, "wall": { "lobing": 0 },
+        });
+        let over = Limits::default().check(&spec(&sparse).cost(&[])).unwrap_err();
+        assert!(over.iter().any(|o| o.quantity == "memory"), "{over:?}");
     }
 
     #[test]

@@ -23,6 +23,7 @@ mod preset;
 mod read;
 mod schedule;
 mod schema;
+mod stability;
 mod table;
 
 #[cfg(test)]

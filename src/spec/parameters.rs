@@ -11,6 +11,8 @@ use super::table::{Count, Range, choice, group};
 pub const MAX_PARTICLES: u32 = 200_000;
 /// Most time steps.
 pub const MAX_STEPS: u32 = 100_000;
+/// Most steps between two recorded sections; all of them are kept until the slab between is sound.
+const MAX_INTERVAL: u32 = 1000;
 
 /// Strength of a force between particles, µm/step².
 const FORCE: Range = Range::of(0.0, 20.0).because("stronger forces only run into the guard on each step");
@@ -191,7 +193,7 @@ group! {
         /// Neighbour search; it changes speed, never results.
         pub search: Search = "Neighbour search" [""] ();
         /// Steps between recorded sections.
-        pub record_every: u32 = "Recording interval" ["steps"] Count::of(1, MAX_STEPS);
+        pub record_every: u32 = "Recording interval" ["steps"] Count::of(1, MAX_INTERVAL);
     }
 }
 

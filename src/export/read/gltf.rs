@@ -7,6 +7,7 @@
 use super::accessor::{indices, positions};
 use super::{Group, ReadError, Surface, Unit, read_bytes};
 use ::gltf::buffer::Source;
+use ::gltf::json::{Root, deserialize};
 use ::gltf::mesh::Mode;
 use ::gltf::{Document, Node, Primitive, scene::Transform};
 use std::borrow::Cow;
@@ -24,7 +25,9 @@ pub(super) fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Surface, Read
     if json.trim_ascii_start().first() != Some(&b'{') {
         return Err(fault("document", "it is not a JSON object"));
     }
-    let document = ::gltf::Gltf::from_slice(json).map_err(refused)?.document;
+    let root: Root = deserialize::from_slice(json).map_err(|error| refused(error.into()))?;
+    check_attributes(&root)?;
+    let document = Document::from_json(root).map_err(refused)?;
     let buffers = document
         .buffers()
         .map(|buffer| match buffer.source() {
@@ -45,6 +48,19 @@ pub(super) fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Surface, Read
         None => reader.walk(roots(&document))?,
     }
     Ok(reader.surface)
+}
+
+/// Refuses attributes that name no accessor: the validation of the crate takes for granted that there is one.
+fn check_attributes(root: &Root) -> Result<(), ReadError> {
+    for (m, mesh) in root.meshes.iter().enumerate() {
+        for (p, primitive) in mesh.primitives.iter().enumerate() {
+            if let Some(index) = primitive.attributes.values().find(|i| i.value() >= root.accessors.len()) {
+                let detail = format!("an attribute names accessor {}, which does not exist", index.value());
+                return Err(fault(format!("meshes[{m}].primitives[{p}].attributes"), detail));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Splits a binary file into its document and its data.

@@ -1,7 +1,8 @@
 //! STL, text or binary. The format has no shared vertices: each triangle brings its three.
 
-use super::text::{lines, point, unit, wrong};
+use super::text::{unit, wrong};
 use super::{ReadError, Surface};
+use std::borrow::Cow;
 
 const HEADER: usize = 80;
 const RECORD: usize = 50;
@@ -41,43 +42,95 @@ fn binary(bytes: &[u8]) -> Surface {
     surface
 }
 
+/// A text file is a stream of words; lines count for nothing but names, which end with theirs.
 fn text(bytes: &[u8]) -> Result<Surface, ReadError> {
     let mut surface = Surface::default();
-    let (mut corners, mut count) = ([[0.0; 3]; 3], 0);
-    let (mut last, mut ended) = (0, false);
-    for (number, line) in lines(bytes) {
-        let mut words = line.split_ascii_whitespace();
-        match words.next() {
-            Some("solid") => {
-                if let Some(unit) = unit(&line) {
+    let mut words = Words::new(bytes);
+    let (mut facets, mut ended) = (0_u64, false);
+    while let Some(word) = words.next() {
+        match word {
+            "solid" => {
+                let name = words.rest_of_line();
+                if let Some(unit) = unit(&name) {
                     surface.unit = unit;
                 }
                 ended = false;
-                surface.begin_group(Some(&words.collect::<Vec<_>>().join(" ")));
+                surface.begin_group(Some(name.trim()));
             }
-            Some("vertex") => {
-                let corner = point(number, &mut words)?;
-                *corners.get_mut(count).ok_or_else(|| wrong(number, "a facet has more than three corners"))? = corner;
-                count += 1;
+            "endsolid" => {
+                words.rest_of_line();
+                ended = true;
             }
-            Some("endloop") => {
-                if count != 3 {
-                    return Err(wrong(number, format!("a facet has {count} corners instead of three")));
+            "facet" => {
+                words.expect("normal")?;
+                words.point()?;
+                words.expect("outer")?;
+                words.expect("loop")?;
+                let mut corners = [[0.0; 3]; 3];
+                for corner in &mut corners {
+                    words.expect("vertex")?;
+                    *corner = words.point()?;
                 }
+                words.expect("endloop")?;
+                words.expect("endfacet")?;
                 add(&mut surface, corners);
-                count = 0;
+                facets += 1;
             }
-            Some("endsolid") => ended = true,
-            Some("facet" | "outer" | "endfacet") | None => {}
-            Some(word) => return Err(wrong(number, format!("{word:?} is no keyword of STL"))),
+            word => return Err(wrong(words.line, format!("{word:?} where a facet or the end of the solid should be"))),
         }
-        last = number;
     }
-    if count != 0 || !ended {
-        return Err(wrong(last, "the file ends before its solid does"));
+    if !ended {
+        return Err(wrong(words.line, format!("the file ends after {facets} facets, before its solid does")));
     }
     surface.begin_group(None);
     Ok(surface)
+}
+
+/// The words of a text.
+struct Words<'a> {
+    rest: &'a [u8],
+    /// Line of the word read last, from 1.
+    line: usize,
+}
+
+impl<'a> Words<'a> {
+    fn new(bytes: &'a [u8]) -> Self {
+        Self { rest: bytes, line: 1 }
+    }
+
+    /// The next word; what is not UTF-8 is no word of the format, nor a number.
+    fn next(&mut self) -> Option<&'a str> {
+        let begin = self.rest.iter().position(|b| !b.is_ascii_whitespace())?;
+        self.line += self.rest[..begin].iter().filter(|&&b| b == b'\n').count();
+        let rest = &self.rest[begin..];
+        let (word, rest) = rest.split_at(rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len()));
+        self.rest = rest;
+        Some(std::str::from_utf8(word).unwrap_or("\u{fffd}"))
+    }
+
+    fn rest_of_line(&mut self) -> Cow<'a, str> {
+        let end = self.rest.iter().position(|&b| b == b'\n').unwrap_or(self.rest.len());
+        let (line, rest) = self.rest.split_at(end);
+        self.rest = rest;
+        String::from_utf8_lossy(line)
+    }
+
+    fn expect(&mut self, keyword: &str) -> Result<(), ReadError> {
+        match self.next() {
+            Some(word) if word == keyword => Ok(()),
+            Some(word) => Err(wrong(self.line, format!("{word:?} where {keyword:?} should be"))),
+            None => Err(wrong(self.line, format!("the file ends where {keyword:?} should be"))),
+        }
+    }
+
+    fn point(&mut self) -> Result<[f64; 3], ReadError> {
+        let mut point = [0.0; 3];
+        for x in &mut point {
+            let word = self.next().ok_or_else(|| wrong(self.line, "a coordinate is missing"))?;
+            *x = word.parse().map_err(|_| wrong(self.line, format!("{word:?} is not a number")))?;
+        }
+        Ok(point)
+    }
 }
 
 fn add(surface: &mut Surface, corners: [[f64; 3]; 3]) {

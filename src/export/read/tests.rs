@@ -123,6 +123,7 @@ fn broken_gltf_is_refused_with_the_part_named() {
         refusal(&glb(&document, &data), Format::Gltf)
     };
     assert!(broken("/accessors/0/count", json!(5)).contains("accessors[0]"));
+    assert!(broken("/accessors", json!([])).contains("names accessor"));
     assert!(broken("/accessors/1/bufferView", json!(7)).contains("bufferView"));
     assert!(broken("/bufferViews/1/byteLength", json!(4_000_000_000u32)).contains("accessors[1]"));
     assert!(broken("/accessors/1/componentType", json!(5126)).contains("accessors[1]"));
@@ -198,7 +199,31 @@ fn stl_in_both_forms() {
     let bytes = binary_stl();
     assert!(refusal(&bytes[..bytes.len() - 1], Format::Stl).starts_with("line 1:"));
     assert!(refusal(b"", Format::Stl).starts_with("byte 0:"));
-    assert_eq!(refusal(b"solid\nvertex 1 2\n", Format::Stl), "line 2: a coordinate is missing");
+    let facet = "facet normal 0 0 1 outer loop vertex 0 0 0 vertex 1 0 0 vertex";
+    for (rest, message) in [
+        (" 1 2", "line 2: a coordinate is missing"),
+        (" 1 2 x", "line 2: \"x\" is not a number"),
+        (" 1 2 3 vertex", "line 2: \"vertex\" where \"endloop\" should be"),
+        (" 1 2 3 endloop\n", "line 2: the file ends where \"endfacet\" should be"),
+        (" 1 2 3 endloop endfacet\n", "line 2: the file ends after 1 facets, before its solid does"),
+        (" 1 2 3 endloop endfacet\nvertex 1 2 3", "line 3: \"vertex\" where a facet or the end of the solid should be"),
+    ] {
+        assert_eq!(refusal(format!("solid\n{facet}{rest}").as_bytes(), Format::Stl), message);
+    }
+}
+
+#[test]
+fn lines_count_for_nothing_in_stl() {
+    let text = text_stl();
+    let (first, rest) = text.split_once('\n').unwrap();
+    let joined = format!("{first}\n{}\nendsolid", rest.replace("endsolid body", "").replace('\n', " "));
+    let rest = rest.replace("endsolid body", "endsolid");
+    let broken = format!("{first}\r\n{}", rest.split_ascii_whitespace().collect::<Vec<_>>().join("\r\n"));
+    let expected = read(text.as_bytes(), Format::Stl);
+    for other in [joined, broken] {
+        let found = read(other.as_bytes(), Format::Stl);
+        assert_eq!((found.positions, found.triangles), (expected.positions.clone(), expected.triangles.clone()));
+    }
 }
 
 fn ply(format: &str) -> Vec<u8> {

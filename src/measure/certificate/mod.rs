@@ -132,7 +132,7 @@ fn surface<C: Coordinate>(
     let topology = topology::examine(&surface, &mut failures);
     let shape = shape::examine(&surface, &topology, &mut failures);
     let meetings = collide::examine(&surface, &shape.degenerate, &mut failures);
-    nesting::examine(&surface, &topology, &shape.volumes, &mut failures);
+    nesting::examine(&surface, &topology, &shape.volumes, meetings.count == 0, &mut failures);
     let volume: f64 = shape.volumes.iter().sum();
     let unit_mm = unit_um / 1e3;
     let bodies = topology.bodies.iter().zip(&shape.volumes).take(types::BODIES);

@@ -1,43 +1,125 @@
-//! Bodies turned inside out: a component of negative volume is a cavity where it lies within another body, else a fault.
-//! Only surfaces that are closed and oriented enclose anything.
+//! What lies within what. A component of negative volume is a cavity where it lies within the material of another body,
+//! else it is turned inside out; one of positive volume must not lie within the material of another, where the same
+//! volume would be counted twice. Only surfaces that are closed and oriented enclose anything.
 
 use super::topology::Topology;
 use super::types::{FailureKind, Failures};
 use super::{Coordinate, Surface, few};
+use rayon::prelude::*;
 
+/// Judges the volumes of the components; `apart` says that no triangles meet.
 pub(super) fn examine<C: Coordinate>(
     surface: &Surface<'_, C>,
     topology: &Topology,
     volumes: &[f64],
+    apart: bool,
     failures: &mut Failures,
 ) {
     if topology.open_edges + topology.bad_edges + topology.disoriented_edges > 0 {
         return;
     }
-    let inverted = volumes.iter().enumerate().filter(|(_, volume)| **volume <= 0.0).map(|(body, _)| body);
-    let solid = volumes.iter().any(|volume| *volume > 0.0);
-    let wrong: Vec<usize> = inverted.filter(|&body| !solid || !is_cavity(surface, topology, body)).collect();
-    let places = few(&wrong, |&body| surface.place_of_vertex(topology.bodies[body].vertex));
-    let count = wrong.len() as u64;
-    failures.add(FailureKind::Volume, count, format!("{count} components enclose no volume or are inside out"), places);
+    let bodies = Bodies::of(surface, topology);
+    let windings: Vec<i64> = (0..volumes.len()).into_par_iter().map(|body| bodies.winding(surface, body)).collect();
+    let place = |body: &usize| surface.place_of_vertex(topology.bodies[*body].vertex);
+    let of = |wrong: &dyn Fn(f64, i64) -> bool| -> Vec<usize> {
+        (0..volumes.len()).filter(|&body| wrong(volumes[body], windings[body])).collect()
+    };
+    let inverted = of(&|volume, winding| volume == 0.0 || (volume < 0.0 && winding < 1));
+    let count = inverted.len() as u64;
+    let detail = format!("{count} components enclose no volume or are inside out");
+    failures.add(FailureKind::Volume, count, detail, few(&inverted, place));
+    // Where surfaces cross, what lies within what has no answer, and the crossing is reported.
+    let within = if apart { of(&|volume, winding| volume > 0.0 && winding > 0) } else { Vec::new() };
+    let count = within.len() as u64;
+    let detail = format!("{count} components lie within the material of others, whose volume so counts twice");
+    failures.add(FailureKind::Overlap, count, detail, few(&within, place));
 }
 
-/// Whether a component lies within the others: the winding number of these around one of its vertices, from the solid
-/// angles of their triangles (van Oosterom and Strackee, 1983).
-fn is_cavity<C: Coordinate>(surface: &Surface<'_, C>, topology: &Topology, body: usize) -> bool {
-    let eye = surface.point(topology.bodies[body].vertex);
-    let mut angle = 0.0;
-    for t in surface.triangles.iter().filter(|t| topology.body_of(**t) != body) {
-        let [a, b, c] = t.map(|v| {
-            let p = surface.point(v);
-            [p[0] - eye[0], p[1] - eye[1], p[2] - eye[2]]
-        });
-        let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
-        let volume = a[0] * (b[1] * c[2] - b[2] * c[1])
-            + a[1] * (b[2] * c[0] - b[0] * c[2])
-            + a[2] * (b[0] * c[1] - b[1] * c[0]);
-        let (la, lb, lc) = (dot(a, a).sqrt(), dot(b, b).sqrt(), dot(c, c).sqrt());
-        angle += 2.0 * f64::atan2(volume, la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb);
+/// The components with their triangles and boxes.
+struct Bodies {
+    /// Triangles of all components, one after the other.
+    triangles: Vec<[u32; 3]>,
+    /// Where those of each component begin; one more entry than components.
+    starts: Vec<usize>,
+    boxes: Vec<[[f64; 3]; 2]>,
+    /// Components in ascending order of the least x of their boxes.
+    order: Vec<usize>,
+    /// A vertex of each.
+    vertices: Vec<u32>,
+}
+
+impl Bodies {
+    fn of<C: Coordinate>(surface: &Surface<'_, C>, topology: &Topology) -> Self {
+        let count = topology.bodies.len();
+        let vertices = topology.bodies.iter().map(|body| body.vertex).collect();
+        let mut bodies = Self {
+            triangles: Vec::new(),
+            starts: Vec::new(),
+            boxes: Vec::new(),
+            order: (0..count).collect(),
+            vertices,
+        };
+        // One alone is within nothing.
+        if count < 2 {
+            return bodies;
+        }
+        bodies.starts = vec![0; count + 1];
+        for &t in surface.triangles {
+            bodies.starts[topology.body_of(t) + 1] += 1;
+        }
+        for body in 0..count {
+            bodies.starts[body + 1] += bodies.starts[body];
+        }
+        bodies.triangles = vec![[0; 3]; surface.triangles.len()];
+        bodies.boxes = vec![[[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]]; count];
+        let mut next = bodies.starts.clone();
+        for &t in surface.triangles {
+            let body = topology.body_of(t);
+            bodies.triangles[next[body]] = t;
+            next[body] += 1;
+            let [low, high] = &mut bodies.boxes[body];
+            for p in t.map(|v| surface.point(v)) {
+                for axis in 0..3 {
+                    low[axis] = low[axis].min(p[axis]);
+                    high[axis] = high[axis].max(p[axis]);
+                }
+            }
+        }
+        let boxes = &bodies.boxes;
+        bodies.order.sort_by(|&i, &j| boxes[i][0][0].total_cmp(&boxes[j][0][0]));
+        bodies
     }
-    angle > 2.0 * std::f64::consts::PI
+
+    /// How often the others wind around a vertex of `body`, from the solid angles of their triangles (van Oosterom and
+    /// Strackee, 1983). What has the vertex outside of its box does not.
+    fn winding<C: Coordinate>(&self, surface: &Surface<'_, C>, body: usize) -> i64 {
+        let eye = surface.point(self.vertices[body]);
+        let around = |&&other: &&usize| {
+            let [low, high] = &self.boxes[other];
+            other != body && (0..3).all(|axis| low[axis] <= eye[axis] && eye[axis] <= high[axis])
+        };
+        if self.boxes.is_empty() {
+            return 0;
+        }
+        let before = self.order.partition_point(|&other| self.boxes[other][0][0] <= eye[0]);
+        let angle: f64 = self.order[..before].iter().filter(around).map(|&other| self.angle(surface, other, eye)).sum();
+        (angle / (4.0 * std::f64::consts::PI)).round() as i64
+    }
+
+    /// The solid angle of `body` seen from `eye`.
+    fn angle<C: Coordinate>(&self, surface: &Surface<'_, C>, body: usize, eye: [f64; 3]) -> f64 {
+        let of = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|v| {
+                let p = surface.point(v);
+                [p[0] - eye[0], p[1] - eye[1], p[2] - eye[2]]
+            });
+            let dot = |p: [f64; 3], q: [f64; 3]| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
+            let volume = a[0] * (b[1] * c[2] - b[2] * c[1])
+                + a[1] * (b[2] * c[0] - b[0] * c[2])
+                + a[2] * (b[0] * c[1] - b[1] * c[0]);
+            let (la, lb, lc) = (dot(a, a).sqrt(), dot(b, b).sqrt(), dot(c, c).sqrt());
+            2.0 * f64::atan2(volume, la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb)
+        };
+        self.triangles[self.starts[body]..self.starts[body + 1]].iter().map(of).sum()
+    }
 }

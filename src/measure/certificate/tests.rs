@@ -65,6 +65,14 @@ fn separate_and_nested_bodies() {
     let beside = together([cube(4.0, [0.0; 3]), flipped(cube(1.0, [9.0; 3]))]);
     assert_fails(&beside, FailureKind::Volume, 1);
     assert_fails(&flipped(cube(4.0, [0.0; 3])), FailureKind::Volume, 1);
+    let within = together([cube(4.0, [0.0; 3]), cube(1.0, [1.5; 3])]);
+    assert_fails(&within, FailureKind::Overlap, 1);
+    // A body in a cavity, a cavity in that, and two bodies where one cavity is.
+    let shells = [4.0, 3.0, 2.0, 1.0].map(|side| cube(side, [-0.5 * side; 3]));
+    let [a, b, c, d] = shells;
+    let onion = together([a.clone(), flipped(b.clone()), c.clone(), flipped(d.clone())]);
+    assert!((assert_passes(&onion).volume_mm3 / 1e9 - 44.0).abs() < 1e-9);
+    assert_fails(&together([a, flipped(b), c, d]), FailureKind::Overlap, 1);
 }
 
 #[test]

@@ -149,6 +149,8 @@ pub enum FailureKind {
     Orientation,
     /// A body that is turned inside out.
     Volume,
+    /// A body within the material of another.
+    Overlap,
     /// Triangles without area.
     DegenerateTriangles,
     /// Triangles with the same vertices.

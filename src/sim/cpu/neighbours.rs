@@ -258,18 +258,21 @@ struct Grid {
 }
 
 impl Grid {
-    /// Side of a cell, µm: about the extent of a block.
+    /// Least side of a cell, µm: about the extent of a block.
     const CELL: f32 = 96.0;
+    /// Most cells a block: where strands lie far apart, cells are larger instead of more.
+    const SPARSE: f32 = 4.0;
 
     fn new(built: &Built<'_>) -> Self {
         let all =
             built.bounds.iter().fold([f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY], |a, b| {
                 [min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])]
             });
-        let cells = |low: f32, high: f32| ((high - low) / Self::CELL) as usize + 1;
+        let area = (all[2] - all[0]) * (all[3] - all[1]);
+        let cell = max(Self::CELL, (area / (Self::SPARSE * built.bounds.len() as f32)).sqrt());
+        let cells = |low: f32, high: f32| ((high - low) / cell) as usize + 1;
         let size = [cells(all[0], all[2]), cells(all[1], all[3])];
-        let mut grid =
-            Self { origin: [all[0], all[1]], cell: Self::CELL, size, cells: vec![Vec::new(); size[0] * size[1]] };
+        let mut grid = Self { origin: [all[0], all[1]], cell, size, cells: vec![Vec::new(); size[0] * size[1]] };
         for (index, b) in built.bounds.iter().enumerate() {
             grid.visit(*b, |grid, cell| grid.cells[cell].push(index as u32));
         }

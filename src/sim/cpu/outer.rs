@@ -23,11 +23,12 @@ pub(super) fn start(plan: &Plan, time: i64) -> OuterLoop {
     let row = plan.at(time);
     let n = plan.start[1];
     let mut s = OuterLoop::default();
+    let floor = floor(row.r_in, n as usize);
     let phases = phases(plan, time);
     for i in 0..n {
         let angle = std::f64::consts::TAU * f64::from(i) / f64::from(n);
         let (c, sine) = (libm::cos(angle) as f32, libm::sin(angle) as f32);
-        let r = target(plan, row, &phases, [c, sine]);
+        let r = max(target(plan, row, &phases, [c, sine]), floor);
         s.id.push(i);
         s.p.push([r * c, r * row.squash * sine]);
         s.v.push([0.0; 2]);
@@ -44,10 +45,7 @@ pub(super) fn step(plan: &Plan, time: i64, row: &StepRow, inner: &InnerLoop, s: 
         let flat = y * unsquash;
         max(m, x * x + flat * flat)
     });
-    // An edge between particles at elliptic radius r comes as near as r·cos(π/n); the loop is spaced evenly
-    // within a factor of two, hence 2π/n.
-    let sagitta = 1.0 - libm::cosf(std::f32::consts::TAU / n as f32);
-    let floor = (reach.sqrt() + MARGIN) / (1.0 - sagitta).max(0.5);
+    let floor = floor(reach.sqrt(), n);
     let phases = phases(plan, time + 1);
     let at = |i: usize| s.p[i % n];
     let perimeter: f32 = (0..n).map(|i| distance(at(i), at(i + 1))).sum();
@@ -59,7 +57,7 @@ pub(super) fn step(plan: &Plan, time: i64, row: &StepRow, inner: &InnerLoop, s: 
             let length = max(distance(a, b), 1e-6);
             let u = [(b[0] - a[0]) / length, (b[1] - a[1]) / length];
             let closing = (vb[0] - va[0]) * u[0] + (vb[1] - va[1]) * u[1];
-            let pull = row.stiffness * (length - rest) + row.damping * closing;
+            let pull = row.wall_stiffness * (length - rest) + row.wall_damping * closing;
             [pull * u[0], pull * u[1]]
         })
         .collect();
@@ -73,7 +71,7 @@ pub(super) fn step(plan: &Plan, time: i64, row: &StepRow, inner: &InnerLoop, s: 
         let mut v = s.v[i];
         let mut q = p;
         for axis in 0..2 {
-            let force = pulls[i][axis] - before[axis] + pull * p[axis] / elliptic - row.friction * v[axis];
+            let force = pulls[i][axis] - before[axis] + pull * p[axis] / elliptic - row.wall_friction * v[axis];
             v[axis] = min(max(v[axis] + force, -MOVE), MOVE);
             q[axis] += v[axis];
         }
@@ -86,6 +84,13 @@ pub(super) fn step(plan: &Plan, time: i64, row: &StepRow, inner: &InnerLoop, s: 
         s.p[i] = q;
         s.v[i] = v;
     }
+}
+
+/// Least elliptic radius of the particles of a wall around what reaches out to `reach`. An edge between particles at elliptic
+/// radius r comes as near as r·cos(π/n); the loop is spaced evenly within a factor of two, hence 2π/n.
+fn floor(reach: f32, n: usize) -> f32 {
+    let sagitta = 1.0 - libm::cosf(std::f32::consts::TAU / n as f32);
+    (reach + MARGIN) / (1.0 - sagitta).max(0.5)
 }
 
 /// Phases of the lobes at a step, as (cosine, sine).

@@ -51,6 +51,39 @@ fn without_barrier_and_with_a_weak_force_the_guard_alone_keeps_walls_apart() {
     assert!(sim.statistics().moves_shortened > 0, "the guard had nothing to do: the test shows nothing");
 }
 
+/// The outer loop takes steps of Euler whatever the inner one takes: values that only Runge–Kutta bears must not set it
+/// trembling.
+#[test]
+fn the_wall_comes_to_rest_where_only_runge_kutta_is_stable() {
+    for patch in [
+        json!({}),
+        json!({ "spring": { "stiffness": 1.9 }, "bending": 0 }),
+        json!({ "spring": { "damping": 0.5 } }),
+        json!({ "friction": 2 }),
+    ] {
+        let mut whole = json!({
+            "particles": { "total": 600, "outer": 60 }, "wall": { "drift": 0 },
+            "containment": { "wall_um": 300, "spacing_um": 80, "squash": 0.88 },
+        });
+        json_patch::merge(&mut whole, &patch);
+        let mut sim = simulation(&whole, 6, 1);
+        run(&mut sim, |_| ());
+        let fastest = sim.outer.v.iter().fold(0.0f32, |most, v| most.max(v[0].hypot(v[1])));
+        assert!(fastest < 0.1, "{patch}: {fastest} µm a step");
+    }
+}
+
+#[test]
+fn a_coarse_wall_holds_the_first_section_too() {
+    let patch = json!({
+        "burn_in": 0, "containment": { "wall_um": 20 }, "wall": { "lobing": 0 },
+        "particles": { "total": { "keys": [[0, 1100], [1, 1500]] }, "outer": 12 },
+    });
+    let mut sim = simulation(&patch, 1, 1);
+    assert_sound(&sim.section());
+    run(&mut sim, |s| assert_sound(&s.section()));
+}
+
 #[test]
 fn counts_follow_the_schedule() {
     let mut sim = simulation(&json!({}), 1, 1);

@@ -1,0 +1,180 @@
+//! Stability of the integration with time step 1 (project notes on the physics): the highest mode of a chain with spring k and
+//! bending kb has the frequency sqrt(4k + 16kb), its damping is kf + 4c; classical Runge–Kutta needs
+//! the first below 2.83 and the second below 2.79, whatever the number of particles. Semi-implicit Euler needs
+//! ω² + 2γ < 4 of each mode (from the roots of λ² − (2 − γ − ω²)λ + 1 − γ): 4k + 2(kf + 4c) along the loop and
+//! 16kb + 2kf across it. Containment and regulation pull like springs of strength/ramp and strength/softening,
+//! which are held to the same bound. Where each bound holds, the values together may still be too much for Runge–Kutta: so
+//! the factor by which a step multiplies each mode is computed too. What acts between strands is left to the guard, which bounds each step.
+
+use super::check::Checks;
+use super::parameters::{Integrator, Parameters};
+use super::schedule::Schedule;
+
+/// Modes of a chain that are looked at, from the slowest to the fastest.
+const MODES: u32 = 32;
+
+impl Checks<'_> {
+    /// Notes every fault of stability.
+    pub(super) fn stability(&mut self, p: &Parameters) {
+        let most = |s: &Schedule| s.range().1;
+        let (k, c) = (most(&p.spring.stiffness), most(&p.spring.damping));
+        let (kb, kf) = (most(&p.bending), most(&p.friction));
+        let frequency = (4.0 * k + 16.0 * kb).sqrt();
+        self.require(frequency < 2.83, "/spring/stiffness", &["/spring/stiffness", "/bending"], || {
+            format!(
+                "is unstable together with /bending: sqrt(4·stiffness + 16·bending) reaches {frequency:.3} 1/step \
+                 (stiffness {k}, bending {kb}) and must stay below 2.83"
+            )
+        });
+        let field = stiffness(&p.containment.strength, &p.containment.ramp_um)
+            + stiffness(&p.regulatory.strength, &p.regulatory.softening_um);
+        let pull = field.sqrt();
+        let about =
+            ["/containment/strength", "/containment/ramp_um", "/regulatory/strength", "/regulatory/softening_um"];
+        self.require(pull < 2.83, "/containment/strength", &about, || {
+            format!(
+                "is unstable together with /containment/ramp_um and /regulatory: sqrt(strength/ramp_um + regulatory \
+                 strength/softening_um) reaches {pull:.3} 1/step and must stay below 2.83"
+            )
+        });
+        let damping = kf + 4.0 * c;
+        self.require(damping < 2.79, "/spring/damping", &["/spring/damping", "/friction"], || {
+            format!(
+                "is unstable together with /friction: friction + 4·damping reaches {damping:.3} 1/step \
+                 (friction {kf}, damping {c}) and must stay below 2.79"
+            )
+        });
+        let euler = p.solver.integrator == Integrator::Euler;
+        if !euler && self.faults.is_empty() {
+            let (growth, mode) = fastest_growth(k, c, kb, kf, field);
+            let about = [
+                "/spring/stiffness",
+                "/spring/damping",
+                "/bending",
+                "/friction",
+                "/containment/strength",
+                "/containment/ramp_um",
+                "/regulatory/strength",
+                "/regulatory/softening_um",
+            ];
+            self.require(growth <= 1.0 + 1e-9, "/spring/stiffness", &about, || {
+                format!(
+                    "is unstable together with /spring/damping, /bending, /friction and the pull of /containment and \
+                     /regulatory: each step multiplies {mode} by {growth:.3} \
+                     (stiffness {k}, damping {c}, bending {kb}, friction {kf}, pull {field:.3} 1/step²)"
+                )
+            });
+        }
+        if euler {
+            let at = "/solver/integrator";
+            let along = 4.0 * k + field + 2.0 * damping;
+            let about = [at, "/spring/stiffness", "/spring/damping", "/friction"];
+            self.require(along < 4.0, at, &about, || {
+                format!(
+                    "\"euler\" is unstable here: 4·stiffness + 2·friction + 8·damping (with the pull \
+                     of containment and regulation, {field:.3}) reaches {along:.3} and must stay \
+                     below 4; \"rk4\" bears more"
+                )
+            });
+            let across = 16.0 * kb + field + 2.0 * kf;
+            self.require(across < 4.0, at, &[at, "/bending", "/friction"], || {
+                format!(
+                    "\"euler\" is unstable here: 16·bending + 2·friction (with the pull of containment and \
+                     regulation, {field:.3}) reaches {across:.3} and must stay below 4; \
+                     \"rk4\" bears more"
+                )
+            });
+        }
+    }
+}
+
+/// Greatest stiffness of a force of this strength that sets in over this distance, 1/step².
+fn stiffness(strength: &Schedule, over: &Schedule) -> f64 {
+    strength.range().1 / over.range().0
+}
+
+/// The greatest factor by which a step of classical Runge–Kutta multiplies a mode of the chain, and what mode that is.
+///
+/// A mode with the frequency ω and the damping γ follows x″ = −ω²x − γx′; a step multiplies each of its two parts by
+/// R(λ) = 1 + λ + λ²/2 + λ³/6 + λ⁴/24, λ a root of λ² + γλ + ω². With s from 0 (all together) to 1 (neighbours against each
+/// other), stretching has ω² = 4ks + field, γ = kf + 4cs; bending ω² = 16kb·s² + field, γ = kf; where the loop is folded
+/// sharply the two mix.
+fn fastest_growth(k: f64, c: f64, kb: f64, kf: f64, field: f64) -> (f64, &'static str) {
+    let mode = |i: u32| {
+        let s = f64::from(i) / f64::from(MODES);
+        let (stretch, bend, damping) = (4.0 * k * s, 16.0 * kb * s * s, 4.0 * c * s);
+        [
+            (runge_kutta_growth(stretch + field, kf + damping), "stretching"),
+            (runge_kutta_growth(bend + field, kf), "bending"),
+            (runge_kutta_growth(stretch + bend + field, kf + damping), "stretching with bending"),
+        ]
+    };
+    (0..=MODES).flat_map(mode).max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((1.0, "nothing"))
+}
+
+/// max |R(λ)| over the roots λ of λ² + γλ + ω².
+fn runge_kutta_growth(frequency_squared: f64, damping: f64) -> f64 {
+    let discriminant = 0.25 * damping * damping - frequency_squared;
+    let root = discriminant.abs().sqrt();
+    let roots = if discriminant < 0.0 {
+        [[-0.5 * damping, root], [-0.5 * damping, -root]]
+    } else {
+        [[-0.5 * damping + root, 0.0], [-0.5 * damping - root, 0.0]]
+    };
+    let growth = |[x, y]: [f64; 2]| {
+        let factor = [4.0, 3.0, 2.0, 1.0]
+            .into_iter()
+            .fold([1.0, 0.0], |[a, b]: [f64; 2], order| [1.0 + (x * a - y * b) / order, (x * b + y * a) / order]);
+        f64::hypot(factor[0], factor[1])
+    };
+    growth(roots[0]).max(growth(roots[1]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_bounds_of_runge_kutta_are_those_of_the_textbook() {
+        let undamped = |frequency: f64| runge_kutta_growth(frequency * frequency, 0.0);
+        assert!(undamped(2.82) < 1.0 && undamped(2.84) > 1.0);
+        let heavy = |damping: f64| runge_kutta_growth(0.0, damping);
+        assert!(heavy(2.78) <= 1.0 && heavy(2.79) > 1.0);
+    }
+
+    /// The factor that a run of the oscillator shows, from its energy.
+    fn shown(frequency_squared: f64, damping: f64) -> f64 {
+        let slope = |[x, v]: [f64; 2]| [v, -frequency_squared * x - damping * v];
+        let along = |a: [f64; 2], h: f64, b: [f64; 2]| [a[0] + h * b[0], a[1] + h * b[1]];
+        let (mut state, steps) = ([1.0, 0.3], 400);
+        let mut size = 0.0;
+        for _ in 0..steps {
+            let k1 = slope(state);
+            let k2 = slope(along(state, 0.5, k1));
+            let k3 = slope(along(state, 0.5, k2));
+            let k4 = slope(along(state, 1.0, k3));
+            for (axis, value) in state.iter_mut().enumerate() {
+                *value += (k1[axis] + 2.0 * k2[axis] + 2.0 * k3[axis] + k4[axis]) / 6.0;
+            }
+            let norm = f64::hypot(state[0], state[1]);
+            size += norm.ln();
+            state = state.map(|value| value / norm);
+        }
+        (size / f64::from(steps)).exp()
+    }
+
+    #[test]
+    fn the_growth_of_a_mode_is_what_a_run_of_it_shows() {
+        for (frequency_squared, damping) in [(8.0, 1.9), (8.0, 2.3), (8.0, 2.7), (9.2, 0.3), (2.0, 0.7), (5.3, 0.7)] {
+            let (told, seen) = (runge_kutta_growth(frequency_squared, damping), shown(frequency_squared, damping));
+            assert!((told - seen).abs() < 0.01, "{frequency_squared}, {damping}: {told} {seen}");
+        }
+    }
+
+    #[test]
+    fn values_that_are_stable_alone_may_not_be_so_together() {
+        let growth = |k: f64, c: f64| fastest_growth(k, c, 0.0, 0.3, 0.0).0;
+        assert!(growth(2.0, 0.1) <= 1.0 && growth(0.5, 0.6) <= 1.0);
+        assert!(growth(2.0, 0.5) > 1.15, "{}", growth(2.0, 0.5));
+    }
+}
