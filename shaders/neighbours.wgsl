@@ -58,7 +58,7 @@ fn neighbours(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
         let row = row_index(member, now.row);
         p = load2(member, current(X), i);
         let reach = range_max(row) * load(member, current(SCALE), i);
-        range = max(max(reach, CLEARANCE_CAP), rows[row].barrier_distance) + SKIN;
+        range = max(reach, least_sight(row)) + SKIN;
         store2(member, BUILT_X, i, p);
     }
     let list = (member * batch.capacity + i) * LIST;
