@@ -21,9 +21,6 @@ const STRIDE: u32 = 17u;
 var<workgroup> lane_x: array<f32, LANES * STRIDE>;
 var<workgroup> lane_y: array<f32, LANES * STRIDE>;
 var<workgroup> lane_near: array<f32, LANES * STRIDE>;
-// Read by one thread for all: particles of the member (0 where it does not run), and whether its lists hold.
-var<workgroup> member_count: u32;
-var<workgroup> member_lists: u32;
 // Of each particle: squared displacement since the lists were built, squared elliptic radius, whether it was shortened.
 var<workgroup> far: array<f32, LANES>;
 var<workgroup> wide: array<f32, LANES>;
@@ -54,38 +51,36 @@ fn trusted(member: u32) -> bool {
     return lists_hold(member, now.row, built, moved, SKIN - 0.01);
 }
 
-// Reduces the 16 partial sums of a particle as the CPU does: halves onto each other.
-fn reduced_x(first: u32) -> f32 {
-    var a: array<f32, 8>;
-    for (var l = 0u; l < 8u; l++) {
-        a[l] = lane_x[first + l] + lane_x[first + l + 8u];
-    }
-    return ((a[0] + a[4]) + (a[2] + a[6])) + ((a[1] + a[5]) + (a[3] + a[7]));
+// Reduces the 16 partial sums of a particle, from f on, as the CPU does: halves onto each other. Written out, so that
+// no array with a changing index is needed.
+fn reduced_x(f: u32) -> f32 {
+    let a = (lane_x[f] + lane_x[f + 8u]) + (lane_x[f + 4u] + lane_x[f + 12u]);
+    let b = (lane_x[f + 2u] + lane_x[f + 10u]) + (lane_x[f + 6u] + lane_x[f + 14u]);
+    let c = (lane_x[f + 1u] + lane_x[f + 9u]) + (lane_x[f + 5u] + lane_x[f + 13u]);
+    let d = (lane_x[f + 3u] + lane_x[f + 11u]) + (lane_x[f + 7u] + lane_x[f + 15u]);
+    return (a + b) + (c + d);
 }
 
-fn reduced_y(first: u32) -> f32 {
-    var a: array<f32, 8>;
-    for (var l = 0u; l < 8u; l++) {
-        a[l] = lane_y[first + l] + lane_y[first + l + 8u];
-    }
-    return ((a[0] + a[4]) + (a[2] + a[6])) + ((a[1] + a[5]) + (a[3] + a[7]));
+fn reduced_y(f: u32) -> f32 {
+    let a = (lane_y[f] + lane_y[f + 8u]) + (lane_y[f + 4u] + lane_y[f + 12u]);
+    let b = (lane_y[f + 2u] + lane_y[f + 10u]) + (lane_y[f + 6u] + lane_y[f + 14u]);
+    let c = (lane_y[f + 1u] + lane_y[f + 9u]) + (lane_y[f + 5u] + lane_y[f + 13u]);
+    let d = (lane_y[f + 3u] + lane_y[f + 11u]) + (lane_y[f + 7u] + lane_y[f + 15u]);
+    return (a + b) + (c + d);
 }
 
 @compute @workgroup_size(BLOCK_THREADS)
 fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let member = group.y;
-    if thread == 0u {
-        member_count = select(0u, states[member].inner, runs_on(member));
-        member_lists = u32(trusted(member));
-    }
-    workgroupBarrier();
-    let n = member_count;
+    // Read by all threads alike, without waiting for one of them.
+    let n = select(0u, states[member].inner, runs_on(member));
+    let lists_trusted = trusted(member);
     let row = row_index(member, now.row);
     let from_field = source();
 
     let gatherer = group.x * LANES + thread / LANES;
     if gatherer < n {
-        gather(member, n, row, from_field, gatherer, thread);
+        gather(member, n, row, from_field, lists_trusted, gatherer, thread);
     }
     workgroupBarrier();
     let i = group.x * LANES + thread;
@@ -110,9 +105,9 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
                 states[member].built = states[member].built_next;
             }
         }
-        if !EULER {
-            summarize(member);
-        }
+    }
+    if !EULER && group.x * LANES < n {
+        summarize(member, thread);
     }
 }
 
@@ -128,27 +123,27 @@ fn guard(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
         shortened[thread] = 0u;
         if i < n {
             keep_clearance(member, n, i);
-            }
+        }
     }
     workgroupBarrier();
     if thread < LANES && i < n {
         conclude(member, row_index(member, now.row), i, thread, load2(member, SUM_X, i), load2(member, SUM_X, i));
     }
     workgroupBarrier();
-    if thread == 0u && group.x * LANES < n {
-        summarize(member);
+    if group.x * LANES < n {
+        summarize(member, thread);
     }
 }
 
 // Sums the forces of segment `thread` mod 16 of each block on particle i; at the first evaluation also the clearance.
-fn gather(member: u32, n: u32, row: u32, from_field: u32, i: u32, thread: u32) {
+fn gather(member: u32, n: u32, row: u32, from_field: u32, lists_trusted: bool, i: u32, thread: u32) {
     let lane = thread % LANES;
     let before = select(i - 1u, n - 1u, i == 0u);
     let after = select(i + 1u, 0u, i + 1u == n);
     let normal = normal_of(load2(member, from_field, before), load2(member, from_field, after));
     let terms = pair_terms(row, load2(member, from_field, i), normal, load(member, current(SCALE), i));
     let listed = particles[slot(member, COUNT, i)];
-    let use_list = listed <= LIST && member_lists != 0u;
+    let use_list = listed <= LIST && lists_trusted;
     let blocks = (n + LANES - 1u) / LANES;
     let count = select(blocks, listed, use_list);
     let list = (member * batch.capacity + i) * LIST;
@@ -272,19 +267,28 @@ fn conclude(member: u32, row: u32, i: u32, thread: u32, sum: vec2<f32>, velocity
     shortened[thread] = u32(cut);
 }
 
-// Hands on what a block saw.
-fn summarize(member: u32) {
-    var moved = 0.0;
-    var reach = 0.0;
-    var cuts = 0u;
-    for (var l = 0u; l < LANES; l++) {
-        moved = max(moved, far[l]);
-        reach = max(reach, wide[l]);
-        cuts += shortened[l];
+// Hands on what a block saw: three threads, far enough from each other not to wait for one another.
+fn summarize(member: u32, thread: u32) {
+    let last = EULER || EVALUATION == 3u;
+    if thread == 0u {
+        var moved = 0.0;
+        for (var l = 0u; l < LANES; l++) {
+            moved = max(moved, far[l]);
+        }
+        atomicMax(&states[member].moved[moved_slot(EVALUATION + 1u)], bitcast<u32>(moved));
     }
-    atomicMax(&states[member].moved[moved_slot(EVALUATION + 1u)], bitcast<u32>(moved));
-    if EULER || EVALUATION == 3u {
+    if last && thread == THREADS {
+        var reach = 0.0;
+        for (var l = 0u; l < LANES; l++) {
+            reach = max(reach, wide[l]);
+        }
         atomicMax(&states[member].reach, bitcast<u32>(reach));
+    }
+    if last && thread == 2u * THREADS {
+        var cuts = 0u;
+        for (var l = 0u; l < LANES; l++) {
+            cuts += shortened[l];
+        }
         if cuts > 0u {
             atomicAdd(&states[member].shortened, cuts);
         }
