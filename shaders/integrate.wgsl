@@ -25,6 +25,8 @@ var<workgroup> lane_near: array<f32, LANES * STRIDE>;
 var<workgroup> far: array<f32, LANES>;
 var<workgroup> wide: array<f32, LANES>;
 var<workgroup> shortened: array<u32, LANES>;
+// Whether each particle visited all blocks.
+var<workgroup> searched: array<u32, LANES>;
 
 // Where the positions of this evaluation lie: x, then y, vx, vy in the next fields.
 fn source() -> u32 {
@@ -81,6 +83,8 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     let gatherer = group.x * LANES + thread / LANES;
     if gatherer < n {
         gather(member, n, row, from_field, lists_trusted, gatherer, thread);
+    } else {
+        searched[thread / LANES] = 0u;
     }
     workgroupBarrier();
     let i = group.x * LANES + thread;
@@ -108,6 +112,15 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     }
     if !EULER && group.x * LANES < n {
         summarize(member, thread);
+    }
+    if thread == 3u * THREADS {
+        var any = 0u;
+        for (var l = 0u; l < LANES; l++) {
+            any |= searched[l];
+        }
+        if any != 0u {
+            atomicAdd(&states[member].full_searches, 1u);
+        }
     }
 }
 
@@ -172,6 +185,9 @@ fn gather(member: u32, n: u32, row: u32, from_field: u32, lists_trusted: bool, i
     lane_x[at] = sum.x;
     lane_y[at] = sum.y;
     lane_near[at] = greatest;
+    if lane == 0u {
+        searched[thread / LANES] = u32(!use_list);
+    }
 }
 
 // Adds the local forces on particle i and moves it to the next stage.

@@ -122,7 +122,7 @@ fn structures_are_laid_out_alike() {
                 grown_from,
                 runs,
                 first_id,
-                padding,
+                full_searches,
             }
         );
         assert_same!(module, Now { row, copy, rest, event, extent, outer_extent });

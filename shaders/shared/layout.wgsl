@@ -100,7 +100,8 @@ struct Status {
     runs: u32,
     // Id of the first particle that it made.
     first_id: u32,
-    padding: u32,
+    // Blocks that visited all others, once for each evaluation.
+    full_searches: atomic<u32>,
 }
 
 // What changes from dispatch to dispatch.

@@ -268,6 +268,7 @@ impl<'a, D: Device> Batch<'a, D> {
                 Ok(None)
             }
             Item::Simulated(statistics, simulate) => {
+                tracing::debug!(seed = request.seed, ?statistics, "the device has done the steps of a member");
                 let none = || GenerateError::Simulation { detail: "the device recorded no section".to_owned() };
                 let grown = Grown { statistics, ..loft.take().ok_or_else(none)?.grown };
                 let ran = Ran { used: Backend::Gpu, device: self.device.name(), simulate, total: self.total };

@@ -103,8 +103,8 @@ pub struct Status {
     pub runs: u32,
     /// Id of the first particle that it made.
     pub first_id: u32,
-    /// Not used.
-    pub padding: u32,
+    /// Blocks that visited all others, once for each evaluation.
+    pub full_searches: u32,
 }
 
 /// What changes from dispatch to dispatch.
