@@ -3,8 +3,8 @@
 // A dispatch is one evaluation of all forces. A workgroup holds a block of 16 particles, and 16 threads a particle:
 // thread (particle, lane) gathers from segment `lane` of each listed block, in ascending order, so that partial sums
 // run in lane j mod 16 and are reduced in the order of the CPU. One thread a particle then adds the local forces and
-// moves the particle to the next stage, in a buffer that this dispatch does not read. Lists that do not hold, or were
-// too long, are not used: the particle visits all blocks, with the same sums.
+// moves the particle to the next stage, in a buffer that this dispatch does not read. A list that does not hold, or was
+// too long, is not used: its particle visits all blocks, with the same sums.
 
 // Which evaluation of the step: 0 to 3; Euler has the first only.
 override EVALUATION: u32 = 0u;
@@ -44,13 +44,34 @@ fn moved_slot(evaluation: u32) -> u32 {
     return evaluation % 4u;
 }
 
-fn trusted(member: u32) -> bool {
+// Which lists of a member hold at this evaluation.
+struct Trust {
+    // The greatest displacement of a particle since the lists were built, µm.
+    moved: f32,
+    // A list holds where its own particle moved by no more than this: the two together, and what ranges have grown by,
+    // are within the skin.
+    own: f32,
+}
+
+fn trust(member: u32) -> Trust {
     let built = states[member].built_next;
-    var moved = bitcast<f32>(atomicLoad(&states[member].moved[moved_slot(EVALUATION)]));
+    if built == NONE {
+        return Trust(0.0, -1.0);
+    }
+    var moved = sqrt(bitcast<f32>(atomicLoad(&states[member].moved[moved_slot(EVALUATION)])));
     if EVALUATION == 0u && built == now.row {
         moved = 0.0;
     }
-    return lists_hold(member, now.row, built, moved, SKIN - 0.01);
+    return Trust(moved, SKIN - 0.01 - widened(member, now.row, built) - moved);
+}
+
+// Whether the list of particle i, which is at `p`, holds.
+fn holds(member: u32, lists: Trust, i: u32, p: vec2<f32>) -> bool {
+    if lists.moved <= lists.own {
+        return true;
+    }
+    let d = p - load2(member, BUILT_X, i);
+    return sqrt(d.x * d.x + d.y * d.y) <= lists.own;
 }
 
 // Reduces the 16 partial sums of a particle, from f on, as the CPU does: halves onto each other. Written out, so that
@@ -76,13 +97,13 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     let member = group.y;
     // Read by all threads alike, without waiting for one of them.
     let n = select(0u, states[member].inner, runs_on(member));
-    let lists_trusted = trusted(member);
+    let trusted = trust(member);
     let row = row_index(member, now.row);
     let from_field = source();
 
     let gatherer = group.x * LANES + thread / LANES;
     if gatherer < n {
-        gather(member, n, row, from_field, lists_trusted, gatherer, thread);
+        gather(member, n, row, from_field, trusted, gatherer, thread);
     } else {
         searched[thread / LANES] = 0u;
     }
@@ -149,14 +170,15 @@ fn guard(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
 }
 
 // Sums the forces of segment `thread` mod 16 of each block on particle i; at the first evaluation also the clearance.
-fn gather(member: u32, n: u32, row: u32, from_field: u32, lists_trusted: bool, i: u32, thread: u32) {
+fn gather(member: u32, n: u32, row: u32, from_field: u32, trusted: Trust, i: u32, thread: u32) {
     let lane = thread % LANES;
     let before = select(i - 1u, n - 1u, i == 0u);
     let after = select(i + 1u, 0u, i + 1u == n);
     let normal = normal_of(load2(member, from_field, before), load2(member, from_field, after));
-    let terms = pair_terms(row, load2(member, from_field, i), normal, load(member, current(SCALE), i));
+    let p = load2(member, from_field, i);
+    let terms = pair_terms(row, p, normal, load(member, current(SCALE), i));
     let listed = particles[slot(member, COUNT, i)];
-    let use_list = listed <= LIST && lists_trusted;
+    let use_list = listed <= LIST && holds(member, trusted, i, p);
     let blocks = (n + LANES - 1u) / LANES;
     let count = select(blocks, listed, use_list);
     let list = (member * batch.capacity + i) * LIST;

@@ -34,7 +34,8 @@ fn neighbours(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
     if thread == 0u {
         let first_slot = select(0u, now.row % 2u, EULER);
         let moved = bitcast<f32>(atomicLoad(&states[member].moved[first_slot]));
-        let holds = lists_hold(member, now.row, states[member].built, moved, SKIN - SPARE);
+        let built = states[member].built;
+        let holds = built != NONE && 2.0 * sqrt(moved) + widened(member, now.row, built) <= SKIN - SPARE;
         stale = u32(!holds && runs_on(member));
         count_all = states[member].inner;
     }

@@ -249,8 +249,8 @@ fn no_constant_and_no_structure_is_left_out() {
             let name = constant.name.as_deref().unwrap_or_default();
             assert!(compared.contains(name), "{name} of {} is compared with nothing", shader.name);
         }
-        // Shaders keep what pair forces need in a structure of their own.
-        let known = ["StepRow", "Batch", "Member", "Status", "Now", "PairTerms"];
+        // Shaders keep what pair forces need, and which lists hold, in structures of their own.
+        let known = ["StepRow", "Batch", "Member", "Status", "Now", "PairTerms", "Trust"];
         for (_, found) in module.types.iter().filter(|(_, t)| matches!(t.inner, TypeInner::Struct { .. })) {
             let name = found.name.as_deref().unwrap_or_default();
             assert!(known.contains(&name), "{name} of {} is compared with nothing", shader.name);
