@@ -5,6 +5,11 @@
 // run in lane j mod 16 and are reduced in the order of the CPU. One thread a particle then adds the local forces and
 // moves the particle to the next stage, in a buffer that this dispatch does not read. A list that does not hold, or was
 // too long, is not used: its particle visits all blocks, with the same sums.
+//
+// The outer loop does its step beside the first evaluation of the next one, in a workgroup of its own: no stage of the
+// inner loop reads the wall, and of what the wall reads (`reach`, rows, tables, whether the member runs) the first
+// evaluation changes nothing. Before a growth event or a record it runs alone, by the same pipeline, so that its bits
+// do not depend on how a driver compiles it twice.
 
 // Which evaluation of the step: 0 to 3; Euler has the first only.
 override EVALUATION: u32 = 0u;
@@ -95,20 +100,25 @@ fn reduced_y(f: u32) -> f32 {
 @compute @workgroup_size(BLOCK_THREADS)
 fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let member = group.y;
+    if EVALUATION == 0u && now.outer != 0u && group.x == 0u {
+        step_outer(member, now.row - 1u, thread);
+        return;
+    }
+    let block_index = group.x - now.outer;
     // Read by all threads alike, without waiting for one of them.
     let n = select(0u, states[member].inner, runs_on(member));
     let trusted = trust(member);
     let row = row_index(member, now.row);
     let from_field = source();
 
-    let gatherer = group.x * LANES + thread / LANES;
+    let gatherer = block_index * LANES + thread / LANES;
     if gatherer < n {
         gather(member, n, row, from_field, trusted, gatherer, thread);
     } else {
         searched[thread / LANES] = 0u;
     }
     workgroupBarrier();
-    let i = group.x * LANES + thread;
+    let i = block_index * LANES + thread;
     if thread < LANES {
         far[thread] = 0.0;
         wide[thread] = 0.0;
@@ -118,8 +128,8 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
         }
     }
     workgroupBarrier();
-    if thread == 0u && group.x * LANES < n {
-        if group.x == 0u {
+    if thread == 0u && block_index * LANES < n {
+        if block_index == 0u {
             // The slot of the evaluation before was read for the last time.
             if !EULER {
                 atomicStore(&states[member].moved[(EVALUATION + 3u) % 4u], 0u);
@@ -131,7 +141,7 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
             }
         }
     }
-    if !EULER && group.x * LANES < n {
+    if !EULER && block_index * LANES < n {
         summarize(member, thread);
     }
     if thread == 3u * THREADS {

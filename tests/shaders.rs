@@ -125,7 +125,7 @@ fn structures_are_laid_out_alike() {
                 full_searches,
             }
         );
-        assert_same!(module, Now { row, copy, rest, event, extent, outer_extent });
+        assert_same!(module, Now { row, copy, rest, event, extent, outer_extent, outer });
     }
 }
 
@@ -192,6 +192,7 @@ fn constants_are_the_same() {
         }
     }
     assert_eq!(layout::BLOCK_THREADS as usize, LANES * LANES);
+    assert_eq!(layout::BLOCK_THREADS, layout::LOOP_THREADS, "a workgroup of `integrate` does a step of the outer loop");
 }
 
 #[test]

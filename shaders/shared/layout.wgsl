@@ -117,6 +117,8 @@ struct Now {
     // Particles of the inner and of the outer loop that a record has room for.
     extent: u32,
     outer_extent: u32,
+    // 1 where the first workgroup of each member does the last step of its outer loop.
+    outer: u32,
 }
 
 @group(0) @binding(0) var<uniform> batch: Batch;

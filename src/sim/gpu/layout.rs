@@ -123,4 +123,6 @@ pub struct Now {
     pub extent: u32,
     /// Outer particles that a record has room for.
     pub outer_extent: u32,
+    /// 1 where the first workgroup of each member does the last step of its outer loop.
+    pub outer: u32,
 }

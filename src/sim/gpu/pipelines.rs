@@ -21,7 +21,6 @@ pub(super) struct Pipelines {
     pub(super) neighbours: [wgpu::ComputePipeline; 2],
     pub(super) growth: wgpu::ComputePipeline,
     pub(super) split: wgpu::ComputePipeline,
-    pub(super) outer: wgpu::ComputePipeline,
     pub(super) record: wgpu::ComputePipeline,
 }
 
@@ -76,7 +75,6 @@ impl Pipelines {
             neighbours: [0.0, 1.0].map(lists),
             growth: pipeline(&growth, "growth", &[]),
             split: pipeline(&growth, "split", &[]),
-            outer: pipeline(&module(&shaders::OUTER), "outer", &[]),
             record: pipeline(&module(&shaders::RECORD), "record", &[]),
             layout,
         }

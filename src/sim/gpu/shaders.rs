@@ -25,7 +25,7 @@ macro_rules! stage {
 
 use super::layout::{BLOCK_THREADS, LOOP_THREADS, THREADS};
 
-/// Time integration with all forces, and the guard.
+/// Time integration with all forces, and the guard; the outer loop beside it.
 pub const INTEGRATE: Shader = Shader {
     name: "integrate",
     source: concat!(
@@ -34,6 +34,8 @@ pub const INTEGRATE: Shader = Shader {
         shared!("pairs"),
         shared!("local"),
         shared!("finite"),
+        shared!("maths"),
+        shared!("outer"),
         stage!("integrate")
     ),
     entries: &[("integrate", BLOCK_THREADS), ("guard", BLOCK_THREADS)],
@@ -53,16 +55,9 @@ pub const GROWTH: Shader = Shader {
     entries: &[("growth", LOOP_THREADS), ("split", THREADS)],
 };
 
-/// The outer loop.
-pub const OUTER: Shader = Shader {
-    name: "outer",
-    source: concat!(shared!("layout"), shared!("maths"), stage!("outer")),
-    entries: &[("outer", LOOP_THREADS)],
-};
-
 /// Recording.
 pub const RECORD: Shader =
     Shader { name: "record", source: concat!(shared!("layout"), stage!("record")), entries: &[("record", THREADS)] };
 
 /// All stages.
-pub const ALL: [Shader; 5] = [INTEGRATE, NEIGHBOURS, GROWTH, OUTER, RECORD];
+pub const ALL: [Shader; 4] = [INTEGRATE, NEIGHBOURS, GROWTH, RECORD];
