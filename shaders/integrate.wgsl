@@ -1,10 +1,11 @@
 // Time integration (paper, section 3) and the guard that keeps walls apart: twin of src/sim/cpu/integrate.rs.
 //
-// A dispatch is one evaluation of all forces. A workgroup holds a block of 16 particles, and 16 threads a particle:
-// thread (particle, lane) gathers from segment `lane` of each listed block, in ascending order, so that partial sums
-// run in lane j mod 16 and are reduced in the order of the CPU. One thread a particle then adds the local forces and
-// moves the particle to the next stage, in a buffer that this dispatch does not read. A list that does not hold, or was
-// too long, is not used: its particle visits all blocks, with the same sums.
+// A dispatch is one evaluation of all forces; the first of a step builds neighbour lists before, where they are stale.
+// A workgroup holds a block of 16 particles, and 16 threads a particle: thread (particle, lane) gathers from segment
+// `lane` of each listed block, in ascending order, so that partial sums run in lane j mod 16 and are reduced in the
+// order of the CPU. One thread a particle then adds the local forces and moves the particle to the next stage, in a
+// buffer that this dispatch does not read. A list that does not hold, or was too long, is not used: its particle visits
+// all blocks, with the same sums.
 //
 // The outer loop does its step beside the first evaluation of the next one, in a workgroup of its own: no stage of the
 // inner loop reads the wall, and of what the wall reads (`reach`, rows, tables, whether the member runs) the first
@@ -41,6 +42,11 @@ fn source() -> u32 {
     return STAGE + 4u * ((EVALUATION + 1u) % 2u);
 }
 
+// Where the greatest 1/d of a segment lies: rows take turns, so that one is cleared while the other is used.
+fn near_slot(member: u32, row: u32, i: u32) -> u32 {
+    return (2u * member + row % 2u) * batch.capacity + i;
+}
+
 // Slot of the displacement at an evaluation. Euler, with one evaluation a step, takes turns.
 fn moved_slot(evaluation: u32) -> u32 {
     if EULER {
@@ -58,14 +64,10 @@ struct Trust {
     own: f32,
 }
 
-fn trust(member: u32) -> Trust {
-    let built = states[member].built_next;
+// `built`: the row of the lists; `moved`: the greatest displacement since.
+fn trust(member: u32, built: u32, moved: f32) -> Trust {
     if built == NONE {
         return Trust(0.0, -1.0);
-    }
-    var moved = sqrt(bitcast<f32>(atomicLoad(&states[member].moved[moved_slot(EVALUATION)])));
-    if EVALUATION == 0u && built == now.row {
-        moved = 0.0;
     }
     return Trust(moved, SKIN - 0.01 - widened(member, now.row, built) - moved);
 }
@@ -107,7 +109,25 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     let block_index = group.x - now.outer;
     // Read by all threads alike, without waiting for one of them.
     let n = select(0u, states[member].inner, runs_on(member));
-    let trusted = trust(member);
+    let moved = sqrt(bitcast<f32>(atomicLoad(&states[member].moved[moved_slot(EVALUATION)])));
+    var trusted: Trust;
+    if EVALUATION == 0u {
+        // Decided by all workgroups alike: what they ask changes in later dispatches only.
+        trusted = trust(member, states[member].built, moved);
+        if thread == 0u {
+            stale = u32(block_index * LANES < n && !(trusted.own - trusted.moved >= SPARE - 0.01));
+        }
+        if workgroupUniformLoad(&stale) != 0u {
+            build_lists(member, n, block_index, thread);
+            trusted = trust(member, now.row, 0.0);
+            if thread == 0u && block_index == 0u {
+                states[member].built_next = now.row;
+                states[member].builds += 1u;
+            }
+        }
+    } else {
+        trusted = trust(member, states[member].built_next, moved);
+    }
     let row = row_index(member, now.row);
     let from_field = source();
 
@@ -124,21 +144,23 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
         wide[thread] = 0.0;
         shortened[thread] = 0u;
         if i < n {
+            if EVALUATION == 0u {
+                // What segment i sees in the next step; of the step before, it was read for the last time.
+                atomicStore(&near[near_slot(member, now.row + 1u, i)], 0u);
+            }
             advance(member, n, row, from_field, i, thread);
         }
     }
     workgroupBarrier();
-    if thread == 0u && block_index * LANES < n {
-        if block_index == 0u {
-            // The slot of the evaluation before was read for the last time.
-            if !EULER {
-                atomicStore(&states[member].moved[(EVALUATION + 3u) % 4u], 0u);
-            } else {
-                atomicStore(&states[member].moved[moved_slot(1u)], 0u);
-            }
-            if EVALUATION == 0u {
-                states[member].built = states[member].built_next;
-            }
+    if thread == 0u && block_index == 0u && n > 0u {
+        // The slot of the evaluation before was read for the last time.
+        if !EULER {
+            atomicStore(&states[member].moved[(EVALUATION + 3u) % 4u], 0u);
+        } else {
+            atomicStore(&states[member].moved[moved_slot(1u)], 0u);
+        }
+        if EVALUATION == 1u {
+            states[member].built = states[member].built_next;
         }
     }
     if !EULER && block_index * LANES < n {
@@ -174,6 +196,9 @@ fn guard(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
         conclude(member, row_index(member, now.row), i, thread, load2(member, SUM_X, i), load2(member, SUM_X, i));
     }
     workgroupBarrier();
+    if i == 0u && n > 0u {
+        states[member].built = states[member].built_next;
+    }
     if group.x * LANES < n {
         summarize(member, thread);
     }
@@ -208,7 +233,7 @@ fn gather(member: u32, n: u32, row: u32, from_field: u32, trusted: Trust, i: u32
                 greatest = max(greatest, force.z);
                 // What is farther makes no difference to any clearance.
                 if force.z > 1.0 / CLEARANCE_CAP {
-                    atomicMax(&near[member * batch.capacity + j], bitcast<u32>(force.z));
+                    atomicMax(&near[near_slot(member, now.row, j)], bitcast<u32>(force.z));
                 }
             }
         }
@@ -285,9 +310,9 @@ fn advance(member: u32, n: u32, row: u32, from_field: u32, i: u32, thread: u32) 
 
 // Joins what vertices and segments saw at the first evaluation into the clearance of particle i.
 fn keep_clearance(member: u32, n: u32, i: u32) {
-    let base = member * batch.capacity;
     let before = select(i - 1u, n - 1u, i == 0u);
-    let segments = max(atomicLoad(&near[base + before]), atomicLoad(&near[base + i]));
+    let one = atomicLoad(&near[near_slot(member, now.row, before)]);
+    let segments = max(one, atomicLoad(&near[near_slot(member, now.row, i)]));
     let greatest = max(load(member, CLEARANCE, i), bitcast<f32>(segments));
     store(member, CLEARANCE, i, 1.0 / max(greatest, 1.0 / CLEARANCE_CAP));
 }

@@ -259,7 +259,6 @@ fn no_constant_and_no_structure_is_left_out() {
         // A constant that pipelines set must be there by this name, or its default would hold in silence.
         let set: &[&str] = match shader.name {
             "integrate" => &["EVALUATION", "EULER"],
-            "neighbours" => &["EULER"],
             _ => &[],
         };
         let found: Vec<&str> = module.overrides.iter().map(|(_, o)| o.name.as_deref().unwrap_or_default()).collect();

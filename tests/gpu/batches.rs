@@ -16,7 +16,7 @@ pub(crate) fn run(plans: &[Plan]) -> Kept {
     let report = run_batch(device(), plans, &mut kept).unwrap();
     println!("{report:?}");
     let plan = &plans[0];
-    let a_step = if plan.integrator == Integrator::Rk4 { 5 } else { 3 };
+    let a_step = if plan.integrator == Integrator::Rk4 { 4 } else { 2 };
     let (steps, events) = (plan.burn_in + plan.steps, plan.steps.div_ceil(plan.grow_every));
     let records = (0..=plan.steps).filter(|&t| plan.records_at(i64::from(t))).count() as u32;
     // The outer loop catches up before each growth event and each record that a step precedes.

@@ -117,6 +117,19 @@ fn pair_forces_match_where_lists_overflow() {
 }
 
 #[test]
+fn pair_forces_match_where_there_are_more_blocks_than_threads() {
+    if no_vulkan() {
+        return;
+    }
+    // 4,940 particles are 309 blocks: lists are built in two rounds of 256.
+    let mut plan = plan(&json!({ "particles": { "total": 5000, "outer": 60 } }), 4);
+    let mut start = CpuSimulation::new(plan.clone(), 1).checkpoint();
+    only(&mut plan, &mut start, |row, bare| bare.repulsion = row.repulsion);
+    let (cpu, gpu) = both(&plan, &start);
+    assert_velocities(&cpu.inner, &gpu.inner, 2e-5);
+}
+
+#[test]
 fn local_forces_match() {
     if no_vulkan() {
         return;

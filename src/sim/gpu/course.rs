@@ -150,9 +150,7 @@ impl Course {
         }
         let now = self.now();
         let particles = self.most_before(self.time + 1)[0];
-        let (blocks, groups) = (particles.div_ceil(LANES as u32), particles.div_ceil(THREADS));
-        let euler = self.integrator == Integrator::Euler;
-        pass.dispatch(&pipelines.neighbours[usize::from(euler)], &now, groups, members);
+        let blocks = particles.div_ceil(LANES as u32);
         let (first, others) = self.stages(pipelines);
         let outer = u32::from(std::mem::replace(&mut self.outer_due, true));
         pass.dispatch(first, &Now { outer, ..now }, outer + blocks, members);

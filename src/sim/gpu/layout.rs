@@ -93,9 +93,9 @@ pub struct Status {
     pub reach: u32,
     /// Bits of the greatest range scale, at least 1.
     pub widest: u32,
-    /// Row in which the lists were built, as decided on.
+    /// Row in which the lists were built, at the start of a step.
     pub built: u32,
-    /// Row in which the lists were built, as built.
+    /// Row in which the lists were built, after the first evaluation.
     pub built_next: u32,
     /// Particles before the last growth event.
     pub grown_from: u32,

@@ -25,12 +25,13 @@ macro_rules! stage {
 
 use super::layout::{BLOCK_THREADS, LOOP_THREADS, THREADS};
 
-/// Time integration with all forces, and the guard; the outer loop beside it.
+/// Time integration with all forces, and the guard; neighbour lists before it, the outer loop beside it.
 pub const INTEGRATE: Shader = Shader {
     name: "integrate",
     source: concat!(
         shared!("layout"),
         shared!("lists"),
+        shared!("neighbours"),
         shared!("pairs"),
         shared!("local"),
         shared!("finite"),
@@ -39,13 +40,6 @@ pub const INTEGRATE: Shader = Shader {
         stage!("integrate")
     ),
     entries: &[("integrate", BLOCK_THREADS), ("guard", BLOCK_THREADS)],
-};
-
-/// Neighbour lists.
-pub const NEIGHBOURS: Shader = Shader {
-    name: "neighbours",
-    source: concat!(shared!("layout"), shared!("lists"), stage!("neighbours")),
-    entries: &[("neighbours", THREADS)],
 };
 
 /// Growth of both loops, and the thickness field.
@@ -60,4 +54,4 @@ pub const RECORD: Shader =
     Shader { name: "record", source: concat!(shared!("layout"), stage!("record")), entries: &[("record", THREADS)] };
 
 /// All stages.
-pub const ALL: [Shader; 4] = [INTEGRATE, NEIGHBOURS, GROWTH, RECORD];
+pub const ALL: [Shader; 3] = [INTEGRATE, GROWTH, RECORD];
