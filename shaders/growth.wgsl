@@ -1,8 +1,9 @@
 // Growth: edges are split at their midpoint, both halves with half the rest length; twin of src/sim/cpu/growth.rs.
 //
 // `growth` plays the tournaments (one run of edges, one winner), counts the winners of the runs before each run, and
-// grows the outer loop. `split` copies every particle to its new place in the other copy, with the new one behind it, and
-// evaluates the thickness field. Where a particle goes follows from counting: no atomics, no order of arrival.
+// grows the outer loop, with all threads at each of these. `split` copies every particle to its new place in the other
+// copy, with the new one behind it, and evaluates the thickness field. Where a particle goes follows from counting: no
+// atomics, no order of arrival.
 
 // A split is put off where the clearance is under this many times the guard's least clearance.
 const ROOM: f32 = 40.0;
@@ -10,6 +11,9 @@ const ROOM: f32 = 40.0;
 const SPAN: u32 = 3u;
 
 var<workgroup> winners: array<u32, LOOP_THREADS>;
+// The longest edge that each thread has seen of its run of the outer loop.
+var<workgroup> longest: array<f32, LOOP_THREADS>;
+var<workgroup> longest_edge: array<u32, LOOP_THREADS>;
 
 fn point(member: u32, n: u32, i: u32) -> vec2<f32> {
     return load2(member, current(X), i % n);
@@ -73,13 +77,8 @@ fn growth(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
         particles[slot(member, WINNER, run)] = winner;
         won += u32(winner != NONE);
     }
-    winners[thread] = won;
-    workgroupBarrier();
-    var before = 0u;
-    for (var t = 0u; t < thread; t++) {
-        before += winners[t];
-    }
-    let before_all = before;
+    let up_to_here = count_up(thread, won);
+    var before = up_to_here - won;
     for (var run = first; run < end; run++) {
         particles[slot(member, BEFORE, run)] = before;
         before += u32(particles[slot(member, WINNER, run)] != NONE);
@@ -95,15 +94,14 @@ fn growth(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
             }
         }
     }
+    find_longest(member, outer, outer_runs, thread);
     storageBarrier();
-    if outer_runs > 0u {
-        for (var run = thread; run < outer_runs; run += LOOP_THREADS) {
-            split_wall(member, outer, outer_runs, run);
-        }
+    for (var i = thread; i < select(0u, outer, outer_runs > 0u); i += LOOP_THREADS) {
+        split_wall(member, outer, outer_runs, i);
     }
-    workgroupBarrier();
+    storageBarrier();
     if thread == LOOP_THREADS - 1u && on {
-        let all = before_all + won;
+        let all = up_to_here;
         states[member].grown_from = n;
         states[member].runs = runs;
         states[member].first_id = states[member].next_id;
@@ -125,38 +123,95 @@ fn old_wall(member: u32, field: u32, i: u32) -> f32 {
     return bitcast<f32>(wall[wall_slot(member, WALL_OLD + field, i)]);
 }
 
+// Length of edge i of the outer loop before it grows.
 fn wall_edge(member: u32, n: u32, i: u32) -> f32 {
     let j = (i + 1u) % n;
-    let x = old_wall(member, WALL_X, j) - old_wall(member, WALL_X, i);
-    let y = old_wall(member, WALL_Y, j) - old_wall(member, WALL_Y, i);
+    let x = bitcast<f32>(wall[wall_slot(member, WALL_X, j)]) - bitcast<f32>(wall[wall_slot(member, WALL_X, i)]);
+    let y = bitcast<f32>(wall[wall_slot(member, WALL_Y, j)]) - bitcast<f32>(wall[wall_slot(member, WALL_Y, i)]);
     return sqrt(x * x + y * y);
 }
 
-// Splits the longest edge of one run of the outer loop and puts the run where it belongs.
-fn split_wall(member: u32, n: u32, runs: u32, run: u32) {
-    let first = run * n / runs;
-    let end = (run + 1u) * n / runs;
-    var longest = first;
-    var longest_length = wall_edge(member, n, first);
-    for (var i = first + 1u; i < end; i++) {
-        let edge = wall_edge(member, n, i);
-        if edge > longest_length {
-            longest = i;
-            longest_length = edge;
+// Sum of `won` over the threads up to this one.
+fn count_up(thread: u32, won: u32) -> u32 {
+    var sum = won;
+    winners[thread] = sum;
+    for (var step = 1u; step < LOOP_THREADS; step *= 2u) {
+        workgroupBarrier();
+        if thread >= step {
+            sum += winners[thread - step];
+        }
+        workgroupBarrier();
+        winners[thread] = sum;
+    }
+    return sum;
+}
+
+// The run of `runs` equal ones that holds `i` of `n`, by the bounds that cut the loop into runs.
+fn run_of(n: u32, runs: u32, i: u32) -> u32 {
+    let run = i * runs / n;
+    if i < run * n / runs {
+        return run - 1u;
+    }
+    return run + u32(i >= (run + 1u) * n / runs);
+}
+
+// Finds the longest edge of each run of the outer loop, the first of equals. Keeps it where the pulls of the wall lie,
+// which are computed anew in each step.
+fn find_longest(member: u32, n: u32, runs: u32, thread: u32) {
+    // As many threads a run as there are; where there are more runs than threads, several runs a thread.
+    let share = max(LOOP_THREADS / max(runs, 1u), 1u);
+    let lane = thread % share;
+    var edge = NONE;
+    for (var run = thread / share; run < runs; run += LOOP_THREADS / share) {
+        let first = run * n / runs;
+        let end = (run + 1u) * n / runs;
+        edge = first;
+        var most = wall_edge(member, n, first);
+        for (var i = first + lane; i < end; i += share) {
+            let here = wall_edge(member, n, i);
+            if here > most {
+                edge = i;
+                most = here;
+            }
+        }
+        longest[thread] = most;
+        longest_edge[thread] = edge;
+        if share == 1u {
+            wall[wall_slot(member, WALL_PULL_X, run)] = edge;
         }
     }
-    for (var i = first; i < end; i++) {
-        let to = i + run + u32(i > longest);
-        for (var field = 0u; field < 5u; field++) {
-            wall[wall_slot(member, field, to)] = wall[wall_slot(member, WALL_OLD + field, i)];
+    // A tree over the threads of each run.
+    for (var step = 1u; step < LOOP_THREADS; step *= 2u) {
+        workgroupBarrier();
+        if edge != NONE && lane % (2u * step) == 0u && lane + step < share {
+            let other = longest[thread + step];
+            let other_edge = longest_edge[thread + step];
+            if other > longest[thread] || (other == longest[thread] && other_edge < longest_edge[thread]) {
+                longest[thread] = other;
+                longest_edge[thread] = other_edge;
+            }
         }
     }
-    let to = longest + run + 1u;
-    // The last run comes first, as on the CPU.
-    wall[wall_slot(member, WALL_ID, to)] = n + runs - 1u - run;
-    for (var field = 1u; field < 5u; field++) {
-        let middle = 0.5 * (old_wall(member, field, longest) + old_wall(member, field, (longest + 1u) % n));
-        wall[wall_slot(member, field, to)] = bitcast<u32>(middle);
+    if edge != NONE && share > 1u && lane == 0u {
+        wall[wall_slot(member, WALL_PULL_X, thread / share)] = longest_edge[thread];
+    }
+}
+
+// Puts particle i of the outer loop where it belongs, and the new one behind it where the edge between them is split.
+fn split_wall(member: u32, n: u32, runs: u32, i: u32) {
+    let run = run_of(n, runs, i);
+    let edge = wall[wall_slot(member, WALL_PULL_X, run)];
+    let to = i + run + u32(i > edge);
+    for (var field = 0u; field < 5u; field++) {
+        wall[wall_slot(member, field, to)] = wall[wall_slot(member, WALL_OLD + field, i)];
+    }
+    if i == edge {
+        // The last run comes first, as on the CPU.
+        wall[wall_slot(member, WALL_ID, to + 1u)] = n + runs - 1u - run;
+        for (var field = 1u; field < 5u; field++) {
+            let middle = 0.5 * (old_wall(member, field, i) + old_wall(member, field, (i + 1u) % n));
+            wall[wall_slot(member, field, to + 1u)] = bitcast<u32>(middle);
+        }
     }
 }
 
@@ -173,13 +228,7 @@ fn split(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     var before = 0u;
     var winner = NONE;
     if runs > 0u {
-        // The run that holds i, by the bounds that the tournament used.
-        var run = i * runs / n;
-        if i < run * n / runs {
-            run--;
-        } else if i >= (run + 1u) * n / runs {
-            run++;
-        }
+        let run = run_of(n, runs, i);
         winner = particles[slot(member, WINNER, run)];
         before = particles[slot(member, BEFORE, run)] + u32(winner != NONE && winner < i);
     }

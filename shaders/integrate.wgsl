@@ -1,10 +1,16 @@
 // Time integration (paper, section 3) and the guard that keeps walls apart: twin of src/sim/cpu/integrate.rs.
 //
-// A dispatch is one evaluation of all forces. A workgroup holds a block of 16 particles, and 16 threads a particle:
-// thread (particle, lane) gathers from segment `lane` of each listed block, in ascending order, so that partial sums
-// run in lane j mod 16 and are reduced in the order of the CPU. One thread a particle then adds the local forces and
-// moves the particle to the next stage, in a buffer that this dispatch does not read. Lists that do not hold, or were
-// too long, are not used: the particle visits all blocks, with the same sums.
+// A dispatch is one evaluation of all forces; the first of a step builds neighbour lists before, where they are stale.
+// A workgroup holds a block of 16 particles, and 16 threads a particle: thread (particle, lane) gathers from segment
+// `lane` of each listed block, in ascending order, so that partial sums run in lane j mod 16 and are reduced in the
+// order of the CPU. One thread a particle then adds the local forces and moves the particle to the next stage, in a
+// buffer that this dispatch does not read. A list that does not hold, or was too long, is not used: its particle visits
+// all blocks, with the same sums.
+//
+// The outer loop does its step beside the first evaluation of the next one, in a workgroup of its own: no stage of the
+// inner loop reads the wall, and of what the wall reads (`reach`, rows, tables, whether the member runs) the first
+// evaluation changes nothing. Before a growth event or a record it runs alone, by the same pipeline, so that its bits
+// do not depend on how a driver compiles it twice.
 
 // Which evaluation of the step: 0 to 3; Euler has the first only.
 override EVALUATION: u32 = 0u;
@@ -21,13 +27,12 @@ const STRIDE: u32 = 17u;
 var<workgroup> lane_x: array<f32, LANES * STRIDE>;
 var<workgroup> lane_y: array<f32, LANES * STRIDE>;
 var<workgroup> lane_near: array<f32, LANES * STRIDE>;
-// Read by one thread for all: particles of the member (0 where it does not run), and whether its lists hold.
-var<workgroup> member_count: u32;
-var<workgroup> member_lists: u32;
 // Of each particle: squared displacement since the lists were built, squared elliptic radius, whether it was shortened.
 var<workgroup> far: array<f32, LANES>;
 var<workgroup> wide: array<f32, LANES>;
 var<workgroup> shortened: array<u32, LANES>;
+// Whether each particle visited all blocks.
+var<workgroup> searched: array<u32, LANES>;
 
 // Where the positions of this evaluation lie: x, then y, vx, vy in the next fields.
 fn source() -> u32 {
@@ -35,6 +40,11 @@ fn source() -> u32 {
         return current(X);
     }
     return STAGE + 4u * ((EVALUATION + 1u) % 2u);
+}
+
+// Where the greatest 1/d of a segment lies: rows take turns, so that one is cleared while the other is used.
+fn near_slot(member: u32, row: u32, i: u32) -> u32 {
+    return (2u * member + row % 2u) * batch.capacity + i;
 }
 
 // Slot of the displacement at an evaluation. Euler, with one evaluation a step, takes turns.
@@ -45,73 +55,124 @@ fn moved_slot(evaluation: u32) -> u32 {
     return evaluation % 4u;
 }
 
-fn trusted(member: u32) -> bool {
-    let built = states[member].built_next;
-    var moved = bitcast<f32>(atomicLoad(&states[member].moved[moved_slot(EVALUATION)]));
-    if EVALUATION == 0u && built == now.row {
-        moved = 0.0;
-    }
-    return lists_hold(member, now.row, built, moved, SKIN - 0.01);
+// Which lists of a member hold at this evaluation.
+struct Trust {
+    // The greatest displacement of a particle since the lists were built, µm.
+    moved: f32,
+    // A list holds where its own particle moved by no more than this: the two together, and what ranges have grown by,
+    // are within the skin.
+    own: f32,
 }
 
-// Reduces the 16 partial sums of a particle as the CPU does: halves onto each other.
-fn reduced_x(first: u32) -> f32 {
-    var a: array<f32, 8>;
-    for (var l = 0u; l < 8u; l++) {
-        a[l] = lane_x[first + l] + lane_x[first + l + 8u];
+// `built`: the row of the lists; `moved`: the greatest displacement since.
+fn trust(member: u32, built: u32, moved: f32) -> Trust {
+    if built == NONE {
+        return Trust(0.0, -1.0);
     }
-    return ((a[0] + a[4]) + (a[2] + a[6])) + ((a[1] + a[5]) + (a[3] + a[7]));
+    return Trust(moved, SKIN - 0.01 - widened(member, now.row, built) - moved);
 }
 
-fn reduced_y(first: u32) -> f32 {
-    var a: array<f32, 8>;
-    for (var l = 0u; l < 8u; l++) {
-        a[l] = lane_y[first + l] + lane_y[first + l + 8u];
+// Whether the list of particle i, which is at `p`, holds.
+fn holds(member: u32, lists: Trust, i: u32, p: vec2<f32>) -> bool {
+    if lists.moved <= lists.own {
+        return true;
     }
-    return ((a[0] + a[4]) + (a[2] + a[6])) + ((a[1] + a[5]) + (a[3] + a[7]));
+    let d = p - load2(member, BUILT_X, i);
+    return sqrt(d.x * d.x + d.y * d.y) <= lists.own;
+}
+
+// Reduces the 16 partial sums of a particle, from f on, as the CPU does: halves onto each other. Written out, so that
+// no array with a changing index is needed.
+fn reduced_x(f: u32) -> f32 {
+    let a = (lane_x[f] + lane_x[f + 8u]) + (lane_x[f + 4u] + lane_x[f + 12u]);
+    let b = (lane_x[f + 2u] + lane_x[f + 10u]) + (lane_x[f + 6u] + lane_x[f + 14u]);
+    let c = (lane_x[f + 1u] + lane_x[f + 9u]) + (lane_x[f + 5u] + lane_x[f + 13u]);
+    let d = (lane_x[f + 3u] + lane_x[f + 11u]) + (lane_x[f + 7u] + lane_x[f + 15u]);
+    return (a + b) + (c + d);
+}
+
+fn reduced_y(f: u32) -> f32 {
+    let a = (lane_y[f] + lane_y[f + 8u]) + (lane_y[f + 4u] + lane_y[f + 12u]);
+    let b = (lane_y[f + 2u] + lane_y[f + 10u]) + (lane_y[f + 6u] + lane_y[f + 14u]);
+    let c = (lane_y[f + 1u] + lane_y[f + 9u]) + (lane_y[f + 5u] + lane_y[f + 13u]);
+    let d = (lane_y[f + 3u] + lane_y[f + 11u]) + (lane_y[f + 7u] + lane_y[f + 15u]);
+    return (a + b) + (c + d);
 }
 
 @compute @workgroup_size(BLOCK_THREADS)
 fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let member = group.y;
-    if thread == 0u {
-        member_count = select(0u, states[member].inner, runs_on(member));
-        member_lists = u32(trusted(member));
+    if EVALUATION == 0u && now.outer != 0u && group.x == 0u {
+        step_outer(member, now.row - 1u, thread);
+        return;
     }
-    workgroupBarrier();
-    let n = member_count;
+    let block_index = group.x - now.outer;
+    // Read by all threads alike, without waiting for one of them.
+    let n = select(0u, states[member].inner, runs_on(member));
+    let moved = sqrt(bitcast<f32>(atomicLoad(&states[member].moved[moved_slot(EVALUATION)])));
+    var trusted: Trust;
+    if EVALUATION == 0u {
+        // Decided by all workgroups alike: what they ask changes in later dispatches only.
+        trusted = trust(member, states[member].built, moved);
+        if thread == 0u {
+            stale = u32(block_index * LANES < n && !(trusted.own - trusted.moved >= SPARE - 0.01));
+        }
+        if workgroupUniformLoad(&stale) != 0u {
+            build_lists(member, n, block_index, thread);
+            trusted = trust(member, now.row, 0.0);
+            if thread == 0u && block_index == 0u {
+                states[member].built_next = now.row;
+                states[member].builds += 1u;
+            }
+        }
+    } else {
+        trusted = trust(member, states[member].built_next, moved);
+    }
     let row = row_index(member, now.row);
     let from_field = source();
 
-    let gatherer = group.x * LANES + thread / LANES;
+    let gatherer = block_index * LANES + thread / LANES;
     if gatherer < n {
-        gather(member, n, row, from_field, gatherer, thread);
+        gather(member, n, row, from_field, trusted, gatherer, thread);
+    } else {
+        searched[thread / LANES] = 0u;
     }
     workgroupBarrier();
-    let i = group.x * LANES + thread;
+    let i = block_index * LANES + thread;
     if thread < LANES {
         far[thread] = 0.0;
         wide[thread] = 0.0;
         shortened[thread] = 0u;
         if i < n {
+            if EVALUATION == 0u {
+                // What segment i sees in the next step; of the step before, it was read for the last time.
+                atomicStore(&near[near_slot(member, now.row + 1u, i)], 0u);
+            }
             advance(member, n, row, from_field, i, thread);
         }
     }
     workgroupBarrier();
-    if thread == 0u && group.x * LANES < n {
-        if group.x == 0u {
-            // The slot of the evaluation before was read for the last time.
-            if !EULER {
-                atomicStore(&states[member].moved[(EVALUATION + 3u) % 4u], 0u);
-            } else {
-                atomicStore(&states[member].moved[moved_slot(1u)], 0u);
-            }
-            if EVALUATION == 0u {
-                states[member].built = states[member].built_next;
-            }
-        }
+    if thread == 0u && block_index == 0u && n > 0u {
+        // The slot of the evaluation before was read for the last time.
         if !EULER {
-            summarize(member);
+            atomicStore(&states[member].moved[(EVALUATION + 3u) % 4u], 0u);
+        } else {
+            atomicStore(&states[member].moved[moved_slot(1u)], 0u);
+        }
+        if EVALUATION == 1u {
+            states[member].built = states[member].built_next;
+        }
+    }
+    if !EULER && block_index * LANES < n {
+        summarize(member, thread);
+    }
+    if thread == 3u * THREADS {
+        var any = 0u;
+        for (var l = 0u; l < LANES; l++) {
+            any |= searched[l];
+        }
+        if any != 0u {
+            atomicAdd(&states[member].full_searches, 1u);
         }
     }
 }
@@ -128,27 +189,31 @@ fn guard(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
         shortened[thread] = 0u;
         if i < n {
             keep_clearance(member, n, i);
-            }
+        }
     }
     workgroupBarrier();
     if thread < LANES && i < n {
         conclude(member, row_index(member, now.row), i, thread, load2(member, SUM_X, i), load2(member, SUM_X, i));
     }
     workgroupBarrier();
-    if thread == 0u && group.x * LANES < n {
-        summarize(member);
+    if i == 0u && n > 0u {
+        states[member].built = states[member].built_next;
+    }
+    if group.x * LANES < n {
+        summarize(member, thread);
     }
 }
 
 // Sums the forces of segment `thread` mod 16 of each block on particle i; at the first evaluation also the clearance.
-fn gather(member: u32, n: u32, row: u32, from_field: u32, i: u32, thread: u32) {
+fn gather(member: u32, n: u32, row: u32, from_field: u32, trusted: Trust, i: u32, thread: u32) {
     let lane = thread % LANES;
     let before = select(i - 1u, n - 1u, i == 0u);
     let after = select(i + 1u, 0u, i + 1u == n);
     let normal = normal_of(load2(member, from_field, before), load2(member, from_field, after));
-    let terms = pair_terms(row, load2(member, from_field, i), normal, load(member, current(SCALE), i));
+    let p = load2(member, from_field, i);
+    let terms = pair_terms(row, p, normal, load(member, current(SCALE), i));
     let listed = particles[slot(member, COUNT, i)];
-    let use_list = listed <= LIST && member_lists != 0u;
+    let use_list = listed <= LIST && holds(member, trusted, i, p);
     let blocks = (n + LANES - 1u) / LANES;
     let count = select(blocks, listed, use_list);
     let list = (member * batch.capacity + i) * LIST;
@@ -168,7 +233,7 @@ fn gather(member: u32, n: u32, row: u32, from_field: u32, i: u32, thread: u32) {
                 greatest = max(greatest, force.z);
                 // What is farther makes no difference to any clearance.
                 if force.z > 1.0 / CLEARANCE_CAP {
-                    atomicMax(&near[member * batch.capacity + j], bitcast<u32>(force.z));
+                    atomicMax(&near[near_slot(member, now.row, j)], bitcast<u32>(force.z));
                 }
             }
         }
@@ -177,6 +242,9 @@ fn gather(member: u32, n: u32, row: u32, from_field: u32, i: u32, thread: u32) {
     lane_x[at] = sum.x;
     lane_y[at] = sum.y;
     lane_near[at] = greatest;
+    if lane == 0u {
+        searched[thread / LANES] = u32(!use_list);
+    }
 }
 
 // Adds the local forces on particle i and moves it to the next stage.
@@ -242,9 +310,9 @@ fn advance(member: u32, n: u32, row: u32, from_field: u32, i: u32, thread: u32) 
 
 // Joins what vertices and segments saw at the first evaluation into the clearance of particle i.
 fn keep_clearance(member: u32, n: u32, i: u32) {
-    let base = member * batch.capacity;
     let before = select(i - 1u, n - 1u, i == 0u);
-    let segments = max(atomicLoad(&near[base + before]), atomicLoad(&near[base + i]));
+    let one = atomicLoad(&near[near_slot(member, now.row, before)]);
+    let segments = max(one, atomicLoad(&near[near_slot(member, now.row, i)]));
     let greatest = max(load(member, CLEARANCE, i), bitcast<f32>(segments));
     store(member, CLEARANCE, i, 1.0 / max(greatest, 1.0 / CLEARANCE_CAP));
 }
@@ -272,19 +340,28 @@ fn conclude(member: u32, row: u32, i: u32, thread: u32, sum: vec2<f32>, velocity
     shortened[thread] = u32(cut);
 }
 
-// Hands on what a block saw.
-fn summarize(member: u32) {
-    var moved = 0.0;
-    var reach = 0.0;
-    var cuts = 0u;
-    for (var l = 0u; l < LANES; l++) {
-        moved = max(moved, far[l]);
-        reach = max(reach, wide[l]);
-        cuts += shortened[l];
+// Hands on what a block saw: three threads, far enough from each other not to wait for one another.
+fn summarize(member: u32, thread: u32) {
+    let last = EULER || EVALUATION == 3u;
+    if thread == 0u {
+        var moved = 0.0;
+        for (var l = 0u; l < LANES; l++) {
+            moved = max(moved, far[l]);
+        }
+        atomicMax(&states[member].moved[moved_slot(EVALUATION + 1u)], bitcast<u32>(moved));
     }
-    atomicMax(&states[member].moved[moved_slot(EVALUATION + 1u)], bitcast<u32>(moved));
-    if EULER || EVALUATION == 3u {
+    if last && thread == THREADS {
+        var reach = 0.0;
+        for (var l = 0u; l < LANES; l++) {
+            reach = max(reach, wide[l]);
+        }
         atomicMax(&states[member].reach, bitcast<u32>(reach));
+    }
+    if last && thread == 2u * THREADS {
+        var cuts = 0u;
+        for (var l = 0u; l < LANES; l++) {
+            cuts += shortened[l];
+        }
         if cuts > 0u {
             atomicAdd(&states[member].shortened, cuts);
         }

@@ -16,7 +16,7 @@ fn record(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
         record_out[base + 4u] = states[member].builds;
         record_out[base + 5u] = atomicLoad(&states[member].shortened);
         record_out[base + 6u] = atomicLoad(&states[member].broken);
-        record_out[base + 7u] = states[member].halted;
+        record_out[base + 7u] = atomicLoad(&states[member].full_searches);
     }
     if i < min(states[member].inner, now.extent) {
         for (var field = 0u; field < COPIED; field++) {

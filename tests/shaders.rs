@@ -125,10 +125,10 @@ fn structures_are_laid_out_alike() {
                 grown_from,
                 runs,
                 first_id,
-                padding,
+                full_searches,
             }
         );
-        assert_same!(module, Now { row, copy, rest, event, extent, outer_extent });
+        assert_same!(module, Now { row, copy, rest, event, extent, outer_extent, outer });
     }
 }
 
@@ -195,6 +195,7 @@ fn constants_are_the_same() {
         }
     }
     assert_eq!(layout::BLOCK_THREADS as usize, LANES * LANES);
+    assert_eq!(layout::BLOCK_THREADS, layout::LOOP_THREADS, "a workgroup of `integrate` does a step of the outer loop");
 }
 
 #[test]
@@ -252,8 +253,8 @@ fn no_constant_and_no_structure_is_left_out() {
             let name = constant.name.as_deref().unwrap_or_default();
             assert!(compared.contains(name), "{name} of {} is compared with nothing", shader.name);
         }
-        // Shaders keep what pair forces need in a structure of their own.
-        let known = ["StepRow", "Batch", "Member", "Status", "Now", "PairTerms"];
+        // Shaders keep what pair forces need, and which lists hold, in structures of their own.
+        let known = ["StepRow", "Batch", "Member", "Status", "Now", "PairTerms", "Trust"];
         for (_, found) in module.types.iter().filter(|(_, t)| matches!(t.inner, TypeInner::Struct { .. })) {
             let name = found.name.as_deref().unwrap_or_default();
             assert!(known.contains(&name), "{name} of {} is compared with nothing", shader.name);
@@ -261,7 +262,6 @@ fn no_constant_and_no_structure_is_left_out() {
         // A constant that pipelines set must be there by this name, or its default would hold in silence.
         let set: &[&str] = match shader.name {
             "integrate" => &["EVALUATION", "EULER"],
-            "neighbours" => &["EULER"],
             _ => &[],
         };
         let found: Vec<&str> = module.overrides.iter().map(|(_, o)| o.name.as_deref().unwrap_or_default()).collect();

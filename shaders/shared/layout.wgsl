@@ -95,7 +95,7 @@ struct Status {
     reach: atomic<u32>,
     // Bits of the greatest range scale, at least 1.
     widest: atomic<u32>,
-    // Row in which the lists were built: as decided on, and as built.
+    // Row in which the lists were built: at the start of a step, and after its first evaluation.
     built: u32,
     built_next: u32,
     // The last growth event: particles before it, and runs that it cut the loop into.
@@ -103,7 +103,8 @@ struct Status {
     runs: u32,
     // Id of the first particle that it made.
     first_id: u32,
-    padding: u32,
+    // Blocks that visited all others, once for each evaluation.
+    full_searches: atomic<u32>,
 }
 
 // What changes from dispatch to dispatch.
@@ -119,6 +120,8 @@ struct Now {
     // Particles of the inner and of the outer loop that a record has room for.
     extent: u32,
     outer_extent: u32,
+    // 1 where the first workgroup of each member does the last step of its outer loop.
+    outer: u32,
 }
 
 @group(0) @binding(0) var<uniform> batch: Batch;
@@ -127,7 +130,7 @@ struct Now {
 @group(0) @binding(3) var<storage, read> tables: array<f32>;
 @group(0) @binding(4) var<storage, read_write> states: array<Status>;
 @group(0) @binding(5) var<storage, read_write> particles: array<u32>;
-// Bits of the greatest 1/d of each segment.
+// Bits of the greatest 1/d of each segment, of a member in even rows, then in odd ones.
 @group(0) @binding(6) var<storage, read_write> near: array<atomic<u32>>;
 @group(0) @binding(7) var<storage, read_write> lists: array<u32>;
 @group(0) @binding(8) var<storage, read_write> wall: array<u32>;

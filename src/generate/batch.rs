@@ -224,6 +224,19 @@ impl<'a, D: Device> Batch<'a, D> {
         }
     }
 
+    /// Gives the loft time where it is behind.
+    fn keep_pace(&self) {
+        if rayon::current_num_threads() == 1 {
+            // The only thread of its pool: nobody else works the inboxes off. Elsewhere there is nothing to do here.
+            while rayon::yield_now() == Some(rayon::Yield::Executed) {}
+        }
+        let backlog = lock(&self.backlog);
+        if *backlog > BACKLOG {
+            // Whether the time ran out does not matter.
+            drop(self.shorter.wait_timeout_while(backlog, BACKLOG_WAIT, |items| *items > BACKLOG));
+        }
+    }
+
     fn end(&self, member: &Growing<'a, D::Mark>, result: Result<Outcome, GenerateError>) {
         member.ended.store(true, Ordering::Relaxed);
         (self.ended)(member.index, result);
@@ -254,6 +267,7 @@ impl<'a, D: Device> Batch<'a, D> {
                 Ok(None)
             }
             Item::Simulated(statistics, simulate) => {
+                tracing::debug!(seed = request.seed, ?statistics, "the device has done the steps of a member");
                 let none = || GenerateError::Simulation { detail: "the device recorded no section".to_owned() };
                 let grown = Grown { statistics, ..loft.take().ok_or_else(none)?.grown };
                 let ran = Ran { used: Backend::Gpu, device: self.device.name(), simulate, total: self.total };
@@ -309,11 +323,7 @@ impl<'scope, 'a, D: Device> Feed<'_, 'scope, 'a, D> {
 impl<D: Device> Told<D::Mark> for Feed<'_, '_, '_, D> {
     fn section(&mut self, member: usize, section: Section, mark: D::Mark) {
         self.tell(member, Item::Section(section, mark));
-        let backlog = lock(&self.batch.backlog);
-        if *backlog > BACKLOG {
-            // Whether the time ran out does not matter.
-            drop(self.batch.shorter.wait_timeout_while(backlog, BACKLOG_WAIT, |items| *items > BACKLOG));
-        }
+        self.batch.keep_pace();
     }
 
     fn progress(&mut self, member: usize, step: i64, particles: u32) {

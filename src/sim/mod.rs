@@ -39,6 +39,9 @@ pub struct Statistics {
     pub moves_shortened: u64,
     /// How often neighbour lists were built.
     pub list_builds: u64,
+    /// On a GPU: how often a block of particles visited all others in an evaluation, for not all of its lists held or had
+    /// room. The CPU builds its lists anew instead.
+    pub full_searches: u64,
 }
 
 /// A running simulation, a step at a time. Backends implement it.

@@ -2,16 +2,18 @@
 
 use crate::common::{OPTIONS, device, generate, leave, no_vulkan};
 use oviduct::clock::{Clock, Stopwatch};
-use oviduct::generate::{Backend, CancelToken, Member, Outcome, Output, Request, generate_batch};
+use oviduct::generate::{Backend, CancelToken, Member, Outcome, Output, Progress, Request, Sink, generate_batch};
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::sqlite::SqliteStore;
 use oviduct::jobs::{Job, JobId, NewJob, Priority, Status, Store, StoreOptions};
+use oviduct::model::Section;
 use oviduct::sim::Plan;
 use oviduct::sim::gpu::{GpuDevice, GpuOptions};
 use oviduct::spec::{ModelSpec, preset};
-use oviduct::worker::{BatchGenerator, GpuGenerator, PoolOptions, WorkerPool, generate_on_cpu};
+use oviduct::worker::{BatchEnds, BatchGenerator, BatchWork, GpuGenerator, PoolOptions, WorkerPool, generate_on_cpu};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -80,6 +82,52 @@ fn the_command_grows_on_a_gpu() {
     assert!(told["backend"]["fallback"].as_str().unwrap().contains("--gpu off"));
 }
 
+/// How long a job may take on a machine that does other things too, seconds.
+const DEADLINE: f64 = 600.0;
+
+/// Gives up its device, once, after the first steps of a batch.
+struct Losing {
+    gpu: Arc<GpuGenerator>,
+    lost: AtomicBool,
+}
+
+impl BatchGenerator for Losing {
+    fn device(&self) -> String {
+        BatchGenerator::device(&*self.gpu)
+    }
+    fn open(&self) -> Result<(), String> {
+        self.gpu.open()
+    }
+    fn admit(&self, jobs: &[&Job]) -> Result<Vec<bool>, String> {
+        self.gpu.admit(jobs)
+    }
+    fn generate(&self, members: &[BatchWork<'_>], ended: BatchEnds<'_>) {
+        let sinks: Vec<LosingSink<'_>> =
+            members.iter().map(|member| LosingSink { sink: member.sink, generator: self }).collect();
+        let members: Vec<BatchWork<'_>> =
+            members.iter().zip(&sinks).map(|(&member, sink)| BatchWork { sink, ..member }).collect();
+        self.gpu.generate(&members, ended);
+    }
+}
+
+struct LosingSink<'a> {
+    sink: &'a dyn Sink,
+    generator: &'a Losing,
+}
+
+impl Sink for LosingSink<'_> {
+    fn progress(&self, progress: &Progress) {
+        self.sink.progress(progress);
+        // The thread that drives the device tells it: nothing more is submitted meanwhile.
+        if progress.step > 0 && !self.generator.lost.swap(true, Ordering::Relaxed) {
+            self.generator.gpu.lose();
+        }
+    }
+    fn section(&self, section: &Section) {
+        self.sink.section(section);
+    }
+}
+
 /// Jobs, and a GPU worker that takes them once it is there.
 struct Place {
     store: Arc<dyn Store>,
@@ -89,9 +137,11 @@ struct Place {
 
 impl Place {
     async fn new(options: GpuOptions) -> Self {
-        let store: Arc<dyn Store> = Arc::new(SqliteStore::open_in_memory(StoreOptions::default()).await.unwrap());
+        let dir = tempfile::tempdir().unwrap();
+        // In a file: a store in memory is gone with its connection.
+        let store = SqliteStore::open(&dir.path().join("jobs.db"), StoreOptions::default()).await.unwrap();
         let gpu = Arc::new(GpuGenerator::all(options).unwrap().swap_remove(0));
-        Self { store, gpu, dir: tempfile::tempdir().unwrap() }
+        Self { store: Arc::new(store), gpu, dir }
     }
 
     async fn submit(&self, seed: u64, spec: &ModelSpec) -> JobId {
@@ -114,6 +164,10 @@ impl Place {
     }
 
     fn start(&self) -> WorkerPool {
+        self.start_with(Arc::clone(&self.gpu) as Arc<dyn BatchGenerator>)
+    }
+
+    fn start_with(&self, gpu: Arc<dyn BatchGenerator>) -> WorkerPool {
         let options = PoolOptions {
             workers: 0,
             progress: Duration::from_millis(20),
@@ -125,7 +179,7 @@ impl Place {
             Arc::clone(&self.store),
             Artifacts::local(&self.dir.path().join("artifacts")).unwrap(),
             Arc::new(generate_on_cpu),
-            vec![Arc::clone(&self.gpu) as Arc<dyn BatchGenerator>],
+            vec![gpu],
             options,
             Clock::System,
         )
@@ -139,7 +193,7 @@ impl Place {
             if done(&job) {
                 return job;
             }
-            assert!(since.seconds() < 120.0, "it never came about: {job:?}");
+            assert!(since.seconds() < DEADLINE, "it never came about: {job:?}");
             tokio::time::sleep(Duration::from_millis(5)).await;
         }
     }
@@ -162,10 +216,8 @@ async fn a_device_lost_in_mid_batch_harms_no_job_and_is_opened_anew() {
     for seed in 1..=3 {
         ids.push(place.submit(seed, &spec(1200, 400)).await);
     }
-    let pool = place.start();
-    let running = place.until(ids[0], |job| job.section.is_some()).await;
-    assert_eq!(running.backend.used, Some(Backend::Gpu));
-    place.gpu.lose();
+    let losing = Arc::new(Losing { gpu: Arc::clone(&place.gpu), lost: AtomicBool::new(false) });
+    let pool = place.start_with(losing);
     for id in ids {
         let job = place.grown(id).await;
         assert_eq!((job.attempts, job.backend.used), (1, Some(Backend::Cpu)));

@@ -117,6 +117,19 @@ fn pair_forces_match_where_lists_overflow() {
 }
 
 #[test]
+fn pair_forces_match_where_there_are_more_blocks_than_threads() {
+    if no_vulkan() {
+        return;
+    }
+    // 4,940 particles are 309 blocks: lists are built in two rounds of 256.
+    let mut plan = plan(&json!({ "particles": { "total": 5000, "outer": 60 } }), 4);
+    let mut start = CpuSimulation::new(plan.clone(), 1).checkpoint();
+    only(&mut plan, &mut start, |row, bare| bare.repulsion = row.repulsion);
+    let (cpu, gpu) = both(&plan, &start);
+    assert_velocities(&cpu.inner, &gpu.inner, 2e-5);
+}
+
+#[test]
 fn local_forces_match() {
     if no_vulkan() {
         return;
@@ -259,4 +272,36 @@ fn outer_matches() {
     let flat = |p: &[[f32; 2]]| p.iter().flatten().copied().collect::<Vec<f32>>();
     assert_close("outer positions", &flat(&cpu.outer.p), &flat(&gpu.outer.p), 1e-5);
     assert_close("outer velocities", &flat(&cpu.outer.v), &flat(&gpu.outer.v), 2e-3);
+}
+
+/// Two straight strands 40 µm apart that come within the range of a barrier which was off when the lists were built.
+#[test]
+fn lists_follow_a_barrier_that_grows_between_growth_events() {
+    if no_vulkan() {
+        return;
+    }
+    let patch = json!({
+        "steps": 20, "burn_in": 0, "particles": { "total": 260, "outer": 60, "every": 1000 },
+        "collision": { "tissue_um": 12, "gap_um": 12, "barrier": 0.02, "barrier_um": { "keys": [[0, 0], [0.3, 20], [1, 20]] } },
+    });
+    let mut plan = plan(&patch, 1);
+    let mut start = CpuSimulation::new(plan.clone(), 1).checkpoint();
+    only(&mut plan, &mut start, |row, bare| bare.barrier = row.barrier);
+    plan.integrator = Integrator::Rk4;
+    let n = start.inner.len();
+    for i in 0..n {
+        let (side, k) = if i < n / 2 { (-1.0, i) } else { (1.0, n - 1 - i) };
+        start.inner.x[i] = 10.0 * (k as f32 - 0.25 * n as f32);
+        start.inner.y[i] = 20.0 * side;
+        start.inner.vy[i] = -1.1 * side;
+    }
+    let run = |from: &Checkpoint| {
+        advance(device(), std::slice::from_ref(&plan), std::slice::from_ref(from), 12).unwrap().pop().unwrap().remove(0)
+    };
+    let end = run(&start);
+    assert!(end.inner.vy.iter().any(|v| v.abs() < 1.0999), "the barrier had nothing to do: the test shows nothing");
+    let states = advance(device(), std::slice::from_ref(&plan), std::slice::from_ref(&start), 8).unwrap();
+    for k in [3, 7] {
+        assert!(run(&states[k][0]) == end, "from step {}", k + 1);
+    }
 }

@@ -47,7 +47,7 @@ fn measure(device: &GpuDevice, spec: &ModelSpec, what: &str, quick: bool) -> any
     let heads = ["batch", "seconds", "models/s", "device s", "host s", "dispatches", "µs/dispatch", "memory MB"];
     let [batch, rest @ ..] = heads;
     lines.push(format!("{batch:>6}{}", rest.map(|head| format!(" {head:>12}")).concat()));
-    let (mut rows, mut points) = (Vec::new(), Vec::new());
+    let (mut rows, mut points, mut search) = (Vec::new(), Vec::new(), None);
     let most = fit.min(if quick { LARGEST_QUICK } else { LARGEST });
     for size in std::iter::successors(Some(1), |n| Some(2 * n)).take_while(|&n| n <= most) {
         term::note(&format!("a batch of {size} …"));
@@ -66,7 +66,9 @@ fn measure(device: &GpuDevice, spec: &ModelSpec, what: &str, quick: bool) -> any
         ));
         rows.push(json!({ "batch": size, "models_per_second": rate, "memory_bytes": bytes, "run": run.describe() }));
         points.push((size as f64, rate));
+        search.get_or_insert_with(|| run.search());
     }
+    lines.extend(search);
     let json = json!({
         "bench": "batch", "engine": crate::ENGINE_VERSION, "machine": machine::describe(),
         "device": device::describe(device), "model": what, "runs": runs, "largest_that_fits": fit, "rows": rows,

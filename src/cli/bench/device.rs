@@ -12,6 +12,8 @@ pub(super) struct Batch {
     /// Seconds from the call to the last section of the last member.
     pub(super) seconds: f64,
     pub(super) report: BatchReport,
+    /// What happened in the first member.
+    pub(super) first: Statistics,
     /// Time per step of the first member between its recorded sections.
     pub(super) points: Vec<Point>,
 }
@@ -23,8 +25,14 @@ impl Batch {
         json!({
             "seconds": self.seconds, "device_seconds": report.device_seconds,
             "host_seconds": report.host_seconds, "dispatches": report.dispatches,
-            "submissions": report.submissions, "bytes_back": report.bytes_back,
+            "submissions": report.submissions, "bytes_back": report.bytes_back, "first": self.first,
         })
+    }
+
+    /// What neighbour search had to do in the first member, for people.
+    pub(super) fn search(&self) -> String {
+        let Statistics { list_builds, full_searches, .. } = self.first;
+        format!("seed 1 built its lists {list_builds} times; {full_searches} times a block visited all others")
     }
 
     /// Microseconds that a dispatch took in the mean: by the device's own clock, where it has one.
@@ -85,12 +93,13 @@ pub(super) fn median(device: &GpuDevice, plans: &[Plan], runs: usize) -> anyhow:
 
 /// Simulates `plans` together. Sections are taken and dropped.
 fn run(device: &GpuDevice, plans: &[Plan]) -> anyhow::Result<Batch> {
-    let mut times = Times { watch: Stopwatch::start(), last: None, points: Vec::new(), failed: None };
+    let (watch, first) = (Stopwatch::start(), Statistics::default());
+    let mut times = Times { watch, last: None, points: Vec::new(), failed: None, first };
     let report = run_batch(device, plans, &mut times)?;
     let seconds = times.watch.seconds();
     match times.failed {
         Some(error) => Err(error.into()),
-        None => Ok(Batch { seconds, report, points: times.points }),
+        None => Ok(Batch { seconds, report, first: times.first, points: times.points }),
     }
 }
 
@@ -100,6 +109,7 @@ struct Times {
     last: Option<(f64, f64)>,
     points: Vec<Point>,
     failed: Option<SimError>,
+    first: Statistics,
 }
 
 impl BatchSink for Times {
@@ -125,5 +135,9 @@ impl BatchSink for Times {
         self.failed = Some(error);
     }
 
-    fn finished(&mut self, _: usize, _: Statistics) {}
+    fn finished(&mut self, member: usize, statistics: Statistics) {
+        if member == 0 {
+            self.first = statistics;
+        }
+    }
 }

@@ -23,6 +23,8 @@ struct Twin {
     /// Members of each run, those included that did not get their memory.
     runs: Mutex<Vec<usize>>,
     replays: AtomicU64,
+    /// Sections that were told.
+    told: AtomicU64,
 }
 
 impl Device for Twin {
@@ -46,6 +48,7 @@ impl Device for Twin {
             for (index, (place, plan)) in members.iter_mut().zip(plans).enumerate() {
                 let Some(simulation) = place else { continue };
                 if plan.records_at(time) {
+                    self.told.fetch_add(1, Ordering::Relaxed);
                     told.section(index, simulation.section(), fork(simulation));
                 }
                 told.progress(index, time, simulation.particles());
@@ -139,6 +142,39 @@ fn a_batch_makes_what_each_would_be_alone() {
             assert!(outcome.seconds.simulate > 0.0 && outcome.seconds.total >= outcome.seconds.simulate);
         }
     }
+}
+
+/// Counts how many sections that were told wait for the loft, at most.
+struct Behind<'a> {
+    device: &'a Twin,
+    lofted: AtomicU64,
+    most: AtomicU64,
+}
+
+impl Sink for Behind<'_> {
+    fn progress(&self, _: &Progress) {}
+    fn section(&self, _: &Section) {
+        let lofted = self.lofted.fetch_add(1, Ordering::Relaxed);
+        self.most.fetch_max(self.device.told.load(Ordering::Relaxed) - lofted, Ordering::Relaxed);
+    }
+}
+
+/// The thread that drives the device is the only one of its pool: where it waited for the loft, it would wait for itself.
+#[test]
+fn a_pool_of_one_thread_lofts_what_the_device_yields_as_it_comes() {
+    let dir = tempfile::tempdir().unwrap();
+    let patch = json!({
+        "steps": 100, "burn_in": 0, "solver": { "record_every": 1 },
+        "particles": { "total": { "keys": [[0, 180], [1, 220]] }, "outer": 50 },
+    });
+    let spec = ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap();
+    let request = Request { spec, ..request(1, dir.path()) };
+    let device = Twin::default();
+    let behind = Behind { device: &device, lofted: AtomicU64::new(0), most: AtomicU64::new(0) };
+    let ends = run(&device, &[request], &[&behind], &[CancelToken::default()], 1);
+    assert!(ends[0].is_ok(), "{ends:?}");
+    assert_eq!(behind.lofted.into_inner(), 101);
+    assert_eq!(behind.most.into_inner(), 1);
 }
 
 /// Stops at a step, or panics at a section.

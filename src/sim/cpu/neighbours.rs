@@ -2,7 +2,8 @@
 //!
 //! Invariant: the blocks of a particle hold every segment within its range; what else they hold adds zeros. So
 //! all searches give the same bytes. `lists` are found from bounding boxes of blocks and kept while twice the
-//! greatest displacement since then stays within the skin (paper, section 4: the suggested two-step search).
+//! greatest displacement since then, and what ranges have grown by, stay within the skin (paper, section 4: the
+//! suggested two-step search).
 
 use super::chain::Chain;
 use super::pairs::CLEARANCE_CAP;
@@ -49,7 +50,9 @@ pub(super) struct Neighbours {
     bounds: Vec<Bounds>,
     built_x: Vec<f32>,
     built_y: Vec<f32>,
+    /// Range of the forces and least sight that the lists were built for.
     built_range: f32,
+    built_sight: f32,
     valid: bool,
     builds: u64,
 }
@@ -64,6 +67,7 @@ impl Neighbours {
             built_x: Vec::new(),
             built_y: Vec::new(),
             built_range: 0.0,
+            built_sight: 0.0,
             valid: false,
             builds: 0,
         }
@@ -119,7 +123,7 @@ impl Neighbours {
             },
         );
         let widest = state.scale.iter().fold(1.0f32, |a, &b| max(a, b));
-        let widened = max(reach(row) - self.built_range, 0.0) * widest;
+        let widened = max(max(reach(row) - self.built_range, 0.0) * widest, least_sight(row) - self.built_sight);
         2.0 * moved + widened <= SKIN - 0.01
     }
 
@@ -149,6 +153,7 @@ impl Neighbours {
         self.built_y.clear();
         self.built_y.extend_from_slice(&chain.y[1..=chain.len()]);
         self.built_range = reach(row);
+        self.built_sight = least_sight(row);
         self.valid = true;
     }
 
@@ -175,9 +180,14 @@ pub(super) fn each(parts: &mut [Part], work: impl Fn(&mut Part) + Sync + Send) {
     }
 }
 
-/// Range of the forces at scale 1.
+/// Range of the self-intersection force at scale 1.
 fn reach(row: &StepRow) -> f32 {
     row.range_max()
+}
+
+/// How far every particle must see, whatever its range: the clearances that matter, and the barrier.
+fn least_sight(row: &StepRow) -> f32 {
+    max(CLEARANCE_CAP, row.barrier_distance)
 }
 
 fn segment_bounds(chain: &Chain, block: usize) -> Bounds {
@@ -206,10 +216,10 @@ struct Built<'a> {
 }
 
 impl Built<'_> {
-    /// How far particle `i` must see: its range, the barrier, the clearances that matter; plus the skin.
+    /// How far the list of particle `i` reaches: its range, or the least sight; plus the skin.
     #[inline(always)]
     fn range(&self, i: usize) -> f32 {
-        max(max(reach(self.row) * self.state.scale[i], CLEARANCE_CAP), self.row.barrier_distance) + SKIN
+        max(reach(self.row) * self.state.scale[i], least_sight(self.row)) + SKIN
     }
 
     fn lists(&self, part: &mut Part) {

@@ -131,6 +131,36 @@ fn threads_and_searches_give_the_same_state() {
     }
 }
 
+/// Two straight strands 40 µm apart that come within the range of a barrier which was off when the lists were built.
+#[test]
+fn lists_follow_a_barrier_that_grows_between_growth_events() {
+    let patch = json!({
+        "steps": 20, "burn_in": 0, "particles": { "total": 260, "outer": 60, "every": 1000 },
+        "collision": { "tissue_um": 12, "gap_um": 12, "barrier": 0.02, "barrier_um": { "keys": [[0, 0], [0.3, 20], [1, 20]] } },
+    });
+    let mut sim = simulation(&patch, 1, 1);
+    let n = sim.inner.len();
+    for row in &mut sim.plan.rows {
+        let bare = StepRow { stiffness: 0.0, damping: 0.0, relaxation: 0.0, friction: 0.0, bending: 0.0, ..*row };
+        *row = StepRow { containment: 0.0, regulatory: 0.0, contortion: [0.0; 3], repulsion: 0.0, ..bare };
+    }
+    let half = n / 2;
+    for i in 0..n {
+        let (side, k) = if i < half { (-1.0, i) } else { (1.0, n - 1 - i) };
+        sim.inner.x[i] = 10.0 * (k as f32 - 0.5 * half as f32);
+        sim.inner.y[i] = 20.0 * side;
+        sim.inner.vy[i] = -1.1 * side;
+    }
+    let mut all_pairs = sim.fork(Search::AllPairs, Kernel::Vector, 1);
+    let mut lists = sim.fork(Search::Lists, Kernel::Vector, 1);
+    for _ in 0..12 {
+        lists.step().unwrap();
+        all_pairs.step().unwrap();
+        assert!(lists.checkpoint() == all_pairs.checkpoint(), "at step {}", lists.time());
+    }
+    assert!(lists.inner.vy.iter().any(|v| v.abs() < 1.0999), "the barrier had nothing to do: the test shows nothing");
+}
+
 #[test]
 fn a_resumed_simulation_goes_on_as_if_nothing_had_been() {
     let mut sim = simulation(&json!({}), 2, 1);

@@ -78,8 +78,17 @@ pub fn run_batch(device: &GpuDevice, plans: &[Plan], sink: &mut dyn BatchSink) -
 pub fn replay(device: &GpuDevice, plan: &Plan, checkpoint: &Checkpoint) -> Result<Vec<Section>, GpuError> {
     let last = (checkpoint.time + 1..=i64::from(plan.steps)).find(|&t| plan.records_at(t));
     let last = last.ok_or_else(|| GpuError::Unfit { detail: "the checkpoint is at the end".to_owned() })?;
-    let states = advance(device, std::slice::from_ref(plan), std::slice::from_ref(checkpoint), last)?;
-    Ok(states.iter().map(|state| state[0].section(plan)).collect())
+    let mut sections = Vec::new();
+    let (plans, checkpoints) = (std::slice::from_ref(plan), std::slice::from_ref(checkpoint));
+    // States are dropped as they come: a slab may have many steps.
+    repeat(
+        device,
+        plans,
+        checkpoints,
+        last,
+        &mut Every(|_: usize, section: Section, _: Checkpoint| sections.push(section)),
+    )?;
+    Ok(sections)
 }
 
 /// Advances the members from their checkpoints, which must be at the same step, to step `last`. Returns the states
@@ -93,28 +102,42 @@ pub fn advance(
     checkpoints: &[Checkpoint],
     last: i64,
 ) -> Result<Vec<Vec<Checkpoint>>, GpuError> {
+    let mut states: Vec<Vec<Checkpoint>> = Vec::new();
+    let keep = |member: usize, _: Section, checkpoint: Checkpoint| {
+        if member == 0 {
+            states.push(Vec::new());
+        }
+        if let Some(states) = states.last_mut() {
+            states.push(checkpoint);
+        }
+    };
+    repeat(device, plans, checkpoints, last, &mut Every(keep))?;
+    Ok(states)
+}
+
+/// Runs members from their checkpoints to step `last`, every state recorded.
+fn repeat(
+    device: &GpuDevice,
+    plans: &[Plan],
+    checkpoints: &[Checkpoint],
+    last: i64,
+    sink: &mut dyn BatchSink,
+) -> Result<(), GpuError> {
     device.fits(&plans.iter().collect::<Vec<_>>())?;
     let same = checkpoints.len() == plans.len() && checkpoints.windows(2).all(|w| w[0].time == w[1].time);
     if !same {
         return Err(GpuError::Unfit { detail: "checkpoints of different steps".to_owned() });
     }
     let course = Course::new(plans, checkpoints, last, true);
-    let mut every = Every(Vec::new());
-    Run::new(device, plans, checkpoints, course)?.drive(&mut every)?;
-    Ok(every.0)
+    Run::new(device, plans, checkpoints, course)?.drive(sink).map(drop)
 }
 
-/// Keeps every state.
-struct Every(Vec<Vec<Checkpoint>>);
+/// Hands on every section and state.
+struct Every<F>(F);
 
-impl BatchSink for Every {
-    fn section(&mut self, member: usize, _: Section, checkpoint: Checkpoint) {
-        if member == 0 {
-            self.0.push(Vec::new());
-        }
-        if let Some(states) = self.0.last_mut() {
-            states.push(checkpoint);
-        }
+impl<F: FnMut(usize, Section, Checkpoint)> BatchSink for Every<F> {
+    fn section(&mut self, member: usize, section: Section, checkpoint: Checkpoint) {
+        (self.0)(member, section, checkpoint);
     }
     fn progress(&mut self, _: usize, _: i64, _: u32) {}
     fn cancelled(&mut self, _: usize) -> bool {

@@ -26,6 +26,8 @@ pub(super) struct Course {
     opening: bool,
     copy: u32,
     rest: u32,
+    /// Whether the outer loop has its last step still to do: it runs beside the next step of the inner one.
+    outer_due: bool,
 }
 
 impl Course {
@@ -61,6 +63,7 @@ impl Course {
             opening: !every_step && start.time == 0,
             copy: 0,
             rest: 0,
+            outer_due: false,
         }
     }
 
@@ -121,6 +124,7 @@ impl Course {
         }
         if recorded {
             self.opening = false;
+            self.finish_outer(&mut pass, pipelines);
             let (extent, outer_extent) = self.extents();
             let now = Now { extent, outer_extent, ..self.now() };
             let groups = extent.max(outer_extent).div_ceil(THREADS);
@@ -138,6 +142,7 @@ impl Course {
         if self.time >= 0 && self.time % self.grow_every == 0 {
             let now = Now { event: (self.time / self.grow_every) as u32, ..self.now() };
             let before = self.most_before(self.time)[0];
+            self.finish_outer(pass, pipelines);
             pass.dispatch(&pipelines.growth, &now, members, 1);
             pass.dispatch(&pipelines.split, &now, before.div_ceil(THREADS), members);
             self.copy = 1 - self.copy;
@@ -145,16 +150,32 @@ impl Course {
         }
         let now = self.now();
         let particles = self.most_before(self.time + 1)[0];
-        let (blocks, groups) = (particles.div_ceil(LANES as u32), particles.div_ceil(THREADS));
-        let euler = self.integrator == Integrator::Euler;
-        pass.dispatch(&pipelines.neighbours[usize::from(euler)], &now, groups, members);
-        let stages = if euler { &pipelines.euler[..] } else { &pipelines.integrate[..] };
-        for stage in stages {
+        let blocks = particles.div_ceil(LANES as u32);
+        let (first, others) = self.stages(pipelines);
+        let outer = u32::from(std::mem::replace(&mut self.outer_due, true));
+        pass.dispatch(first, &Now { outer, ..now }, outer + blocks, members);
+        for stage in others {
             pass.dispatch(stage, &now, blocks, members);
         }
-        pass.dispatch(&pipelines.outer, &now, members, 1);
         self.rest = 1 - self.rest;
         self.time += 1;
+    }
+
+    /// Has the outer loop catch up, where growth or a record comes before the next step. By the pipeline that runs it
+    /// otherwise: a driver might compile another one to other bits.
+    fn finish_outer(&mut self, pass: &mut Pass<'_>, pipelines: &Pipelines) {
+        if std::mem::take(&mut self.outer_due) {
+            pass.dispatch(self.stages(pipelines).0, &Now { outer: 1, ..self.now() }, 1, self.members);
+        }
+    }
+
+    /// The evaluations of a step: the first, and the others.
+    fn stages<'a>(&self, pipelines: &'a Pipelines) -> (&'a wgpu::ComputePipeline, &'a [wgpu::ComputePipeline]) {
+        let (first, others) = match self.integrator {
+            Integrator::Euler => pipelines.euler.split_at(1),
+            Integrator::Rk4 => pipelines.integrate.split_at(1),
+        };
+        (&first[0], others)
     }
 }
 

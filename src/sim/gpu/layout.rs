@@ -93,9 +93,9 @@ pub struct Status {
     pub reach: u32,
     /// Bits of the greatest range scale, at least 1.
     pub widest: u32,
-    /// Row in which the lists were built, as decided on.
+    /// Row in which the lists were built, at the start of a step.
     pub built: u32,
-    /// Row in which the lists were built, as built.
+    /// Row in which the lists were built, after the first evaluation.
     pub built_next: u32,
     /// Particles before the last growth event.
     pub grown_from: u32,
@@ -103,8 +103,8 @@ pub struct Status {
     pub runs: u32,
     /// Id of the first particle that it made.
     pub first_id: u32,
-    /// Not used.
-    pub padding: u32,
+    /// Blocks that visited all others, once for each evaluation.
+    pub full_searches: u32,
 }
 
 /// What changes from dispatch to dispatch.
@@ -123,4 +123,6 @@ pub struct Now {
     pub extent: u32,
     /// Outer particles that a record has room for.
     pub outer_extent: u32,
+    /// 1 where the first workgroup of each member does the last step of its outer loop.
+    pub outer: u32,
 }

@@ -86,7 +86,7 @@ impl Sizes {
             ("tables", each(u64::from(b.tables))),
             ("states", each((size_of::<Status>() / 4) as u64)),
             ("particles", each(u64::from(FIELDS) * capacity)),
-            ("near", each(capacity)),
+            ("near", each(2 * capacity)),
             ("lists", each(u64::from(LIST) * capacity)),
             ("wall", each(u64::from(WALL_FIELDS) * outer)),
             ("record", self.record_bytes()),

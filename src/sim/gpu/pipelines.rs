@@ -17,11 +17,8 @@ pub(super) struct Pipelines {
     pub(super) integrate: [wgpu::ComputePipeline; 4],
     /// The one evaluation of Euler, and its guard.
     pub(super) euler: [wgpu::ComputePipeline; 2],
-    /// Neighbour lists: Runge–Kutta, Euler.
-    pub(super) neighbours: [wgpu::ComputePipeline; 2],
     pub(super) growth: wgpu::ComputePipeline,
     pub(super) split: wgpu::ComputePipeline,
-    pub(super) outer: wgpu::ComputePipeline,
     pub(super) record: wgpu::ComputePipeline,
 }
 
@@ -65,18 +62,14 @@ impl Pipelines {
             })
         };
         let integrate = module(&shaders::INTEGRATE);
-        let neighbours = module(&shaders::NEIGHBOURS);
         let growth = module(&shaders::GROWTH);
         let evaluation = |k: u32| pipeline(&integrate, "integrate", &[("EVALUATION", f64::from(k)), ("EULER", 0.0)]);
         let euler = |entry| pipeline(&integrate, entry, &[("EVALUATION", 0.0), ("EULER", 1.0)]);
-        let lists = |euler| pipeline(&neighbours, "neighbours", &[("EULER", euler)]);
         Self {
             integrate: [0, 1, 2, 3].map(evaluation),
             euler: ["integrate", "guard"].map(euler),
-            neighbours: [0.0, 1.0].map(lists),
             growth: pipeline(&growth, "growth", &[]),
             split: pipeline(&growth, "split", &[]),
-            outer: pipeline(&module(&shaders::OUTER), "outer", &[]),
             record: pipeline(&module(&shaders::RECORD), "record", &[]),
             layout,
         }

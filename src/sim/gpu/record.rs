@@ -53,6 +53,7 @@ impl Entry<'_> {
             splits_missing: u64::from((last.inner_target + last.outer_target).saturating_sub(self.particles())),
             moves_shortened: u64::from(self.header[5]),
             list_builds: u64::from(self.header[4]),
+            full_searches: u64::from(self.header[7]),
         }
     }
 

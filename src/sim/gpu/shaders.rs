@@ -25,25 +25,21 @@ macro_rules! stage {
 
 use super::layout::{BLOCK_THREADS, LOOP_THREADS, THREADS};
 
-/// Time integration with all forces, and the guard.
+/// Time integration with all forces, and the guard; neighbour lists before it, the outer loop beside it.
 pub const INTEGRATE: Shader = Shader {
     name: "integrate",
     source: concat!(
         shared!("layout"),
         shared!("lists"),
+        shared!("neighbours"),
         shared!("pairs"),
         shared!("local"),
         shared!("finite"),
+        shared!("maths"),
+        shared!("outer"),
         stage!("integrate")
     ),
     entries: &[("integrate", BLOCK_THREADS), ("guard", BLOCK_THREADS)],
-};
-
-/// Neighbour lists.
-pub const NEIGHBOURS: Shader = Shader {
-    name: "neighbours",
-    source: concat!(shared!("layout"), shared!("lists"), stage!("neighbours")),
-    entries: &[("neighbours", THREADS)],
 };
 
 /// Growth of both loops, and the thickness field.
@@ -53,16 +49,9 @@ pub const GROWTH: Shader = Shader {
     entries: &[("growth", LOOP_THREADS), ("split", THREADS)],
 };
 
-/// The outer loop.
-pub const OUTER: Shader = Shader {
-    name: "outer",
-    source: concat!(shared!("layout"), shared!("maths"), stage!("outer")),
-    entries: &[("outer", LOOP_THREADS)],
-};
-
 /// Recording.
 pub const RECORD: Shader =
     Shader { name: "record", source: concat!(shared!("layout"), stage!("record")), entries: &[("record", THREADS)] };
 
 /// All stages.
-pub const ALL: [Shader; 5] = [INTEGRATE, NEIGHBOURS, GROWTH, OUTER, RECORD];
+pub const ALL: [Shader; 3] = [INTEGRATE, GROWTH, RECORD];
