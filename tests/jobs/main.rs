@@ -7,6 +7,7 @@
     reason = "a test: what fails, fails here"
 )]
 
+mod apart;
 mod artifacts;
 mod bucket;
 mod checkpoint;
@@ -24,6 +25,7 @@ mod queue;
 mod random;
 mod redirect;
 mod scripted;
+mod sick;
 mod sqlite;
 mod streams;
 mod suite;
