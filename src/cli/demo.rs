@@ -3,8 +3,9 @@
 use super::args::{DemoArgs, ServiceArgs};
 use super::client::Client;
 use super::exit::{Ended, Failure};
+use super::interrupt::Signals;
 use super::service::Service;
-use super::{interrupt, submit, term, units};
+use super::{submit, term, units};
 use anyhow::{Context, anyhow};
 use clap::Parser;
 use serde_json::{Value, json};
@@ -37,23 +38,24 @@ pub(super) async fn run(mut args: DemoArgs) -> Ended {
     service.database.data = Path::new(FOLDER).join("data");
     // Once the model is there, or no longer wanted, nothing is worth waiting for but the last answers.
     service.grace = Duration::ZERO;
+    let mut signals = Signals::listen();
     let mut service = Service::start(&service, listen().await?).await?;
     let url = format!("http://{}", service.address());
     let shown = tokio::select! {
         shown = show(&url, &body, args.exit) => shown,
         failed = service.failed() => return service.stop(Some(failed)).await,
-        () = interrupt::asked_to_stop() => Err(Failure::Interrupted),
+        () = signals.asked_to_stop() => Err(Failure::Interrupted),
     };
     if shown.is_ok() && !args.exit {
         term::print(&format!("serving on {url}/ until Ctrl-C"))?;
         tokio::select! {
             failed = service.failed() => return service.stop(Some(failed)).await,
-            () = interrupt::asked_to_stop() => {}
+            () = signals.asked_to_stop() => {}
         }
     }
     tokio::select! {
         stopped = service.stop(None) => shown.and(stopped),
-        () = interrupt::asked_to_stop() => Err(Failure::Interrupted),
+        () = signals.asked_to_stop() => Err(Failure::Interrupted),
     }
 }
 

@@ -3,8 +3,9 @@
 use super::args::GenerateArgs;
 use super::args::GpuArgs;
 use super::exit::{Ended, Failure};
+use super::interrupt::Signals;
 use super::scratch::Scratch;
-use super::{gpu, interrupt, model, term, units};
+use super::{gpu, model, term, units};
 use crate::generate::{CancelToken, GenerateError, Outcome, Progress, Request, Sink};
 use crate::model::Section;
 use anyhow::Context;
@@ -13,6 +14,8 @@ use std::path::PathBuf;
 
 pub(super) async fn run(args: GenerateArgs) -> Ended {
     let (preset, spec) = model::resolve(&args.model)?;
+    // Before there is anything that a signal could leave behind.
+    let signals = Signals::listen();
     let scratch = Scratch::new(&args.out).with_context(|| format!("--out {}", args.out.display()))?;
     let request = Request {
         preset: preset.name.clone(),
@@ -23,7 +26,7 @@ pub(super) async fn run(args: GenerateArgs) -> Ended {
         dir: scratch.dir().to_owned(),
         memory_limit_bytes: args.memory_limit,
     };
-    let (outcome, fallback, request) = grow(request, args.gpu).await?;
+    let (outcome, fallback, request) = grow(request, args.gpu, signals).await?;
     let publish = |name: &str| scratch.publish(name).with_context(|| name.to_owned());
     let paths: Vec<PathBuf> = outcome.files.iter().map(|f| publish(&f.name)).collect::<anyhow::Result<_>>()?;
     if args.json {
@@ -43,7 +46,11 @@ pub(super) async fn run(args: GenerateArgs) -> Ended {
 }
 
 /// Grows a model on a thread of its own, with a bar; stops it when interrupted.
-async fn grow(request: Request, gpu: GpuArgs) -> Result<(Outcome, Option<String>, Request), Failure> {
+async fn grow(
+    request: Request,
+    gpu: GpuArgs,
+    mut signals: Signals,
+) -> Result<(Outcome, Option<String>, Request), Failure> {
     let cancel = CancelToken::default();
     let bar = term::Bar::new();
     let mut task = tokio::task::spawn_blocking({
@@ -52,11 +59,11 @@ async fn grow(request: Request, gpu: GpuArgs) -> Result<(Outcome, Option<String>
     });
     let ended = tokio::select! {
         ended = &mut task => ended,
-        () = interrupt::asked_to_stop() => {
+        () = signals.asked_to_stop() => {
             bar.clear();
             cancel.cancel();
             // It stops at the next step. Whoever asks twice does not want to wait for that.
-            tokio::select! { _ = &mut task => {} () = interrupt::asked_to_stop() => {} }
+            tokio::select! { _ = &mut task => {} () = signals.asked_to_stop() => {} }
             return Err(Failure::Interrupted);
         }
     };

@@ -2,8 +2,9 @@
 
 use super::args::ServeArgs;
 use super::exit::{Ended, Failure};
+use super::interrupt::Signals;
 use super::service::Service;
-use super::{interrupt, term};
+use super::term;
 use anyhow::Context;
 use tokio::net::TcpListener;
 
@@ -15,18 +16,23 @@ pub(super) async fn run(args: ServeArgs) -> Ended {
             args.addr
         )));
     }
+    // Before anybody can know that it is there.
+    let mut signals = Signals::listen();
     let listener = TcpListener::bind(args.addr).await.with_context(|| format!("--addr {}", args.addr))?;
-    let mut service = Service::start(&args.service, listener).await?;
+    let mut service = tokio::select! {
+        started = Service::start(&args.service, listener) => started?,
+        () = signals.asked_to_stop() => return Ok(()),
+    };
     term::print(&format!("http://{}", service.address()))?;
     let failed = tokio::select! {
         failed = service.failed() => Some(failed),
-        () = interrupt::asked_to_stop() => None,
+        () = signals.asked_to_stop() => None,
     };
     if failed.is_none() {
         tracing::info!(grace = ?args.service.grace, "stopping; asked again, it stops at once");
     }
     tokio::select! {
         stopped = service.stop(failed) => stopped,
-        () = interrupt::asked_to_stop() => Err(Failure::Interrupted),
+        () = signals.asked_to_stop() => Err(Failure::Interrupted),
     }
 }

@@ -32,6 +32,15 @@ pub(super) struct Works {
     grace: Duration,
 }
 
+/// Whether works without a worker are of use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Hands {
+    /// They are: others work.
+    Optional,
+    /// They are not.
+    Needed,
+}
+
 /// A running service.
 pub(super) struct Service {
     address: SocketAddr,
@@ -55,12 +64,17 @@ impl Works {
     /// Opens the stores, takes over what a process before left, starts workers.
     ///
     /// # Errors
-    /// [`Failure::Usage`] for stores that there are not; else where something cannot be opened.
-    pub(super) async fn start(args: &ServiceArgs) -> Result<Self, Failure> {
+    /// [`Failure::Usage`] for stores that there are not, and where hands are needed and there are none; else where something
+    /// cannot be opened.
+    pub(super) async fn start(args: &ServiceArgs, hands: Hands) -> Result<Self, Failure> {
         if args.heartbeat.is_zero() || args.lease < 2 * args.heartbeat {
             return Err(Failure::usage("--lease must be at least twice --heartbeat, and this more than 0"));
         }
         let database = database(&args.database)?;
+        let found = gpu::generators(args.gpu).await;
+        if let (Hands::Needed, 0, Err(why)) = (hands, args.cpu_workers, &found) {
+            return Err(Failure::usage(format!("--cpu-workers 0 leaves nothing that could work: {why}")));
+        }
         let data = &args.database.data;
         let clock = Clock::System;
         let options =
@@ -79,7 +93,6 @@ impl Works {
         };
         let upkeep = Upkeep::start(ground, Retention { age: limits.keep, bytes: limits.keep_bytes }, orphans);
 
-        let found = gpu::generators(args.gpu).await;
         let no_gpu = found.as_ref().err().cloned();
         let gpus: Vec<Arc<dyn BatchGenerator>> =
             found.into_iter().flatten().map(|gpu| Arc::new(gpu) as Arc<dyn BatchGenerator>).collect();
@@ -133,7 +146,7 @@ impl Service {
     /// # Errors
     /// As [`Works::start`].
     pub(super) async fn start(args: &ServiceArgs, listener: TcpListener) -> Result<Self, Failure> {
-        let works = Works::start(args).await?;
+        let works = Works::start(args, Hands::Optional).await?;
         let address = listener.local_addr().context("the listening socket has no address")?;
         let shutdown = CancellationToken::new();
         let limits = Limits {

@@ -12,6 +12,8 @@ use tokio::task::JoinSet;
 
 /// Time between looks at what is kept.
 const RETENTION_EVERY: Duration = Duration::from_secs(60);
+/// Time between sums of the bytes of all files, which are for the eyes of operators alone.
+const BYTES_EVERY: Duration = Duration::from_secs(15 * 60);
 /// Time between sweeps of files that no model names.
 const ORPHANS_EVERY: Duration = Duration::from_secs(6 * 60 * 60);
 /// Age from which a file that no model names is nobody's, where uploads may be under way: longer than one takes with
@@ -47,10 +49,18 @@ impl Upkeep {
                 orphans.sweep_orphans(orphans.clock.now(), ORPHAN_AGE).await;
             }
         });
+        let kept = ground.clone();
         tasks.spawn(async move {
-            loop {
-                ground.retain(retention).await;
+            while retention != Retention::default() {
+                kept.retain(retention).await;
                 tokio::time::sleep(RETENTION_EVERY).await;
+            }
+        });
+        tasks.spawn(async move {
+            // The sweep of what there is no room for tells it too, and more often.
+            while retention.bytes.is_none() {
+                ground.tell_bytes().await;
+                tokio::time::sleep(BYTES_EVERY).await;
             }
         });
         Self { _tasks: tasks }
@@ -67,12 +77,21 @@ impl Ground {
     }
 
     async fn retain(&self, retention: Retention) {
-        match retention.sweep(self.store.as_ref(), &self.artifacts, self.clock.now()).await {
+        match retention.sweep(self.store.as_ref(), &self.artifacts).await {
             Ok(swept) => {
                 self.metrics.removed(swept.removed);
-                self.metrics.set_stored_bytes(swept.stored_bytes);
+                if let Some(bytes) = swept.stored_bytes {
+                    self.metrics.set_stored_bytes(bytes);
+                }
             }
             Err(error) => tracing::warn!(%error, "models that are not kept any longer could not be removed"),
+        }
+    }
+
+    async fn tell_bytes(&self) {
+        match self.store.stored_bytes().await {
+            Ok(bytes) => self.metrics.set_stored_bytes(bytes),
+            Err(error) => tracing::warn!(%error, "the bytes of all files could not be summed"),
         }
     }
 }

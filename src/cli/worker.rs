@@ -2,8 +2,8 @@
 
 use super::args::WorkerArgs;
 use super::exit::{Ended, Failure};
-use super::interrupt;
-use super::service::{Works, database};
+use super::interrupt::Signals;
+use super::service::{Hands, Works, database};
 use crate::http::{Limits, watch_router};
 use anyhow::Context;
 use tokio::net::TcpListener;
@@ -13,10 +13,11 @@ pub(super) async fn run(args: WorkerArgs) -> Ended {
     if !database(&args.service.database)?.is_shared() {
         return Err(Failure::usage("--database must be a postgres://… that a service shares; a file is one process's"));
     }
-    if args.service.cpu_workers == 0 {
-        return Err(Failure::usage("--cpu-workers 0 leaves nothing that could work"));
-    }
-    let works = Works::start(&args.service).await?;
+    let mut signals = Signals::listen();
+    let works = tokio::select! {
+        started = Works::start(&args.service, Hands::Needed) => started?,
+        () = signals.asked_to_stop() => return Ok(()),
+    };
     let shutdown = CancellationToken::new();
     if let Some(address) = args.metrics_addr {
         let listener = TcpListener::bind(address).await.with_context(|| format!("--metrics-addr {address}"))?;
@@ -25,10 +26,10 @@ pub(super) async fn run(args: WorkerArgs) -> Ended {
         tokio::spawn(serving.into_future());
     }
     tracing::info!(workers = args.service.cpu_workers, "working");
-    interrupt::asked_to_stop().await;
+    signals.asked_to_stop().await;
     tracing::info!(grace = ?args.service.grace, "stopping; asked again, it stops at once");
     tokio::select! {
         () = works.stop(async { shutdown.cancel() }) => Ok(()),
-        () = interrupt::asked_to_stop() => Err(Failure::Interrupted),
+        () = signals.asked_to_stop() => Err(Failure::Interrupted),
     }
 }

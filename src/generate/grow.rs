@@ -65,7 +65,15 @@ pub(super) fn grow(
 ) -> Result<Grown, GenerateError> {
     let mut growth = match from {
         None => Growth::begin(request, pace, cancel)?,
-        Some(checkpoint) => Growth::resume(request, checkpoint, pace, cancel)?,
+        Some(checkpoint) => match Growth::resume(request, checkpoint, pace, cancel) {
+            Ok(growth) => growth,
+            Err(GenerateError::Cancelled) => return Err(GenerateError::Cancelled),
+            // A checkpoint that cannot be gone on from costs time, never a model.
+            Err(error) => {
+                tracing::warn!(%error, "the checkpoint does not restore: the model is grown anew");
+                Growth::begin(request, pace, cancel)?
+            }
+        },
     };
     let (steps, every) = (i64::from(request.spec.steps), i64::from(request.spec.solver.record_every));
     while growth.simulation.time() < steps {
@@ -110,7 +118,7 @@ impl<'a> Growth<'a> {
         })
     }
 
-    /// Restores the simulation and lofts the sections of the surface again.
+    /// Restores the simulation and lofts the sections of the surface again. Tells of them once all is restored.
     fn resume(
         request: &'a Request,
         from: Checkpoint,
@@ -120,21 +128,18 @@ impl<'a> Growth<'a> {
         let plan = Plan::new(&request.spec, request.seed);
         let simulation = CpuSimulation::restore(plan, rayon::current_num_threads(), &from.simulation)
             .map_err(|error| GenerateError::Simulation { detail: error.to_string() })?;
-        pace.resumed(simulation.time(), simulation.particles());
         let watch = Stopwatch::start();
         let mut sections = from.accepted.iter();
         let first = sections.next().ok_or_else(|| unsound(LoftError::NoSection))?;
-        pace.section(first);
         let mut lofter = lofter(request, first.clone())?;
         for section in sections {
             if cancel.is_cancelled() {
                 return Err(GenerateError::Cancelled);
             }
             lofter.advance(std::slice::from_ref(section)).map_err(unsound)?;
-            if !section.added {
-                pace.section(section);
-            }
         }
+        pace.resumed(simulation.time(), simulation.particles());
+        from.accepted.iter().filter(|section| !section.added).for_each(|section| pace.section(section));
         Ok(Self {
             request,
             simulation,

@@ -80,8 +80,7 @@ fn too_much(cost: &Cost, over: &[OverLimit]) -> Problem {
 }
 
 async fn gpu_alive(state: &AppState) -> Result<bool, Problem> {
-    let oldest = state.clock.now().saturating_sub(state.limits.gpu_memory).unwrap_or(jiff::Timestamp::MIN);
-    Ok(state.store.workers().await?.iter().any(|w| w.backend == Backend::Gpu && w.heartbeat_at >= oldest))
+    Ok(state.store.alive(Backend::Gpu, state.limits.gpu_memory).await? > 0)
 }
 
 /// Ask for a model.

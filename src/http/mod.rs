@@ -95,6 +95,7 @@ impl Default for Limits {
 pub struct AppState {
     pub(crate) store: Arc<dyn Store>,
     pub(crate) artifacts: Artifacts,
+    #[allow(dead_code, reason = "ages are by the store's clock; what else needs the time has it here")]
     pub(crate) clock: Clock,
     pub(crate) limits: Arc<Limits>,
     pub(crate) shutdown: CancellationToken,

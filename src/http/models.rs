@@ -144,6 +144,9 @@ pub(super) async fn get(
 )]
 pub(super) async fn cancel(State(state): State<AppState>, ModelId(id): ModelId) -> Result<Response, Problem> {
     let job = state.store.cancel(id).await?.ok_or_else(|| no_model(id))?;
+    if let Some(checkpoint) = job.checkpoint.clone().filter(|_| job.status.is_ended()) {
+        state.forget(vec![checkpoint]).await;
+    }
     answer(&state, StatusCode::OK, &job)
 }
 

@@ -8,7 +8,7 @@
 
 mod s3;
 
-use super::job::JobId;
+use super::job::{JobId, Status};
 use super::store::{Store, StoreError};
 use bytes::Bytes;
 use futures_util::stream::BoxStream;
@@ -264,8 +264,8 @@ impl Artifacts {
     }
 
     /// Removes files older than `age` that no job names: left by attempts that lost their lease, or by a
-    /// process that died between upload and commit. `age` must be longer than an upload with its commit can
-    /// take. Returns how many were removed.
+    /// process that died between upload and commit. Those of an attempt that runs now stay whatever their times say: the
+    /// clock that these are by may be another. Returns how many were removed.
     ///
     /// # Errors
     /// [`ArtifactError::Store`], [`ArtifactError::Jobs`]; what was removed before stays removed.
@@ -275,14 +275,29 @@ impl Artifacts {
         let mut listing = self.store.list(Some(&Key::from("models")));
         while let Some(object) = listing.next().await {
             let object = object?;
-            if object.last_modified.timestamp_micros() < before && !jobs.names_key(object.location.as_ref()).await? {
+            let key = object.location.as_ref();
+            // In this order: what is committed in between is named by then.
+            if object.last_modified.timestamp_micros() < before
+                && !is_in_the_making(jobs, key).await?
+                && !jobs.names_key(key).await?
+            {
                 self.delete(&[object.location.to_string()]).await?;
                 removed += 1;
             }
         }
         if let Some(root) = self.local.clone() {
-            let swept = tokio::task::spawn_blocking(move || sweep_staged(&root.join("models"), before)).await;
-            removed += swept.map_err(|error| ArtifactError::Store(error.to_string()))?;
+            let folder = root.join("models");
+            let listing = tokio::task::spawn_blocking(move || staged(&folder, before)).await;
+            for path in listing.map_err(|error| ArtifactError::Store(error.to_string()))? {
+                let key = path.strip_prefix(&root).unwrap_or(&path).to_string_lossy().into_owned();
+                if !is_in_the_making(jobs, &key).await? {
+                    removed += u64::from(tokio::fs::remove_file(&path).await.is_ok());
+                    if let Some(folder) = path.parent() {
+                        // Fails where the folder is not empty, as it should.
+                        let _ = tokio::fs::remove_dir(folder).await;
+                    }
+                }
+            }
         }
         Ok(removed)
     }
@@ -303,11 +318,22 @@ async fn read_small(path: &Path) -> Result<Option<(Bytes, Stored)>, ArtifactErro
     read.map_err(|source| ArtifactError::Scratch { path: path.to_owned(), source })
 }
 
-/// Removes uploads that were broken off: object_store stages a local file as `name#number` and does not list it.
-fn sweep_staged(folder: &Path, before_micros: i64) -> u64 {
-    let mut removed = 0;
+/// Whether the attempt that a key belongs to runs now.
+async fn is_in_the_making(jobs: &dyn Store, key: &str) -> Result<bool, StoreError> {
+    let mut parts = key.split('/').skip(1);
+    let (job, attempt) =
+        (parts.next().and_then(|id| id.parse().ok()), parts.next().and_then(|n| n.parse::<u32>().ok()));
+    let (Some(job), Some(attempt)) = (job, attempt) else { return Ok(false) };
+    let job = jobs.get(JobId(job)).await?;
+    Ok(job.is_some_and(|job| job.status == Status::Running && job.attempts == attempt))
+}
+
+/// Uploads that were broken off, and folders without anything: object_store stages a local file as `name#number` and does
+/// not list it. Removes the folders.
+fn staged(folder: &Path, before_micros: i64) -> Vec<PathBuf> {
+    let mut found = Vec::new();
     let Ok(entries) = std::fs::read_dir(folder) else {
-        return 0;
+        return found;
     };
     for entry in entries.flatten() {
         let path = entry.path();
@@ -317,14 +343,14 @@ fn sweep_staged(folder: &Path, before_micros: i64) -> u64 {
             .and_then(|name| name.rsplit_once('#'))
             .is_some_and(|(_, n)| !n.is_empty() && n.bytes().all(|b| b.is_ascii_digit()));
         if path.is_dir() {
-            removed += sweep_staged(&path, before_micros);
+            found.extend(self::staged(&path, before_micros));
             // Fails where the folder is not empty, as it should.
             let _ = std::fs::remove_dir(&path);
         } else if staged && modified_micros(&entry).is_some_and(|at| at < before_micros) {
-            removed += u64::from(std::fs::remove_file(&path).is_ok());
+            found.push(path);
         }
     }
-    removed
+    found
 }
 
 fn modified_micros(entry: &std::fs::DirEntry) -> Option<i64> {

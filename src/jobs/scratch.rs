@@ -56,6 +56,16 @@ impl Scratch {
         std::fs::create_dir(&folder)?;
         Ok(AttemptDir(folder))
     }
+
+    /// Fails where no folder for an attempt could be made just now.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn probe(&self) -> io::Result<()> {
+        let folder = self.folder.join(format!("probe-{}", uuid::Uuid::now_v7()));
+        std::fs::create_dir(&folder)?;
+        std::fs::remove_dir(&folder)
+    }
 }
 
 impl Drop for Scratch {

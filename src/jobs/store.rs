@@ -92,7 +92,7 @@ impl Counts {
     }
 }
 
-/// A batch as it stands. It lives until it is deleted; jobs deleted one by one are missing from it.
+/// A batch as it stands. Jobs deleted one by one are missing from it; it goes with the last of them, and its key too.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Batch {
     /// Identity.
@@ -303,7 +303,8 @@ pub trait Store: Send + Sync + 'static {
     async fn get(&self, id: JobId) -> Result<Option<Job>, StoreError>;
     /// A page of jobs, newest first.
     async fn list(&self, filter: &ListFilter) -> Result<Page, StoreError>;
-    /// Cancels: a queued job ends at once, a running one is asked to stop; an ended one stays as it is.
+    /// Cancels: a queued job ends at once, a running one is asked to stop; an ended one stays as it is. One that ends by it
+    /// is given with the key of its checkpoint, which the record names no more, for removal from the artifact store.
     async fn cancel(&self, id: JobId) -> Result<Option<Job>, StoreError>;
     /// Removes the record (a running attempt is thereby fenced out). Returns the keys of files that no
     /// other job names any more, and that of its checkpoint, for removal from the artifact store; `None` where there
@@ -322,7 +323,8 @@ pub trait Store: Send + Sync + 'static {
     /// Claims up to `limit` jobs that `backend` may run, in the order in which they are due: the higher
     /// priority first; within one, submitters take turns, and the jobs of each go oldest first. Jobs whose lease has expired go back to
     /// their place in the queue before, so that a long queue cannot hold them up; those whose attempts are used
-    /// up fail instead (`attempts-exhausted`, with the history), those asked to stop end as cancelled.
+    /// up fail instead (`attempts-exhausted`, with the history), those asked to stop end as cancelled. A job that this
+    /// version cannot read fails (`spec`), and holds up no other.
     async fn claim(
         &self,
         worker: &str,
@@ -366,11 +368,14 @@ pub trait Store: Send + Sync + 'static {
     async fn worker_seen(&self, worker: &WorkerInfo) -> Result<(), StoreError>;
     /// Workers seen in the last minutes.
     async fn workers(&self) -> Result<Vec<WorkerInfo>, StoreError>;
+    /// How many workers that compute with `backend` were seen within this time, by the store's clock.
+    async fn alive(&self, backend: Backend, within: Duration) -> Result<u64, StoreError>;
     /// Whether an artifact key is named by any job, as a file or as a checkpoint (for the sweep of orphans).
     async fn names_key(&self, key: &str) -> Result<bool, StoreError>;
 
-    /// Jobs that ended before `before`, the first to end first, at most `limit`.
-    async fn ended_before(&self, before: Timestamp, limit: u32) -> Result<Vec<JobId>, StoreError>;
+    /// Jobs that ended longer than `age` ago by the store's clock (all that have ended, for [`Duration::ZERO`]), the first to
+    /// end first, at most `limit`.
+    async fn ended_before(&self, age: Duration, limit: u32) -> Result<Vec<JobId>, StoreError>;
     /// Bytes of all files that jobs name, each key counted once.
     async fn stored_bytes(&self) -> Result<u64, StoreError>;
     /// All jobs by status, of one moment. Costs the same however many there are.

@@ -1,11 +1,11 @@
 //! One attempt at a job, from its claim to its end. An attempt that a GPU cannot do goes on on the CPU.
 
 use super::follow::{Broken, Cpu, Follower, Leavings, Start};
-use super::generation::Turn;
 use super::generator::Generator;
+use super::health::Health;
 use super::keeper::{Interrupt, Phase};
 use super::live::Live;
-use super::pool::PoolOptions;
+use super::options::PoolOptions;
 use super::share::Share;
 use super::upload::{self, UploadError};
 use super::verdict::{self, Verdict};
@@ -13,11 +13,12 @@ use crate::clock::Clock;
 use crate::generate::{Backend, CancelToken};
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::scratch::{AttemptDir, Scratch};
-use crate::jobs::{BackendReport, ClaimedJob, Finished, Store, StoreError};
+use crate::jobs::{BackendReport, ClaimedJob, Finished, JobId, Store, StoreError};
 use crate::trace;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::watch;
+use tokio::sync::{OwnedSemaphorePermit, watch};
+use tokio_util::sync::CancellationToken;
 use tracing::{Instrument, Span};
 
 /// What all workers of a pool share.
@@ -28,8 +29,12 @@ pub(super) struct Context {
     pub(super) options: PoolOptions,
     pub(super) clock: Clock,
     pub(super) scratch: Scratch,
+    pub(super) health: Health,
     pub(super) phase: watch::Receiver<Phase>,
 }
+
+/// The right to claim the next job, or batch.
+pub(super) type Next = OwnedSemaphorePermit;
 
 /// What an attempt works with.
 pub(super) struct Prepared {
@@ -37,6 +42,9 @@ pub(super) struct Prepared {
     pub(super) live: Arc<Live>,
     pub(super) cancel: CancelToken,
 }
+
+/// How long an upload that is broken off may take to come to rest.
+const SETTLE: Duration = Duration::from_millis(500);
 
 /// How the work of an attempt went.
 enum Ending {
@@ -53,7 +61,7 @@ pub(super) async fn run_on_cpu(
     cpu: &Cpu<'_>,
     share: &Share,
     claimed: ClaimedJob,
-    next: Turn,
+    next: Next,
 ) -> bool {
     let (pool, mut report) = cpu.threads.choose(claimed.job().backend.requested);
     if let (Share::Auto { why, cause }, Backend::Auto) = (share, report.requested) {
@@ -134,10 +142,24 @@ async fn conclude(
     leavings: Leavings,
 ) -> bool {
     let (used, fallback) = (report.used, report.fallback.clone());
-    let made = matches!(ending, Ending::Stored(_));
     let device = report.device.clone();
+    let made = matches!(ending, Ending::Stored(_));
+    match &ending {
+        Ending::Stored(_) => context.health.well(),
+        Ending::Broken(Broken::Failed(verdict)) if verdict.is_of_machine() => context.health.fault(),
+        Ending::Broken(_) => {}
+    }
+    if let Some(generation) = &leavings.generation {
+        generation.is_stuck();
+    }
+    let id = claimed.job().id;
     let (how, result) = end(context, claimed, report, ending).await;
-    context.options.metrics.attempt(if matches!(result, Err(StoreError::Fenced)) { "lost" } else { how });
+    let told = match &result {
+        Err(StoreError::Fenced) if is_gone(context, id).await => DELETED,
+        Err(StoreError::Fenced) => "lost",
+        _ => how,
+    };
+    context.options.metrics.attempt(told);
     if let (true, Ok(()), Some(used), Some(device)) = (made, &result, used, &device) {
         context.options.metrics.made(used.name(), device.clone());
     }
@@ -146,19 +168,29 @@ async fn conclude(
         // free only now. What it made or how it failed is of no interest any more.
         generation.stop();
         let _ = generation.made().await;
+        drop(generation);
     }
     match result {
         Ok(()) => tracing::info!(used = used.map(Backend::name), device, fallback, "attempt {how}"),
+        Err(StoreError::Fenced) if told == DELETED => tracing::info!("attempt {how}, but its model was deleted"),
         Err(StoreError::Fenced) => tracing::warn!("attempt {how}, but its lease was lost"),
         Err(ref error) => tracing::error!(%error, "attempt {how}, but that was not recorded"),
     }
-    let ended = result.is_ok() && !matches!(how, "lost" | "given back" | "retried");
+    let ended = result.is_ok() && !matches!(how, DELETED | "lost" | "given back" | "retried");
     if let Some(checkpoint) = leavings.checkpoint.filter(|_| ended)
         && let Err(error) = context.artifacts.delete(&[checkpoint]).await
     {
         tracing::warn!(%error, "the checkpoint of an ended job is left to the sweep");
     }
     ended
+}
+
+/// What becomes of an attempt whose model was deleted meanwhile.
+const DELETED: &str = "deleted";
+
+/// Whether the job was deleted, as far as is known.
+async fn is_gone(context: &Context, id: JobId) -> bool {
+    matches!(context.store.get(id).await, Ok(None))
 }
 
 /// Records how the work went.
@@ -172,6 +204,7 @@ async fn end(
     match ending {
         Ending::Stored(finished) => ("succeeded", commit(context, claimed, *finished).await),
         Ending::Broken(Broken::Interrupted(Interrupt::Lost)) => ("lost", Ok(())),
+        Ending::Broken(Broken::Interrupted(Interrupt::Gone)) => (DELETED, Ok(())),
         Ending::Broken(Broken::Interrupted(Interrupt::Cancelled)) => {
             ("cancelled", store.cancelled(claimed).await.map(drop))
         }
@@ -182,6 +215,10 @@ async fn end(
         Ending::Broken(Broken::Failed(Verdict::Retry(problem))) => {
             ("retried", store.retry(claimed, problem).await.map(drop))
         }
+        Ending::Broken(Broken::Failed(Verdict::GiveBack(problem))) => {
+            tracing::warn!(kind = problem.kind, problem.detail, "{}", problem.title);
+            ("given back", store.release(claimed).await)
+        }
     }
 }
 
@@ -190,7 +227,9 @@ async fn commit(context: &Context, claimed: ClaimedJob, finished: Finished) -> R
     if let Err(injected) = context.options.faults.point("before-commit").await {
         upload::remove(context, &files).await;
         return match verdict::of_injected(injected) {
-            Verdict::Fail(problem) | Verdict::Retry(problem) => context.store.retry(claimed, problem).await.map(drop),
+            Verdict::Fail(problem) | Verdict::Retry(problem) | Verdict::GiveBack(problem) => {
+                context.store.retry(claimed, problem).await.map(drop)
+            }
         };
     }
     match context.store.finish(claimed, finished).await {
@@ -232,7 +271,15 @@ async fn work(
         context.options.metrics.stage(stage, seconds);
     }
     let files = upload::files(claimed, &outcome);
-    let uploaded = follower.keep(upload::upload(context, &prepared.live, &files, prepared.dir.path())).await;
+    let stop = CancellationToken::new();
+    let mut upload = Box::pin(upload::upload(context, &prepared.live, &files, prepared.dir.path(), &stop));
+    let uploaded = follower.keep(&mut upload).await;
+    if uploaded.is_err() {
+        // What a thread is just writing appears even where nobody waits for it; only then can all be removed.
+        stop.cancel();
+        let _ = tokio::time::timeout(SETTLE, &mut upload).await;
+    }
+    drop(upload);
     let broken = match uploaded {
         Ok(Ok(())) => {
             *report = BackendReport { used: Some(outcome.used), device: Some(outcome.device), ..report.clone() };

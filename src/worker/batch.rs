@@ -1,8 +1,8 @@
 //! The attempts of a batch side by side: one generation of all of them, each with its own lease, cancel and end.
 
-use super::attempt::{self, Context, Prepared};
+use super::attempt::{self, Context, Next, Prepared};
 use super::follow::{Cpu, Start};
-use super::generation::{Generation, Turn, Unmade};
+use super::generation::{Generation, Unmade};
 use super::generator::{BatchGenerator, BatchWork, Work, WorkError};
 use super::verdict;
 use crate::generate::{Backend, GenerateError, Outcome};
@@ -25,7 +25,7 @@ pub(super) struct Gpu {
 
 /// Runs what of `claimed` fits together, gives back the rest, and ends each; keeps the right to claim the `next` batch until
 /// the device is free, which is before the files of this one are stored. Returns how many jobs ended.
-pub(super) async fn run(context: &Context, gpu: &Gpu, cpu: &Cpu<'_>, claimed: Vec<ClaimedJob>, next: Turn) -> u64 {
+pub(super) async fn run(context: &Context, gpu: &Gpu, cpu: &Cpu<'_>, claimed: Vec<ClaimedJob>, next: Next) -> u64 {
     let jobs: Vec<Job> = claimed.iter().map(|claimed| claimed.job().clone()).collect();
     let generator = Arc::clone(&gpu.generator);
     let admitted = tokio::task::spawn_blocking(move || generator.admit(&jobs.iter().collect::<Vec<_>>())).await;

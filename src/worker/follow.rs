@@ -2,10 +2,11 @@
 //! is watched, and what a GPU could not do goes on on the CPU.
 
 use super::attempt::{Context, Prepared};
-use super::generation::{Generation, Threads, Turn, Unmade, generate};
+use super::generation::{Generation, Threads, Unmade, generate};
 use super::keeper::{Interrupt, Keeper};
 use super::live::Live;
 use super::saver::Saver;
+use super::turn::{Patience, Turn, Turns};
 use super::verdict::{self, Verdict};
 use crate::clock::Stopwatch;
 use crate::generate::{Backend, CancelToken, Outcome};
@@ -16,7 +17,6 @@ use rayon::ThreadPool;
 use std::future::Future;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::Semaphore;
 
 /// How long the record of an attempt that was broken off waits for its thread.
 const STOP_WAIT: Duration = Duration::from_millis(300);
@@ -34,7 +34,7 @@ pub(super) enum Start {
 /// The CPU of a worker: where a job runs, or goes on that a GPU could not do. One at a time.
 pub(super) struct Cpu<'a> {
     pub(super) threads: &'a Threads,
-    pub(super) turn: &'a Arc<Semaphore>,
+    pub(super) turns: &'a Arc<Turns>,
 }
 
 /// Why there is no outcome.
@@ -62,6 +62,8 @@ pub(super) struct Follower<'a> {
     keeper: Keeper<'a>,
     saver: Saver<'a>,
     watch: Stopwatch,
+    /// Time of `watch` that it only waited for its turn.
+    waited: Duration,
     leavings: Leavings,
 }
 
@@ -79,6 +81,7 @@ impl<'a> Follower<'a> {
             keeper: Keeper::new(context, claimed, report.clone(), &prepared.live),
             saver: Saver::new(context, claimed, &prepared.live),
             watch: Stopwatch::start(),
+            waited: Duration::ZERO,
             leavings: Leavings::default(),
         }
     }
@@ -115,7 +118,7 @@ impl<'a> Follower<'a> {
         let mut generation = match start {
             Start::Made(generation) => generation,
             Start::Cpu(pool) => {
-                let (turn, from) = self.turn(cpu).await?;
+                let (turn, from) = self.turn(cpu, Patience::Short).await?;
                 self.watch = Stopwatch::start();
                 generate(context, pool, turn, claimed, from, prepared, report.used.unwrap_or_default())
             }
@@ -139,7 +142,9 @@ impl<'a> Follower<'a> {
             }
             tracing::warn!(reason, "the job goes on on the CPU");
             context.options.metrics.fallback(Fallback::Device);
-            let (turn, from) = self.turn(cpu).await?;
+            let since = Stopwatch::start();
+            let (turn, from) = self.turn(cpu, Patience::Long).await?;
+            self.waited += since.elapsed();
             let (pool, now) = cpu.threads.choose(Backend::Cpu);
             *report = BackendReport { requested: report.requested, fallback: Some(reason), ..now };
             self.keeper.report(report.clone());
@@ -151,15 +156,19 @@ impl<'a> Follower<'a> {
         }
     }
 
-    /// Its turn on the CPU, and the checkpoint that an earlier attempt left.
-    async fn turn(&mut self, cpu: &Cpu<'_>) -> Result<(Option<Turn>, Option<Bytes>), Broken> {
-        let ready = async { (Arc::clone(cpu.turn).acquire_owned().await.ok(), self.saver.load().await) };
-        self.keeper.keep(ready).await.map_err(Broken::Interrupted)
+    /// Its turn on the CPU, and the checkpoint that an earlier attempt left. Where the turn does not come, the job goes back.
+    async fn turn(&mut self, cpu: &Cpu<'_>, patience: Patience) -> Result<(Turn, Option<Bytes>), Broken> {
+        let ready = async {
+            let turn = cpu.turns.take(patience).await?;
+            Some((turn, self.saver.load().await))
+        };
+        let ready = self.keeper.keep(ready).await.map_err(Broken::Interrupted)?;
+        ready.ok_or_else(|| Broken::Failed(verdict::of_waiting()))
     }
 
     /// Drives a generation while keeping the lease and storing checkpoints, within the time that a job may take.
     async fn keep_in_time(&mut self, generation: &mut Generation) -> Result<Result<Outcome, Unmade>, Broken> {
-        let (limit, spent) = (self.context.options.job_timeout, self.watch.elapsed());
+        let (limit, spent) = (self.context.options.job_timeout, self.watch.elapsed().saturating_sub(self.waited));
         let late = async {
             match limit {
                 Some(limit) => {

@@ -2,6 +2,7 @@
 
 use super::attempt::{Context, Prepared};
 use super::generator::{Work, WorkError};
+use super::turn::Turn;
 use super::verdict::{self, Verdict};
 use crate::generate::{Backend, CancelToken, GenerateError, Outcome};
 use crate::jobs::{BackendReport, ClaimedJob};
@@ -10,7 +11,6 @@ use rayon::ThreadPool;
 use std::future::Future;
 use std::pin::Pin;
 use std::sync::Arc;
-use tokio::sync::OwnedSemaphorePermit;
 
 /// The threads of one worker.
 pub(super) struct Threads {
@@ -45,9 +45,6 @@ pub(super) enum Unmade {
     Gpu(String),
 }
 
-/// The right to use the threads of a worker.
-pub(super) type Turn = OwnedSemaphorePermit;
-
 /// The end of a generation.
 pub(super) type Made = Pin<Box<dyn Future<Output = Result<Outcome, Unmade>> + Send>>;
 
@@ -56,13 +53,13 @@ pub(super) struct Generation {
     made: Made,
     cancel: CancelToken,
     /// Its turn on the threads of the CPU; others take theirs once it is gone.
-    _turn: Option<Turn>,
+    turn: Option<Turn>,
 }
 
 impl Generation {
     /// `made` resolves when the threads have stopped working on it, also after `cancel`.
     pub(super) fn new(made: Made, cancel: CancelToken) -> Self {
-        Self { made, cancel, _turn: None }
+        Self { made, cancel, turn: None }
     }
 
     /// Its end. May be dropped and called again until it has resolved.
@@ -73,6 +70,13 @@ impl Generation {
     /// Asks it to stop.
     pub(super) fn stop(&self) {
         self.cancel.cancel();
+    }
+
+    /// It was asked to stop and has not: nobody waits for its turn on the threads.
+    pub(super) fn is_stuck(&self) {
+        if let Some(turn) = &self.turn {
+            turn.is_stuck();
+        }
     }
 }
 
@@ -86,7 +90,7 @@ impl Drop for Generation {
 pub(super) fn generate(
     context: &Context,
     pool: Arc<ThreadPool>,
-    turn: Option<Turn>,
+    turn: Turn,
     claimed: &ClaimedJob,
     from: Option<Bytes>,
     prepared: &Prepared,
@@ -108,5 +112,5 @@ pub(super) fn generate(
             Err(error) => Err(Unmade::Verdict(verdict::of_join(error))),
         }
     };
-    Generation { made: Box::pin(made), cancel: prepared.cancel.clone(), _turn: turn }
+    Generation { made: Box::pin(made), cancel: prepared.cancel.clone(), turn: Some(turn) }
 }

@@ -27,8 +27,10 @@ pub(super) enum Phase {
 pub(super) enum Interrupt {
     /// A client asked for it.
     Cancelled,
-    /// The lease is another's, or the job is gone.
+    /// The lease is another's.
     Lost,
+    /// The job was deleted.
+    Gone,
     /// The worker shuts down.
     Shutdown,
 }
@@ -89,7 +91,7 @@ impl<'a> Keeper<'a> {
                 change = next(&mut self.changes) => {
                     let why = match change {
                         Ok(change) if change.id != self.claimed.job().id => None,
-                        Ok(Change { version: None, .. }) => Some(Interrupt::Lost),
+                        Ok(Change { version: None, .. }) => Some(Interrupt::Gone),
                         Ok(_) | Err(RecvError::Lagged(_)) => self.look().await,
                         Err(RecvError::Closed) => { self.changes = None; None }
                     };
@@ -112,7 +114,8 @@ impl<'a> Keeper<'a> {
             Ok(Some(job)) if job.status == Status::Running && job.attempts == self.claimed.attempt() => {
                 job.cancel_requested.then_some(Interrupt::Cancelled)
             }
-            Ok(_) => Some(Interrupt::Lost),
+            Ok(Some(_)) => Some(Interrupt::Lost),
+            Ok(None) => Some(Interrupt::Gone),
             Err(error) => {
                 tracing::warn!(%error, "the job could not be read");
                 None
@@ -149,7 +152,8 @@ impl<'a> Keeper<'a> {
                 match directive {
                     Directive::Continue => None,
                     Directive::Cancel => Some(Interrupt::Cancelled),
-                    Directive::Lost => Some(Interrupt::Lost),
+                    // The record says why, where it can be read.
+                    Directive::Lost => Some(self.look().await.unwrap_or(Interrupt::Lost)),
                 }
             }
             Err(error) => {

@@ -1,21 +1,21 @@
 //! The workers of a process: claim loop, signs of life, shutdown.
 
-use super::attempt::{self, Context};
+use super::attempt::{self, Context, Next};
 use super::batch::{self, Gpu};
 use super::follow::Cpu;
-use super::generation::{self, Threads, Turn};
+use super::generation::{self, Threads};
 use super::generator::{BatchGenerator, Generator};
+use super::health::Health;
 use super::keeper::Phase;
+use super::options::PoolOptions;
 use super::share::{self, Share};
+use super::turn::Turns;
 use crate::clock::Clock;
 use crate::generate::Backend;
 use crate::jobs::artifacts::Artifacts;
-use crate::jobs::fault::Faults;
 use crate::jobs::scratch::Scratch;
 use crate::jobs::{Change, ClaimedJob, Store, StoreError, WorkerInfo};
-use crate::metrics::Metrics;
 use std::io;
-use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::broadcast::{Receiver, error::RecvError};
@@ -29,84 +29,10 @@ const LONGEST_WAIT: Duration = Duration::from_secs(10);
 const LAST_WAIT: Duration = Duration::from_secs(10);
 /// Claims that a worker holds at once: while one is computed, the one before is being stored or the next one is ready.
 const CLAIMS: usize = 2;
+/// How long a worker that is busy leaves what was just queued to those that are not.
+const STANDS_BACK: Duration = Duration::from_millis(250);
 /// Heartbeats between the signs of life of a worker of which nothing is new.
 const SEEN_EVERY: u32 = 5;
-
-/// Settings of a pool.
-#[derive(Clone, Debug)]
-pub struct PoolOptions {
-    /// CPU workers, each with a job at a time.
-    pub workers: u32,
-    /// Threads of each worker, for `cpu`; at least 1.
-    pub threads: usize,
-    /// Most jobs that a GPU worker runs together; at least 1.
-    pub batch: u32,
-    /// Why there is no GPU worker in this process, in words for the record of a job that falls back.
-    pub no_gpu: Option<String>,
-    /// Time between renewals of a lease.
-    pub heartbeat: Duration,
-    /// Length of a lease: several heartbeats.
-    pub lease: Duration,
-    /// Least time between two records of progress of a job.
-    pub progress: Duration,
-    /// Time between looks at the queue where no change was told.
-    pub poll: Duration,
-    /// Memory that a job may use.
-    pub memory_limit_bytes: Option<u64>,
-    /// Time that an attempt's generation may take; a job that takes longer fails.
-    pub job_timeout: Option<Duration>,
-    /// Time between checkpoints; `None` takes none.
-    pub checkpoint_every: Option<Duration>,
-    /// Tries to store a file before the job fails.
-    pub storage_tries: u32,
-    /// Wait after the first try, doubled after each further one.
-    pub storage_wait: Duration,
-    /// Folder for files on their way; may be shared by processes.
-    pub scratch: PathBuf,
-    /// Name of this machine.
-    pub host: String,
-    /// Faults to inject.
-    pub faults: Faults,
-    /// Where the workers count what they do.
-    pub metrics: Metrics,
-}
-
-impl PoolOptions {
-    /// The defaults of the command line, with scratch files under `scratch`.
-    #[must_use]
-    pub fn new(scratch: PathBuf) -> Self {
-        Self {
-            workers: 1,
-            threads: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
-            batch: 16,
-            no_gpu: None,
-            heartbeat: Duration::from_secs(2),
-            lease: Duration::from_secs(8),
-            progress: Duration::from_millis(250),
-            poll: Duration::from_secs(1),
-            memory_limit_bytes: None,
-            job_timeout: None,
-            checkpoint_every: Some(Duration::from_secs(30)),
-            // Waits of 0.5, 1, 2 … 30 s: an artifact store may be away for about a minute.
-            storage_tries: 8,
-            storage_wait: Duration::from_millis(500),
-            scratch,
-            host: host(),
-            faults: Faults::none(),
-            metrics: Metrics::default(),
-        }
-    }
-}
-
-/// Name of this machine, as far as it can be known without asking the network.
-fn host() -> String {
-    std::fs::read_to_string("/proc/sys/kernel/hostname")
-        .ok()
-        .or_else(|| std::env::var("HOSTNAME").ok())
-        .map(|name| name.trim().to_owned())
-        .filter(|name| !name.is_empty())
-        .unwrap_or_else(|| "localhost".to_owned())
-}
 
 /// Running workers. Dropping it breaks them off, leaving their leases to run out; see [`WorkerPool::shutdown`].
 #[derive(Debug)]
@@ -121,7 +47,7 @@ struct Slot {
     context: Arc<Context>,
     threads: Threads,
     /// Whose turn it is on the threads.
-    turn: Arc<Semaphore>,
+    turns: Arc<Turns>,
     /// The right to claim; given back when what was claimed is nearly done.
     next: Arc<Semaphore>,
     /// Places of claims that are not done with.
@@ -129,11 +55,13 @@ struct Slot {
     /// What makes it a GPU worker.
     gpu: Option<Gpu>,
     at: Mutex<At>,
+    /// Held from the reading of `at` until it is told, so that what is told last is true.
+    word: tokio::sync::Mutex<()>,
 }
 
 /// What a worker needs to take on more.
 struct Ready {
-    next: Turn,
+    next: Next,
     _place: OwnedSemaphorePermit,
 }
 
@@ -184,7 +112,16 @@ impl WorkerPool {
         let (phase, receiver) = watch::channel(Phase::Run);
         let scratch = Scratch::open(&options.scratch)?;
         let workers = options.workers;
-        let context = Arc::new(Context { store, artifacts, generator, options, clock, scratch, phase: receiver });
+        let context = Arc::new(Context {
+            store,
+            artifacts,
+            generator,
+            options,
+            clock,
+            scratch,
+            health: Health::default(),
+            phase: receiver,
+        });
         let mut tasks = JoinSet::new();
         let mut slots = Vec::new();
         let names = (0..gpus.len()).map(|n| format!("gpu{n}")).chain((0..workers).map(|n| n.to_string()));
@@ -204,11 +141,12 @@ impl WorkerPool {
                 id,
                 context: Arc::clone(&context),
                 threads,
-                turn: Arc::new(Semaphore::new(1)),
+                turns: Arc::new(Turns::new()),
                 next: Arc::new(Semaphore::new(1)),
                 places: Arc::new(Semaphore::new(CLAIMS)),
                 gpu,
                 at: Mutex::default(),
+                word: tokio::sync::Mutex::default(),
             }));
         }
         for slot in &slots {
@@ -264,7 +202,12 @@ async fn claim_loop(slot: Arc<Slot>) {
         };
         // Listening before looking: what is queued in between is told.
         let mut changes = context.store.changes();
-        let away = match slot.claim().await {
+        // Where no attempt can be made none is begun.
+        let claimed = match context.scratch.probe() {
+            Ok(()) => slot.claim().await.map_err(|error| error.to_string()),
+            Err(error) => Err(format!("no scratch folder can be made: {error}")),
+        };
+        let away = match claimed {
             Ok((claimed, share)) => {
                 wait = context.options.poll;
                 if !claimed.is_empty() {
@@ -275,7 +218,7 @@ async fn claim_loop(slot: Arc<Slot>) {
                 false
             }
             Err(error) => {
-                tracing::warn!(worker = slot.id, %error, "claiming failed");
+                tracing::warn!(worker = slot.id, error, "claiming failed");
                 wait = (wait * 2).min(LONGEST_WAIT);
                 true
             }
@@ -284,14 +227,13 @@ async fn claim_loop(slot: Arc<Slot>) {
         tokio::select! {
             _ = phase.changed() => {}
             () = sleep(wait) => {}
-            () = new_job(&mut changes), if !away => {}
+            () = new_job(&mut changes), if !away => slot.stand_back().await,
         }
     }
     while let Some(ended) = attempts.join_next().await {
         log_panic(ended);
     }
-    let at = slot.at(|_| {});
-    slot.seen(at).await;
+    slot.tell().await;
 }
 
 /// Of attempts that have ended.
@@ -327,8 +269,7 @@ async fn signs_of_life(slots: Vec<Arc<Slot>>, context: Arc<Context>) {
         for (slot, told) in slots.iter().zip(&mut told) {
             let at = slot.at(|_| {});
             if beat.is_multiple_of(SEEN_EVERY) || told.as_ref() != Some(&at) {
-                slot.seen(at.clone()).await;
-                *told = Some(at);
+                *told = Some(slot.tell().await);
             }
         }
         tokio::select! {
@@ -343,10 +284,23 @@ impl Slot {
     /// Once the worker can take on more.
     async fn ready(&self) -> Ready {
         let (place, next) = (Arc::clone(&self.places), Arc::clone(&self.next));
-        match (place.acquire_owned().await, next.acquire_owned().await) {
-            (Ok(place), Ok(next)) => Ready { next, _place: place },
+        let (place, next) = match (place.acquire_owned().await, next.acquire_owned().await) {
+            (Ok(place), Ok(next)) => (place, next),
             // Nobody closes them.
-            _ => std::future::pending().await,
+            _ => return std::future::pending().await,
+        };
+        self.context.health.rest().await;
+        // What a GPU worker claims does not wait for threads of the CPU.
+        if self.gpu.is_none() {
+            self.turns.near().await;
+        }
+        Ready { next, _place: place }
+    }
+
+    /// Leaves what was just queued to workers that are free, for a moment.
+    async fn stand_back(&self) {
+        if self.gpu.is_none() {
+            self.turns.free_within(STANDS_BACK).await;
         }
     }
 
@@ -375,20 +329,20 @@ impl Slot {
         let opened = opened.unwrap_or_else(|panic| Err(panic.to_string()));
         let before = self.at(|_| {}).gpu;
         let state = if opened.is_ok() { GpuState::Open } else { GpuState::Unable };
-        let at = self.at(|at| at.gpu = state);
+        self.at(|at| at.gpu = state);
         if before != state {
             match &opened {
                 Ok(()) => tracing::info!(worker = self.id, device = gpu.generator.device(), "the GPU is ready"),
                 Err(reason) => tracing::error!(worker = self.id, reason, "the GPU could not be opened"),
             }
-            self.seen(at).await;
+            self.tell().await;
         }
         opened.is_ok()
     }
 
     async fn run(self: Arc<Self>, claimed: Vec<ClaimedJob>, share: Share, ready: Ready) {
         let Ready { next, _place } = ready;
-        let cpu = Cpu { threads: &self.threads, turn: &self.turn };
+        let cpu = Cpu { threads: &self.threads, turns: &self.turns };
         let mut ended = 0;
         if let Some(gpu) = &self.gpu {
             ended += batch::run(&self.context, gpu, &cpu, claimed, next).await;
@@ -403,6 +357,14 @@ impl Slot {
         let mut at = self.at.lock().unwrap_or_else(PoisonError::into_inner);
         change(&mut at);
         at.clone()
+    }
+
+    /// Tells what the worker is at now.
+    async fn tell(&self) -> At {
+        let _word = self.word.lock().await;
+        let at = self.at(|_| {});
+        self.seen(at.clone()).await;
+        at
     }
 
     /// Leaves a sign of life; not for a GPU worker without its GPU, which nobody should count on.

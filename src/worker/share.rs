@@ -38,15 +38,13 @@ impl Share {
 /// What a CPU worker may take now.
 pub(super) async fn of_cpu(context: &Context) -> Result<Share, StoreError> {
     let options = &context.options;
-    let oldest = context.clock.now().saturating_sub(ALIVE * options.heartbeat).unwrap_or(jiff::Timestamp::MIN);
-    let workers = context.store.workers().await?;
-    let alive = workers.iter().filter(|w| w.backend == Backend::Gpu && w.heartbeat_at >= oldest).count();
+    let alive = context.store.alive(Backend::Gpu, ALIVE * options.heartbeat).await?;
     if alive == 0 {
         let why = options.no_gpu.clone().unwrap_or_else(|| "no GPU worker is alive".to_owned());
         return Ok(Share::Auto { why, cause: Fallback::NoGpu });
     }
     let waiting = context.store.waiting(Backend::Gpu).await?;
-    let taken = 2 * u64::from(options.batch) * alive as u64;
+    let taken = 2 * u64::from(options.batch) * alive;
     Ok(if waiting > taken {
         let why = format!("{waiting} jobs were waiting for {alive} GPU worker{}", if alive == 1 { "" } else { "s" });
         Share::Auto { why, cause: Fallback::Busy }

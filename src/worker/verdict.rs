@@ -14,7 +14,19 @@ pub(super) enum Verdict {
     Fail(Problem),
     /// The fault may pass: give back, counted as an attempt.
     Retry(Problem),
+    /// The fault is none of the job's: give back, without counting.
+    GiveBack(Problem),
 }
+
+impl Verdict {
+    /// Whether the disk of this machine is at fault, as far as can be told.
+    pub(super) fn is_of_machine(&self) -> bool {
+        matches!(self, Self::Retry(problem) | Self::GiveBack(problem) if problem.kind == IO)
+    }
+}
+
+/// The kind of problem of files that could not be written.
+const IO: &str = "io";
 
 fn problem(kind: &str, title: &str, detail: String) -> Problem {
     Problem { kind: kind.into(), title: title.into(), detail }
@@ -37,7 +49,7 @@ pub(super) fn of_error(error: &WorkError) -> Verdict {
             GenerateError::Panic { detail } => Verdict::Fail(panicked(detail.clone())),
             GenerateError::Simulation { .. } => Verdict::Fail(problem("simulation", "The simulation failed", detail)),
             GenerateError::Io { source, .. } => {
-                Verdict::Retry(problem("io", "Files could not be written", format!("{detail}: {source}")))
+                Verdict::Retry(problem(IO, "Files could not be written", format!("{detail}: {source}")))
             }
             // Nobody asked it to stop, as far as the worker knows.
             GenerateError::Cancelled => Verdict::Retry(problem("interrupted", "The generation was broken off", detail)),
@@ -77,9 +89,15 @@ pub(super) fn of_gpu(detail: String) -> Problem {
     problem("gpu", "The GPU could not grow the model", detail)
 }
 
-/// The verdict on a scratch folder that could not be made.
+/// The verdict on a scratch folder that could not be made: no job has written to it yet.
 pub(super) fn of_scratch(error: &std::io::Error) -> Verdict {
-    Verdict::Retry(problem("io", "No scratch folder could be made", error.to_string()))
+    Verdict::GiveBack(problem(IO, "No scratch folder could be made", error.to_string()))
+}
+
+/// The verdict on a job that waited for the threads of its worker in vain.
+pub(super) fn of_waiting() -> Verdict {
+    let detail = "another worker may be free before the threads of this one are".to_owned();
+    Verdict::GiveBack(problem("busy", "The worker is busy", detail))
 }
 
 /// The verdict on an artifact store that stayed away or full.

@@ -1,7 +1,6 @@
 //! A job store that is away, and one whose code has a fault.
 
 use async_trait::async_trait;
-use jiff::Timestamp;
 use oviduct::generate::{Backend, Progress};
 use oviduct::jobs::{
     Attempt, BackendReport, Batch, BatchId, Change, ClaimedJob, Counts, Directive, Finished, Job, JobId, ListFilter,
@@ -103,7 +102,10 @@ impl Store for Faulty {
     async fn set_checkpoint(&self, _: &ClaimedJob, _: &str) -> Result<Option<String>, StoreError> {
         away()
     }
-    async fn ended_before(&self, _: Timestamp, _: u32) -> Result<Vec<JobId>, StoreError> {
+    async fn ended_before(&self, _: Duration, _: u32) -> Result<Vec<JobId>, StoreError> {
+        away()
+    }
+    async fn alive(&self, _: Backend, _: Duration) -> Result<u64, StoreError> {
         away()
     }
     async fn stored_bytes(&self) -> Result<u64, StoreError> {

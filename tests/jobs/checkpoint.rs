@@ -170,7 +170,8 @@ async fn a_job_that_takes_too_long_fails_alone() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn models_are_kept_by_age_and_by_room() {
-    let place = Place::fresh(|_| {}).await;
+    let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
+    let place = Place::fresh(|options| options.clock = clock.clone()).await;
     let pool = place.start(|_| {});
     let mut made = Vec::new();
     for seed in [10, 11, 12, 13] {
@@ -178,21 +179,19 @@ async fn models_are_kept_by_age_and_by_room() {
     }
     pool.shutdown(Duration::from_secs(5)).await;
     let queued = place.store.submit(NewJob { reuse: false, ..scripted("ok", 14) }).await.unwrap().job().id;
-    let now = Clock::System.now();
-    let sweep =
-        async |age, bytes, at| Retention { age, bytes }.sweep(&*place.store, &place.artifacts, at).await.unwrap();
+    let sweep = async |age, bytes| Retention { age, bytes }.sweep(&*place.store, &place.artifacts).await.unwrap();
     // Each has two files of a thousand bytes.
-    let swept = sweep(None, Some(8000), now).await;
-    assert_eq!((swept.removed, swept.stored_bytes), (0, 8000));
-    let swept = sweep(Some(Duration::from_secs(3600)), Some(7999), now).await;
-    assert_eq!((swept.removed, swept.stored_bytes), (1, 6000), "the one that ended first goes");
+    let swept = sweep(None, Some(8000)).await;
+    assert_eq!((swept.removed, swept.stored_bytes), (0, Some(8000)));
+    let swept = sweep(Some(Duration::from_secs(3600)), Some(7999)).await;
+    assert_eq!((swept.removed, swept.stored_bytes), (1, Some(6000)), "the one that ended first goes");
     assert!(place.store.get(made[0].id).await.unwrap().is_none());
     assert_eq!(place.visible().len(), 6, "with its files");
-    let later = now + Duration::from_secs(3601);
-    let swept = sweep(Some(Duration::from_secs(3600)), None, later).await;
-    assert_eq!((swept.removed, swept.stored_bytes), (3, 0));
+    clock.advance(Duration::from_secs(3601));
+    let swept = sweep(Some(Duration::from_secs(3600)), None).await;
+    assert_eq!((swept.removed, swept.stored_bytes), (3, None));
     assert!(place.visible().is_empty());
-    let swept = sweep(Some(Duration::ZERO), Some(0), later).await;
+    let swept = sweep(Some(Duration::ZERO), Some(0)).await;
     assert_eq!(swept.removed, 0);
     assert_eq!(place.store.get(queued).await.unwrap().unwrap().status, Status::Queued, "what has not ended stays");
 }

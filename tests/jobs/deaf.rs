@@ -1,7 +1,6 @@
 //! A store that never tells of changes, as a worker on another machine sees one whose notifications are lost.
 
 use async_trait::async_trait;
-use jiff::Timestamp;
 use oviduct::generate::{Backend, Progress};
 use oviduct::jobs::{
     Attempt, BackendReport, Batch, BatchId, Change, ClaimedJob, Counts, Directive, Finished, Job, JobId, ListFilter,
@@ -121,8 +120,12 @@ impl Store for Deaf {
         self.0.set_checkpoint(claimed, key).await
     }
 
-    async fn ended_before(&self, before: Timestamp, limit: u32) -> Result<Vec<JobId>, StoreError> {
-        self.0.ended_before(before, limit).await
+    async fn ended_before(&self, age: Duration, limit: u32) -> Result<Vec<JobId>, StoreError> {
+        self.0.ended_before(age, limit).await
+    }
+
+    async fn alive(&self, backend: Backend, within: Duration) -> Result<u64, StoreError> {
+        self.0.alive(backend, within).await
     }
 
     async fn stored_bytes(&self) -> Result<u64, StoreError> {

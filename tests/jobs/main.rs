@@ -7,6 +7,7 @@
     reason = "a test: what fails, fails here"
 )]
 
+mod apart;
 mod artifacts;
 mod bucket;
 mod checkpoint;
@@ -24,8 +25,11 @@ mod queue;
 mod random;
 mod redirect;
 mod scripted;
+mod sick;
 mod sqlite;
+mod step;
 mod streams;
 mod suite;
+mod unread;
 mod upgrade;
 mod worker;

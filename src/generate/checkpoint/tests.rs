@@ -115,3 +115,27 @@ fn a_checkpoint_of_another_model_or_a_damaged_one_is_refused() {
         assert!(Checkpoint::read(&own, &bytes[..at]).is_err(), "{at}");
     }
 }
+
+/// Whole and of this model, but not what the simulation or the loft can go on from.
+#[test]
+fn a_checkpoint_that_does_not_restore_costs_time_only() {
+    let spec = json!({});
+    let dir = tempfile::tempdir().unwrap();
+    let request = request(small(&spec), Backend::Cpu, dir.path());
+    let sink = StopAt::new(20);
+    let broken = on(2, || generate(&request, &sink, &sink.cancel)).unwrap_err();
+    assert!(matches!(broken, GenerateError::Cancelled), "{broken}");
+    let bytes = sink.taken.lock().unwrap().take().unwrap();
+    let whole = hashes(on(2, || generate(&request, &(), &CancelToken::default())).unwrap());
+    let checkpoint = Checkpoint::read(&request, &bytes).unwrap();
+    let no_state = Checkpoint { simulation: vec![7; 40], ..checkpoint.clone() };
+    let mut no_surface = checkpoint;
+    for section in &mut no_surface.accepted {
+        section.inner.points.clone_from(&section.outer.points);
+        section.inner.ids.clone_from(&section.outer.ids);
+    }
+    for damaged in [no_state, no_surface] {
+        let again = on(2, || resume(&request, damaged, &(), &CancelToken::default())).unwrap();
+        assert_eq!(hashes(again), whole);
+    }
+}

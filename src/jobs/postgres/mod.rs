@@ -74,7 +74,7 @@ impl PostgresStore {
             .map_err(SqlError::from)?;
         let time = match &options.clock {
             Clock::System => Time::Database,
-            by_hand @ Clock::Manual(_) => Time::Clock(by_hand.clone()),
+            by_hand @ Clock::Manual(_) => Time::of(by_hand.clone()),
         };
         let changes = Self::channel();
         let notifier = Notifier::start(connect, pool.clone(), changes.clone()).await.map_err(SqlError::from)?;

@@ -29,6 +29,10 @@ impl Operation for SubmitBatch {
     async fn run(&self, link: &mut Link<'_>, options: &StoreOptions) -> Result<Done<SubmittedBatch>, SqlError> {
         let (key, body) = self.new.idempotency.clone().unzip();
         if key.is_some() {
+            // Versions before this one kept the keys of batches whose jobs are all gone.
+            let empty = "DELETE FROM batches WHERE idempotency_key = $1 \
+                         AND NOT EXISTS (SELECT 1 FROM jobs WHERE batch = batches.id)";
+            link.execute(empty, values![&key]).await?;
             let sql = "SELECT id, idempotency_body FROM batches WHERE idempotency_key = $1";
             if let Some(row) = link.optional(sql, values![&key]).await? {
                 if row.optional_text("idempotency_body")? != body.as_deref() {
@@ -78,7 +82,7 @@ pub(super) async fn read(link: &mut Link<'_>, id: BatchId) -> Result<Option<Batc
         return Ok(None);
     };
     let created_at = first.time("created_at")?;
-    let priority = priority(first.int("priority")?)?;
+    let priority = priority(first.int("priority")?);
     let mut batch = Batch { id, created_at, priority, counts: Counts::default(), jobs: Vec::with_capacity(rows.len()) };
     for row in &rows {
         if let Some(job) = row.optional_id("id")? {
@@ -111,7 +115,8 @@ impl Operation for DeleteBatch {
         for &job in &batch.jobs {
             keys.extend(submit::delete(link, job).await?.unwrap_or_default());
         }
-        link.execute("DELETE FROM batches WHERE id = $1", values![self.0.to_string()]).await?;
+        // It is gone with its last job, but where it had none.
+        submit::delete_empty_batch(link, &self.0.to_string()).await?;
         let changes = batch.jobs.into_iter().map(|id| Change { id, version: None }).collect();
         Ok(Done::new(Some(keys), changes))
     }

@@ -24,18 +24,14 @@ impl Operation for Expire {
     type Output = Vec<JobId>;
 
     async fn run(&self, link: &mut Link<'_>, options: &StoreOptions) -> Result<Done<Vec<JobId>>, SqlError> {
-        let before = if self.all { Timestamp::MAX } else { link.now().await? };
+        let before = if self.all { Timestamp::MAX } else { link.steady().await? };
         let changes = expire(link, options, before).await?;
         Ok(Done::new(changes.iter().map(|change| change.id).collect(), changes))
     }
 }
 
 /// Ends attempts whose lease ended at `before` or earlier.
-pub(super) async fn expire(
-    link: &mut Link<'_>,
-    options: &StoreOptions,
-    before: Timestamp,
-) -> Result<Vec<Change>, SqlError> {
+async fn expire(link: &mut Link<'_>, options: &StoreOptions, before: Timestamp) -> Result<Vec<Change>, SqlError> {
     // What another is just writing is left to it.
     let sql = format!(
         "SELECT id FROM jobs{} WHERE status = 'running' AND lease_until <= $1 ORDER BY lease_until LIMIT {EXPIRED}{}",
@@ -73,7 +69,7 @@ impl Operation for Renew {
         if state.on(&Event::Renew(self.fence.clone()), options.max_attempts).is_err() {
             return Ok(Done::quiet(Directive::Lost));
         }
-        let now = link.now().await?;
+        let now = link.steady().await?;
         let row = link
             .one(
                 "UPDATE jobs SET lease_until = $2, \
@@ -116,11 +112,15 @@ impl Operation for SetCheckpoint {
     async fn run(&self, link: &mut Link<'_>, options: &StoreOptions) -> Result<Done<Option<String>>, SqlError> {
         let (state, _) = load(link, self.id).await?.ok_or(StoreError::Fenced)?;
         state.on(&Event::Renew(self.fence.clone()), options.max_attempts).map_err(|_| StoreError::Fenced)?;
-        let before = link.one("SELECT checkpoint FROM jobs WHERE id = $1", values![self.id]).await?;
-        let before = before.optional_text("checkpoint")?.map(str::to_owned);
+        let before = named_checkpoint(link, self.id).await?;
         link.execute("UPDATE jobs SET checkpoint = $2 WHERE id = $1", values![self.id, &self.key]).await?;
         Ok(Done::quiet(before.filter(|before| *before != self.key)))
     }
+}
+
+async fn named_checkpoint(link: &mut Link<'_>, id: JobId) -> Result<Option<String>, SqlError> {
+    let row = link.one("SELECT checkpoint FROM jobs WHERE id = $1", values![id]).await?;
+    Ok(row.optional_text("checkpoint")?.map(str::to_owned))
 }
 
 /// What an end adds to the record.
@@ -227,10 +227,14 @@ impl Operation for Cancel {
             return Ok(Done::quiet(None));
         };
         let next = state.on(&Event::Cancel, options.max_attempts).ok().filter(|next| next.state != state);
+        let mut checkpoint = None;
         if let Some(next) = &next {
+            checkpoint = named_checkpoint(link, id).await?;
             write(link, id, next, None).await?;
         }
         let job = known_job(link, id).await?;
+        // The record names it no more; whoever cancelled is told what is to be removed.
+        let job = Job { checkpoint: job.checkpoint.clone().or(checkpoint), ..job };
         let change = Change { id, version: Some(job.version) };
         Ok(Done::new(Some(job), if next.is_some() { vec![change] } else { vec![] }))
     }
@@ -288,14 +292,15 @@ async fn write(link: &mut Link<'_>, id: JobId, next: &Next, lease_until: Option<
     }
     if state.status == Status::Queued {
         // What the last attempt reached is gone with it.
-        let wait = match next.ended {
-            Some(AttemptEnd::Retried) => state::retry_delay(state.spent),
-            _ => Duration::ZERO,
+        let available = match next.ended {
+            Some(AttemptEnd::Retried) => until(link.steady().await?, state::retry_delay(state.spent)).as_microsecond(),
+            // Whatever a clock says.
+            _ => 0,
         };
         link.execute(
             "UPDATE jobs SET progress = NULL, section = NULL, backend_used = NULL, device = NULL, fallback = NULL, \
              available_at = $2 WHERE id = $1",
-            values![id, until(now, wait)],
+            values![id, available],
         )
         .await?;
     }

@@ -1,6 +1,6 @@
 //! A connection to either database, with the few types of values that records are made of.
 
-use crate::clock::Clock;
+use crate::clock::{Clock, Stopwatch};
 use crate::jobs::job::JobId;
 use crate::jobs::store::StoreError;
 use jiff::Timestamp;
@@ -9,6 +9,8 @@ use sqlx::query::Query;
 use sqlx::sqlite::{SqliteArguments, SqliteRow};
 use sqlx::{AssertSqlSafe, PgConnection, Postgres, Row as _, SqlSafeStr, SqlStr, Sqlite, SqliteConnection};
 use std::borrow::Cow;
+#[cfg(test)]
+use std::time::Duration;
 
 /// Why an operation on the database failed.
 #[derive(Debug, thiserror::Error)]
@@ -47,10 +49,32 @@ pub(in crate::jobs) enum Connection<'c> {
 /// Where the time of leases and records comes from.
 #[derive(Clone, Debug)]
 pub(in crate::jobs) enum Time {
-    /// A clock of this process.
-    Clock(Clock),
+    /// A clock of this process, which has the store to itself.
+    Clock(Clock, Steady),
     /// The database's clock, the same for all processes that share it.
     Database,
+}
+
+/// Time since the store was opened, counted on from the clock's time of then: setting the clock changes nothing.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::jobs) struct Steady {
+    start: Timestamp,
+    since: Stopwatch,
+}
+
+impl Time {
+    pub(in crate::jobs) fn of(clock: Clock) -> Self {
+        let steady = Steady { start: clock.now(), since: Stopwatch::start() };
+        Self::Clock(clock, steady)
+    }
+
+    /// The time of leases and delays; `None` where it is that of records.
+    fn steady(&self) -> Option<Timestamp> {
+        match self {
+            Self::Clock(Clock::System, Steady { start, since }) => Some(super::until(*start, since.elapsed())),
+            Self::Clock(Clock::Manual(_), _) | Self::Database => None,
+        }
+    }
 }
 
 /// A connection with the time.
@@ -201,13 +225,21 @@ impl<'c> Link<'c> {
             return Ok(now);
         }
         let now = match self.time {
-            Time::Clock(clock) => clock.now(),
+            Time::Clock(clock, _) => clock.now(),
             Time::Database => {
                 let now = "SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000 AS BIGINT) AS now";
                 super::timestamp(self.one(now, Vec::new()).await?.int("now")?)?
             }
         };
         Ok(*self.now.insert(now))
+    }
+
+    /// The time of leases and delays, which passes evenly where this process alone keeps it.
+    pub(in crate::jobs) async fn steady(&mut self) -> Result<Timestamp, SqlError> {
+        match self.time.steady() {
+            Some(now) => Ok(now),
+            None => self.now().await,
+        }
     }
 
     /// Runs a statement; returns how many rows it changed.
@@ -329,4 +361,23 @@ impl Row {
 
 fn id(text: &str) -> Result<JobId, SqlError> {
     text.parse().map(JobId).map_err(|error: uuid::Error| super::broken(&error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn leases_do_not_follow_a_clock_that_is_set() {
+        // As if the clock had been set back by an hour since the store was opened.
+        let hour = Duration::from_secs(3600);
+        let start = super::super::until(Clock::System.now(), hour);
+        let time = Time::Clock(Clock::System, Steady { start, since: Stopwatch::start() });
+        let first = time.steady().unwrap();
+        assert!(first >= start && first < super::super::until(start, hour));
+        std::thread::sleep(Duration::from_millis(2));
+        assert!(time.steady().unwrap() > first);
+        let manual = Time::of(Clock::manual(start));
+        assert!(manual.steady().is_none(), "tests move it");
+    }
 }

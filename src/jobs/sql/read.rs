@@ -1,11 +1,14 @@
-//! Reading records: rows to jobs and attempts.
+//! Reading records: rows to jobs and attempts. What a later version wrote is shown as far as this one knows it.
 
 use super::order::set_positions;
-use super::{Link, Row, SqlError, broken, parse, values, variant, word};
+use super::{Link, Row, SqlError, parse, values, variant, word};
+use crate::generate::{Backend, Output};
 use crate::jobs::job::{BackendReport, BatchId, Job, JobId, Priority};
 use crate::jobs::store::{Attempt, Counts, ListFilter, Page, StoreError};
 use jiff::Timestamp;
 use serde::de::DeserializeOwned;
+use serde_json::Value;
+use std::time::Duration;
 
 /// Most jobs on a page.
 const PAGE: u32 = 1000;
@@ -26,20 +29,22 @@ pub(super) fn select_jobs(link: &Link<'_>) -> &'static str {
     )
 }
 
+/// A value that may be missing; one that only a later version can read is, too.
 fn parse_optional<T: DeserializeOwned>(row: &Row, column: &str) -> Result<Option<T>, SqlError> {
-    row.optional_text(column)?.map(parse).transpose()
+    Ok(row.optional_text(column)?.and_then(|text| parse(text).ok()))
 }
 
 fn optional_variant<T: DeserializeOwned>(row: &Row, column: &str) -> Result<Option<T>, SqlError> {
-    row.optional_text(column)?.map(variant).transpose()
+    Ok(row.optional_text(column)?.and_then(|word| variant(word).ok()))
 }
 
 fn owned(row: &Row, column: &str) -> Result<Option<String>, SqlError> {
     Ok(row.optional_text(column)?.map(str::to_owned))
 }
 
-pub(super) fn priority(value: i64) -> Result<Priority, SqlError> {
-    Priority::try_from(value).map_err(|error| broken(&error))
+/// A priority; one beyond what this version knows is the nearest.
+pub(super) fn priority(value: i64) -> Priority {
+    Priority::try_from(value.clamp(Priority::MIN, Priority::MAX)).unwrap_or_default()
 }
 
 /// A job with its turn among those of the same backend and priority.
@@ -47,23 +52,47 @@ pub(super) fn priority(value: i64) -> Result<Priority, SqlError> {
 pub(super) struct Record {
     pub(super) job: Job,
     pub(super) turn: i64,
+    /// Why this version cannot run it, where it cannot: a later one may have written what it does not know.
+    pub(super) unread: Option<String>,
+}
+
+/// What this version knows of the outputs asked for, and why that is not all.
+fn outputs(text: &str) -> (Vec<Output>, Option<String>) {
+    let words: Vec<Value> = match serde_json::from_str(text) {
+        Ok(words) => words,
+        Err(error) => return (Vec::new(), Some(format!("outputs: {error}"))),
+    };
+    let (mut known, mut unread) = (Vec::new(), None);
+    for word in words {
+        match serde_json::from_value(word) {
+            Ok(output) => known.push(output),
+            Err(error) => unread = Some(format!("outputs: {error}")),
+        }
+    }
+    (known, unread)
 }
 
 /// All of a job but its position in the queue.
 pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
+    let (outputs, mut unread) = outputs(row.text("outputs")?);
+    let spec = serde_json::from_str(row.text("spec")?).unwrap_or_else(|error| {
+        unread = Some(format!("spec: {error}"));
+        Value::Null
+    });
     let job = Job {
         id: row.id("id")?,
         status: variant(row.text("status")?)?,
         version: row.count("version")?,
         preset: row.text("preset")?.to_owned(),
         seed: row.count("seed")?,
-        spec: parse(row.text("spec")?)?,
-        outputs: parse(row.text("outputs")?)?,
+        spec,
+        outputs,
         labels: parse(row.text("labels")?)?,
-        priority: priority(row.int("rank")?.saturating_neg())?,
+        priority: priority(row.int("rank")?.saturating_neg()),
         trace: owned(row, "trace")?,
         backend: BackendReport {
-            requested: variant(row.text("backend_requested")?)?,
+            // One that this version does not know has a lane that it never claims from.
+            requested: variant(row.text("backend_requested")?).unwrap_or(Backend::Auto),
             used: optional_variant(row, "backend_used")?,
             device: owned(row, "device")?,
             fallback: owned(row, "fallback")?,
@@ -85,21 +114,30 @@ pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
         checkpoint: owned(row, "checkpoint")?,
         reused_from: row.optional_id("reused_from")?,
     };
-    Ok(Record { job, turn: row.int("turn")? })
+    Ok(Record { job, turn: row.int("turn")?, unread })
 }
 
-pub(super) async fn job(link: &mut Link<'_>, id: JobId) -> Result<Option<Job>, SqlError> {
+async fn record(link: &mut Link<'_>, id: JobId) -> Result<Option<Record>, SqlError> {
     let sql = format!("{}FROM jobs j WHERE j.id = $1", select_jobs(link));
     let row = link.optional(sql, values![id]).await?;
     let mut record = row.as_ref().map(to_record).transpose()?;
     set_positions(link, record.as_mut_slice()).await?;
-    Ok(record.map(|record| record.job))
+    Ok(record)
+}
+
+pub(super) async fn job(link: &mut Link<'_>, id: JobId) -> Result<Option<Job>, SqlError> {
+    Ok(record(link, id).await?.map(|record| record.job))
+}
+
+/// A record that this transaction has just read or written.
+pub(super) async fn known_record(link: &mut Link<'_>, id: JobId) -> Result<Record, SqlError> {
+    let gone = || StoreError::Database(format!("job {id} is gone within a transaction"));
+    Ok(record(link, id).await?.ok_or_else(gone)?)
 }
 
 /// A job that this transaction has just read or written.
 pub(super) async fn known_job(link: &mut Link<'_>, id: JobId) -> Result<Job, SqlError> {
-    let gone = || StoreError::Database(format!("job {id} is gone within a transaction"));
-    Ok(job(link, id).await?.ok_or_else(gone)?)
+    Ok(known_record(link, id).await?.job)
 }
 
 pub(super) async fn list(link: &mut Link<'_>, filter: &ListFilter) -> Result<Page, SqlError> {
@@ -172,7 +210,9 @@ pub(super) async fn names_key(link: &mut Link<'_>, key: &str) -> Result<bool, Sq
     link.one(sql, values![key]).await?.flag("named")
 }
 
-pub(super) async fn ended_before(link: &mut Link<'_>, before: Timestamp, limit: u32) -> Result<Vec<JobId>, SqlError> {
+pub(super) async fn ended_before(link: &mut Link<'_>, age: Duration, limit: u32) -> Result<Vec<JobId>, SqlError> {
+    let before =
+        if age.is_zero() { Timestamp::MAX } else { link.now().await?.saturating_sub(age).unwrap_or(Timestamp::MIN) };
     let sql = format!(
         "SELECT id FROM jobs{} WHERE finished_at < $1 ORDER BY finished_at, id LIMIT {limit}",
         link.either(" INDEXED BY jobs_by_end", ""),

@@ -1,10 +1,10 @@
 //! The store's contract over either database.
 
 use super::batch::{self, DeleteBatch, SubmitBatch};
-use super::claim::{Claim, any_to_claim};
-use super::lease::{Cancel, End, Record, Renew, SetCheckpoint};
+use super::claim::{self, Claim};
+use super::lease::{Cancel, End, Expire, Record, Renew, SetCheckpoint};
 use super::submit::{Delete, Ids, Submit};
-use super::workers::{WorkerSeen, workers};
+use super::workers::{WorkerSeen, alive, workers};
 use super::{CHANGES, Connection, Done, Link, Operation, SqlError, Time, order, read};
 use crate::generate::{Backend, Progress};
 use crate::jobs::job::{BackendReport, BatchId, Job, JobId, LiveSection, NewJob, Problem};
@@ -14,7 +14,6 @@ use crate::jobs::store::{
     StoreOptions, Submitted, SubmittedBatch, WorkerInfo,
 };
 use async_trait::async_trait;
-use jiff::Timestamp;
 use sqlx::pool::PoolConnection;
 use sqlx::{Postgres, Sqlite};
 use std::future::Future;
@@ -167,7 +166,10 @@ impl<E: Engine> Store for SqlStore<E> {
         lease: Duration,
         limit: u32,
     ) -> Result<Vec<ClaimedJob>, StoreError> {
-        if !any_to_claim(&mut self.reader().await?.link(self.time()), backend).await? {
+        let found = claim::look(&mut self.reader().await?.link(self.time()), backend).await?;
+        if found.expired {
+            self.run(Expire { all: false }).await?;
+        } else if !found.due {
             return Ok(Vec::new());
         }
         self.run(Claim { worker: worker.to_owned(), backend, lease, limit }).await
@@ -229,8 +231,12 @@ impl<E: Engine> Store for SqlStore<E> {
         Ok(read::names_key(&mut self.reader().await?.link(self.time()), key).await?)
     }
 
-    async fn ended_before(&self, before: Timestamp, limit: u32) -> Result<Vec<JobId>, StoreError> {
-        Ok(read::ended_before(&mut self.reader().await?.link(self.time()), before, limit).await?)
+    async fn alive(&self, backend: Backend, within: Duration) -> Result<u64, StoreError> {
+        Ok(alive(&mut self.reader().await?.link(self.time()), backend, within).await?)
+    }
+
+    async fn ended_before(&self, age: Duration, limit: u32) -> Result<Vec<JobId>, StoreError> {
+        Ok(read::ended_before(&mut self.reader().await?.link(self.time()), age, limit).await?)
     }
 
     async fn stored_bytes(&self) -> Result<u64, StoreError> {

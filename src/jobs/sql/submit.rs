@@ -135,7 +135,7 @@ async fn insert(
         "INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, backend_used, device, \
          fallback, available_at, created_at, finished_at, reused_from, idempotency_key, idempotency_body, summary, \
          spec, engine, engine_used, batch, submitter, turn, rank, trace) \
-         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, \
+         VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 0, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, \
          $22, $23, $24)",
         values![
             id,
@@ -232,6 +232,15 @@ impl Operation for Delete {
 }
 
 pub(super) async fn delete(link: &mut Link<'_>, id: JobId) -> Result<Option<Vec<String>>, SqlError> {
+    // The batch before the job, as whoever removes a whole batch does; which one it is never changes.
+    let batch = match link.optional("SELECT batch FROM jobs WHERE id = $1", values![id]).await? {
+        None => return Ok(None),
+        Some(row) => row.optional_text("batch")?.map(str::to_owned),
+    };
+    if let Some(batch) = &batch {
+        let sql = format!("SELECT id FROM batches WHERE id = $1{}", link.either("", " FOR UPDATE"));
+        link.optional(sql, values![batch]).await?;
+    }
     // Who is about to name its files too comes before or after, not between.
     let sql = format!("SELECT id FROM jobs WHERE id = $1{}", link.either("", " FOR UPDATE"));
     if link.optional(sql, values![id]).await?.is_none() {
@@ -247,5 +256,15 @@ pub(super) async fn delete(link: &mut Link<'_>, id: JobId) -> Result<Option<Vec<
     let mut keys = rows.iter().map(|row| row.text("key").map(str::to_owned)).collect::<Result<Vec<_>, _>>()?;
     let gone = link.one("DELETE FROM jobs WHERE id = $1 RETURNING checkpoint", values![id]).await?;
     keys.extend(gone.optional_text("checkpoint")?.map(str::to_owned));
+    if let Some(batch) = &batch {
+        delete_empty_batch(link, batch).await?;
+    }
     Ok(Some(keys))
+}
+
+/// A batch goes with its last job, and its key with it.
+pub(super) async fn delete_empty_batch(link: &mut Link<'_>, batch: &String) -> Result<(), SqlError> {
+    let sql = "DELETE FROM batches WHERE id = $1 AND NOT EXISTS (SELECT 1 FROM jobs WHERE batch = $1)";
+    link.execute(sql, values![batch]).await?;
+    Ok(())
 }

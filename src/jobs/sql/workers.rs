@@ -1,6 +1,7 @@
 //! Signs of life of workers.
 
 use super::{Done, Link, Operation, SqlError, values, variant, word};
+use crate::generate::Backend;
 use crate::jobs::job::JobId;
 use crate::jobs::store::{StoreOptions, WorkerInfo};
 use jiff::Timestamp;
@@ -43,11 +44,13 @@ pub(super) async fn workers(link: &mut Link<'_>) -> Result<Vec<WorkerInfo>, SqlE
         held.entry(row.text("holder")?.to_owned()).or_default().push(row.id("id")?);
     }
     rows.iter()
-        .map(|row| {
+        // One of a later version may compute with what this one does not know.
+        .filter_map(|row| row.text("backend").map(variant).ok()?.ok().map(|backend| (row, backend)))
+        .map(|(row, backend)| {
             Ok(WorkerInfo {
                 id: row.text("id")?.to_owned(),
                 host: row.text("host")?.to_owned(),
-                backend: variant(row.text("backend")?)?,
+                backend,
                 device: row.text("device")?.to_owned(),
                 jobs: held.remove(row.text("id")?).unwrap_or_default(),
                 jobs_done: row.count("jobs_done")?,
@@ -55,4 +58,11 @@ pub(super) async fn workers(link: &mut Link<'_>) -> Result<Vec<WorkerInfo>, SqlE
             })
         })
         .collect()
+}
+
+/// How many workers that compute with `backend` were seen within this time.
+pub(super) async fn alive(link: &mut Link<'_>, backend: Backend, within: Duration) -> Result<u64, SqlError> {
+    let since = link.now().await?.saturating_sub(within).unwrap_or(Timestamp::MIN);
+    let sql = "SELECT COUNT(*) AS n FROM workers WHERE backend = $1 AND heartbeat_at >= $2";
+    link.one(sql, values![word(backend), since]).await?.count("n")
 }

@@ -9,7 +9,8 @@
 //! and removed where nothing else finds room. Where that is used up too, changes fail until there is room again.
 //!
 //! A file store is held by one process at a time (a lock file beside it says so), which is what makes
-//! [`SqliteStore::recover`] sound. Time is that of the process's clock.
+//! [`SqliteStore::recover`] sound. Time is that of the process's clock; leases and delays run by time that passes evenly, so
+//! that a clock that is set ends no attempt.
 
 use super::job::JobId;
 use super::sql::{Connection, Done, Engine, Expire, Link, Operation, Reader, SqlError, SqlStore, Time};
@@ -91,7 +92,7 @@ impl SqliteStore {
     }
 
     fn with(writer: SqlitePool, reader: SqlitePool, lock: Option<File>, options: StoreOptions) -> Self {
-        let engine = Sqlite { writer, reader, time: Time::Clock(options.clock.clone()), lock };
+        let engine = Sqlite { writer, reader, time: Time::of(options.clock.clone()), lock };
         Self::over(engine, options, Self::channel())
     }
 

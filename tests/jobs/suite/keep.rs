@@ -31,7 +31,9 @@ pub async fn a_checkpoint_passes_to_the_next_attempt(factory: Factory) {
     let claimed = bench.claim("a").await.unwrap();
     bench.store.set_checkpoint(&claimed, "k4").await.unwrap();
     bench.store.release(claimed).await.unwrap();
-    bench.store.cancel(job.id).await.unwrap();
+    let cancelled = bench.store.cancel(job.id).await.unwrap().unwrap();
+    assert_eq!(cancelled.checkpoint.as_deref(), Some("k4"), "to be removed");
+    assert_eq!(bench.get(job.id).await.checkpoint, None);
     assert!(!bench.store.names_key("k4").await.unwrap(), "a job that was cancelled needs no checkpoint");
     let job = bench.queue("f").await;
     let claimed = bench.claim("a").await.unwrap();
@@ -51,14 +53,16 @@ pub async fn ended_jobs_are_told_by_age_and_bytes(factory: Factory) {
     let other = bench.queue("c").await;
     bench.store.cancel(other.id).await.unwrap();
     assert_eq!(bench.store.stored_bytes().await.unwrap(), 15, "shared files count once");
-    let ended = |before: Timestamp, limit| {
+    let ended = |age: Duration, limit| {
         let store = bench.store.clone();
-        async move { store.ended_before(before, limit).await.unwrap() }
+        async move { store.ended_before(age, limit).await.unwrap() }
     };
-    assert_eq!(ended(bench.clock.now(), 10).await, [first.id, shared.id], "one that ends now is not older than now");
-    assert_eq!(ended(bench.clock.now() + second, 10).await, [first.id, shared.id, other.id]);
-    assert_eq!(ended(bench.clock.now() + second, 2).await, [first.id, shared.id]);
-    assert_eq!(ended(first.finished_at.unwrap(), 10).await, []);
+    bench.clock.advance(second);
+    assert_eq!(ended(second, 10).await, [first.id, shared.id], "one that ended just so long ago is not older");
+    assert_eq!(ended(Duration::from_micros(999_999), 10).await, [first.id, shared.id, other.id]);
+    assert_eq!(ended(Duration::ZERO, 2).await, [first.id, shared.id]);
+    assert_eq!(ended(3 * second, 10).await, []);
+    assert_eq!(ended(Duration::ZERO, 10).await, [first.id, shared.id, other.id]);
     assert!(bench.store.get(queued.id).await.unwrap().is_some());
     bench.store.delete(first.id).await.unwrap();
     bench.store.delete(shared.id).await.unwrap();

@@ -1,0 +1,163 @@
+//! Jobs that are claimed early are tied to nobody: what waits for a worker's threads goes to one that is free.
+
+use crate::scripted::{FakeGpu, Fate, Ground, Place, generate, scripted};
+use futures_util::future::join_all;
+use oviduct::clock::Clock;
+use oviduct::generate::{Backend, CancelToken, Outcome, Progress, Sink, Stage};
+use oviduct::jobs::{JobId, NewJob, Status, StoreOptions};
+use oviduct::worker::{Generator, Work, WorkError};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex};
+use std::time::Duration;
+
+/// Seed of the job that is held.
+const HELD: u64 = 99;
+
+/// Holds the job of seed [`HELD`] under its certificate, deaf to its cancel token, until it is opened.
+#[derive(Default)]
+struct Gate {
+    open: Mutex<bool>,
+    opened: Condvar,
+    ended: AtomicBool,
+}
+
+impl Gate {
+    fn open(&self) {
+        *self.open.lock().unwrap() = true;
+        self.opened.notify_all();
+    }
+}
+
+/// Opens it whatever becomes of the test: a thread that is held would hold the runtime.
+struct Opens(Arc<Gate>);
+
+impl Drop for Opens {
+    fn drop(&mut self) {
+        self.0.open();
+    }
+}
+
+fn gated(gate: &Arc<Gate>) -> Arc<dyn Generator> {
+    let gate = Arc::clone(gate);
+    Arc::new(move |work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
+        if work.job.seed == HELD {
+            let stage = Stage::Certify;
+            sink.progress(&Progress {
+                stage,
+                fraction: 0.8,
+                step: 1,
+                steps: 2,
+                particles: 8,
+                sections: 1,
+                eta_seconds: None,
+            });
+            let closed = gate.open.lock().unwrap();
+            drop(gate.opened.wait_while(closed, |open| !*open).unwrap());
+            gate.ended.store(true, Ordering::SeqCst);
+        }
+        generate(work, sink, cancel)
+    })
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn while_one_worker_is_held_the_other_ends_all_that_comes() {
+    let place = Place::fresh(|_| {}).await;
+    let gate = Arc::new(Gate::default());
+    let _opens = Opens(Arc::clone(&gate));
+    let pool = place.start_with(Arc::clone(&place.store), Clock::System, gated(&gate), |options| {
+        options.workers = 2;
+        options.poll = Duration::from_millis(100);
+    });
+    let held = place.queue("ok", HELD).await;
+    let at = |stage| move |job: &oviduct::jobs::Job| job.progress.is_some_and(|progress| progress.stage == stage);
+    place.until(held, at(Stage::Certify)).await;
+    // One at a time, as from a client that waits, and many at once.
+    for seed in 0..5 {
+        let job = place.ended(place.queue("ok", seed).await).await;
+        assert_eq!(job.status, Status::Succeeded);
+    }
+    let mut ids = Vec::new();
+    for seed in 10..30 {
+        ids.push(place.queue("ok", seed).await);
+    }
+    let jobs = join_all(ids.iter().map(|&id| place.ended(id))).await;
+    assert!(!gate.ended.load(Ordering::SeqCst), "the gate is shut");
+    assert_eq!(place.store.get(held).await.unwrap().unwrap().status, Status::Running);
+    for job in jobs {
+        assert_eq!(job.status, Status::Succeeded, "{:?}", job.problem);
+    }
+    gate.open();
+    assert_eq!(place.ended(held).await.status, Status::Succeeded);
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn behind_a_job_that_timed_out_and_does_not_stop_nothing_waits() {
+    let place = Place::fresh(|_| {}).await;
+    let gate = Arc::new(Gate::default());
+    let _opens = Opens(Arc::clone(&gate));
+    let start = |name: &'static str| {
+        place.start_with(Arc::clone(&place.store), Clock::System, gated(&gate), move |options| {
+            options.host = name.into();
+            options.poll = Duration::from_millis(100);
+            options.job_timeout = Some(Duration::from_secs(1));
+        })
+    };
+    let first = start("first");
+    let held = place.queue("ok", HELD).await;
+    let behind = place.queue("ok", 1).await;
+    // The only worker there is claims it early.
+    place.until(behind, |job| job.status == Status::Running).await;
+    let problem = place.ended(held).await.problem.unwrap();
+    assert_eq!(problem.kind, "timeout");
+    place.until(behind, |job| job.status == Status::Queued).await;
+    let second = start("second");
+    let job = place.ended(behind).await;
+    assert!(!gate.ended.load(Ordering::SeqCst), "the gate is shut");
+    assert_eq!(job.status, Status::Succeeded, "{:?}", job.problem);
+    let attempts = place.store.attempts(behind).await.unwrap();
+    assert!(attempts.last().unwrap().worker.starts_with("second"), "{attempts:?}");
+    gate.open();
+    first.shutdown(Duration::from_secs(5)).await;
+    second.shutdown(Duration::from_secs(5)).await;
+}
+
+/// After their GPU was lost, jobs go on one at a time: what each waits for the others is none of its time.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn waiting_for_the_cpu_after_a_gpu_was_lost_is_none_of_a_jobs_time() {
+    let place = Place::on(Ground::Sqlite, StoreOptions::default()).await;
+    let mut ids: Vec<JobId> = Vec::new();
+    for seed in 1..=5 {
+        let spec = serde_json::json!({ "script": "slow", "size": 1 });
+        let new = NewJob { backend: Backend::Auto, spec, ..scripted("slow", seed) };
+        ids.push(place.store.submit(new).await.unwrap().job().id);
+    }
+    let gpu = FakeGpu::new(Fate::Lost);
+    // Together they take more than six seconds, each a second and a half.
+    let pool = place.start_with_gpu(&gpu, |options| {
+        options.workers = 0;
+        options.job_timeout = Some(Duration::from_secs(4));
+    });
+    for job in join_all(ids.iter().map(|&id| place.ended(id))).await {
+        assert_eq!((job.status, job.attempts), (Status::Succeeded, 1), "{:?}", job.problem);
+        assert_eq!(job.backend.used, Some(Backend::Cpu));
+    }
+    assert_eq!(gpu.batches.lock().unwrap().len(), 1);
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+/// A model that is deleted while it is made is no lease that was lost.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_deleted_model_is_no_lost_lease() {
+    let place = Place::fresh(|_| {}).await;
+    let metrics = oviduct::metrics::Metrics::default();
+    let counts = metrics.clone();
+    let pool = place.start(move |options| options.metrics = counts);
+    let id = place.queue("wait", 1).await;
+    place.until(id, |job| job.progress.is_some()).await;
+    place.store.delete(id).await.unwrap().unwrap();
+    pool.shutdown(Duration::from_secs(5)).await;
+    let text = metrics.text();
+    assert!(text.contains("oviduct_leases_lost_total 0"), "{text}");
+    assert!(text.contains("oviduct_attempts_total{end=\"deleted\"} 1"), "{text}");
+}

@@ -1,0 +1,68 @@
+//! Machines that are not well: what they cannot do costs no job its attempts.
+
+use crate::scripted::Place;
+use futures_util::future::join_all;
+use oviduct::jobs::state::AttemptEnd;
+use oviduct::jobs::{JobId, Status};
+use oviduct::worker::PoolOptions;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// The scratch folder of the one process that has one.
+fn scratch(place: &Place) -> PathBuf {
+    let entries = std::fs::read_dir(place.dir.join("scratch")).unwrap().flatten();
+    let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
+    assert_eq!(folders.len(), 1);
+    folders.pop().unwrap()
+}
+
+fn quick(options: &mut PoolOptions) {
+    options.poll = Duration::from_millis(100);
+    options.workers = 2;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_scratch_folder_that_is_out_of_order_costs_no_attempts() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start(quick);
+    let folder = scratch(&place);
+    let away = place.dir.join("away");
+    std::fs::rename(&folder, &away).unwrap();
+    std::fs::write(&folder, "a file where a folder must be").unwrap();
+    let mut ids = Vec::new();
+    for seed in 0..50 {
+        ids.push(place.queue("ok", 10 + seed).await);
+    }
+    // Long enough for each to use up its attempts, if that counted.
+    tokio::time::sleep(Duration::from_secs(2)).await;
+    assert_eq!(place.store.counts().await.unwrap().queued, 50, "a worker without scratch claims nothing");
+    std::fs::remove_file(&folder).unwrap();
+    std::fs::rename(&away, &folder).unwrap();
+    for job in join_all(ids.iter().map(|&id| place.ended(id))).await {
+        assert_eq!((job.status, job.attempts), (Status::Succeeded, 1), "{:?}", job.problem);
+    }
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+/// The folder of its first attempt cannot be made, however well all looks before.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn an_attempt_that_finds_no_folder_does_not_count() {
+    let place = Place::fresh(|options| options.max_attempts = 1).await;
+    let pool = place.start(quick);
+    let folder = scratch(&place);
+    let busy: Vec<JobId> = vec![place.queue("wait", 1).await, place.queue("wait", 2).await];
+    for &id in &busy {
+        place.until(id, |job| job.progress.is_some()).await;
+    }
+    let id = place.queue("ok", 3).await;
+    std::fs::write(folder.join(format!("{id}-1")), "in the way").unwrap();
+    for &id in &busy {
+        place.store.cancel(id).await.unwrap();
+    }
+    let job = place.ended(id).await;
+    assert_eq!((job.status, job.attempts), (Status::Succeeded, 2), "{:?}", job.problem);
+    let outcomes: Vec<_> = place.store.attempts(id).await.unwrap().iter().map(|a| a.outcome).collect();
+    assert_eq!(outcomes, [Some(AttemptEnd::Released), Some(AttemptEnd::Succeeded)]);
+    std::fs::remove_file(folder.join(format!("{id}-1"))).unwrap();
+    pool.shutdown(Duration::from_secs(5)).await;
+}

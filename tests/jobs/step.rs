@@ -1,0 +1,164 @@
+//! Clocks that are wrong: set back, ahead of the database, behind the files.
+
+use crate::scripted::{Ground, Place, scripted};
+use crate::suite::{LEASE, finished, new_job, problem};
+use crate::unread::execute;
+use oviduct::clock::Clock;
+use oviduct::generate::Backend;
+use oviduct::jobs::sweep::Retention;
+use oviduct::jobs::{ClaimedJob, JobId, NewBatch, Priority, Status, Store, StoreOptions, SubmittedBatch};
+use std::time::Duration;
+
+const HOUR: Duration = Duration::from_secs(3600);
+
+fn set_back(clock: &Clock, by: Duration) {
+    let Clock::Manual(at) = clock else { panic!("a clock that nobody can set") };
+    let mut at = at.lock().unwrap();
+    *at = at.saturating_sub(by).unwrap();
+}
+
+async fn claim(store: &dyn Store) -> Option<ClaimedJob> {
+    store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop()
+}
+
+async fn a_clock_that_is_set_back_holds_up_nothing(ground: Ground) {
+    let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
+    let options = StoreOptions { clock: clock.clone(), ..StoreOptions::default() };
+    let place = Place::on(ground, options).await;
+    let submit = async |digest: &str| place.store.submit(new_job(digest)).await.unwrap().job().id;
+    let (given_back, retried, queued) = (submit("a").await, submit("b").await, submit("c").await);
+    let claimed = claim(&*place.store).await.unwrap();
+    assert_eq!(claimed.job().id, given_back);
+    place.store.release(claimed).await.unwrap();
+    let first = claim(&*place.store).await.unwrap();
+    let claimed = claim(&*place.store).await.unwrap();
+    assert_eq!((first.job().id, claimed.job().id), (given_back, retried));
+    place.store.retry(claimed, problem("io")).await.unwrap();
+    place.store.release(first).await.unwrap();
+    set_back(&clock, HOUR);
+    let mut order: Vec<JobId> = Vec::new();
+    while let Some(claimed) = claim(&*place.store).await {
+        order.push(claimed.job().id);
+        let done = finished(&claimed);
+        place.store.finish(claimed, done).await.unwrap();
+    }
+    assert_eq!(order, [given_back, retried, queued]);
+    place.store.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_clock_that_is_set_back_holds_up_nothing_on_sqlite() {
+    a_clock_that_is_set_back_holds_up_nothing(Ground::Sqlite).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_clock_that_is_set_back_holds_up_nothing_on_postgres() {
+    a_clock_that_is_set_back_holds_up_nothing(Ground::Postgres).await;
+}
+
+/// Ages are by the store's clock, which is years behind that of this process.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_is_kept_and_who_is_alive_is_by_the_clock_of_the_store() {
+    let clock = Clock::manual("2020-01-02T03:04:05Z".parse().unwrap());
+    let place = Place::fresh(|options| options.clock = clock.clone()).await;
+    let pool = place.start(|_| {});
+    let job = place.ended(place.queue("ok", 1).await).await;
+    assert_eq!(job.status, Status::Succeeded);
+    let keeps = Retention { age: Some(HOUR), bytes: None };
+    let sweep = async || keeps.sweep(&*place.store, &place.artifacts).await.unwrap().removed;
+    assert_eq!(sweep().await, 0, "it ended just now");
+    assert_eq!(place.store.alive(Backend::Cpu, HOUR).await.unwrap(), 1);
+    assert_eq!(place.store.alive(Backend::Gpu, HOUR).await.unwrap(), 0);
+    pool.shutdown(Duration::from_secs(5)).await;
+    clock.advance(HOUR + Duration::from_secs(1));
+    assert_eq!(place.store.alive(Backend::Cpu, HOUR).await.unwrap(), 0);
+    assert_eq!(sweep().await, 1);
+}
+
+/// Models that share files count them once, and what is taken off after each is what the store would sum.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_is_removed_for_room_is_counted_off() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start(|_| {});
+    let mut made = Vec::new();
+    for seed in 10..15 {
+        made.push(place.ended(place.queue("ok", seed).await).await);
+    }
+    pool.shutdown(Duration::from_secs(5)).await;
+    let shared = oviduct::jobs::NewJob { reuse: true, ..scripted("ok", 10) };
+    let shared = place.store.submit(shared).await.unwrap().job().id;
+    // Two files of a thousand bytes each; the first goes without its files, for another has them.
+    let keeps = Retention { age: None, bytes: Some(7999) };
+    let swept = keeps.sweep(&*place.store, &place.artifacts).await.unwrap();
+    assert_eq!((swept.removed, swept.stored_bytes), (3, Some(6000)));
+    assert_eq!(place.store.stored_bytes().await.unwrap(), 6000);
+    assert!(place.store.get(shared).await.unwrap().is_some());
+    assert!(place.store.get(made[3].id).await.unwrap().is_some());
+}
+
+/// Files of an attempt that runs stay, however old their times make them; once it is over they go.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_sweep_leaves_the_files_of_a_running_attempt() {
+    let place = Place::fresh(|_| {}).await;
+    let id = place.queue("ok", 1).await;
+    let claimed = claim(&*place.store).await.unwrap();
+    let file = place.dir.join("model.glb");
+    std::fs::write(&file, "just made").unwrap();
+    let key = |attempt| oviduct::jobs::artifacts::key(id, attempt, "model.glb");
+    for attempt in [1, 2] {
+        place.artifacts.put_file(&key(attempt), &file).await.unwrap();
+    }
+    let staged = place.dir.join(format!("artifacts/{}#1", key(1)));
+    std::fs::write(&staged, "half").unwrap();
+    // The clock of the files is behind: they look older than the process.
+    let now = Clock::System.now() + Duration::from_secs(60);
+    let sweep = async || place.artifacts.sweep_orphans(&*place.store, now, Duration::ZERO).await.unwrap();
+    assert_eq!(sweep().await, 1, "there is no second attempt yet");
+    assert!(place.artifacts.read_all(&key(1)).await.is_ok() && staged.exists());
+    place.store.release(claimed).await.unwrap();
+    assert_eq!(sweep().await, 2);
+    assert!(place.visible().is_empty() && !staged.exists());
+}
+
+/// A batch goes with its last model, and its key with it, on both databases and from several connections.
+async fn a_key_does_not_outlive_its_batch(ground: Ground) {
+    let dir = tempfile::tempdir().unwrap();
+    let url = ground.url(dir.path()).await;
+    let place = Place::with(dir.path(), &url, StoreOptions::default()).await;
+    let batch = NewBatch {
+        jobs: vec![new_job("a"), new_job("b"), new_job("c")],
+        priority: Priority::default(),
+        idempotency: Some(("nightly".into(), "body".into())),
+    };
+    let mut before = None;
+    for _ in 0..3 {
+        let submitted = place.store.submit_batch(batch.clone()).await.unwrap();
+        let SubmittedBatch::Accepted(taken) = submitted else { panic!("a batch without models: {submitted:?}") };
+        assert!(before.replace(taken.id) != Some(taken.id));
+        let again = place.store.submit_batch(batch.clone()).await.unwrap();
+        assert_eq!(again, SubmittedBatch::Replayed(taken.clone()));
+        place.store.delete(taken.jobs[0]).await.unwrap().unwrap();
+        assert_eq!(place.store.batch(taken.id).await.unwrap().unwrap().jobs.len(), 2);
+        let (b, c) = tokio::join!(place.store.delete(taken.jobs[1]), place.store.delete(taken.jobs[2]));
+        assert!(b.unwrap().is_some() && c.unwrap().is_some());
+        assert_eq!(place.store.batch(taken.id).await.unwrap(), None);
+    }
+    // One that an older version left without models.
+    let left = "INSERT INTO batches (id, created_at, idempotency_key, idempotency_body) \
+                VALUES ('01900000-0000-7000-8000-000000000000', 0, 'weekly', 'body')";
+    execute(ground, &url, left).await;
+    let weekly = NewBatch { idempotency: Some(("weekly".into(), "body".into())), ..batch };
+    let submitted = place.store.submit_batch(weekly).await.unwrap();
+    assert!(matches!(submitted, SubmittedBatch::Accepted(_)), "{submitted:?}");
+    place.store.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_key_does_not_outlive_its_batch_on_sqlite() {
+    a_key_does_not_outlive_its_batch(Ground::Sqlite).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_key_does_not_outlive_its_batch_on_postgres() {
+    a_key_does_not_outlive_its_batch(Ground::Postgres).await;
+}

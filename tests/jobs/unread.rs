@@ -1,0 +1,107 @@
+//! Records of a later version, of which this one knows a part: after an upgrade there is a way back.
+
+use crate::cluster::Cluster;
+use crate::scripted::{Ground, Place};
+use crate::suite::{LEASE, finished, new_job};
+use oviduct::clock::Clock;
+use oviduct::generate::{Backend, Output};
+use oviduct::jobs::state::AttemptEnd;
+use oviduct::jobs::{Counts, ListFilter, Status, StoreOptions};
+use std::time::Duration;
+
+/// Writes to a database as another program would.
+pub async fn execute(ground: Ground, url: &str, sql: &str) {
+    match ground {
+        Ground::Sqlite => {
+            let pool = sqlx::SqlitePool::connect(url).await.unwrap();
+            sqlx::raw_sql(sqlx::AssertSqlSafe(sql.to_owned())).execute(&pool).await.unwrap();
+            pool.close().await;
+        }
+        Ground::Postgres => {
+            let (url, sql) = (url.to_owned(), sql.to_owned());
+            tokio::task::spawn_blocking(move || Cluster::shared().psql(&url, &sql)).await.unwrap();
+        }
+    }
+}
+
+async fn what_a_later_version_wrote_holds_up_nothing(ground: Ground) {
+    let dir = tempfile::tempdir().unwrap();
+    let url = ground.url(dir.path()).await;
+    let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
+    let options = StoreOptions { clock: clock.clone(), ..StoreOptions::default() };
+    let place = Place::with(dir.path(), &url, options).await;
+    let store = &place.store;
+    let submit = async |digest: &str| store.submit(new_job(digest)).await.unwrap().job().id;
+    let claim = async |limit| store.claim("w", Backend::Cpu, LEASE, limit).await.unwrap();
+
+    // The worker of the first one is gone; the next three are beyond this version, in three ways.
+    let expired = submit("expired").await;
+    claim(1).await;
+    let outputs = [submit("all new").await, submit("partly new").await];
+    let spec = submit("no spec").await;
+    let progress = submit("progress").await;
+    let last = submit("last").await;
+    let change = format!(
+        "UPDATE jobs SET outputs = '[\"stl\"]' WHERE id = '{}'; \
+         UPDATE jobs SET outputs = '[\"glb\", \"stl\"]' WHERE id = '{}'; \
+         UPDATE jobs SET spec = 'as it likes' WHERE id = '{spec}'; \
+         UPDATE jobs SET progress = '{{\"stage\": \"polish\"}}', section = '[]', summary = 'x', problem = '7', \
+         backend_used = 'tpu', rank = 0 WHERE id = '{progress}'; \
+         INSERT INTO workers (id, host, backend, device, jobs_done, heartbeat_at) \
+         VALUES ('far', 'far', 'tpu', 'a TPU', 0, {})",
+        outputs[0],
+        outputs[1],
+        clock.now().as_microsecond(),
+    );
+    execute(ground, &url, &change).await;
+    clock.advance(LEASE);
+
+    // What can be shown is.
+    let page = store.list(&ListFilter { limit: 10, ..ListFilter::default() }).await.unwrap();
+    assert_eq!(page.jobs.len(), 6);
+    assert_eq!(store.get(outputs[0]).await.unwrap().unwrap().outputs, []);
+    assert_eq!(store.get(outputs[1]).await.unwrap().unwrap().outputs, [Output::Glb]);
+    let shown = store.get(progress).await.unwrap().unwrap();
+    assert_eq!((shown.progress, shown.section, shown.problem, shown.backend.used), (None, None, None, None));
+    assert_eq!(store.workers().await.unwrap(), []);
+
+    // The job of the worker that is gone comes first; then one of several, past those that fail.
+    let first = claim(1).await.pop().unwrap();
+    assert_eq!((first.job().id, first.attempt()), (expired, 2));
+    let mut claimed = claim(2).await;
+    let ids: Vec<_> = claimed.iter().map(|claimed| claimed.job().id).collect();
+    assert_eq!(ids, [progress, last]);
+    for id in [outputs[0], outputs[1], spec] {
+        let job = store.get(id).await.unwrap().unwrap();
+        let problem = job.problem.unwrap();
+        assert_eq!((job.status, problem.kind.as_str()), (Status::Failed, "spec"));
+        let named = if id == spec { "spec: " } else { "outputs: unknown variant `stl`" };
+        assert!(problem.detail.contains(named), "{}", problem.detail);
+        let attempts = store.attempts(id).await.unwrap();
+        assert_eq!((attempts.len(), attempts[0].outcome), (1, Some(AttemptEnd::Failed)));
+    }
+    let done = claimed.pop().unwrap();
+    let files = finished(&done);
+    assert_eq!(store.finish(done, files).await.unwrap().status, Status::Succeeded);
+    let counts = store.counts().await.unwrap();
+    assert_eq!(counts, Counts { running: 2, succeeded: 1, failed: 3, ..Counts::default() });
+
+    // With nothing else to claim, and held by a worker that is gone.
+    let alone = submit("alone").await;
+    execute(ground, &url, &format!("UPDATE jobs SET outputs = '[\"stl\"]' WHERE id = '{alone}'")).await;
+    clock.advance(LEASE + Duration::from_secs(1));
+    let again = claim(9).await;
+    assert_eq!(again.len(), 2, "leases that ran out come back");
+    assert_eq!(store.get(alone).await.unwrap().unwrap().status, Status::Failed);
+    store.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_a_later_version_wrote_holds_up_nothing_on_sqlite() {
+    what_a_later_version_wrote_holds_up_nothing(Ground::Sqlite).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_a_later_version_wrote_holds_up_nothing_on_postgres() {
+    what_a_later_version_wrote_holds_up_nothing(Ground::Postgres).await;
+}
