@@ -10,7 +10,12 @@ mod api {
     mod events;
     mod faulty;
     mod files;
+    mod greedy;
     mod models;
+    mod net;
+    mod replays;
     mod sections;
     mod service;
+    mod waiting;
+    mod wire;
 }

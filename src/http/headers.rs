@@ -36,7 +36,7 @@ pub(super) fn wait(headers: &HeaderMap) -> Option<Duration> {
 
 /// The idempotency key: 1 to 255 visible ASCII characters. The quotes of a structured string are no part of it.
 pub(super) fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
-    let fault = |detail: &str| Err(Problem::invalid(vec![Fault::header(IDEMPOTENCY_KEY.as_str(), detail)]));
+    let fault = |detail: &str| Err(Problem::invalid(Fault::header(IDEMPOTENCY_KEY.as_str(), detail)));
     let mut values = headers.get_all(IDEMPOTENCY_KEY).iter();
     let Some(value) = values.next() else { return Ok(None) };
     if values.next().is_some() {

@@ -78,6 +78,15 @@ impl Operation for Submit {
     }
 }
 
+/// The job that this key made with this body.
+pub(super) async fn replayed(link: &mut Link<'_>, key: &str, body: &str) -> Result<Option<Job>, SqlError> {
+    let sql = "SELECT id FROM jobs WHERE idempotency_key = $1 AND idempotency_body = $2";
+    match link.optional(sql, values![key, body]).await? {
+        Some(row) => read::job(link, row.id("id")?).await,
+        None => Ok(None),
+    }
+}
+
 /// Queues a job where there is `room` for it, or takes over a finished model. Returns whether it was taken over.
 pub(super) async fn place(
     link: &mut Link<'_>,
