@@ -97,7 +97,7 @@ async fn gpu_alive(state: &AppState) -> Result<bool, Problem> {
             ("retry-after" = u32, description = "Seconds after which to look again"),
             ("preference-applied" = String, description = "`wait=N`, where it was asked for and the answer was held"),
             ("idempotency-replayed" = String, description = "`true` where the key had made the model before"))),
-        (status = 201, description = "A finished model with the same digest was taken: succeeded already", body = Model, headers(
+        (status = 201, description = "A finished model with the same digest and preset was taken: succeeded already", body = Model, headers(
             ("location" = String, description = "Address of the model"))),
         (status = 200, description = "Ended: within the wait asked for, or before the key came again", body = Model, headers(
             ("location" = String, description = "Address of the model"),

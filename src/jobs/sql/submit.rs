@@ -105,15 +105,16 @@ pub(super) async fn place(
 }
 
 /// A finished model that may stand for `new`: the first one made, where it still exists. It stays until this
-/// transaction has named its files.
+/// transaction has named its files. Its preset is the same, for that is written in the files, although the digest
+/// tells specifications apart and not the names that they were asked for by.
 async fn reusable(link: &mut Link<'_>, new: &NewJob) -> Result<Option<Job>, SqlError> {
     // One job of each kind is enough: there may be thousands that share the same files.
     let sql = format!(
         "SELECT MIN(id) AS id FROM jobs{} WHERE status = 'succeeded' AND engine_used = engine AND digest = $1 \
-         GROUP BY backend_used, outputs ORDER BY 1",
+         AND preset = $2 GROUP BY backend_used, outputs ORDER BY 1",
         link.either(" INDEXED BY jobs_by_digest", ""),
     );
-    for row in link.all(sql, values![&new.digest]).await? {
+    for row in link.all(sql, values![&new.digest, &new.preset]).await? {
         let id = row.id("id")?;
         let sql = format!("SELECT id FROM jobs WHERE id = $1{}", link.either("", " FOR KEY SHARE"));
         if link.optional(sql, values![id]).await?.is_none() {
