@@ -14,6 +14,7 @@ mod api {
     mod models;
     mod net;
     mod replays;
+    mod rfc;
     mod sections;
     mod service;
     mod waiting;

@@ -6,6 +6,7 @@
 mod batches;
 mod conditional;
 mod create;
+mod docs;
 mod dto;
 mod envelope;
 mod events;

@@ -43,8 +43,8 @@ pub(super) fn retry_after(job: &Job) -> HeaderValue {
     get, path = "/models", operation_id = "list_models", tag = "models",
     params(
         ("status" = Option<Status>, Query, description = "Only of this status"),
-        ("preset" = Option<String>, Query, description = "Only of this preset"),
-        ("label" = Option<Vec<String>>, Query, pattern = "^[^:]+:", description = "Only with this label, `key:value`; may stand up to 16 times: all must fit"),
+        ("preset" = Option<String>, Query, pattern = "^[^\\u0000]*$", description = "Only of this preset"),
+        ("label" = Option<Vec<String>>, Query, max_items = 16, pattern = "^[^:\\u0000]+:[^\\u0000]*$", description = "Only with this label, `key:value`; may stand up to 16 times: all must fit"),
         ("limit" = Option<u32>, Query, minimum = 1, maximum = 100, description = "Most models on the page; 20 where it is left out"),
         ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the page before"),
     ),
