@@ -11,10 +11,13 @@ use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::{TcpListener, TcpStream};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::sync::Semaphore;
+use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
+/// Time for the first byte of a connection to arrive: who connects commonly has something to ask.
+const FIRST_TIME: Duration = Duration::from_secs(15);
 /// Time for the head of a request to arrive, and for the next request on a connection to begin: longer than the minute
 /// that balancers keep idle connections for, so that it is not the service that closes one just as it is used again.
 const HEAD_TIME: Duration = Duration::from_secs(75);
@@ -28,6 +31,8 @@ const WAIT: Duration = Duration::from_millis(200);
 pub(super) struct Connections {
     /// Most at a time; others wait to be accepted.
     pub(super) most: usize,
+    /// Time for the first byte.
+    pub(super) first_time: Duration,
     /// Time for the head of a request.
     pub(super) head_time: Duration,
 }
@@ -38,7 +43,7 @@ impl Connections {
     pub(super) fn new(most: Option<u32>) -> Self {
         let most =
             most.map_or_else(|| usize::try_from(descriptors() / 4 * 3).unwrap_or(usize::MAX), |most| most as usize);
-        Self { most: most.clamp(1, Semaphore::MAX_PERMITS), head_time: HEAD_TIME }
+        Self { most: most.clamp(1, Semaphore::MAX_PERMITS), first_time: FIRST_TIME, head_time: HEAD_TIME }
     }
 }
 
@@ -66,7 +71,13 @@ pub(super) async fn serve(listener: TcpListener, router: Router, limits: Connect
         };
         match accepted {
             (Ok((stream, _)), Ok(place)) => {
-                open.spawn(answer(builder.clone(), stream, router.clone(), shutdown.clone(), place));
+                let (builder, router, shutdown) = (builder.clone(), router.clone(), shutdown.clone());
+                open.spawn(async move {
+                    if speaks(&stream, limits.first_time, &shutdown).await {
+                        answer(builder, stream, router, shutdown).await;
+                    }
+                    drop(place);
+                });
             }
             (Err(error), _) if is_of_one(&error) => {}
             (Err(error), _) => {
@@ -89,14 +100,17 @@ fn is_of_one(error: &io::Error) -> bool {
     )
 }
 
+/// Whether something is sent in time.
+async fn speaks(stream: &TcpStream, time: Duration, shutdown: &CancellationToken) -> bool {
+    let mut byte = [0];
+    tokio::select! {
+        first = timeout(time, stream.peek(&mut byte)) => matches!(first, Ok(Ok(1..))),
+        () = shutdown.cancelled() => false,
+    }
+}
+
 /// Answers the requests of one connection.
-async fn answer(
-    builder: Builder<TokioExecutor>,
-    stream: TcpStream,
-    router: Router,
-    shutdown: CancellationToken,
-    _place: OwnedSemaphorePermit,
-) {
+async fn answer(builder: Builder<TokioExecutor>, stream: TcpStream, router: Router, shutdown: CancellationToken) {
     let connection = builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
     tokio::pin!(connection);
     let ended = tokio::select! {

@@ -7,10 +7,12 @@ use futures_util::StreamExt;
 use std::net::SocketAddr;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::task::JoinHandle;
-use tokio::time::{sleep, timeout};
+use tokio::time::sleep;
 
 /// Longest wait for something that shall come.
 const SOON: Duration = Duration::from_secs(50);
+/// Time that does not run out within a test.
+const LONG: Duration = Duration::from_secs(600);
 const SHORT: Duration = Duration::from_millis(200);
 const ASK: &[u8] = b"GET /plain HTTP/1.1\r\nhost: here\r\n\r\n";
 
@@ -30,12 +32,13 @@ struct Running {
 }
 
 impl Running {
-    async fn start(most: usize, head_time: Duration) -> Self {
+    async fn start(most: usize, [first_time, head_time]: [Duration; 2]) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         let router = Router::new().route("/plain", get(async || "plain")).route("/slow", get(slow));
         let shutdown = CancellationToken::new();
-        let server = tokio::spawn(serve(listener, router, Connections { most, head_time }, shutdown.clone()));
+        let server =
+            tokio::spawn(serve(listener, router, Connections { most, first_time, head_time }, shutdown.clone()));
         Self { address, shutdown, server }
     }
 
@@ -74,8 +77,8 @@ async fn until(stream: &mut TcpStream, word: &str) -> String {
 
 #[tokio::test]
 async fn who_is_silent_is_let_go() {
-    let running = Running::start(9, SHORT).await;
-    for sent in [&b""[..], b"G", b"GET /plain HTTP/1.1\r\nhost: he"] {
+    let running = Running::start(9, [LONG, SHORT]).await;
+    for sent in [&b"G"[..], b"GET /plain HTTP/1.1\r\nhost: he"] {
         let answer = rest(&mut running.connect(sent).await).await;
         assert!(!answer.contains("plain"), "{answer}");
     }
@@ -86,8 +89,20 @@ async fn who_is_silent_is_let_go() {
 }
 
 #[tokio::test]
+async fn who_says_nothing_at_all_is_let_go() {
+    let running = Running::start(9, [SHORT, LONG]).await;
+    assert_eq!(rest(&mut running.connect(b"").await).await, "");
+    // One that has begun may take its time.
+    let mut stream = running.connect(&ASK[..9]).await;
+    sleep(SHORT * 2).await;
+    stream.write_all(&ASK[9..]).await.unwrap();
+    assert!(until(&mut stream, "plain").await.starts_with("HTTP/1.1 200"));
+    running.stop().await;
+}
+
+#[tokio::test]
 async fn a_long_answer_is_not_cut() {
-    let running = Running::start(9, SHORT).await;
+    let running = Running::start(9, [LONG, SHORT]).await;
     let mut stream = running.connect(b"GET /slow HTTP/1.1\r\nhost: here\r\nconnection: close\r\n\r\n").await;
     let answer = rest(&mut stream).await;
     assert!(answer.contains("one") && answer.contains("two") && answer.contains("three"), "{answer}");
@@ -96,7 +111,7 @@ async fn a_long_answer_is_not_cut() {
 
 #[tokio::test]
 async fn the_next_waits_for_a_place() {
-    let running = Running::start(2, SOON).await;
+    let running = Running::start(2, [LONG; 2]).await;
     let silent = [running.connect(b"").await, running.connect(b"").await];
     // So that they have been accepted before.
     sleep(SHORT).await;
@@ -110,7 +125,7 @@ async fn the_next_waits_for_a_place() {
 
 #[tokio::test]
 async fn the_last_requests_are_answered_and_idle_connections_closed() {
-    let running = Running::start(9, SOON).await;
+    let running = Running::start(9, [LONG; 2]).await;
     let mut idle = running.connect(ASK).await;
     until(&mut idle, "plain").await;
     let mut busy = running.connect(b"GET /slow HTTP/1.1\r\nhost: here\r\n\r\n").await;
@@ -126,7 +141,7 @@ async fn the_last_requests_are_answered_and_idle_connections_closed() {
 /// Beyond what the service reads, the answer comes without a body; it is answered all the same.
 #[tokio::test]
 async fn heads_that_are_too_long_are_refused() {
-    let running = Running::start(9, SOON).await;
+    let running = Running::start(9, [LONG; 2]).await;
     let long = |line: &str| format!("{line}\r\n\r\n").into_bytes();
     let headers: String = (0..200).map(|n| format!("x-{n}: x\r\n")).collect();
     for (head, status) in [
