@@ -10,7 +10,13 @@ mod api {
     mod events;
     mod faulty;
     mod files;
+    mod greedy;
     mod models;
+    mod net;
+    mod replays;
+    mod rfc;
     mod sections;
     mod service;
+    mod waiting;
+    mod wire;
 }

@@ -179,6 +179,9 @@ pub(super) struct UpkeepArgs {
     /// Most models of a batch
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 1000)]
     pub(super) batch_limit: u32,
+    /// Most connections at a time; others wait to be accepted [default: three quarters of the files that the process may open]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..))]
+    pub(super) connections: Option<u32>,
     /// Send downloads on to S3 by signed addresses (307) instead of passing the bytes through
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) redirect_downloads: bool,

@@ -8,6 +8,7 @@ mod bench;
 mod check;
 mod client;
 mod config;
+mod connections;
 mod demo;
 mod exit;
 mod generate;

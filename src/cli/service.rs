@@ -1,6 +1,7 @@
 //! A service in this process: job store, artifacts, workers and router put together, and taken apart in order.
 
 use super::args::{DatabaseArgs, ServiceArgs};
+use super::connections::{self, Connections};
 use super::exit::Failure;
 use super::gpu;
 use super::upkeep::{self, Ground, Upkeep};
@@ -45,7 +46,7 @@ pub(super) enum Hands {
 pub(super) struct Service {
     address: SocketAddr,
     works: Works,
-    server: JoinHandle<std::io::Result<()>>,
+    server: JoinHandle<()>,
     shutdown: CancellationToken,
 }
 
@@ -149,15 +150,19 @@ impl Service {
         let works = Works::start(args, Hands::Optional).await?;
         let address = listener.local_addr().context("the listening socket has no address")?;
         let shutdown = CancellationToken::new();
+        let connections = Connections::new(args.upkeep.connections);
+        let defaults = Limits::default();
         let limits = Limits {
+            // What is held open leaves places for who asks and goes, such as a health check.
+            streams: defaults.streams.min(connections.most / 2),
+            held: defaults.held.min(connections.most / 4),
             batch: args.upkeep.batch_limit as usize,
             keep: args.upkeep.keep,
             redirect_downloads: args.upkeep.redirect_downloads,
-            ..Limits::default()
+            ..defaults
         };
         let state = works.state(limits, &shutdown);
-        let serving = axum::serve(listener, router(state)).with_graceful_shutdown(shutdown.clone().cancelled_owned());
-        let server = tokio::spawn(serving.into_future());
+        let server = tokio::spawn(connections::serve(listener, router(state), connections, shutdown.clone()));
         Ok(Self { address, works, server, shutdown })
     }
 
@@ -169,8 +174,7 @@ impl Service {
     /// Comes back only where the server ends although nobody asked it to.
     pub(super) async fn failed(&mut self) -> anyhow::Error {
         match (&mut self.server).await {
-            Ok(Ok(())) => anyhow::anyhow!("the server ended unasked"),
-            Ok(Err(error)) => anyhow::anyhow!(error).context("the server failed"),
+            Ok(()) => anyhow::anyhow!("the server ended unasked"),
             Err(panic) => anyhow::anyhow!(panic).context("the server panicked"),
         }
     }
@@ -187,7 +191,7 @@ impl Service {
                 Some(error) => Err(error.into()),
                 // Requests have had the grace too; those that still hang are cut off with the runtime.
                 None => match tokio::time::timeout(LAST_REQUESTS, &mut self.server).await {
-                    Ok(Ok(served)) => served.context("the server failed").map_err(Failure::from),
+                    Ok(Ok(())) => Ok(()),
                     Ok(Err(panic)) => Err(anyhow::anyhow!(panic).context("the server panicked").into()),
                     Err(_) => {
                         tracing::warn!("some requests did not end and were cut off");

@@ -1,6 +1,7 @@
 //! `oviduct worker`: grows models for services on other machines until it is asked to stop.
 
 use super::args::WorkerArgs;
+use super::connections::{self, Connections};
 use super::exit::{Ended, Failure};
 use super::interrupt::Signals;
 use super::service::{Hands, Works, database};
@@ -22,8 +23,8 @@ pub(super) async fn run(args: WorkerArgs) -> Ended {
     if let Some(address) = args.metrics_addr {
         let listener = TcpListener::bind(address).await.with_context(|| format!("--metrics-addr {address}"))?;
         let router = watch_router(works.state(Limits::default(), &shutdown));
-        let serving = axum::serve(listener, router).with_graceful_shutdown(shutdown.clone().cancelled_owned());
-        tokio::spawn(serving.into_future());
+        let connections = Connections::new(args.service.upkeep.connections);
+        tokio::spawn(connections::serve(listener, router, connections, shutdown.clone()));
     }
     tracing::info!(workers = args.service.cpu_workers, "working");
     signals.asked_to_stop().await;

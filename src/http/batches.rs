@@ -3,21 +3,22 @@
 //! A batch is taken whole or not at all; its models are models like any other, found under their own ids.
 
 use super::AppState;
-use super::create::{check, draw_seed};
+use super::create::{Accepted, check, draw_seed, key_of};
 use super::dto::Batch;
 use super::extract::{BatchId, no_batch};
-use super::headers::{IDEMPOTENCY_REPLAYED, idempotency_key};
-use super::json::{JsonBody, canonical};
+use super::faults::Faults;
+use super::headers::IDEMPOTENCY_REPLAYED;
+use super::json::JsonBody;
 use super::openapi::{BatchMissing, BatchRequest as BatchRequestDoc, BodyProblems, QueueFull, StoreAway};
 use super::problem::Problem;
 use super::request::{BatchRequest, Seeds};
-use crate::jobs::{NewBatch, NewJob, SubmittedBatch};
+use crate::jobs::{self, NewBatch, NewJob, StoreError, SubmittedBatch};
 use crate::trace;
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use sha2::{Digest, Sha256};
+use serde_json::Value;
 use std::collections::BTreeSet;
 
 /// Ask for many models of one spec.
@@ -43,11 +44,41 @@ pub(super) async fn create(
     headers: HeaderMap,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let key = idempotency_key(&headers)?;
-    let mut faults = Vec::new();
-    let BatchRequest { seeds, each } = BatchRequest::read(&body, state.limits.batch, &mut faults);
-    let accepted = check(&state, each, faults).await?;
-    let (request, spec) = (accepted.request, accepted.spec);
+    let key = key_of(&headers, &body)?;
+    let submitted = match check_body(&state, &body).await {
+        Ok(accepted) => submit(&state, accepted, key).await?,
+        // As for a model: what was taken once is not refused for what came later.
+        Err(refusal) => SubmittedBatch::Replayed(earlier(&state, key).await.ok_or(refusal)?),
+    };
+    let mut response = answer(StatusCode::ACCEPTED, &Batch::from(submitted.batch()));
+    let headers = response.headers_mut();
+    if let Ok(location) = HeaderValue::try_from(format!("/batches/{}", submitted.batch().id)) {
+        headers.insert(header::LOCATION, location);
+    }
+    if matches!(submitted, SubmittedBatch::Replayed(_)) {
+        headers.insert(IDEMPOTENCY_REPLAYED, HeaderValue::from_static("true"));
+    }
+    Ok(response)
+}
+
+/// Checks everything about a body.
+async fn check_body(state: &AppState, body: &Value) -> Result<(Seeds, Accepted), Problem> {
+    let mut faults = Faults::default();
+    let BatchRequest { seeds, each } = BatchRequest::read(body, state.limits.batch, &mut faults);
+    Ok((seeds, check(state, each, faults).await?))
+}
+
+/// The batch that the key made before, where it is known.
+async fn earlier(state: &AppState, key: Option<(String, String)>) -> Option<jobs::Batch> {
+    let (key, body) = key?;
+    state.store.replayed_batch(&key, &body).await.ok().flatten()
+}
+
+async fn submit(
+    state: &AppState,
+    (seeds, Accepted { request, spec, .. }): (Seeds, Accepted),
+    idempotency: Option<(String, String)>,
+) -> Result<SubmittedBatch, StoreError> {
     let canonical_spec = spec.to_json();
     let trace = trace::current();
     let job = |seed: u64| NewJob {
@@ -69,23 +100,8 @@ pub(super) async fn create(
         Seeds::These(seeds) => seeds,
         Seeds::Count(count) => draw(count),
     };
-    let submitted = state
-        .store
-        .submit_batch(NewBatch {
-            jobs: seeds.into_iter().map(job).collect(),
-            priority: request.priority,
-            idempotency: key.map(|key| (key, hex::encode(Sha256::digest(canonical(&body))))),
-        })
-        .await?;
-    let mut response = answer(StatusCode::ACCEPTED, &Batch::from(submitted.batch()));
-    let headers = response.headers_mut();
-    if let Ok(location) = HeaderValue::try_from(format!("/batches/{}", submitted.batch().id)) {
-        headers.insert(header::LOCATION, location);
-    }
-    if matches!(submitted, SubmittedBatch::Replayed(_)) {
-        headers.insert(IDEMPOTENCY_REPLAYED, HeaderValue::from_static("true"));
-    }
-    Ok(response)
+    let jobs = seeds.into_iter().map(job).collect();
+    state.store.submit_batch(NewBatch { jobs, priority: request.priority, idempotency }).await
 }
 
 /// So many seeds nobody chose, all different.

@@ -4,6 +4,7 @@
 
 use super::AppState;
 use super::dto::Model;
+use super::faults::Faults;
 use super::headers::{IDEMPOTENCY_REPLAYED, PREFERENCE_APPLIED, idempotency_key, wait};
 use super::json::{JsonBody, canonical};
 use super::models::{answer, retry_after};
@@ -11,7 +12,7 @@ use super::openapi::{BodyProblems, ModelRequest as ModelRequestDoc, QueueFull, S
 use super::problem::{Fault, Kind, Problem};
 use super::request::{ModelRequest, SEED_MAX};
 use crate::generate::Backend;
-use crate::jobs::{Job, NewJob, Submitted};
+use crate::jobs::{Job, NewJob, StoreError, Submitted};
 use crate::spec::{Cost, ModelSpec, OverLimit, preset, presets};
 use crate::trace;
 use axum::Json;
@@ -33,21 +34,17 @@ pub(super) struct Accepted {
 
 /// Checks everything about a body.
 async fn check_body(state: &AppState, body: &Value) -> Result<Accepted, Problem> {
-    let mut faults = Vec::new();
+    let mut faults = Faults::default();
     let request = ModelRequest::read(body, &mut faults);
     check(state, request, faults).await
 }
 
 /// Checks everything about a request in which `faults` were found so far.
-pub(super) async fn check(
-    state: &AppState,
-    request: ModelRequest,
-    mut faults: Vec<Fault>,
-) -> Result<Accepted, Problem> {
+pub(super) async fn check(state: &AppState, request: ModelRequest, mut faults: Faults) -> Result<Accepted, Problem> {
     let resolved = preset(&request.preset).map(|preset| ModelSpec::resolve(preset, &request.spec));
     match &resolved {
         Some(Err(wrong)) => faults.extend(wrong.iter().map(|f| Fault::at(format!("/spec{}", f.pointer), &f.detail))),
-        None if !faults.iter().any(|f| f.pointer.as_deref() == Some("/preset")) => {
+        None if !faults.names("/preset") => {
             let names: Vec<_> = presets().iter().map(|p| p.name.as_str()).collect();
             faults.push(Fault::at("/preset", format!("is unknown; there are {}", names.join(", "))));
         }
@@ -89,7 +86,7 @@ async fn gpu_alive(state: &AppState) -> Result<bool, Problem> {
 #[utoipa::path(
     post, path = "/models", operation_id = "create_model", tag = "models",
     params(
-        ("prefer" = Option<String>, Header, description = "`wait=N`: hold the answer until the model has ended, at most N seconds (1 to 60)"),
+        ("prefer" = Option<String>, Header, description = "`wait=N`: hold the answer until the model has ended, at most N seconds (1 to 60). Where too many answers are held already, it comes at once, without `preference-applied`"),
         ("idempotency-key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "1 to 255 visible ASCII characters: the same key with the same body gives the same model"),
     ),
     request_body(content = ModelRequestDoc, content_type = "application/json"),
@@ -97,13 +94,14 @@ async fn gpu_alive(state: &AppState) -> Result<bool, Problem> {
         (status = 202, description = "Accepted: queued or running", body = Model, headers(
             ("location" = String, description = "Address of the model"),
             ("retry-after" = u32, description = "Seconds after which to look again"),
-            ("preference-applied" = String, description = "`wait=N`, where it was asked for"),
+            ("preference-applied" = String, description = "`wait=N`, where it was asked for and the answer was held"),
             ("idempotency-replayed" = String, description = "`true` where the key had made the model before"))),
-        (status = 201, description = "A finished model with the same digest was taken: succeeded already", body = Model, headers(
+        (status = 201, description = "A finished model with the same digest and preset was taken: succeeded already", body = Model, headers(
             ("location" = String, description = "Address of the model"))),
-        (status = 200, description = "Ended within the wait asked for", body = Model, headers(
+        (status = 200, description = "Ended: within the wait asked for, or before the key came again", body = Model, headers(
             ("location" = String, description = "Address of the model"),
-            ("preference-applied" = String, description = "`wait=N`"))),
+            ("preference-applied" = String, description = "`wait=N`, where it was asked for and the answer was held"),
+            ("idempotency-replayed" = String, description = "`true` where the key had made the model before"))),
         BodyProblems, QueueFull, StoreAway,
     )
 )]
@@ -112,39 +110,24 @@ pub(super) async fn create(
     headers: HeaderMap,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
-    let key = idempotency_key(&headers)?;
-    let Accepted { request, spec, .. } = check_body(&state, &body).await?;
-    let seed = request.seed.unwrap_or_else(draw_seed);
+    let key = key_of(&headers, &body)?;
     // Subscribed before the model exists, so that its end cannot be missed.
-    let mut watch = state.feed.watch();
-    let submitted = state
-        .store
-        .submit(NewJob {
-            preset: request.preset,
-            seed,
-            spec: spec.to_json(),
-            outputs: request.outputs,
-            backend: request.backend,
-            labels: request.labels,
-            priority: request.priority,
-            digest: spec.digest(seed),
-            engine: crate::ENGINE_VERSION.to_owned(),
-            reuse: request.reuse,
-            idempotency: key.map(|key| (key, hex::encode(Sha256::digest(canonical(&body))))),
-            submitter: None,
-            trace: trace::current(),
-        })
-        .await?;
+    let (mut watch, number) = (state.feed.watch(), state.feed.head());
+    let submitted = match check_body(&state, &body).await {
+        Ok(accepted) => submit(&state, accepted, key).await?,
+        // What was taken once is not refused for what came later: a lower limit, a GPU that went away.
+        Err(refusal) => Submitted::Replayed(earlier(&state, key).await.ok_or(refusal)?),
+    };
     let replayed = matches!(submitted, Submitted::Replayed(_));
     let mut job = submitted.job().clone();
     tracing::Span::current().record("model", tracing::field::display(job.id));
-    let waited = wait(&headers);
-    if let Some(time) = waited {
-        job = until_ended(&state, job, time, &mut watch).await?;
+    let waited = wait(&headers).and_then(|time| Some((time, state.held.try_acquire().ok()?)));
+    if let Some((time, _)) = waited {
+        job = until_ended(&state, job, time, &mut watch, number).await;
     }
     let status = match () {
         () if job.reused_from.is_some() => StatusCode::CREATED,
-        () if waited.is_some() && job.status.is_ended() => StatusCode::OK,
+        () if job.status.is_ended() => StatusCode::OK,
         () => StatusCode::ACCEPTED,
     };
     let mut response = answer(&state, status, &job)?;
@@ -155,7 +138,7 @@ pub(super) async fn create(
     if status == StatusCode::ACCEPTED {
         headers.insert(header::RETRY_AFTER, retry_after(&job));
     }
-    if let Some(Ok(applied)) = waited.map(|time| HeaderValue::try_from(format!("wait={}", time.as_secs()))) {
+    if let Some(Ok(applied)) = waited.map(|(time, _)| HeaderValue::try_from(format!("wait={}", time.as_secs()))) {
         headers.insert(PREFERENCE_APPLIED, applied);
     }
     if replayed {
@@ -164,33 +147,72 @@ pub(super) async fn create(
     Ok(response)
 }
 
+/// The idempotency key, where there is one, with a hash of the body that it stands for.
+pub(super) fn key_of(headers: &HeaderMap, body: &Value) -> Result<Option<(String, String)>, Problem> {
+    Ok(idempotency_key(headers)?.map(|key| (key, hex::encode(Sha256::digest(canonical(body))))))
+}
+
+/// The model that the key made before, where it is known.
+async fn earlier(state: &AppState, key: Option<(String, String)>) -> Option<Job> {
+    let (key, body) = key?;
+    state.store.replayed(&key, &body).await.ok().flatten()
+}
+
+async fn submit(
+    state: &AppState,
+    Accepted { request, spec, .. }: Accepted,
+    idempotency: Option<(String, String)>,
+) -> Result<Submitted, StoreError> {
+    let seed = request.seed.unwrap_or_else(draw_seed);
+    let new = NewJob {
+        preset: request.preset,
+        seed,
+        spec: spec.to_json(),
+        outputs: request.outputs,
+        backend: request.backend,
+        labels: request.labels,
+        priority: request.priority,
+        digest: spec.digest(seed),
+        engine: crate::ENGINE_VERSION.to_owned(),
+        reuse: request.reuse,
+        idempotency,
+        submitter: None,
+        trace: trace::current(),
+    };
+    state.store.submit(new).await
+}
+
 /// A seed nobody chose: 53 of the random bits of a UUIDv4.
 pub(super) fn draw_seed() -> u64 {
     uuid::Uuid::new_v4().as_u64_pair().1 & SEED_MAX
 }
 
-/// The job once it has ended, or as it is when the time is up, it is deleted, or the service closes.
+/// The job once it has ended, or as it is when the time is up, it is deleted, or the service closes. It has been taken,
+/// so a store that is away changes nothing about the answer: the wait goes on.
 async fn until_ended(
     state: &AppState,
     mut job: Job,
     time: Duration,
     watch: &mut tokio::sync::watch::Receiver<u64>,
-) -> Result<Job, Problem> {
+    mut number: u64,
+) -> Job {
     let end = tokio::time::sleep(time);
     tokio::pin!(end);
     while !job.status.is_ended() {
         tokio::select! {
-            changed = watch.changed() => if changed.is_err() { break },
+            () = state.feed.changed(job.id, watch, number) => {}
             () = tokio::time::sleep(state.limits.event_poll) => {}
             () = &mut end => break,
             () = state.shutdown.cancelled() => break,
         }
-        match state.store.get(job.id).await? {
-            Some(now) => job = now,
-            None => break,
+        number = state.feed.head();
+        match state.store.get(job.id).await {
+            Ok(Some(now)) => job = now,
+            Ok(None) => break,
+            Err(error) => tracing::warn!(%error, "a model that is waited for could not be read"),
         }
     }
-    Ok(job)
+    job
 }
 
 /// What a request would give.

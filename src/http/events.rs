@@ -4,19 +4,22 @@
 //! reads slowly holds up its own task only, and then gets newer states, not more of them. The task ends with the
 //! model, with the connection, or with the service.
 
+mod all;
+
 use super::AppState;
 use super::extract::{ModelId, no_model};
 use super::headers::last_event_id;
 use super::openapi::{ModelMissing, ServerSentEvent, StreamAway};
 use super::problem::{Kind, Problem};
-use super::sse::{self, Name, Track};
+use super::sse::{self, Track};
 use crate::clock::Stopwatch;
-use crate::jobs::{Job, JobId, ListFilter, Status, StoreError};
+use crate::jobs::{Job, ListFilter, Status, StoreError};
+use all::Begin;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::time::Duration;
 use tokio::sync::{OwnedSemaphorePermit, mpsc, watch};
@@ -24,7 +27,7 @@ use tokio_stream::wrappers::ReceiverStream;
 
 /// Events that wait for a slow client.
 const BACKLOG: usize = 4;
-/// Models that a stream of all begins with, of each state.
+/// Models on a page of those that a stream of all begins with.
 const FIRST: u32 = 100;
 
 /// The client has gone, or the service is closing.
@@ -135,7 +138,7 @@ async fn follow(
         if job.status.is_ended() {
             return Ok(());
         }
-        let changed = changed(&out.state, id, &mut watch, number);
+        let changed = out.state.feed.changed(id, &mut watch, number);
         out.pause(changed, again.unwrap_or(out.state.limits.event_poll)).await?;
         number = out.state.feed.head();
         match out.state.store.get(id).await {
@@ -146,29 +149,17 @@ async fn follow(
     }
 }
 
-/// Resolves when the model changes after `number`.
-async fn changed(state: &AppState, id: JobId, watch: &mut watch::Receiver<u64>, number: u64) {
-    loop {
-        watch.mark_unchanged();
-        if state.feed.changed_since(id, number) {
-            return;
-        }
-        if watch.changed().await.is_err() {
-            return std::future::pending().await;
-        }
-    }
-}
-
 /// A stream outlives a store that is away for a while.
 async fn store_failed(out: &Out, error: &StoreError) -> Result<(), Closed> {
     tracing::warn!(%error, "a stream could not read the job store");
     out.pause(std::future::pending(), out.state.limits.event_poll).await
 }
 
-/// Follow all models: at once the state of each that has not ended, then every change.
+/// Follow all models: at once the state of each that runs and of the newest 100 that wait, then every change.
 ///
-/// Events are as in the stream of one model, but the stream does not close. The id is a cursor; sent back as `Last-Event-ID` it brings at once what changed since, and
-/// where that is no longer known, the state of the newest models.
+/// Events are as in the stream of one model, but the stream does not close. The id is a cursor; sent back as
+/// `Last-Event-ID` it brings at once what changed since, and where that is no longer known, the state of the newest
+/// models.
 #[utoipa::path(
     get, path = "/events", operation_id = "follow_all", tag = "events",
     params(("last-event-id" = Option<String>, Header, description = "Cursor of the last event that the client has")),
@@ -181,114 +172,31 @@ pub(super) async fn of_all(State(state): State<AppState>, headers: HeaderMap) ->
     let watch = state.feed.watch();
     let head = state.feed.head();
     let resumed = last_event_id(&headers);
-    let missed =
-        resumed.and_then(|cursor| state.feed.number(cursor)).filter(|&number| state.feed.since(number).is_some());
-    let first = match missed {
-        Some(_) => Vec::new(),
-        None => newest(&state, resumed.is_some()).await?,
+    let missed = resumed
+        .and_then(|cursor| state.feed.number(cursor))
+        .and_then(|number| Some((number, state.feed.since(number)?)));
+    let present = newest(&state).await?;
+    let begin = match missed {
+        Some((number, changes)) => Begin::Resumed(number, changes.into_iter().map(|(_, id)| id).collect()),
+        None => Begin::Anew { with_ended: resumed.is_some() },
     };
-    open(state, move |out| follow_all(out, first, missed.unwrap_or(head), watch))
+    open(state, move |out| all::follow(out, present, begin, head, watch))
 }
 
-/// Models to begin with, oldest first: those that have not ended, and for a client that was here before also those
-/// that ended lately.
-async fn newest(state: &AppState, with_ended: bool) -> Result<Vec<Job>, StoreError> {
+/// The models that a stream of all begins with, oldest first: all that run, the newest that wait, and the newest of
+/// any state, the ended ones among them.
+async fn newest(state: &AppState) -> Result<Vec<Job>, StoreError> {
     let mut jobs = BTreeMap::new();
-    let statuses = [Some(Status::Running), Some(Status::Queued)];
-    for status in statuses.into_iter().chain(with_ended.then_some(None)) {
-        let page = state.store.list(&ListFilter { status, limit: FIRST, ..ListFilter::default() }).await?;
-        jobs.extend(page.jobs.into_iter().map(|job| (job.id, job)));
+    for status in [Some(Status::Running), Some(Status::Queued), None] {
+        let mut filter = ListFilter { status, limit: FIRST, ..ListFilter::default() };
+        loop {
+            let page = state.store.list(&filter).await?;
+            jobs.extend(page.jobs.into_iter().map(|job| (job.id, job)));
+            filter.before = page.next.filter(|_| status == Some(Status::Running));
+            if filter.before.is_none() {
+                break;
+            }
+        }
     }
     Ok(jobs.into_values().collect())
-}
-
-async fn follow_all(out: Out, first: Vec<Job>, mut number: u64, mut watch: watch::Receiver<u64>) -> Result<(), Closed> {
-    out.send(Event::default().comment("connected")).await?;
-    let mut all = All { tracks: HashMap::new(), due: BTreeMap::new(), out };
-    for job in &first {
-        // Whoever breaks off here begins anew: 0 is never a number of the feed.
-        all.tell(job, 0).await?;
-    }
-    loop {
-        watch.mark_unchanged();
-        match all.out.state.feed.since(number) {
-            Some(changes) => {
-                if let Some((last, _)) = changes.last() {
-                    number = *last;
-                }
-                all.due.extend(changes.into_iter().map(|(number, id)| (id, number)));
-            }
-            None => {
-                number = all.out.state.feed.head();
-                match newest(&all.out.state, true).await {
-                    Ok(jobs) => all.due.extend(jobs.iter().map(|job| (job.id, number))),
-                    Err(error) => store_failed(&all.out, &error).await?,
-                }
-            }
-        }
-        let again = all.tell_due(number).await?;
-        let change = async {
-            if watch.changed().await.is_err() {
-                std::future::pending::<()>().await;
-            }
-        };
-        all.out.pause(change, again.unwrap_or(all.out.state.limits.event_comment)).await?;
-    }
-}
-
-/// What a stream of all models keeps.
-struct All {
-    out: Out,
-    tracks: HashMap<JobId, Track>,
-    /// Models of which something is still to be told, with the number of their change.
-    due: BTreeMap<JobId, u64>,
-}
-
-impl All {
-    /// Tells what is due now; `number` is the last change of the feed that is in `due`. Returns after how long to
-    /// come again for what was held back.
-    async fn tell_due(&mut self, number: u64) -> Result<Option<Duration>, Closed> {
-        let mut order: Vec<_> = self.due.iter().map(|(id, number)| (*number, *id)).collect();
-        order.sort_unstable();
-        let mut again: Option<Duration> = None;
-        for (own, id) in order {
-            // What a client that resumes here still lacks begins with the least change that is due besides.
-            let least = self.due.iter().filter(|(due, _)| **due != id).map(|(_, number)| *number).min();
-            let cursor = least.map_or(number, |least| least - 1);
-            let later = match self.out.state.store.get(id).await {
-                Ok(Some(job)) => self.tell(&job, cursor).await?,
-                Ok(None) => {
-                    self.tracks.remove(&id);
-                    self.out.send(sse::deleted(id, &self.out.state.feed.cursor(cursor))).await?;
-                    None
-                }
-                Err(error) => {
-                    store_failed(&self.out, &error).await?;
-                    Some(self.out.state.limits.event_poll)
-                }
-            };
-            match later {
-                None => self.due.remove(&id),
-                Some(later) => {
-                    again = Some(again.map_or(later, |a| a.min(later)));
-                    self.due.insert(id, own)
-                }
-            };
-        }
-        Ok(again)
-    }
-
-    async fn tell(&mut self, job: &Job, cursor: u64) -> Result<Option<Duration>, Closed> {
-        let fresh = self.out.track();
-        let (names, again) = self.tracks.entry(job.id).or_insert(fresh).next(job, self.out.age.elapsed());
-        if names.contains(&Name::End) {
-            self.tracks.remove(&job.id);
-        }
-        for name in names {
-            self.out
-                .send(sse::event(name, job, &self.out.state.feed.cursor(cursor), self.out.state.limits.keep))
-                .await?;
-        }
-        Ok(again)
-    }
 }

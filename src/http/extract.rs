@@ -1,9 +1,11 @@
 //! Extractors whose refusals are problems.
 
+use super::faults::Faults;
 use super::problem::{Fault, Kind, Problem};
 use crate::jobs::{self, JobId};
 use axum::extract::{FromRequestParts, Path, Query};
 use axum::http::request::Parts;
+use std::collections::BTreeSet;
 use uuid::Uuid;
 
 /// The id in a model's address. What is no UUID is no model: 404.
@@ -59,12 +61,14 @@ pub(super) struct Parameters(pub(super) Vec<(String, String)>);
 
 impl Parameters {
     /// Faults of parameters that are not in `known` or, save for those in `repeatable`, stand more than once.
-    pub(super) fn faults(&self, known: &[&str], repeatable: &[&str]) -> Vec<Fault> {
-        let mut faults = Vec::new();
-        for (i, (name, _)) in self.0.iter().enumerate() {
+    pub(super) fn faults(&self, known: &[&str], repeatable: &[&str]) -> Faults {
+        let mut faults = Faults::default();
+        let mut seen = BTreeSet::new();
+        for (name, _) in &self.0 {
+            let again = !seen.insert(name);
             if !known.contains(&name.as_str()) {
                 faults.push(Fault::parameter(name, format!("is unknown; there are {}", known.join(", "))));
-            } else if !repeatable.contains(&name.as_str()) && self.0[..i].iter().any(|(n, _)| n == name) {
+            } else if again && !repeatable.contains(&name.as_str()) {
                 faults.push(Fault::parameter(name, "stands more than once"));
             }
         }

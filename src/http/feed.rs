@@ -113,6 +113,19 @@ impl Feed {
         log.floor > number || log.by_model.get(&id).is_some_and(|&last| last > number)
     }
 
+    /// Resolves when the model changes after `number`; never where no more changes are told.
+    pub(super) async fn changed(&self, id: JobId, watch: &mut watch::Receiver<u64>, number: u64) {
+        loop {
+            watch.mark_unchanged();
+            if self.changed_since(id, number) {
+                return;
+            }
+            if watch.changed().await.is_err() {
+                return std::future::pending().await;
+            }
+        }
+    }
+
     /// The cursor of `number`.
     pub(super) fn cursor(&self, number: u64) -> String {
         format!("{}-{number}", self.name)

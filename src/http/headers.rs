@@ -36,7 +36,7 @@ pub(super) fn wait(headers: &HeaderMap) -> Option<Duration> {
 
 /// The idempotency key: 1 to 255 visible ASCII characters. The quotes of a structured string are no part of it.
 pub(super) fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
-    let fault = |detail: &str| Err(Problem::invalid(vec![Fault::header(IDEMPOTENCY_KEY.as_str(), detail)]));
+    let fault = |detail: &str| Err(Problem::invalid(Fault::header(IDEMPOTENCY_KEY.as_str(), detail)));
     let mut values = headers.get_all(IDEMPOTENCY_KEY).iter();
     let Some(value) = values.next() else { return Ok(None) };
     if values.next().is_some() {
@@ -63,7 +63,12 @@ pub(super) fn accept<'a>(headers: &HeaderMap, offers: &[&'a str]) -> Option<&'a 
         .filter_map(|item| {
             let mut parts = item.split(';').map(str::trim);
             let range = parts.next().filter(|r| !r.is_empty())?.to_ascii_lowercase();
-            let q = parts.find_map(|p| p.strip_prefix("q=")).map_or(1.0, |q| q.parse().unwrap_or(0.0));
+            let weight = |part: &'_ str| {
+                part.split_once('=')
+                    .filter(|(name, _)| name.eq_ignore_ascii_case("q"))
+                    .map(|(_, q)| q.parse().unwrap_or(0.0))
+            };
+            let q = parts.find_map(weight).unwrap_or(1.0);
             Some((range, q))
         })
         .collect();
@@ -138,6 +143,8 @@ mod tests {
         assert_eq!(best("image/svg+xml"), Some("image/svg+xml"));
         assert_eq!(best("image/*, application/json;q=0.5"), Some("image/svg+xml"));
         assert_eq!(best("image/svg+xml;q=0, */*"), Some("application/json"));
+        assert_eq!(best("image/svg+xml;Q=0.9, application/json;Q=0.1"), Some("image/svg+xml"));
+        assert_eq!(best("application/json;q=none"), None);
         assert_eq!(best("text/html"), None);
         assert_eq!(best("image/avif,image/webp,*/*;q=0.8"), Some("application/json"));
     }

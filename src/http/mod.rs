@@ -6,10 +6,12 @@
 mod batches;
 mod conditional;
 mod create;
+mod docs;
 mod dto;
 mod envelope;
 mod events;
 mod extract;
+mod faults;
 mod feed;
 mod files;
 mod headers;
@@ -53,6 +55,8 @@ pub struct Limits {
     pub body_time: Duration,
     /// Most event streams open at a time.
     pub streams: usize,
+    /// Most answers held at a time by `Prefer: wait`; others come at once.
+    pub held: usize,
     /// Least time between two progress events, or two section events, of one model in one stream.
     pub event_interval: Duration,
     /// Time after which a stream reads its model again although no change was told.
@@ -78,6 +82,7 @@ impl Default for Limits {
             body_bytes: 1 << 20,
             body_time: Duration::from_secs(30),
             streams: 1024,
+            held: 256,
             event_interval: Duration::from_millis(250),
             event_poll: Duration::from_secs(2),
             event_comment: Duration::from_secs(15),
@@ -102,6 +107,7 @@ pub struct AppState {
     pub(crate) metrics: Metrics,
     feed: Arc<Feed>,
     streams: Arc<Semaphore>,
+    held: Arc<Semaphore>,
 }
 
 impl AppState {
@@ -118,7 +124,9 @@ impl AppState {
     ) -> Self {
         let feed = Feed::follow(store.changes(), shutdown.clone());
         let streams = Arc::new(Semaphore::new(limits.streams));
-        Self { store, artifacts, clock, limits: Arc::new(limits), shutdown, metrics: Metrics::default(), feed, streams }
+        let held = Arc::new(Semaphore::new(limits.held));
+        let (limits, metrics) = (Arc::new(limits), Metrics::default());
+        Self { store, artifacts, clock, limits, shutdown, metrics, feed, streams, held }
     }
 
     /// The same, counting into `metrics`.

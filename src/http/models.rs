@@ -6,6 +6,7 @@ use super::dto::{Model, ModelList};
 use super::extract::{ModelId, Parameters, no_model, parse_id};
 use super::openapi::{BadParameters, ModelMissing, StoreAway};
 use super::problem::{Fault, Problem};
+use super::request::LABELS_MAX;
 use crate::jobs::{Job, ListFilter, Status};
 use axum::Json;
 use axum::extract::State;
@@ -42,8 +43,8 @@ pub(super) fn retry_after(job: &Job) -> HeaderValue {
     get, path = "/models", operation_id = "list_models", tag = "models",
     params(
         ("status" = Option<Status>, Query, description = "Only of this status"),
-        ("preset" = Option<String>, Query, description = "Only of this preset"),
-        ("label" = Option<Vec<String>>, Query, pattern = "^[^:]+:", description = "Only with this label, `key:value`; may stand several times: all must fit"),
+        ("preset" = Option<String>, Query, pattern = "^[^\\u0000]*$", description = "Only of this preset"),
+        ("label" = Option<Vec<String>>, Query, max_items = 16, pattern = "^[^:\\u0000]+:[^\\u0000]*$", description = "Only with this label, `key:value`; may stand up to 16 times: all must fit"),
         ("limit" = Option<u32>, Query, minimum = 1, maximum = 100, description = "Most models on the page; 20 where it is left out"),
         ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the page before"),
     ),
@@ -67,10 +68,13 @@ fn filter(parameters: &Parameters) -> Result<ListFilter, Problem> {
                 }
                 Err(_) => Some("must be queued, running, succeeded, failed or cancelled".to_owned()),
             },
+            // No record holds NUL, and not every database lets one ask for it.
+            "preset" | "label" if value.contains('\0') => Some("must not contain NUL".to_owned()),
             "preset" => {
                 filter.preset = Some(value.clone());
                 None
             }
+            "label" if filter.labels.len() == LABELS_MAX => Some(format!("may stand {LABELS_MAX} times at most")),
             "label" => match value.split_once(':') {
                 Some((key, value)) => {
                     filter.labels.push((key.to_owned(), value.to_owned()));

@@ -134,6 +134,17 @@ pub(super) async fn document() -> Response {
 /// The description as YAML: what `openapi.yaml` holds.
 #[must_use]
 pub fn openapi_yaml() -> String {
+    let document = description();
+    let mut yaml = String::from("# Made from the code: cargo run -- openapi > openapi.yaml\n");
+    for part in ["openapi", "info", "tags", "paths", "components"] {
+        let text = yaml_serde::to_string(&json!({ part: document[part] })).expect("JSON is YAML");
+        yaml.push_str(&text);
+    }
+    yaml
+}
+
+/// The description.
+pub(super) fn description() -> Value {
     let mut api = Base::openapi();
     api.merge(routes().into_openapi());
     let mut document = serde_json::to_value(api).expect("a description has string keys only");
@@ -154,12 +165,7 @@ pub fn openapi_yaml() -> String {
         }
     }
     plain_integers(&mut document);
-    let mut yaml = String::from("# Made from the code: cargo run -- openapi > openapi.yaml\n");
-    for part in ["openapi", "info", "tags", "paths", "components"] {
-        let text = yaml_serde::to_string(&json!({ part: document[part] })).expect("JSON is YAML");
-        yaml.push_str(&text);
-    }
-    yaml
+    document
 }
 
 fn info() -> Value {
@@ -251,6 +257,7 @@ fn describe_problems(schema: &mut Value) {
     schema["properties"]["type"]["enum"] = json!(types);
     schema["properties"]["line"] = json!({ "type": "integer", "description": "invalid-json: where in the body" });
     schema["properties"]["column"] = json!({ "type": "integer", "description": "invalid-json: where in the line" });
+    schema["properties"]["errors_left_out"] = json!({ "type": "integer", "description": "invalid-request: how many faults there are besides those in errors" });
     schema["properties"]["prediction"] = json!({ "$ref": "#/components/schemas/Cost" });
     schema["properties"]["limit"] = json!({ "description": "cost-limit, queue-full, payload-too-large: the limit" });
 }

@@ -3,6 +3,7 @@
 //! A handler returns a [`Problem`]; the envelope around the router writes its body, because only there the
 //! request id and the path are known. `type` is `urn:oviduct:problem:{slug}`; slugs are stable, see [`Kind`].
 
+use super::faults::Faults;
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::Serialize;
@@ -160,14 +161,17 @@ impl Problem {
         Self { kind, detail: detail.into(), errors: Vec::new(), members: Map::new(), headers: Vec::new() }
     }
 
-    /// A request that is wrong in the places named, each an entry of `errors`.
+    /// A request that is wrong in the places named: the first ones are entries of `errors`, the others are counted.
     #[must_use]
-    pub fn invalid(errors: Vec<Fault>) -> Self {
-        let detail = match errors.len() {
+    pub(super) fn invalid(faults: impl Into<Faults>) -> Self {
+        let (errors, left_out) = faults.into().into_parts();
+        let detail = match errors.len() + left_out {
             1 => "One value is not valid; see errors.".to_owned(),
+            n if left_out > 0 => format!("{n} values are not valid; see errors for the first {}.", errors.len()),
             n => format!("{n} values are not valid; see errors."),
         };
-        Self { errors, ..Self::new(Kind::InvalidRequest, detail) }
+        let problem = Self { errors, ..Self::new(Kind::InvalidRequest, detail) };
+        if left_out > 0 { problem.with("errors_left_out", left_out) } else { problem }
     }
 
     /// With these faults listed.
@@ -248,7 +252,8 @@ pub struct ProblemBody {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schema(required = false)]
     pub errors: Vec<Fault>,
-    /// Members of this type of problem: `line` and `column` (invalid-json), `prediction` and `limit` (cost-limit).
+    /// Members of this type of problem: `line` and `column` (invalid-json), `prediction` and `limit` (cost-limit),
+    /// `errors_left_out` (invalid-request).
     #[serde(flatten)]
     #[schema(ignore)]
     pub members: Map<String, Value>,
@@ -304,7 +309,7 @@ mod tests {
 
     #[test]
     fn a_body_has_all_members() {
-        let problem = Problem::invalid(vec![Fault::at("/seed", "must be an integer")]).with("limit", 3);
+        let problem = Problem::invalid(Fault::at("/seed", "must be an integer")).with("limit", 3);
         let body = serde_json::to_value(problem.body("/models", "r1")).unwrap();
         insta::assert_json_snapshot!(body);
     }

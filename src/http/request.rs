@@ -2,6 +2,7 @@
 //!
 //! The schema of the request stands here beside its checks, so that the two can be compared; a test does.
 
+use super::faults::Faults;
 use super::problem::Fault;
 use crate::generate::{Backend, Output};
 use crate::jobs::Priority;
@@ -12,6 +13,8 @@ use std::collections::BTreeMap;
 
 /// Greatest seed: 2^53 − 1, the greatest integer that every JSON reader keeps exactly.
 pub const SEED_MAX: u64 = (1 << 53) - 1;
+/// Most members of `outputs`: more than there are formats, so that each wrong one among a few is named.
+const OUTPUTS_MAX: usize = 16;
 /// Most labels of a model.
 pub(super) const LABELS_MAX: usize = 16;
 /// Longest key of a label, in characters.
@@ -38,12 +41,12 @@ pub(super) struct ModelRequest {
 
 impl ModelRequest {
     /// Reads a body. What is wrong is added to `faults`, with the default in its place.
-    pub(super) fn read(body: &Value, faults: &mut Vec<Fault>) -> Self {
+    pub(super) fn read(body: &Value, faults: &mut Faults) -> Self {
         Self::read_members(body, &MEMBERS, faults)
     }
 
     /// Reads the members that it has of a body that may have `known` ones.
-    fn read_members(body: &Value, known: &[&str], faults: &mut Vec<Fault>) -> Self {
+    fn read_members(body: &Value, known: &[&str], faults: &mut Faults) -> Self {
         let empty = Map::new();
         let members = body.as_object().unwrap_or_else(|| {
             faults.push(Fault::at("", format!("must be an object, not {}", describe(body))));
@@ -114,7 +117,7 @@ pub(super) struct BatchRequest {
 
 impl BatchRequest {
     /// Reads a body, as [`ModelRequest::read`] does; `most` is the greatest number of models.
-    pub(super) fn read(body: &Value, most: usize, faults: &mut Vec<Fault>) -> Self {
+    pub(super) fn read(body: &Value, most: usize, faults: &mut Faults) -> Self {
         let each = ModelRequest::read_members(body, &BATCH_MEMBERS, faults);
         let seeds = match (body.get("seeds"), body.get("count")) {
             (Some(list), None) => seeds(list, most, faults),
@@ -147,7 +150,7 @@ impl BatchRequest {
     }
 }
 
-fn seeds(value: &Value, most: usize, faults: &mut Vec<Fault>) -> Option<Seeds> {
+fn seeds(value: &Value, most: usize, faults: &mut Faults) -> Option<Seeds> {
     let Some(items) = value.as_array() else {
         faults.push(Fault::at("/seeds", format!("must be an array, not {}", describe(value))));
         return None;
@@ -170,7 +173,7 @@ fn seeds(value: &Value, most: usize, faults: &mut Vec<Fault>) -> Option<Seeds> {
     Some(Seeds::These(list))
 }
 
-fn count(value: &Value, most: usize, faults: &mut Vec<Fault>) -> Option<Seeds> {
+fn count(value: &Value, most: usize, faults: &mut Faults) -> Option<Seeds> {
     let whole = value.as_u64().or_else(|| value.as_f64().filter(|x| x.fract() == 0.0 && *x >= 0.0).map(|x| x as u64));
     let count = whole.and_then(|n| usize::try_from(n).ok()).filter(|n| (1..=most).contains(n));
     if count.is_none() {
@@ -179,7 +182,7 @@ fn count(value: &Value, most: usize, faults: &mut Vec<Fault>) -> Option<Seeds> {
     count.map(Seeds::Count)
 }
 
-fn text(value: &Value, pointer: &str, faults: &mut Vec<Fault>) -> String {
+fn text(value: &Value, pointer: &str, faults: &mut Faults) -> String {
     value.as_str().map_or_else(
         || {
             faults.push(Fault::at(pointer, format!("must be a string, not {}", describe(value))));
@@ -189,14 +192,14 @@ fn text(value: &Value, pointer: &str, faults: &mut Vec<Fault>) -> String {
     )
 }
 
-fn flag(value: &Value, pointer: &str, faults: &mut Vec<Fault>) -> bool {
+fn flag(value: &Value, pointer: &str, faults: &mut Faults) -> bool {
     value.as_bool().unwrap_or_else(|| {
         faults.push(Fault::at(pointer, format!("must be true or false, not {}", describe(value))));
         true
     })
 }
 
-fn seed(value: &Value, pointer: &str, faults: &mut Vec<Fault>) -> Option<u64> {
+fn seed(value: &Value, pointer: &str, faults: &mut Faults) -> Option<u64> {
     let whole = value.as_u64().or_else(|| {
         // 62.0 is an integer in JSON.
         value.as_f64().filter(|x| x.fract() == 0.0 && (0.0..=SEED_MAX as f64).contains(x)).map(|x| x as u64)
@@ -208,7 +211,7 @@ fn seed(value: &Value, pointer: &str, faults: &mut Vec<Fault>) -> Option<u64> {
     seed
 }
 
-fn priority(value: &Value, faults: &mut Vec<Fault>) -> Priority {
+fn priority(value: &Value, faults: &mut Faults) -> Priority {
     #[expect(clippy::cast_possible_truncation, reason = "saturating, and then out of range")]
     let whole = value.as_i64().or_else(|| value.as_f64().filter(|x| x.fract() == 0.0).map(|x| x as i64));
     whole.and_then(|n| Priority::try_from(n).ok()).unwrap_or_else(|| {
@@ -218,7 +221,7 @@ fn priority(value: &Value, faults: &mut Vec<Fault>) -> Priority {
     })
 }
 
-fn spec(value: &Value, faults: &mut Vec<Fault>) -> Value {
+fn spec(value: &Value, faults: &mut Faults) -> Value {
     if value.is_object() {
         return value.clone();
     }
@@ -226,7 +229,7 @@ fn spec(value: &Value, faults: &mut Vec<Fault>) -> Value {
     json!({})
 }
 
-fn choice<T: DeserializeOwned>(value: &Value, pointer: &str, faults: &mut Vec<Fault>) -> Option<T> {
+fn choice<T: DeserializeOwned>(value: &Value, pointer: &str, faults: &mut Faults) -> Option<T> {
     if !value.is_string() {
         faults.push(Fault::at(pointer, format!("must be a string, not {}", describe(value))));
         return None;
@@ -235,11 +238,15 @@ fn choice<T: DeserializeOwned>(value: &Value, pointer: &str, faults: &mut Vec<Fa
     serde_json::from_value(value.clone()).map_err(|e| faults.push(Fault::at(pointer, e.to_string()))).ok()
 }
 
-fn outputs(value: &Value, faults: &mut Vec<Fault>) -> Vec<Output> {
+fn outputs(value: &Value, faults: &mut Faults) -> Vec<Output> {
     let Some(items) = value.as_array() else {
         faults.push(Fault::at("/outputs", format!("must be an array, not {}", describe(value))));
         return Vec::new();
     };
+    if items.len() > OUTPUTS_MAX {
+        faults.push(Fault::at("/outputs", format!("may have {OUTPUTS_MAX} members at most, not {}", items.len())));
+        return Vec::new();
+    }
     let mut outputs = Vec::new();
     for (i, item) in items.iter().enumerate() {
         let pointer = format!("/outputs/{i}");
@@ -252,7 +259,7 @@ fn outputs(value: &Value, faults: &mut Vec<Fault>) -> Vec<Output> {
     outputs
 }
 
-fn labels(value: &Value, faults: &mut Vec<Fault>) -> BTreeMap<String, String> {
+fn labels(value: &Value, faults: &mut Faults) -> BTreeMap<String, String> {
     let Some(members) = value.as_object() else {
         faults.push(Fault::at("/labels", format!("must be an object, not {}", describe(value))));
         return BTreeMap::new();
@@ -306,9 +313,13 @@ mod tests {
     use super::*;
 
     fn read(body: &Value) -> Result<ModelRequest, Vec<String>> {
-        let mut faults = Vec::new();
+        let mut faults = Faults::default();
         let request = ModelRequest::read(body, &mut faults);
-        if faults.is_empty() { Ok(request) } else { Err(faults.into_iter().filter_map(|f| f.pointer).collect()) }
+        if faults.is_empty() {
+            Ok(request)
+        } else {
+            Err(faults.into_parts().0.into_iter().filter_map(|f| f.pointer).collect())
+        }
     }
 
     #[test]
@@ -391,14 +402,20 @@ mod tests {
     }
 
     #[test]
+    fn too_many_outputs_are_refused_as_one() {
+        assert_eq!(read(&json!({"outputs": vec![1; 16]})).unwrap_err().len(), 16);
+        assert_eq!(read(&json!({"outputs": vec![1; 17]})).unwrap_err(), ["/outputs"]);
+    }
+
+    #[test]
     fn a_batch_has_either_seeds_or_a_count() {
         let read = |body: Value| {
-            let mut faults = Vec::new();
+            let mut faults = Faults::default();
             let request = BatchRequest::read(&body, 3, &mut faults);
             if faults.is_empty() {
                 Ok(request.seeds)
             } else {
-                Err(faults.into_iter().filter_map(|f| f.pointer).collect())
+                Err(faults.into_parts().0.into_iter().filter_map(|f| f.pointer).collect())
             }
         };
         assert_eq!(read(json!({"seeds": [7, 8.0]})), Ok(Seeds::These(vec![7, 8])));

@@ -2,7 +2,7 @@
 
 use super::envelope::enclose;
 use super::{
-    AppState, batches, create, events, files, health, home, metrics, models, openapi, presets, sections, workers,
+    AppState, batches, create, docs, events, files, health, home, metrics, models, openapi, presets, sections, workers,
 };
 use axum::Router;
 use axum::routing::get;
@@ -31,6 +31,7 @@ pub(super) fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(health::ready))
         .routes(routes!(metrics::read))
         .routes(routes!(openapi::document))
+        .routes(routes!(docs::page))
 }
 
 /// The service. Every error answer of it is a problem, every answer carries a request id.

@@ -299,6 +299,8 @@ pub enum StoreError {
 pub trait Store: Send + Sync + 'static {
     /// Queues a job, or answers with an earlier one.
     async fn submit(&self, new: NewJob) -> Result<Submitted, StoreError>;
+    /// The job that this idempotency key made with this body, where there is one; see [`NewJob::idempotency`].
+    async fn replayed(&self, key: &str, body: &str) -> Result<Option<Job>, StoreError>;
     /// A job by id.
     async fn get(&self, id: JobId) -> Result<Option<Job>, StoreError>;
     /// A page of jobs, newest first.
@@ -315,6 +317,8 @@ pub trait Store: Send + Sync + 'static {
     /// Each is a job like any other; finished models are reused as [`Store::submit`] does. Ids ascend in the order
     /// of the jobs.
     async fn submit_batch(&self, new: NewBatch) -> Result<SubmittedBatch, StoreError>;
+    /// The batch that this idempotency key made with this body, where there is one.
+    async fn replayed_batch(&self, key: &str, body: &str) -> Result<Option<Batch>, StoreError>;
     /// A batch by id.
     async fn batch(&self, id: BatchId) -> Result<Option<Batch>, StoreError>;
     /// Removes a batch with all its jobs, in one transaction; returns as [`Store::delete`] does.

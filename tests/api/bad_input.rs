@@ -157,7 +157,7 @@ async fn a_body_that_breaks_off_or_never_ends_is_refused() {
 async fn unknown_addresses_are_problems() {
     let app = App::new().await;
     insta::assert_json_snapshot!(steady(&app.get("/nowhere").await));
-    for path in ["/models/", "/model", "/batch", "/docs", "/tickets", "/models/x/y/z", "/presets/pig/x", "/%ff"] {
+    for path in ["/models/", "/model", "/batch", "/doc", "/tickets", "/models/x/y/z", "/presets/pig/x", "/%ff"] {
         assert_eq!(app.get(path).await.slug(), "not-found", "{path}");
     }
 }

@@ -204,6 +204,23 @@ async fn a_finished_model_of_the_same_digest_is_reused() {
     }
 }
 
+/// Its name stands in the files.
+#[tokio::test]
+async fn a_model_of_another_preset_is_not_reused() {
+    let app = App::new().await;
+    let paper = app.post("/models", &json!({ "preset": "paper", "seed": 7 })).await.json();
+    app.finish(app.claim().await, &files()).await;
+    let echoed = json!({ "seed": 7, "spec": paper["spec"] });
+    let pig = app.post("/models", &echoed).await;
+    assert_eq!((pig.status.as_u16(), &pig.json()["digest"]), (202, &paper["digest"]));
+    app.finish(app.claim().await, &files()).await;
+    // Now there is one of each.
+    let again = app.post("/models", &echoed).await;
+    assert_eq!((again.status.as_u16(), &again.json()["reused_from"]), (201, &pig.json()["id"]));
+    let again = app.post("/models", &json!({ "preset": "paper", "seed": 7 })).await;
+    assert_eq!((again.status.as_u16(), &again.json()["reused_from"]), (201, &paper["id"]));
+}
+
 #[tokio::test]
 async fn waiting_ends_with_the_model() {
     let app = App::new().await;

@@ -13,21 +13,21 @@ const SOON: Duration = Duration::from_secs(5);
 
 /// An event as a client reads it.
 #[derive(Clone, Debug, PartialEq)]
-struct Event {
-    name: String,
-    id: String,
-    data: Value,
+pub(super) struct Event {
+    pub(super) name: String,
+    pub(super) id: String,
+    pub(super) data: Value,
 }
 
 /// A connection to a stream.
-struct Stream {
+pub(super) struct Stream {
     body: BodyDataStream,
     text: String,
     comments: Vec<String>,
 }
 
 impl Stream {
-    async fn open(app: &App, path: &str, last: Option<&str>) -> Self {
+    pub(super) async fn open(app: &App, path: &str, last: Option<&str>) -> Self {
         let mut request = Request::get(path).header("accept", "text/event-stream");
         if let Some(last) = last {
             request = request.header("last-event-id", last);
@@ -44,7 +44,7 @@ impl Stream {
     }
 
     /// The next event; `None` where the stream has closed.
-    async fn next(&mut self) -> Option<Event> {
+    pub(super) async fn next(&mut self) -> Option<Event> {
         tokio::time::timeout(SOON, self.read()).await.expect("an event comes soon")
     }
 
@@ -70,7 +70,7 @@ impl Stream {
     }
 
     /// The next event of this name.
-    async fn until(&mut self, name: &str) -> Event {
+    pub(super) async fn until(&mut self, name: &str) -> Event {
         loop {
             let event = self.next().await.unwrap_or_else(|| panic!("the stream closed before {name}"));
             if event.name == name {
@@ -79,7 +79,7 @@ impl Stream {
         }
     }
 
-    async fn silent(&mut self, time: Duration) -> bool {
+    pub(super) async fn silent(&mut self, time: Duration) -> bool {
         tokio::time::timeout(time, self.read()).await.is_err()
     }
 }

@@ -29,6 +29,12 @@ impl Store for Faulty {
     async fn submit(&self, _: NewJob) -> Result<Submitted, StoreError> {
         away()
     }
+    async fn replayed(&self, _: &str, _: &str) -> Result<Option<Job>, StoreError> {
+        away()
+    }
+    async fn replayed_batch(&self, _: &str, _: &str) -> Result<Option<Batch>, StoreError> {
+        away()
+    }
     async fn get(&self, _: JobId) -> Result<Option<Job>, StoreError> {
         away()
     }

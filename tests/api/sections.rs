@@ -21,7 +21,7 @@ fn section(k: u16) -> Section {
     }
 }
 
-fn stored(count: u16) -> Vec<u8> {
+pub(super) fn stored(count: u16) -> Vec<u8> {
     let sections: Vec<_> = (0..count).map(section).collect();
     let metadata = Metadata {
         preset: "pig".into(),

@@ -156,6 +156,15 @@ async fn the_page_links_to_what_there_is() {
 }
 
 #[tokio::test]
+async fn the_description_is_a_page_too() {
+    let app = App::new().await;
+    let reply = app.get("/docs").await;
+    assert!(reply.header(header::CONTENT_TYPE).unwrap().starts_with("text/html"));
+    assert!(reply.header(header::CONTENT_SECURITY_POLICY).unwrap().starts_with("default-src 'none'"));
+    assert!(String::from_utf8(reply.body.to_vec()).unwrap().contains("POST /models"));
+}
+
+#[tokio::test]
 async fn head_and_options_are_answered() {
     let app = App::new().await;
     let head = app.request(Method::HEAD, "/models", &[], Body::empty()).await;

@@ -23,6 +23,14 @@ impl Store for Deaf {
         self.0.submit(new).await
     }
 
+    async fn replayed(&self, key: &str, body: &str) -> Result<Option<Job>, StoreError> {
+        self.0.replayed(key, body).await
+    }
+
+    async fn replayed_batch(&self, key: &str, body: &str) -> Result<Option<Batch>, StoreError> {
+        self.0.replayed_batch(key, body).await
+    }
+
     async fn get(&self, id: JobId) -> Result<Option<Job>, StoreError> {
         self.0.get(id).await
     }

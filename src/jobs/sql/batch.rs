@@ -69,6 +69,18 @@ impl Operation for SubmitBatch {
     }
 }
 
+/// The batch that this key made with this body.
+pub(super) async fn replayed(link: &mut Link<'_>, key: &str, body: &str) -> Result<Option<Batch>, SqlError> {
+    let sql = "SELECT id FROM batches WHERE idempotency_key = $1 AND idempotency_body = $2";
+    match link.optional(sql, values![key, body]).await? {
+        Some(row) => {
+            let JobId(id) = row.id("id")?;
+            read(link, BatchId(id)).await
+        }
+        None => Ok(None),
+    }
+}
+
 pub(super) async fn read(link: &mut Link<'_>, id: BatchId) -> Result<Option<Batch>, SqlError> {
     // One statement, so that the jobs are those of one moment.
     let rows = link

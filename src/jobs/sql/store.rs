@@ -3,7 +3,7 @@
 use super::batch::{self, DeleteBatch, SubmitBatch};
 use super::claim::{self, Claim};
 use super::lease::{Cancel, End, Expire, Record, Renew, SetCheckpoint};
-use super::submit::{Delete, Ids, Submit};
+use super::submit::{self, Delete, Ids, Submit};
 use super::workers::{WorkerSeen, alive, workers};
 use super::{CHANGES, Connection, Done, Link, Operation, SqlError, Time, order, read};
 use crate::generate::{Backend, Progress};
@@ -131,6 +131,10 @@ impl<E: Engine> Store for SqlStore<E> {
         self.run(Submit { new, ids: Arc::clone(&self.shared.ids), tried: Mutex::new(None) }).await
     }
 
+    async fn replayed(&self, key: &str, body: &str) -> Result<Option<Job>, StoreError> {
+        Ok(submit::replayed(&mut self.reader().await?.link(self.time()), key, body).await?)
+    }
+
     async fn get(&self, id: JobId) -> Result<Option<Job>, StoreError> {
         Ok(read::job(&mut self.reader().await?.link(self.time()), id).await?)
     }
@@ -149,6 +153,10 @@ impl<E: Engine> Store for SqlStore<E> {
 
     async fn submit_batch(&self, new: NewBatch) -> Result<SubmittedBatch, StoreError> {
         self.run(SubmitBatch { new, ids: Arc::clone(&self.shared.ids), tried: Mutex::new(None) }).await
+    }
+
+    async fn replayed_batch(&self, key: &str, body: &str) -> Result<Option<Batch>, StoreError> {
+        Ok(batch::replayed(&mut self.reader().await?.link(self.time()), key, body).await?)
     }
 
     async fn batch(&self, id: BatchId) -> Result<Option<Batch>, StoreError> {

@@ -78,6 +78,15 @@ impl Operation for Submit {
     }
 }
 
+/// The job that this key made with this body.
+pub(super) async fn replayed(link: &mut Link<'_>, key: &str, body: &str) -> Result<Option<Job>, SqlError> {
+    let sql = "SELECT id FROM jobs WHERE idempotency_key = $1 AND idempotency_body = $2";
+    match link.optional(sql, values![key, body]).await? {
+        Some(row) => read::job(link, row.id("id")?).await,
+        None => Ok(None),
+    }
+}
+
 /// Queues a job where there is `room` for it, or takes over a finished model. Returns whether it was taken over.
 pub(super) async fn place(
     link: &mut Link<'_>,
@@ -96,15 +105,16 @@ pub(super) async fn place(
 }
 
 /// A finished model that may stand for `new`: the first one made, where it still exists. It stays until this
-/// transaction has named its files.
+/// transaction has named its files. Its preset is the same, for that is written in the files, although the digest
+/// tells specifications apart and not the names that they were asked for by.
 async fn reusable(link: &mut Link<'_>, new: &NewJob) -> Result<Option<Job>, SqlError> {
     // One job of each kind is enough: there may be thousands that share the same files.
     let sql = format!(
         "SELECT MIN(id) AS id FROM jobs{} WHERE status = 'succeeded' AND engine_used = engine AND digest = $1 \
-         GROUP BY backend_used, outputs ORDER BY 1",
+         AND preset = $2 GROUP BY backend_used, outputs ORDER BY 1",
         link.either(" INDEXED BY jobs_by_digest", ""),
     );
-    for row in link.all(sql, values![&new.digest]).await? {
+    for row in link.all(sql, values![&new.digest, &new.preset]).await? {
         let id = row.id("id")?;
         let sql = format!("SELECT id FROM jobs WHERE id = $1{}", link.either("", " FOR KEY SHARE"));
         if link.optional(sql, values![id]).await?.is_none() {

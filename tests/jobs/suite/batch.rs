@@ -88,6 +88,10 @@ pub async fn an_idempotency_key_gives_one_batch(factory: Factory) {
     assert!(ids.iter().all(|id| *id == ids[0]));
     let conflict = bench.store.submit_batch(keyed("other")).await.unwrap_err();
     assert!(matches!(conflict, StoreError::IdempotencyConflict));
+    let replayed = bench.store.replayed_batch("k", "body").await.unwrap();
+    assert_eq!(replayed.map(|batch| batch.id), Some(ids[0]));
+    assert_eq!(bench.store.replayed_batch("k", "other").await.unwrap(), None);
+    assert_eq!(bench.store.replayed("k", "body").await.unwrap(), None, "keys of models are apart");
     let job = NewJob { idempotency: Some(("k".into(), "job".into())), ..new_job("a") };
     assert!(matches!(bench.store.submit(job).await.unwrap(), Submitted::Queued(_)));
     bench.store.delete_batch(ids[0]).await.unwrap().unwrap();

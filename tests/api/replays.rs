@@ -1,0 +1,68 @@
+//! A key that comes again: what was taken once is answered, whatever has changed since.
+
+use super::app::{App, id};
+use axum::http::header;
+use oviduct::clock::Clock;
+use oviduct::generate::Backend;
+use oviduct::http::Limits;
+use oviduct::jobs::StoreOptions;
+use oviduct::jobs::sqlite::SqliteStore;
+use serde_json::json;
+use std::sync::Arc;
+use std::time::Duration;
+
+const KEY: [(&str, &str); 1] = [("idempotency-key", "k")];
+
+#[tokio::test]
+async fn a_gpu_that_went_away_does_not_undo_what_was_taken() {
+    let app = App::new().await;
+    let model = json!({ "backend": "gpu" });
+    let batch = json!({ "backend": "gpu", "count": 2 });
+    app.worker(Backend::Gpu).await;
+    let taken = [app.post_with("/models", &KEY, &model).await, app.post_with("/batches", &KEY, &batch).await];
+    app.clock.advance(Duration::from_secs(360));
+    assert_eq!(app.post("/models", &model).await.slug(), "gpu-unavailable");
+    let again = [app.post_with("/models", &KEY, &model).await, app.post_with("/batches", &KEY, &batch).await];
+    for (taken, again) in taken.into_iter().zip(again) {
+        assert_eq!((again.status.as_u16(), again.header("idempotency-replayed")), (202, Some("true")));
+        assert_eq!((again.json(), again.header(header::LOCATION)), (taken.json(), taken.header(header::LOCATION)));
+    }
+    // Another body is another request, and is refused as one.
+    let other = app.post_with("/models", &KEY, &json!({ "backend": "gpu", "seed": 1 })).await;
+    assert_eq!(other.slug(), "gpu-unavailable");
+    let other = app.post_with("/models", &KEY, &json!({ "seed": 1 })).await;
+    assert_eq!(other.slug(), "idempotency-key-reused");
+}
+
+#[tokio::test]
+async fn a_limit_that_was_lowered_does_not_undo_what_was_taken() {
+    let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
+    let options = StoreOptions { clock: clock.clone(), max_attempts: 5, queue_limit: 9 };
+    let store = Arc::new(SqliteStore::open_in_memory(options).await.unwrap());
+    let before = App::over(store.clone(), clock.clone(), Limits::default());
+    let (model, batch) = (json!({ "seed": 1 }), json!({ "count": 3 }));
+    let taken = [before.post_with("/models", &KEY, &model).await, before.post_with("/batches", &KEY, &batch).await];
+    let cost = oviduct::spec::Limits { max_vertices: 1000, ..Default::default() };
+    let after = App::over(store, clock, Limits { cost, batch: 2, ..Limits::default() });
+    assert_eq!(after.post("/models", &model).await.slug(), "cost-limit");
+    assert_eq!(after.post("/batches", &batch).await.places(), ["/count"]);
+    let again = [after.post_with("/models", &KEY, &model).await, after.post_with("/batches", &KEY, &batch).await];
+    for (taken, again) in taken.into_iter().zip(again) {
+        assert_eq!((again.status.as_u16(), again.header("idempotency-replayed")), (202, Some("true")));
+        assert_eq!(again.json(), taken.json());
+    }
+}
+
+/// There is nothing to come back for.
+#[tokio::test]
+async fn an_ended_model_is_not_told_as_taken() {
+    let app = App::new().await;
+    let body = json!({ "seed": 1 });
+    let first = app.post_with("/models", &KEY, &body).await;
+    app.store.cancel(id(first.header(header::LOCATION).unwrap())).await.unwrap();
+    let again = app.post_with("/models", &KEY, &body).await;
+    assert_eq!((again.status.as_u16(), again.header("idempotency-replayed")), (200, Some("true")));
+    assert_eq!(again.header(header::RETRY_AFTER), None);
+    assert_eq!(again.header(header::LOCATION), first.header(header::LOCATION));
+    assert_eq!(again.json()["status"], "cancelled");
+}

@@ -1,0 +1,146 @@
+//! What RFC 9110 says of every address: `HEAD` is `GET` without its body, 405 names what is allowed; and of single ones.
+
+use super::app::App;
+use super::sections;
+use axum::body::Body;
+use axum::http::{HeaderMap, Method, Request, header};
+use oviduct::export::sections_bin::MEDIA_TYPE;
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+
+/// A service with a finished model and a batch, and all addresses that are described, with their methods.
+async fn app() -> (App, Vec<(String, BTreeSet<String>)>) {
+    let app = App::new().await;
+    let report = br#"{"certificate":{"passed":true}}"#.to_vec();
+    let glb = ("model.glb", "model/gltf-binary", vec![7; 1000]);
+    let files = [glb, ("report.json", "application/json", report), ("sections.bin", MEDIA_TYPE, sections::stored(3))];
+    let model = app.finished(7, &files).await;
+    let batch = app.post("/batches", &json!({ "count": 1 })).await.header(header::LOCATION).unwrap().to_owned();
+    let document: Value = yaml_serde::from_slice(&app.get("/openapi.yaml").await.body).unwrap();
+    let mut addresses = Vec::new();
+    for (path, item) in document["paths"].as_object().unwrap() {
+        let path = path.replace("/models/{id}", &model).replace("/batches/{id}", &batch);
+        let path =
+            path.replace("{name}", if path.contains("presets") { "pig" } else { "model.glb" }).replace("{k}", "1");
+        assert!(!path.contains('{'), "{path}");
+        let methods: BTreeSet<String> = item.as_object().unwrap().keys().map(|m| m.to_ascii_uppercase()).collect();
+        addresses.push((path, methods));
+    }
+    addresses.push(("/".into(), BTreeSet::from(["GET".to_owned()])));
+    assert!(addresses.len() > 15);
+    (app, addresses)
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn head_is_get_without_its_body() {
+    let (app, addresses) = app().await;
+    let mut seen = 0;
+    for (path, methods) in addresses {
+        if !methods.contains("GET") {
+            assert_eq!(app.request(Method::HEAD, &path, &[], Body::empty()).await.status, 405, "{path}");
+            continue;
+        }
+        let head = app.request(Method::HEAD, &path, &[], Body::empty()).await;
+        // Streams do not end, so the body is left.
+        let get = app.start(Request::get(&path).body(Body::empty()).unwrap()).await;
+        assert_eq!((head.status, head.body.len()), (get.status(), 0), "{path}");
+        assert_eq!(head.status, 200, "{path}");
+        for name in [header::CONTENT_TYPE, header::ETAG, header::CACHE_CONTROL, header::VARY, header::ACCEPT_RANGES] {
+            assert_eq!(head.headers.get(&name), get.headers().get(&name), "{name} of {path}");
+        }
+        let length = |headers: &HeaderMap| headers.get(header::CONTENT_LENGTH).cloned();
+        // Counts grow from one to the other.
+        if let (Some(head), Some(get)) = (length(&head.headers), length(get.headers()))
+            && path != "/metrics"
+        {
+            assert_eq!(head, get, "{path}");
+        }
+        seen += 1;
+    }
+    assert!(seen > 12, "{seen}");
+    for (path, status) in [("/models/x", 404), ("/models?limit=0", 422), ("/presets/cow", 404)] {
+        let head = app.request(Method::HEAD, path, &[], Body::empty()).await;
+        assert_eq!((head.status.as_u16(), head.body.len()), (status, 0), "{path}");
+        assert_eq!(head.header(header::CONTENT_TYPE), Some("application/problem+json"), "{path}");
+    }
+}
+
+#[tokio::test]
+async fn what_is_not_allowed_is_refused_with_what_is() {
+    let (app, addresses) = app().await;
+    for (path, mut methods) in addresses {
+        if methods.contains("GET") {
+            methods.insert("HEAD".into());
+        }
+        for method in
+            ["GET", "POST", "PUT", "PATCH", "DELETE", "PROPFIND"].into_iter().filter(|m| !methods.contains(*m))
+        {
+            let method = Method::from_bytes(method.as_bytes()).unwrap();
+            let reply = app.request(method.clone(), &path, &[], Body::empty()).await;
+            assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (405, "method-not-allowed"), "{method} {path}");
+            let allowed: BTreeSet<String> =
+                reply.header(header::ALLOW).unwrap().split(',').map(|m| m.trim().to_owned()).collect();
+            assert_eq!(allowed, methods, "{method} {path}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_part_is_sent_only_of_the_very_same_file() {
+    let (app, addresses) = app().await;
+    let path = addresses.iter().map(|(path, _)| path).find(|path| path.ends_with("/model.glb")).unwrap();
+    let tag = app.get(path).await.header(header::ETAG).unwrap().to_owned();
+    let weak = format!("W/{tag}");
+    for (if_range, status) in
+        [(tag.as_str(), 206), (&weak, 200), ("Wed, 21 Oct 2015 07:28:00 GMT", 200), ("\"other\"", 200), ("*", 200)]
+    {
+        let reply = app.get_with(path, &[("range", "bytes=5-9"), ("if-range", if_range)]).await;
+        assert_eq!(
+            (reply.status.as_u16(), reply.body.len()),
+            (status, if status == 206 { 5 } else { 1000 }),
+            "{if_range}"
+        );
+    }
+    // Without a range there is nothing that it could be of.
+    assert_eq!(app.get_with(path, &[("if-range", "\"other\"")]).await.status, 200);
+    // A range that lies outside is no fault where it is of another file.
+    assert_eq!(app.get_with(path, &[("range", "bytes=5000-"), ("if-range", &weak)]).await.status, 200);
+    for (range, status, bytes) in [
+        ("bytes=-2000", 206, 1000),
+        ("bytes=-18446744073709551616", 206, 1000),
+        ("bytes=0-18446744073709551616", 206, 1000),
+        ("bytes=0-0,-1", 200, 1000),
+        ("bytes=0-0, 5000-", 200, 1000),
+        ("bytes=", 200, 1000),
+        ("bytes=-", 200, 1000),
+        ("bytes=0x1-2", 200, 1000),
+        ("BYTES=1-2", 206, 2),
+    ] {
+        let reply = app.get_with(path, &[("range", range)]).await;
+        assert_eq!((reply.status.as_u16(), reply.body.len()), (status, bytes), "{range}");
+    }
+}
+
+#[tokio::test]
+async fn what_is_accepted_is_sent() {
+    let (app, addresses) = app().await;
+    let path = addresses.iter().map(|(path, _)| path).find(|path| path.ends_with("/sections/1")).unwrap();
+    let (plain, drawn) = (Some("application/json"), Some("image/svg+xml"));
+    for (accept, kind) in [
+        ("*/*", plain),
+        ("application/*", plain),
+        ("APPLICATION/JSON", plain),
+        ("application/json;q=0, */*", drawn),
+        ("application/json;q=0.1, image/*;q=0.2", drawn),
+        ("application/json; charset=utf-8", plain),
+        ("image/svg+xml;Q=0.9, application/json;Q=0.1", drawn),
+        ("", plain),
+    ] {
+        let reply = app.get_with(path, &[("accept", accept)]).await;
+        assert_eq!((reply.status.as_u16(), reply.header(header::CONTENT_TYPE)), (200, kind), "{accept}");
+        assert_eq!(reply.header(header::VARY), Some("accept"));
+    }
+    for accept in ["application/json;q=0", "*/*;q=0", "text/html", "application/json;q=0, image/svg+xml;q=0, */*"] {
+        assert_eq!(app.get_with(path, &[("accept", accept)]).await.slug(), "not-acceptable", "{accept}");
+    }
+}
