@@ -8,14 +8,15 @@
 )]
 
 mod artifacts;
+mod bounds;
 mod bucket;
 mod checkpoint;
 #[path = "../common/postgres.rs"]
 mod cluster;
 mod cost;
-mod deaf;
 #[cfg(target_os = "linux")]
 mod disk;
+mod gate;
 mod gpu;
 mod kill;
 mod postgres;
@@ -28,4 +29,5 @@ mod sqlite;
 mod streams;
 mod suite;
 mod upgrade;
+mod watched;
 mod worker;
