@@ -115,3 +115,15 @@ async fn a_broken_off_call_still_runs_to_its_end_and_is_told() {
     let change = tokio::time::timeout(Duration::from_secs(60), changes.recv()).await.unwrap().unwrap();
     assert_eq!(store.get(change.id).await.unwrap().unwrap().status, Status::Queued);
 }
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_broken_off_look_does_not_cost_the_connection() {
+    let store = SqliteStore::open_in_memory(StoreOptions::default()).await.unwrap();
+    let id = store.submit(new_job("1")).await.unwrap().job().id;
+    for _ in 0..100 {
+        // Polled once, then dropped, as when a job ends while its worker looks at it. What is in memory is in this one
+        // connection.
+        let _ = store.get(id).now_or_never();
+        assert!(store.get(id).await.unwrap().is_some());
+    }
+}
