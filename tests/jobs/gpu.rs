@@ -75,7 +75,11 @@ async fn a_member_of_a_batch_stops_within_a_second_of_its_cancel() {
     best_of_five(async |round| {
         let goes_on = place.ask(Backend::Auto, "hold", 1, 2 * round).await;
         let stops = place.ask(Backend::Gpu, "wait", 1, 2 * round + 1).await;
-        let pool = place.start_with_gpu(&gpu, no_cpu);
+        // No heartbeat would come in time.
+        let pool = place.start_with_gpu(&gpu, |options| {
+            options.heartbeat = Duration::from_secs(60);
+            no_cpu(options);
+        });
         for id in [goes_on, stops] {
             place.until(id, |job| job.progress.is_some()).await;
         }

@@ -138,7 +138,7 @@ async fn the_next_job_is_claimed_while_the_one_before_is_being_certified_and_wai
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_cancel_is_recorded_within_a_second_even_where_a_stage_is_slow_to_stop() {
     let place = Place::fresh(|_| {}).await;
-    let pool = place.start(|_| {});
+    let pool = place.start(|options| options.heartbeat = Duration::from_secs(60));
     best_of_five(async |seed| {
         let id = place.queue("deaf", seed).await;
         place.until(id, |job| job.progress.is_some()).await;
