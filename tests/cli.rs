@@ -218,13 +218,14 @@ fn signal(child: &Child, name: &str) {
 #[cfg(unix)]
 fn an_interrupt_stops_a_generation_and_leaves_nothing() {
     let at = folder();
-    let mut child = oviduct(at.path()).args(["generate", "--out", "out"]).spawn().expect("it starts");
+    // Ten times a default model.
+    let long = ["generate", "--out", "out", "--set", "steps=20000"];
+    let mut child = oviduct(at.path()).args(long).spawn().expect("it starts");
     let out = at.path().join("out");
     while !out.is_dir() || names(&out).is_empty() {
         assert!(child.try_wait().expect("asked").is_none(), "it ended too soon");
         sleep(Duration::from_millis(5));
     }
-    sleep(Duration::from_millis(200));
     signal(&child, "-INT");
     assert_eq!(child.wait().expect("it ends").code(), Some(130));
     assert_eq!(names(&out), Vec::<String>::new());

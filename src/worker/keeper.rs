@@ -7,6 +7,7 @@ use super::live::Live;
 use crate::clock::Stopwatch;
 use crate::jobs::{BackendReport, Change, ClaimedJob, Directive, Status};
 use std::future::Future;
+use std::time::Duration;
 use tokio::sync::broadcast::{self, error::RecvError};
 use tokio::sync::watch;
 use tokio::time::{Interval, MissedTickBehavior};
@@ -44,8 +45,10 @@ pub(super) struct Keeper<'a> {
     /// None once the store has closed it: then heartbeats are all there is.
     changes: Option<broadcast::Receiver<Change>>,
     phase: watch::Receiver<Phase>,
+    /// Time between looks at what is to be told.
+    period: Duration,
     tick: Interval,
-    /// Since the last heartbeat that arrived.
+    /// Since the last heartbeat that arrived was begun.
     renewed: Option<Stopwatch>,
 }
 
@@ -62,6 +65,7 @@ impl<'a> Keeper<'a> {
             live,
             changes: Some(context.store.changes()),
             phase: context.phase.clone(),
+            period,
             tick,
             renewed: None,
         }
@@ -125,7 +129,9 @@ impl<'a> Keeper<'a> {
 
     /// Tells what is new, or renews the lease where it is time.
     async fn beat(&mut self) -> Option<Interrupt> {
-        let due = self.renewed.is_none_or(|since| since.elapsed() >= self.context.options.heartbeat);
+        // Not a tick later, where the clocks differ by a little: it is due at the tick that is nearest to its time.
+        let due = self.renewed.is_none_or(|since| since.elapsed() + self.period / 2 >= self.context.options.heartbeat);
+        let begun = Stopwatch::start();
         let news = self.live.news();
         if news.is_empty() && !due {
             return None;
@@ -148,7 +154,7 @@ impl<'a> Keeper<'a> {
             .await;
         match told {
             Ok(directive) => {
-                self.renewed = Some(Stopwatch::start());
+                self.renewed = Some(begun);
                 match directive {
                     Directive::Continue => None,
                     Directive::Cancel => Some(Interrupt::Cancelled),

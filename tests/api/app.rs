@@ -226,7 +226,7 @@ impl Drop for App {
             return;
         }
         // Tests whose streams were open run on several threads, so their tasks can end while this one waits.
-        for _ in 0..200 {
+        for _ in 0..6000 {
             if self.open_streams() == 0 {
                 return;
             }

@@ -4,7 +4,8 @@
 //! the shell closes, and it stops the server and removes the folder. As root everything runs as user `postgres`.
 #![allow(clippy::unwrap_used, reason = "a test: what fails, fails here")]
 
-use std::io::Write;
+use std::hash::{BuildHasher, RandomState};
+use std::io::{BufRead, BufReader, Write};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
@@ -12,7 +13,8 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-/// Makes a cluster and starts it, says `ready`, waits for its input to end, then clears up. `$1`: folder, `$2`: port.
+/// Makes a cluster in the folder `$1` and says `made`; reads a port, tries to start the server there and says `ready`, or
+/// `busy` and reads another; then waits for its input to end and clears up.
 /// fsync stays on: what is tested is what is used.
 const HOLD: &str = r#"
 set -e
@@ -21,16 +23,38 @@ trap 'pg_ctl -D "$1/data" -m immediate stop >/dev/null 2>&1 || true; rm -rf "$1"
 initdb -D "$1/data" -U postgres -A trust -E UTF8 --locale=C.UTF-8 --no-sync >"$1/log" 2>&1 || { cat "$1/log" >&2; exit 1; }
 cat >>"$1/data/postgresql.conf" <<END
 listen_addresses = '127.0.0.1'
-port = $2
 unix_socket_directories = ''
 max_connections = 200
 shared_buffers = 64MB
 log_min_messages = warning
 END
-pg_ctl -D "$1/data" -l "$1/log" -w start >/dev/null 2>&1 || { cat "$1/log" >&2; exit 1; }
-echo ready
-read -r _ || true
+echo made
+while read -r port; do
+  # The last word counts; a crash starts it there again.
+  echo "port = $port" >>"$1/data/postgresql.conf"
+  if pg_ctl -D "$1/data" -l "$1/log" -w start >/dev/null 2>&1; then
+    echo ready
+    read -r _ || true
+    exit 0
+  fi
+  echo busy
+done
+cat "$1/log" >&2
+exit 1
 "#;
+
+/// Ports that are tried.
+const PORTS: u32 = 5;
+
+/// A port that nobody listens on now. It is below those that the system gives to connections that go out.
+fn free_port() -> u16 {
+    loop {
+        let port = 15_000 + (RandomState::new().hash_one(0) % 15_000) as u16;
+        if TcpListener::bind(("127.0.0.1", port)).is_ok() {
+            return port;
+        }
+    }
+}
 
 /// A running server.
 pub struct Cluster {
@@ -73,7 +97,7 @@ fn program(bin: &Path, name: &str) -> Command {
     } else {
         Command::new(name)
     };
-    command.env("PATH", path).env("LC_ALL", "C.UTF-8").current_dir("/");
+    command.env("PATH", path).env("LC_ALL", "C.UTF-8").env("PGCTLTIMEOUT", "300").current_dir("/");
     command
 }
 
@@ -91,20 +115,23 @@ impl Cluster {
         let made = program(&bin, "mktemp").args(["-d", "-p", "/tmp", "oviduct-postgres-XXXXXX"]).output().unwrap();
         assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
         let folder = PathBuf::from(String::from_utf8(made.stdout).unwrap().trim());
-        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         let mut holder = program(&bin, "bash")
             .args(["-c", HOLD, "hold"])
             .arg(&folder)
-            .arg(port.to_string())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
             .expect("bash and setpriv are there");
-        let pipe = holder.stdin.take().expect("a pipe");
-        let mut said = String::new();
-        let out = holder.stdout.take().expect("a pipe");
-        std::io::BufRead::read_line(&mut std::io::BufReader::new(out), &mut said).unwrap();
-        assert_eq!(said, "ready\n", "PostgreSQL did not start");
+        let mut pipe = holder.stdin.take().expect("a pipe");
+        let mut lines = BufReader::new(holder.stdout.take().expect("a pipe")).lines();
+        let mut says = || lines.next().expect("PostgreSQL did not start").unwrap();
+        assert_eq!(says(), "made");
+        let try_port = |_| {
+            let port = free_port();
+            writeln!(pipe, "{port}").unwrap();
+            (says() == "ready").then_some(port)
+        };
+        let port = (0..PORTS).find_map(try_port).expect("PostgreSQL found no port");
         Self { folder, port, bin, databases: AtomicU32::new(0), _holder: holder, _pipe: pipe }
     }
 
@@ -137,13 +164,21 @@ impl Cluster {
 
     /// Kills the server as a crash would, keeps it away for `pause`, starts it again.
     pub fn crash(&self, pause: Duration) {
-        self.control(&["-m", "immediate", "stop"]);
+        assert!(self.control(&["-m", "immediate", "stop"]), "it was not stopped");
         std::thread::sleep(pause);
         let log = self.folder.join("log");
-        self.control(&["-l", log.to_str().expect("UTF-8"), "-w", "start"]);
+        // A connection that goes out may have its port for a moment.
+        let start = |_| {
+            let started = self.control(&["-l", log.to_str().expect("UTF-8"), "-w", "start"]);
+            if !started {
+                std::thread::sleep(Duration::from_secs(1));
+            }
+            started
+        };
+        assert!((0..60).any(start), "it did not start again");
     }
 
-    fn control(&self, what: &[&str]) {
+    fn control(&self, what: &[&str]) -> bool {
         let status = program(&self.bin, "pg_ctl")
             .arg("-D")
             .arg(self.folder.join("data"))
@@ -152,6 +187,6 @@ impl Cluster {
             .stdout(Stdio::null())
             .stderr(Stdio::null())
             .status();
-        assert!(status.unwrap().success(), "pg_ctl {what:?}");
+        status.unwrap().success()
     }
 }

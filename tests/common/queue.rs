@@ -79,7 +79,7 @@ fn new_job(n: usize) -> NewJob {
 }
 
 /// What a claim of one job and of four, a heartbeat, a submission, a look at the last of its priority (with its
-/// position) and the counts cost. Removes what it submits.
+/// position) and the counts cost. Removes what it submits, and gives back what it claims.
 pub async fn costs(store: &dyn Store) -> Costs {
     const LEASE: Duration = Duration::from_secs(600);
     let claim = async |limit: u32, samples: usize| {
@@ -93,7 +93,7 @@ pub async fn costs(store: &dyn Store) -> Costs {
         }
         (lower_quartile(seconds), held)
     };
-    let ((one, held), (four, _)) = (claim(1, SAMPLES).await, claim(4, SAMPLES / 4).await);
+    let ((one, held), (four, more)) = (claim(1, SAMPLES).await, claim(4, SAMPLES / 4).await);
     let mut beats = Vec::new();
     for claimed in &held {
         beats.push(beat(store, claimed).await);
@@ -115,6 +115,9 @@ pub async fn costs(store: &dyn Store) -> Costs {
     }
     for id in ids {
         store.delete(id).await.expect("it is removed");
+    }
+    for claimed in held.into_iter().chain(more) {
+        store.release(claimed).await.expect("it is given back");
     }
     let names = ["claim", "claim of 4", "heartbeat", "submit", "look", "counts"];
     let seconds =

@@ -99,6 +99,7 @@ async fn an_outage_of(time: Duration) {
     let watch = Stopwatch::start();
     let running = place.until(ids[0], |job| job.progress.is_some_and(|p| p.fraction > 0.95)).await;
     assert_eq!(running.status, Status::Running);
+    place.until(ids[1], |job| job.status == Status::Running).await;
     // Reading, cancelling and deleting go on.
     let waiting = *ids.last().unwrap();
     assert_eq!(place.store.cancel(waiting).await.unwrap().unwrap().status, Status::Cancelled);
@@ -133,10 +134,7 @@ async fn a_bucket_that_stays_away_fails_the_job_with_a_problem() {
     let mut place = Place::fresh(|_| {}).await;
     place.artifacts = bucket.artifacts();
     bucket.set_up(false);
-    let pool = place.start(|options| {
-        options.storage_tries = 1;
-        options.lease = Duration::from_secs(60);
-    });
+    let pool = place.start(|options| options.storage_tries = 1);
     let job = place.ended(place.queue("ok", 1).await).await;
     assert_eq!((job.status, job.problem.unwrap().kind.as_str()), (Status::Failed, "storage"));
     bucket.set_up(true);
@@ -155,7 +153,6 @@ async fn the_next_model_grows_while_files_are_being_stored_and_no_more_than_that
     let pool = place.start(|options| {
         options.storage_tries = 100;
         options.storage_wait = Duration::from_millis(100);
-        options.lease = Duration::from_secs(60);
     });
     let mut ids = Vec::new();
     for seed in 1..=3 {

@@ -7,6 +7,7 @@
 
 use crate::scripted::{Place, generate, scripted};
 use crate::suite::new_job;
+use crate::watched::Watched;
 use axum::body::Body;
 use axum::http::{Method, Request};
 use http_body_util::BodyExt;
@@ -15,7 +16,7 @@ use oviduct::generate::{Backend, CancelToken, Outcome, Sink, Stage};
 use oviduct::http::{AppState, Limits, router};
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{Job, JobId, NewJob, Status, StoreError};
+use oviduct::jobs::{Job, JobId, NewJob, Status, StoreError, StoreOptions};
 use oviduct::spec::{ModelSpec, preset};
 use oviduct::worker::{Work, WorkError, generate_on_cpu};
 use std::fs::File;
@@ -168,9 +169,21 @@ fn files(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Files in the folder, the records in memory.
-async fn place(folder: &Path, max_attempts: u32) -> Place {
-    let mut place = Place::fresh(|options| options.max_attempts = max_attempts).await;
+/// Waits until no more files than these are left there. The answer to a delete does not wait for theirs.
+async fn left(folder: &Path, count: usize) {
+    for _ in 0..6000 {
+        if files(folder).len() <= count {
+            break;
+        }
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
+    assert_eq!(files(folder).len(), count, "{:?}", files(folder));
+}
+
+/// Files in the folder, the records in memory, their time by `clock`.
+async fn place(folder: &Path, max_attempts: u32, clock: &Clock) -> Place {
+    let change = |options: &mut StoreOptions| (options.max_attempts, options.clock) = (max_attempts, clock.clone());
+    let mut place = Place::fresh(change).await;
     folder.clone_into(&mut place.dir);
     place.artifacts = Artifacts::local(&folder.join("artifacts")).unwrap();
     place
@@ -183,7 +196,9 @@ fn full_words(text: &str) -> bool {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_full_artifact_store_is_waited_for_and_then_told() {
     let body = async |folder: &Path, disk: Disk| {
-        let place = place(folder, 5).await;
+        let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
+        let place = place(folder, 5, &clock).await;
+        let store = Watched::new(&place.store);
         let (service, full) = (Service::over(&place), Arc::new(AtomicBool::new(false)));
         let generator = {
             let (disk, full) = (disk.clone(), Arc::clone(&full));
@@ -200,7 +215,7 @@ async fn a_full_artifact_store_is_waited_for_and_then_told() {
             }
         };
         let start = |tries, wait| {
-            place.start_with(Arc::clone(&place.store), Clock::System, Arc::new(generator.clone()), |options| {
+            place.start_with(Arc::<Watched>::clone(&store), Clock::System, Arc::new(generator.clone()), |options| {
                 (options.storage_tries, options.storage_wait) = (tries, Duration::from_millis(wait));
                 options.heartbeat = Duration::from_millis(200);
                 options.lease = Duration::from_millis(800);
@@ -222,7 +237,7 @@ async fn a_full_artifact_store_is_waited_for_and_then_told() {
         let behind = NewJob { backend: Backend::Gpu, ..scripted("ok", 9) };
         let behind = place.store.submit(behind).await.unwrap().job().id;
         service.goes_on(&first, behind).await;
-        assert_eq!(files(&folder.join("artifacts")).len(), second.files.len());
+        left(&folder.join("artifacts"), second.files.len()).await;
         pool.shutdown(Duration::from_secs(5)).await;
 
         // For longer than its lease, which is kept; then there is room.
@@ -230,7 +245,10 @@ async fn a_full_artifact_store_is_waited_for_and_then_told() {
         let pool = start(1000, 50);
         let waits = place.queue("ok", 2).await;
         place.until(waits, |job| job.progress.is_some_and(|at| at.stage == Stage::Store)).await;
-        tokio::time::sleep(Duration::from_millis(1500)).await;
+        for _ in 0..3 {
+            store.beats(2).await;
+            clock.advance(Duration::from_millis(600));
+        }
         let waiting = place.store.get(waits).await.unwrap().unwrap();
         assert_eq!((waiting.status, waiting.attempts, waiting.files.len()), (Status::Running, 1, 0));
         service.reads(&second).await;
@@ -253,7 +271,8 @@ async fn a_full_artifact_store_is_waited_for_and_then_told() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_full_scratch_folder_costs_attempts_and_no_half_file_is_taken() {
     let body = async |folder: &Path, disk: Disk| {
-        let place = place(folder, 3).await;
+        let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
+        let place = place(folder, 3, &clock).await;
         let service = Service::over(&place);
         let patch = serde_json::json!({ "steps": 60, "particles": { "total": { "keys": [[0, 300], [1, 420]] } } });
         let spec = ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap();
@@ -276,6 +295,8 @@ async fn a_full_scratch_folder_costs_attempts_and_no_half_file_is_taken() {
         assert!(full_words(attempts[0].detail.as_deref().unwrap_or_default()), "{attempts:?}");
         assert_eq!(files(&folder.join("artifacts")).len(), whole.files.len(), "half a model was stored");
         disk.free();
+        // Time goes on: it is its turn again.
+        clock.advance(Duration::from_secs(60));
         let job = place.ended(waits).await;
         assert_eq!((job.status, job.attempts), (Status::Succeeded, 2), "{:?}", job.problem);
         let hashes = |job: &Job| job.files.iter().map(|file| file.sha256.clone()).collect::<Vec<_>>();
@@ -286,6 +307,10 @@ async fn a_full_scratch_folder_costs_attempts_and_no_half_file_is_taken() {
         let failing = ask(8).await;
         let behind = NewJob { backend: Backend::Gpu, ..scripted("ok", 9) };
         service.goes_on(&whole, place.store.submit(behind).await.unwrap().job().id).await;
+        for attempt in 1..3 {
+            place.until(failing, |job| job.status == Status::Queued && job.attempts == attempt).await;
+            clock.advance(Duration::from_secs(60));
+        }
         let failed = place.ended(failing).await;
         let problem = failed.problem.unwrap();
         assert_eq!((failed.status, problem.kind.as_str()), (Status::Failed, "attempts-exhausted"));
@@ -346,7 +371,7 @@ async fn on_a_full_disk_under_everything_models_are_still_cancelled_and_deleted(
             assert_eq!(service.ask(Method::DELETE, &format!("/models/{id}")).await.0, 204);
         }
         service.goes_on(&first, waiting[0]).await;
-        assert!(files(&all.join("artifacts")).is_empty());
+        left(&all.join("artifacts"), 0).await;
 
         // More records than there is room for.
         disk.fill();

@@ -1,6 +1,7 @@
 //! `kill -9` at every point of a job's life, over both stores: a process of its own works, dies at the point, and
 //! another takes over.
 
+use crate::gate;
 use crate::scripted::{Ground, NAMES, Place, content, visible};
 use oviduct::jobs::fault::{Faults, POINTS, VARIABLE};
 use oviduct::jobs::state::AttemptEnd;
@@ -11,6 +12,8 @@ use std::time::Duration;
 
 const FOLDER: &str = "OVIDUCT_TEST_FOLDER";
 const DATABASE: &str = "OVIDUCT_TEST_DATABASE";
+const WORKERS: &str = "OVIDUCT_TEST_WORKERS";
+const LEASE: &str = "OVIDUCT_TEST_LEASE_MS";
 const JOBS: u64 = 3;
 
 /// The process that is killed or stopped: does all that is queued.
@@ -20,12 +23,13 @@ async fn child() {
     // Run by hand, it has nothing to do.
     let (Ok(folder), Ok(url)) = (std::env::var(FOLDER), std::env::var(DATABASE)) else { return };
     let place = Place::at(Path::new(&folder), &url).await;
+    let number = |name| std::env::var(name).unwrap().parse::<u32>().unwrap();
     let faults = Faults::from_env().unwrap();
     let pool = place.start(|options| {
-        options.workers = 2;
+        options.workers = number(WORKERS);
         options.faults = faults;
         options.heartbeat = Duration::from_millis(250);
-        options.lease = Duration::from_secs(1);
+        options.lease = Duration::from_millis(number(LEASE).into());
         options.poll = Duration::from_millis(100);
     });
     for job in place.store.list(&ListFilter { limit: 100, ..ListFilter::default() }).await.unwrap().jobs {
@@ -37,11 +41,18 @@ async fn child() {
 
 /// Starts the process over a place, with a fault.
 pub fn start_child(folder: &Path, url: &str, fault: &str) -> Child {
+    start_child_with(folder, url, fault, 2, Duration::from_secs(1))
+}
+
+/// Starts it with so many workers, whose leases are so long.
+pub fn start_child_with(folder: &Path, url: &str, fault: &str, workers: u32, lease: Duration) -> Child {
     Command::new(std::env::current_exe().unwrap())
         .args(["--exact", "kill::child", "--ignored", "--test-threads=1"])
         .env(FOLDER, folder)
         .env(DATABASE, url)
         .env(VARIABLE, fault)
+        .env(WORKERS, workers.to_string())
+        .env(LEASE, lease.as_millis().to_string())
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()
@@ -53,7 +64,7 @@ async fn kill_at(ground: Ground, point: &str) {
     let url = ground.url(dir.path()).await;
     let place = Place::at(dir.path(), &url).await;
     for seed in 1..=JOBS {
-        place.queue(if point == "during-renewal" { "slow" } else { "ok" }, seed).await;
+        place.queue(if point == "during-renewal" { "hold" } else { "ok" }, seed).await;
     }
     place.store.close().await;
     drop(place);
@@ -67,7 +78,9 @@ async fn kill_at(ground: Ground, point: &str) {
         let whole = NAMES.contains(&name) && (1..=JOBS).any(|seed| bytes == content(seed, name));
         assert!(whole, "{point}: {} is half a file", path.display());
     }
-    let status = start_child(dir.path(), &url, "").wait().unwrap();
+    // What was held for its renewals may end now.
+    std::fs::write(gate::file(dir.path()), "").unwrap();
+    let status = start_child_with(dir.path(), &url, "", 2, Duration::from_secs(600)).wait().unwrap();
     assert!(status.success(), "{point}: {status}");
 
     let place = Place::at(dir.path(), &url).await;

@@ -9,14 +9,15 @@
 
 mod apart;
 mod artifacts;
+mod bounds;
 mod bucket;
 mod checkpoint;
 #[path = "../common/postgres.rs"]
 mod cluster;
 mod cost;
-mod deaf;
 #[cfg(target_os = "linux")]
 mod disk;
+mod gate;
 mod gpu;
 mod kill;
 mod postgres;
@@ -32,4 +33,5 @@ mod streams;
 mod suite;
 mod unread;
 mod upgrade;
+mod watched;
 mod worker;

@@ -1,7 +1,7 @@
 //! A seeded schedule of 500 faults over four workers: whatever strikes, each job ends once, with the right bytes.
 
 use crate::scripted::{Ground, NAMES, Place};
-use oviduct::clock::Clock;
+use oviduct::clock::{Clock, Stopwatch};
 use oviduct::jobs::fault::Faults;
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{ListFilter, Status, StoreOptions};
@@ -33,10 +33,13 @@ async fn survives(ground: Ground) {
         options.faults = faults.clone();
     });
     let time = tokio::spawn(async move {
-        let tick = Duration::from_millis(10);
+        let mut since = Stopwatch::start();
         loop {
-            tokio::time::sleep(tick).await;
-            clock.advance(tick * SPEED);
+            tokio::time::sleep(Duration::from_millis(10)).await;
+            // As much as has passed, where the machine is slow too.
+            let now = Stopwatch::start();
+            clock.advance(since.elapsed() * SPEED);
+            since = now;
         }
     });
     let mut queued = 0;

@@ -52,7 +52,7 @@ async fn model(client: &Client, url: &str) -> Value {
         json!({ "seed": 7, "spec": { "steps": 60, "particles": { "total": { "keys": [[0, 300], [1, 420]] } } } });
     let asked: Value = client.post(format!("{url}/models")).json(&body).send().await.unwrap().json().await.unwrap();
     let address = format!("{url}/models/{}", asked["id"].as_str().unwrap());
-    for _ in 0..600 {
+    for _ in 0..6000 {
         let model: Value = client.get(&address).send().await.unwrap().json().await.unwrap();
         if !matches!(model["status"].as_str(), Some("queued" | "running")) {
             assert_eq!(model["status"], "succeeded", "{model}");

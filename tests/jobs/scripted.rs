@@ -1,6 +1,7 @@
 //! A generator that follows a script in the job's spec, and a place to run it in.
 
 use crate::cluster::Cluster;
+use crate::gate::{self, Busy};
 use crate::suite::new_job;
 use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{Backend, CancelToken, FileOutput, GenerateError, Outcome, Progress, Seconds, Sink, Stage};
@@ -38,7 +39,9 @@ fn section() -> Section {
     Section { step: 10.0, z_um: 300.0, added: false, inner: ring(1000), outer: ring(100) }
 }
 
-/// `spec.script`: `ok`, `wait` (for a cancel), `prove` (likewise, under its certificate), `deaf` (3 s without looking at the token), `slow` (1.2 s), `panic`, `memory`, `certificate`, `io`, `spec`.
+/// `spec.script`: `ok`, `wait` (for a cancel), `prove` (likewise, under its certificate), `hold` (until the gate of the
+/// place opens, or for a cancel), `deaf` (until the gate opens, without looking at the token), `slow` (1.2 s), `panic`,
+/// `memory`, `certificate`, `io`, `spec`.
 pub fn generate(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, WorkError> {
     let script = work.job.spec["script"].as_str().unwrap().to_owned();
     sink.progress(&progress(Stage::Simulate, 0.1));
@@ -46,20 +49,18 @@ pub fn generate(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result
     if script == "prove" {
         sink.progress(&progress(Stage::Certify, 0.8));
     }
-    let patience = match script.as_str() {
-        "wait" | "prove" => Duration::from_secs(60),
-        "slow" => Duration::from_millis(1200),
-        _ => Duration::from_millis(20),
-    };
     let since = Stopwatch::start();
-    while since.elapsed() < patience {
+    let goes_on = || match script.as_str() {
+        "hold" | "deaf" => !gate::is_open(&work.job.spec),
+        "wait" | "prove" => since.elapsed() < Duration::from_secs(600),
+        "slow" => since.elapsed() < Duration::from_millis(1200),
+        _ => since.elapsed() < Duration::from_millis(20),
+    };
+    while goes_on() {
         std::thread::sleep(Duration::from_millis(10));
-        if cancel.is_cancelled() {
+        if cancel.is_cancelled() && script != "deaf" {
             return Err(GenerateError::Cancelled.into());
         }
-    }
-    if script == "deaf" {
-        std::thread::sleep(Duration::from_secs(3));
     }
     let detail = "slab 7".to_owned();
     match script.as_str() {
@@ -205,6 +206,8 @@ pub struct Place {
     pub dir: PathBuf,
     pub store: Arc<dyn Store>,
     pub artifacts: Artifacts,
+    /// What the scripted generator does here, but for that of a GPU.
+    pub busy: Arc<Busy>,
     own: Option<tempfile::TempDir>,
 }
 
@@ -219,6 +222,7 @@ impl Place {
             dir: own.path().to_owned(),
             store: Arc::new(store),
             artifacts: Artifacts::local(&own.path().join("artifacts")).unwrap(),
+            busy: Arc::default(),
             own: Some(own),
         }
     }
@@ -240,12 +244,13 @@ impl Place {
     pub async fn with(dir: &Path, url: &str, options: StoreOptions) -> Self {
         let store = oviduct::jobs::open(url, options).await.unwrap();
         let artifacts = Artifacts::local(&dir.join("artifacts")).unwrap();
-        Self { dir: dir.to_owned(), store, artifacts, own: None }
+        Self { dir: dir.to_owned(), store, artifacts, busy: Arc::default(), own: None }
     }
 
+    /// No lease runs out because the machine is slow; where one is to, the test says so.
     pub fn options(&self) -> PoolOptions {
-        let scratch = self.dir.join("scratch");
-        PoolOptions { threads: 2, memory_limit_bytes: Some(1 << 30), ..PoolOptions::new(scratch) }
+        let (scratch, lease) = (self.dir.join("scratch"), Duration::from_secs(600));
+        PoolOptions { threads: 2, memory_limit_bytes: Some(1 << 30), lease, ..PoolOptions::new(scratch) }
     }
 
     pub fn start(&self, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
@@ -258,17 +263,17 @@ impl Place {
         change(&mut options);
         let gpus: Vec<Arc<dyn BatchGenerator>> = vec![Arc::clone(gpu) as Arc<dyn BatchGenerator>];
         let (store, artifacts) = (Arc::clone(&self.store), self.artifacts.clone());
-        WorkerPool::start_with_gpus(store, artifacts, Arc::new(generate), gpus, options, Clock::System).unwrap()
+        WorkerPool::start_with_gpus(store, artifacts, self.busy.generator(), gpus, options, Clock::System).unwrap()
     }
 
     /// Starts workers that see the store in their own way.
     pub fn start_over(&self, store: Arc<dyn Store>, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
-        self.start_with(store, Clock::System, Arc::new(generate), change)
+        self.start_with(store, Clock::System, self.busy.generator(), change)
     }
 
     /// Starts workers whose signs of life are by `clock`.
     pub fn start_by(&self, clock: Clock, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
-        self.start_with(Arc::clone(&self.store), clock, Arc::new(generate), change)
+        self.start_with(Arc::clone(&self.store), clock, self.busy.generator(), change)
     }
 
     pub fn start_with(
@@ -284,7 +289,8 @@ impl Place {
     }
 
     pub async fn queue(&self, script: &str, seed: u64) -> JobId {
-        self.store.submit(scripted(script, seed)).await.unwrap().job().id
+        let spec = gate::spec(&self.dir, script);
+        self.store.submit(NewJob { spec, ..scripted(script, seed) }).await.unwrap().job().id
     }
 
     /// Waits until `done` holds of the job.
@@ -300,7 +306,7 @@ impl Place {
                 let _ = tokio::time::timeout(Duration::from_millis(500), changes.recv()).await;
             }
         };
-        tokio::time::timeout(Duration::from_secs(60), wait).await.expect("it never came about")
+        tokio::time::timeout(Duration::from_secs(600), wait).await.expect("it never came about")
     }
 
     pub async fn ended(&self, id: JobId) -> Job {

@@ -22,7 +22,7 @@ from postgres import Cluster
 from service import SMALL, Service, free_port
 
 BUCKET = "organs"
-LEASE = ["--lease", "2s", "--heartbeat", "500ms"]
+OPTIONS = ["--lease", "2s", "--heartbeat", "500ms", "--max-attempts", "100"]
 MODELS = 14
 
 
@@ -30,7 +30,14 @@ class Bucket:
     """An S3 server with an empty bucket, for the time of a `with`."""
 
     def __enter__(self):
-        port = free_port()
+        # Another program may take a port before the server does.
+        for _ in range(5):
+            if self.starts(free_port()):
+                return self
+        raise SystemExit("the S3 server did not start")
+
+    def starts(self, port):
+        """Starts it on a port; gives whether it runs there."""
         program = os.path.join(os.path.dirname(sys.executable), "moto_server")
         self.process = subprocess.Popen([program, "-H", "127.0.0.1", "-p", str(port)], stderr=subprocess.DEVNULL)
         self.variables = {
@@ -41,15 +48,17 @@ class Bucket:
         }
         os.environ.update(self.variables)
         self.s3 = boto3.client("s3", region_name="us-east-1", endpoint_url=self.variables["AWS_ENDPOINT_URL"])
-        deadline = time.monotonic() + 60
-        while True:
+        deadline = time.monotonic() + 900
+        while self.process.poll() is None:
             try:
                 self.s3.create_bucket(Bucket=BUCKET)
-                return self
+                return True
             except Exception:
                 if time.monotonic() > deadline:
+                    self.__exit__()
                     raise
                 time.sleep(0.2)
+        return False
 
     def __exit__(self, *_):
         self.process.kill()
@@ -69,7 +78,7 @@ class Worker:
     def __init__(self, binary, folder, stores):
         data = tempfile.mkdtemp(dir=folder)
         with open(os.path.join(data, "worker.log"), "ab") as log:
-            line = [binary, "worker", "--data", data, "--gpu", "off", *LEASE, *stores]
+            line = [binary, "worker", "--data", data, "--gpu", "off", *OPTIONS, *stores]
             self.process = subprocess.Popen(line, stdout=log, stderr=log)
 
     def kill(self):
@@ -78,7 +87,7 @@ class Worker:
 
     def stop(self):
         self.process.send_signal(signal.SIGTERM)
-        code = self.process.wait(60)
+        code = self.process.wait(900)
         assert code == 0, f"a worker ended with {code}"
 
 
@@ -92,7 +101,7 @@ class Listener(threading.Thread):
         self.start()
 
     def run(self):
-        with urllib.request.urlopen(self.url, timeout=100) as stream:
+        with urllib.request.urlopen(self.url, timeout=3600) as stream:
             for line in stream:
                 if line.startswith(b"event: "):
                     self.events.append(line[7:].decode().strip())
@@ -110,7 +119,7 @@ def submit(service, seed):
 
 
 def until_some_have_ended(service, count):
-    deadline = time.monotonic() + 120
+    deadline = time.monotonic() + 3600
     while True:
         ended = service.json("GET", "/models?status=succeeded&limit=50")["models"]
         if len(ended) >= count:
@@ -167,7 +176,7 @@ def main(binary, folder, cluster, bucket):
         if seed in (0, 1, MODELS - 1):
             assert whole == generated(binary, folder, seed), f"other bytes than the generator's, seed {seed}"
         named.update((model, file["name"], file["bytes"]) for file in found["files"])
-    listener.join(100)
+    listener.join(3600)
     assert listener.events[-1:] == ["end"], listener.events
     assert "progress" in listener.events, listener.events
     listed = a.json("GET", "/models?limit=50")["models"]

@@ -5,6 +5,7 @@ Usage: crash.py OVIDUCT_BINARY [sqlite|postgres]
 """
 
 import hashlib
+import http.client
 import os
 import sys
 import tempfile
@@ -16,13 +17,22 @@ from service import SMALL, Service
 # Places in the life of a model at which the server ends itself without cleaning up (OVIDUCT_FAULT).
 POINTS = ["after-claim", "simulate", "mesh", "certify", "export", "store",
           "before-upload", "after-upload", "before-commit", "after-commit"]
-OPTIONS = ["--lease", "2s", "--heartbeat", "500ms"]
+OPTIONS = ["--lease", "2s", "--heartbeat", "500ms", "--max-attempts", "100"]
 
 
 def submit(service, seed, steps=None):
     """Asks for a model that cannot be an older one."""
     spec = SMALL if steps is None else {**SMALL, "steps": steps}
-    return service.json("POST", "/models", {"seed": seed, "spec": spec, "outputs": ["glb", "obj"], "reuse": False})["id"]
+    body = {"seed": seed, "spec": spec, "outputs": ["glb", "obj"], "reuse": False}
+    return service.json("POST", "/models", body, {"Idempotency-Key": f"crash-{seed}"})["id"]
+
+
+def submit_to_one_that_ends(service, seed):
+    """The same where the server may end itself before it has answered: as a client does, again under the same key."""
+    try:
+        return submit(service, seed)
+    except (OSError, http.client.HTTPException):
+        return None
 
 
 def verify(service, ids):
@@ -60,7 +70,7 @@ def sweep(service, folder):
     for path in stray(folder):
         os.utime(path, (0, 0))
     service.start()
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 900
     while stray(folder) and time.monotonic() < deadline:
         time.sleep(0.1)
     service.stop()
@@ -71,10 +81,13 @@ def main(folder, *database):
     ids, endings = [], {}
     for seed, point in enumerate(POINTS):
         service.start(OVIDUCT_FAULT=f"{point}:kill")
-        ids.append(submit(service, seed))
-        assert service.gone(60), f"the server did not pass {point}\n{service.tail()}"
+        model = submit_to_one_that_ends(service, seed)
+        assert service.gone(900), f"the server did not pass {point}\n{service.tail()}"
         print(f"crash: killed at {point}")
         service.start()
+        again = submit(service, seed)
+        assert model in (None, again), "an accepted model was accepted once more"
+        ids.append(again)
         ended = service.ended(ids[-1])
         assert ended["status"] == "succeeded", ended
         endings[ids[-1]] = ended

@@ -15,7 +15,7 @@ class Oviduct:
 
     def run(self, *arguments, expect=0):
         """Runs a command to its end; gives what it wrote to stdout, or to stderr where it was to fail."""
-        done = subprocess.run([self.binary, *arguments], capture_output=True, text=True, timeout=900)
+        done = subprocess.run([self.binary, *arguments], capture_output=True, text=True, timeout=3600)
         if done.returncode != expect:
             line = f"oviduct {' '.join(arguments)}"
             sys.exit(f"{line} ended with {done.returncode}, not {expect}:\n{done.stdout}{done.stderr}")

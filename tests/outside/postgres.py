@@ -22,15 +22,22 @@ class Cluster:
     """A running server, stopped and removed at the end of a `with`. As root it runs as user `postgres`."""
 
     def __enter__(self):
-        self.bin, self.port = programs(), free_port()
+        self.bin = programs()
         self.folder = tempfile.mkdtemp(prefix="oviduct-postgres-", dir="/tmp")
         # PostgreSQL refuses to run as root.
         self.user = pwd.getpwnam("postgres") if os.getuid() == 0 else None
         if self.user:
             os.chown(self.folder, self.user.pw_uid, self.user.pw_gid)
         self.run("initdb", "-U", "postgres", "-A", "trust", "-E", "UTF8", "--locale=C.UTF-8", "--no-sync")
-        settings = f"-p {self.port} -c listen_addresses=127.0.0.1 -c unix_socket_directories="
-        self.run("pg_ctl", "-o", settings, "-l", f"{self.folder}/log", "-w", "start")
+        # Another program may take a port before the server does.
+        for _ in range(5):
+            self.port = free_port()
+            settings = f"-p {self.port} -c listen_addresses=127.0.0.1 -c unix_socket_directories="
+            fault = self.attempt("pg_ctl", "-o", settings, "-l", f"{self.folder}/log", "-w", "start")
+            if fault is None:
+                break
+        else:
+            raise SystemExit(fault)
         self.url = f"postgres://postgres@127.0.0.1:{self.port}/postgres?sslmode=disable"
         return self
 
@@ -39,12 +46,19 @@ class Cluster:
         shutil.rmtree(self.folder)
 
     def run(self, program, *arguments):
+        fault = self.attempt(program, *arguments)
+        if fault is not None:
+            raise SystemExit(fault)
+
+    def attempt(self, program, *arguments):
+        """Runs a program; gives what it said where it failed."""
         who = {"user": self.user.pw_uid, "group": self.user.pw_gid, "extra_groups": []} if self.user else {}
         line = [f"{self.bin}/{program}", "-D", f"{self.folder}/data", *arguments]
-        environment = {"PATH": f"{self.bin}:{os.environ['PATH']}", "LC_ALL": "C.UTF-8"}
+        environment = {"PATH": f"{self.bin}:{os.environ['PATH']}", "LC_ALL": "C.UTF-8", "PGCTLTIMEOUT": "300"}
         # Not a pipe: the server would hold it open.
         with open(f"{self.folder}/{program}.out", "wb") as out:
             code = subprocess.run(line, stdout=out, stderr=out, env=environment, cwd="/", **who).returncode
-        if code != 0:
-            with open(f"{self.folder}/{program}.out", errors="replace") as said:
-                raise SystemExit(f"{program} ended with {code}:\n{said.read()}")
+        if code == 0:
+            return None
+        with open(f"{self.folder}/{program}.out", errors="replace") as said:
+            return f"{program} ended with {code}:\n{said.read()}"

@@ -2,6 +2,7 @@
 
 import json
 import os
+import random
 import signal
 import socket
 import subprocess
@@ -14,9 +15,15 @@ SMALL = {"steps": 120, "particles": {"total": {"keys": [[0, 300], [1, 600]]}}}
 
 
 def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
+    """A port that nobody listens on now. It is below those that the system gives to connections that go out."""
+    while True:
+        port = random.randrange(15_000, 30_000)
+        with socket.socket() as probe:
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return port
 
 
 class Service:
@@ -36,7 +43,7 @@ class Service:
         self.process = subprocess.Popen(
             [*line, *self.options, *options], stdout=self.log, stderr=self.log, env={**os.environ, **variables}
         )
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + 900
         while time.monotonic() < deadline:
             if self.process.poll() is not None:
                 break
@@ -66,7 +73,7 @@ class Service:
     def stop(self):
         """Ends it as an operator would; it must end well."""
         self.process.send_signal(signal.SIGTERM)
-        code = self.process.wait(60)
+        code = self.process.wait(900)
         self.process = None
         if code != 0:
             raise SystemExit(f"the service ended with {code}:\n{self.tail()}")
@@ -82,7 +89,7 @@ class Service:
         headers = {**({"Content-Type": "application/json"} if data else {}), **(headers or {})}
         request = urllib.request.Request(self.url + path, data=data, method=method, headers=headers)
         try:
-            with urllib.request.urlopen(request, timeout=90) as answer:
+            with urllib.request.urlopen(request, timeout=900) as answer:
                 return answer.status, answer.headers, answer.read()
         except urllib.error.HTTPError as error:
             return error.code, error.headers, error.read()
@@ -94,7 +101,7 @@ class Service:
             raise SystemExit(f"{method} {path} answered {status}: {content.decode(errors='replace')[:2000]}")
         return json.loads(content)
 
-    def ended(self, model, seconds=120):
+    def ended(self, model, seconds=3600):
         """Waits until a model ends; gives it."""
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:

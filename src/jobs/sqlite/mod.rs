@@ -114,8 +114,14 @@ impl SqliteStore {
 }
 
 fn pool(connections: u32) -> SqlitePoolOptions {
-    // Connections to memory must never be closed: the data go with them.
-    SqlitePoolOptions::new().min_connections(1).max_connections(connections).idle_timeout(None).max_lifetime(None)
+    // Connections to memory must never be closed: the data go with them. They are not tested before each use either: they
+    // do not go away by themselves, and one that is being tested is closed where its caller goes away meanwhile.
+    SqlitePoolOptions::new()
+        .min_connections(1)
+        .max_connections(connections)
+        .idle_timeout(None)
+        .max_lifetime(None)
+        .test_before_acquire(false)
 }
 
 async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {

@@ -1,22 +1,76 @@
-//! A store that never tells of changes, as a worker on another machine sees one whose notifications are lost.
+//! A store as its workers see it, under a test's eye: it counts their heartbeats. It can be one that never tells of
+//! changes, as a worker on another machine sees one whose notifications are lost, or one that is slow.
 
 use async_trait::async_trait;
+use oviduct::clock::Stopwatch;
 use oviduct::generate::{Backend, Progress};
 use oviduct::jobs::{
     Attempt, BackendReport, Batch, BatchId, Change, ClaimedJob, Counts, Directive, Finished, Job, JobId, ListFilter,
     LiveSection, NewBatch, NewJob, Page, Problem, Store, StoreError, Submitted, SubmittedBatch, WorkerInfo,
 };
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
-use tokio::sync::broadcast;
+use tokio::sync::{broadcast, watch};
 
-/// Hands everything on but changes.
-pub struct Deaf(pub Arc<dyn Store>);
+/// Longest wait for heartbeats that shall come.
+const DEADLINE: Duration = Duration::from_secs(600);
+
+/// Hands everything on, but changes where it is deaf.
+pub struct Watched(Arc<dyn Store>, Eye);
+
+struct Eye {
+    deaf: bool,
+    /// What each heartbeat takes at least.
+    call: Duration,
+    /// Heartbeats that have arrived.
+    beats: watch::Sender<u32>,
+    /// Since the last heartbeat was begun, and the least time between two.
+    pace: Mutex<(Option<Stopwatch>, Duration)>,
+}
+
+impl Watched {
+    pub fn new(store: &Arc<dyn Store>) -> Arc<Self> {
+        Self::with(store, false, Duration::ZERO)
+    }
+
+    /// Never tells of changes.
+    pub fn deaf(store: &Arc<dyn Store>) -> Arc<Self> {
+        Self::with(store, true, Duration::ZERO)
+    }
+
+    /// Whose heartbeats take their time.
+    pub fn slow(store: &Arc<dyn Store>, call: Duration) -> Arc<Self> {
+        Self::with(store, false, call)
+    }
+
+    fn with(store: &Arc<dyn Store>, deaf: bool, call: Duration) -> Arc<Self> {
+        let pace = Mutex::new((None, Duration::MAX));
+        Arc::new(Self(Arc::clone(store), Eye { deaf, call, beats: watch::Sender::new(0), pace }))
+    }
+
+    /// Waits for so many more heartbeats to arrive. Of two of one job the later was begun after this was called.
+    pub async fn beats(&self, more: u32) {
+        let mut beats = self.1.beats.subscribe();
+        let enough = *beats.borrow() + more;
+        let waited = tokio::time::timeout(DEADLINE, beats.wait_for(|beats| *beats >= enough)).await;
+        waited.expect("no heartbeat came").unwrap();
+    }
+
+    /// Forgets the pace of heartbeats so far.
+    pub fn forget_pace(&self) {
+        *self.1.pace.lock().unwrap() = (None, Duration::MAX);
+    }
+
+    /// The least time between the begins of two heartbeats.
+    pub fn pace(&self) -> Duration {
+        self.1.pace.lock().unwrap().1
+    }
+}
 
 #[async_trait]
-impl Store for Deaf {
+impl Store for Watched {
     fn changes(&self) -> broadcast::Receiver<Change> {
-        broadcast::channel(1).1
+        if self.1.deaf { broadcast::channel(1).1 } else { self.0.changes() }
     }
 
     async fn submit(&self, new: NewJob) -> Result<Submitted, StoreError> {
@@ -69,7 +123,15 @@ impl Store for Deaf {
         progress: Option<&Progress>,
         section: Option<&LiveSection>,
     ) -> Result<Directive, StoreError> {
-        self.0.heartbeat(claimed, lease, backend, progress, section).await
+        {
+            let mut pace = self.1.pace.lock().unwrap();
+            let before = pace.0.replace(Stopwatch::start());
+            pace.1 = before.map_or(pace.1, |before| pace.1.min(before.elapsed()));
+        }
+        tokio::time::sleep(self.1.call).await;
+        let told = self.0.heartbeat(claimed, lease, backend, progress, section).await;
+        self.1.beats.send_modify(|beats| *beats += 1);
+        told
     }
 
     async fn finish(&self, claimed: ClaimedJob, finished: Finished) -> Result<Job, StoreError> {

@@ -1,0 +1,79 @@
+//! Scripts that last until a test says so, and a count of generations that run at a time.
+//!
+//! The gate is a file of the place, so that it is one for all processes that work there.
+
+use crate::scripted::{Place, generate};
+use oviduct::generate::{CancelToken, Outcome, Sink};
+use oviduct::worker::{Generator, Work, WorkError};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// The gate of a place.
+pub fn file(place: &Path) -> PathBuf {
+    place.join("go")
+}
+
+/// The spec of a job that is held, if its script says so, by the gate of a place.
+pub fn spec(place: &Path, script: &str) -> serde_json::Value {
+    serde_json::json!({ "script": script, "gate": file(place) })
+}
+
+/// Whether the gate in a job's spec is open, or gone with its place, as when the test has failed.
+pub fn is_open(spec: &serde_json::Value) -> bool {
+    let gate = Path::new(spec["gate"].as_str().expect("a job that was queued at a place"));
+    gate.exists() || !gate.parent().is_some_and(Path::exists)
+}
+
+impl Place {
+    /// Lets go of what is held here, now and later.
+    pub fn open_gate(&self) {
+        std::fs::write(file(&self.dir), "").unwrap();
+    }
+
+    /// Holds again what comes.
+    pub fn close_gate(&self) {
+        std::fs::remove_file(file(&self.dir)).unwrap();
+    }
+}
+
+/// Generations that run at a time.
+#[derive(Debug, Default)]
+pub struct Busy {
+    now: AtomicU32,
+    most: AtomicU32,
+}
+
+impl Busy {
+    /// The scripted generator, counted.
+    pub fn generator(self: &Arc<Self>) -> Arc<dyn Generator> {
+        let busy = Arc::clone(self);
+        Arc::new(move |work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
+            let one = One::more(&busy);
+            let made = generate(work, sink, cancel);
+            drop(one);
+            made
+        })
+    }
+
+    /// The most that ran at a time.
+    pub fn most(&self) -> u32 {
+        self.most.load(Ordering::SeqCst)
+    }
+}
+
+/// One that runs; also one that panics ends.
+struct One<'a>(&'a Busy);
+
+impl<'a> One<'a> {
+    fn more(busy: &'a Busy) -> Self {
+        busy.most.fetch_max(busy.now.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
+        Self(busy)
+    }
+}
+
+impl Drop for One<'_> {
+    fn drop(&mut self) {
+        self.0.now.fetch_sub(1, Ordering::SeqCst);
+    }
+}
