@@ -2,7 +2,6 @@
 
 use super::app::App;
 use async_trait::async_trait;
-use jiff::Timestamp;
 use oviduct::clock::Clock;
 use oviduct::generate::{Backend, Progress};
 use oviduct::http::Limits;
@@ -141,6 +140,10 @@ impl Store for Wire {
         self.store.workers().await
     }
 
+    async fn alive(&self, backend: Backend, within: Duration) -> Result<u64, StoreError> {
+        self.store.alive(backend, within).await
+    }
+
     async fn names_key(&self, key: &str) -> Result<bool, StoreError> {
         self.store.names_key(key).await
     }
@@ -165,8 +168,8 @@ impl Store for Wire {
         self.store.set_checkpoint(claimed, key).await
     }
 
-    async fn ended_before(&self, before: Timestamp, limit: u32) -> Result<Vec<JobId>, StoreError> {
-        self.store.ended_before(before, limit).await
+    async fn ended_before(&self, age: Duration, limit: u32) -> Result<Vec<JobId>, StoreError> {
+        self.store.ended_before(age, limit).await
     }
 
     async fn stored_bytes(&self) -> Result<u64, StoreError> {
