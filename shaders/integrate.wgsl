@@ -33,6 +33,9 @@ var<workgroup> wide: array<f32, LANES>;
 var<workgroup> shortened: array<u32, LANES>;
 // Whether each particle visited all blocks.
 var<workgroup> searched: array<u32, LANES>;
+// Of the member: its particles, or 0 where it does not run, and which of its lists hold.
+var<workgroup> member_count: u32;
+var<workgroup> member_trust: Trust;
 
 // Where the positions of this evaluation lie: x, then y, vx, vy in the next fields.
 fn source() -> u32 {
@@ -64,12 +67,27 @@ struct Trust {
     own: f32,
 }
 
-// `built`: the row of the lists; `moved`: the greatest displacement since.
-fn trust(member: u32, built: u32, moved: f32) -> Trust {
-    if built == NONE {
-        return Trust(0.0, -1.0);
+// Reads, for all threads of a workgroup, what they have to know of their member. That lists are stale is found by all
+// workgroups alike: what this asks at the first evaluation changes in later dispatches only.
+fn look_at_member(member: u32, block: u32) {
+    let n = select(0u, states[member].inner, runs_on(member));
+    var built = states[member].built_next;
+    if EVALUATION == 0u {
+        built = states[member].built;
     }
-    return Trust(moved, SKIN - 0.01 - widened(member, now.row, built) - moved);
+    let moved = sqrt(bitcast<f32>(atomicLoad(&states[member].moved[moved_slot(EVALUATION)])));
+    var lists = Trust(0.0, -1.0);
+    if built != NONE {
+        lists = Trust(moved, SKIN - 0.01 - widened(member, now.row, built) - moved);
+    }
+    let holds_on = lists.own - lists.moved >= SPARE - 0.01;
+    if EVALUATION == 0u && !holds_on {
+        // As they are once they are built.
+        lists = Trust(0.0, SKIN - 0.01);
+    }
+    member_count = n;
+    member_trust = lists;
+    stale = u32(block * LANES < n && !holds_on);
 }
 
 // Whether the list of particle i, which is at `p`, holds.
@@ -107,26 +125,18 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
         return;
     }
     let block_index = group.x - now.outer;
-    // Read by all threads alike, without waiting for one of them.
-    let n = select(0u, states[member].inner, runs_on(member));
-    let moved = sqrt(bitcast<f32>(atomicLoad(&states[member].moved[moved_slot(EVALUATION)])));
-    var trusted: Trust;
-    if EVALUATION == 0u {
-        // Decided by all workgroups alike: what they ask changes in later dispatches only.
-        trusted = trust(member, states[member].built, moved);
-        if thread == 0u {
-            stale = u32(block_index * LANES < n && !(trusted.own - trusted.moved >= SPARE - 0.01));
+    if thread == 0u {
+        look_at_member(member, block_index);
+    }
+    workgroupBarrier();
+    let n = member_count;
+    let trusted = member_trust;
+    if EVALUATION == 0u && workgroupUniformLoad(&stale) != 0u {
+        build_lists(member, n, block_index, thread);
+        if thread == 0u && block_index == 0u {
+            states[member].built_next = now.row;
+            states[member].builds += 1u;
         }
-        if workgroupUniformLoad(&stale) != 0u {
-            build_lists(member, n, block_index, thread);
-            trusted = trust(member, now.row, 0.0);
-            if thread == 0u && block_index == 0u {
-                states[member].built_next = now.row;
-                states[member].builds += 1u;
-            }
-        }
-    } else {
-        trusted = trust(member, states[member].built_next, moved);
     }
     let row = row_index(member, now.row);
     let from_field = source();
