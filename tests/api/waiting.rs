@@ -32,9 +32,13 @@ async fn a_store_that_comes_back_is_waited_for() {
     let (app, wire) = Wire::app(limits(), None).await;
     wire.set_broken(true);
     let (reply, ()) = tokio::join!(ask(&app, "wait=60", 1), async {
-        while wire.reads() < 3 {
+        for _ in 0..4000 {
+            if wire.reads() >= 3 {
+                break;
+            }
             tokio::time::sleep(Duration::from_millis(5)).await;
         }
+        assert!(wire.reads() >= 3, "it goes on asking");
         let model = app.get("/models").await.json()["models"][0]["id"].as_str().unwrap().to_owned();
         app.store.cancel(id(&format!("/models/{model}"))).await.unwrap();
         wire.set_broken(false);

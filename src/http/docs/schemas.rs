@@ -40,8 +40,9 @@ fn describe(schema: &Value, before: &str, rows: &mut Vec<String>) {
     for (name, member) in members(&schema["properties"]) {
         let required = if items(&schema["required"]).any(|r| r == name) { ", required" } else { "" };
         let full = format!("{before}{name}");
-        let meaning = [text(member, "title"), text(member, "description")];
-        let meaning: Vec<String> = meaning.into_iter().filter(|t| !t.is_empty()).map(prose).collect();
+        let (title, description) = (text(member, "title"), text(member, "description"));
+        let title = if description.starts_with(title) { "" } else { title };
+        let meaning: Vec<String> = [title, description].into_iter().filter(|t| !t.is_empty()).map(prose).collect();
         rows.push(format!(
             "<th scope=\"row\"><code>{}</code></th><td>{}{required}</td><td>{}</td>",
             escape(&full),
