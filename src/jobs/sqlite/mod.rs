@@ -114,8 +114,14 @@ impl SqliteStore {
 }
 
 fn pool(connections: u32) -> SqlitePoolOptions {
-    // Connections to memory must never be closed: the data go with them.
-    SqlitePoolOptions::new().min_connections(1).max_connections(connections).idle_timeout(None).max_lifetime(None)
+    // Connections to memory must never be closed: the data go with them. One is closed too where whoever asked for it goes
+    // away while it is being tested, for which there is no need here.
+    SqlitePoolOptions::new()
+        .min_connections(1)
+        .max_connections(connections)
+        .idle_timeout(None)
+        .max_lifetime(None)
+        .test_before_acquire(false)
 }
 
 async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
