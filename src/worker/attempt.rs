@@ -91,7 +91,9 @@ pub(super) async fn prepare(context: &Context, claimed: &ClaimedJob) -> Result<P
     let dir = async {
         tracing::info!("attempt begins");
         if attempt == 1 {
-            let waited = context.clock.now().duration_since(claimed.job().created_at);
+            // Both by the store's clock.
+            let job = claimed.job();
+            let waited = job.started_at.unwrap_or(job.created_at).duration_since(job.created_at);
             options.metrics.waited(Duration::try_from(waited).unwrap_or_default());
         }
         options.faults.point("after-claim").await.map_err(verdict::of_injected)?;
