@@ -26,7 +26,6 @@ use tokio_util::sync::CancellationToken;
 pub(super) struct Works {
     store: Arc<dyn Store>,
     artifacts: Artifacts,
-    clock: Clock,
     pool: WorkerPool,
     upkeep: Upkeep,
     metrics: Metrics,
@@ -118,15 +117,15 @@ impl Works {
             Arc::new(generate_on_cpu),
             gpus,
             options,
-            clock.clone(),
+            clock,
         )
         .context("the workers could not be started")?;
-        Ok(Self { store, artifacts, clock, pool, upkeep, metrics, grace: args.grace })
+        Ok(Self { store, artifacts, pool, upkeep, metrics, grace: args.grace })
     }
 
     /// What a router over these works shares.
     pub(super) fn state(&self, limits: Limits, shutdown: &CancellationToken) -> AppState {
-        AppState::new(Arc::clone(&self.store), self.artifacts.clone(), self.clock.clone(), limits, shutdown.clone())
+        AppState::new(Arc::clone(&self.store), self.artifacts.clone(), limits, shutdown.clone())
             .with_metrics(self.metrics.clone())
     }
 

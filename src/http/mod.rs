@@ -36,7 +36,6 @@ pub use openapi::openapi_yaml;
 pub use request::SEED_MAX;
 pub use router::{router, watch_router};
 
-use crate::clock::Clock;
 use crate::jobs::Store;
 use crate::jobs::artifacts::Artifacts;
 use crate::metrics::Metrics;
@@ -100,8 +99,6 @@ impl Default for Limits {
 pub struct AppState {
     pub(crate) store: Arc<dyn Store>,
     pub(crate) artifacts: Artifacts,
-    #[allow(dead_code, reason = "ages are by the store's clock; what else needs the time has it here")]
-    pub(crate) clock: Clock,
     pub(crate) limits: Arc<Limits>,
     pub(crate) shutdown: CancellationToken,
     pub(crate) metrics: Metrics,
@@ -115,18 +112,12 @@ impl AppState {
     /// server can drain; the other requests go on. Must be called within a Tokio runtime: it starts a task that
     /// follows the store's changes, which ends with the store or with `shutdown`.
     #[must_use]
-    pub fn new(
-        store: Arc<dyn Store>,
-        artifacts: Artifacts,
-        clock: Clock,
-        limits: Limits,
-        shutdown: CancellationToken,
-    ) -> Self {
+    pub fn new(store: Arc<dyn Store>, artifacts: Artifacts, limits: Limits, shutdown: CancellationToken) -> Self {
         let feed = Feed::follow(store.changes(), shutdown.clone());
         let streams = Arc::new(Semaphore::new(limits.streams));
         let held = Arc::new(Semaphore::new(limits.held));
         let (limits, metrics) = (Arc::new(limits), Metrics::default());
-        Self { store, artifacts, clock, limits, shutdown, metrics, feed, streams, held }
+        Self { store, artifacts, limits, shutdown, metrics, feed, streams, held }
     }
 
     /// The same, counting into `metrics`.

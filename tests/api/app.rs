@@ -86,7 +86,7 @@ impl App {
         let dir = TempDir::new().unwrap();
         let artifacts = Artifacts::local(&dir.path().join("files")).unwrap();
         let shutdown = CancellationToken::new();
-        let state = AppState::new(store.clone(), artifacts.clone(), clock.clone(), limits, shutdown.clone());
+        let state = AppState::new(store.clone(), artifacts.clone(), limits, shutdown.clone());
         let router = router(state.clone());
         Self { router, state, store, artifacts, clock, shutdown, dir, faults_expected: AtomicBool::new(false) }
     }

@@ -121,7 +121,7 @@ struct Service(axum::Router);
 impl Service {
     fn over(place: &Place) -> Self {
         let (store, artifacts) = (Arc::clone(&place.store), place.artifacts.clone());
-        let state = AppState::new(store, artifacts, Clock::System, Limits::default(), CancellationToken::new());
+        let state = AppState::new(store, artifacts, Limits::default(), CancellationToken::new());
         Self(router(state))
     }
 

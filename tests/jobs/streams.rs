@@ -48,7 +48,7 @@ async fn a_stream_shows_what_another_process_does_within_half_a_second() {
 
     let shutdown = CancellationToken::new();
     let (store, artifacts) = (Arc::clone(&service.store), service.artifacts.clone());
-    let state = AppState::new(store, artifacts, Clock::System, Limits::default(), shutdown.clone());
+    let state = AppState::new(store, artifacts, Limits::default(), shutdown.clone());
     let router = router(state);
     best_of_five(async |seed| {
         done.lock().unwrap().clear();
