@@ -20,7 +20,7 @@ use std::time::Duration;
 fn spec(steps: u32, particles: u32) -> ModelSpec {
     let patch = json!({
         "steps": steps, "burn_in": 20,
-        "particles": { "total": { "keys": [[0, 180], [1, particles]] }, "outer": { "keys": [[0, 50], [1, 60]] } },
+        "particles": { "total": { "keys": [[0, (particles / 4).max(180)], [1, particles]] }, "outer": { "keys": [[0, 50], [1, 60]] } },
     });
     ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap()
 }

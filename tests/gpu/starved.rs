@@ -29,7 +29,7 @@ fn a_driver_that_has_no_memory_is_told_from_other_faults() {
     // Everything that is made once is there.
     run_batch(&device, &plans(1), &mut Kept::new(1)).unwrap();
     let large = plan(
-        &json!({ "particles": { "total": { "keys": [[0, 260], [1, 60_000]] }, "outer": 90 }, "wall": { "lobing": 0 } }),
+        &json!({ "particles": { "total": { "keys": [[0, 50_000], [1, 60_000]] }, "outer": 90 }, "wall": { "lobing": 0 } }),
         1,
     );
     let large = vec![large; 8];
