@@ -6,6 +6,8 @@ mod api {
     mod app;
     mod bad_input;
     mod batches;
+    #[path = "../common/between.rs"]
+    mod between;
     mod create;
     mod events;
     mod faulty;

@@ -7,7 +7,7 @@
 
 use crate::scripted::{Place, generate, scripted};
 use crate::suite::new_job;
-use crate::watched::Watched;
+use crate::watched::{Heartbeats, Watched};
 use axum::body::Body;
 use axum::http::{Method, Request};
 use http_body_util::BodyExt;
@@ -198,7 +198,7 @@ async fn a_full_artifact_store_is_waited_for_and_then_told() {
     let body = async |folder: &Path, disk: Disk| {
         let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
         let place = place(folder, 5, &clock).await;
-        let store = Watched::new(&place.store);
+        let store = Heartbeats::over(&place.store);
         let (service, full) = (Service::over(&place), Arc::new(AtomicBool::new(false)));
         let generator = {
             let (disk, full) = (disk.clone(), Arc::clone(&full));

@@ -16,13 +16,13 @@ const WORKERS: &str = "OVIDUCT_TEST_WORKERS";
 const LEASE: &str = "OVIDUCT_TEST_LEASE_MS";
 const JOBS: u64 = 3;
 
-/// The process that is killed or stopped: does all that is queued.
-#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-#[ignore = "started by other tests"]
-async fn child() {
-    // Run by hand, it has nothing to do.
-    let (Ok(folder), Ok(url)) = (std::env::var(FOLDER), std::env::var(DATABASE)) else { return };
-    let place = Place::at(Path::new(&folder), &url).await;
+/// The test that is this process's own child, where it is told a folder: the one that is killed or stopped.
+const CHILD: &str = "kill::a_killed_worker_loses_nothing_on_sqlite";
+
+/// In a child process: does all that is queued.
+async fn work(folder: &Path) {
+    let url = std::env::var(DATABASE).unwrap();
+    let place = Place::at(folder, &url).await;
     let number = |name| std::env::var(name).unwrap().parse::<u32>().unwrap();
     let faults = Faults::from_env().unwrap();
     let pool = place.start(|options| {
@@ -47,7 +47,7 @@ pub fn start_child(folder: &Path, url: &str, fault: &str) -> Child {
 /// Starts it with so many workers, whose leases are so long.
 pub fn start_child_with(folder: &Path, url: &str, fault: &str, workers: u32, lease: Duration) -> Child {
     Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "kill::child", "--ignored", "--test-threads=1"])
+        .args(["--exact", CHILD, "--test-threads=1"])
         .env(FOLDER, folder)
         .env(DATABASE, url)
         .env(VARIABLE, fault)
@@ -103,6 +103,9 @@ async fn kill_at(ground: Ground, point: &str) {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_killed_worker_loses_nothing_on_sqlite() {
+    if let Some(folder) = std::env::var_os(FOLDER) {
+        return work(Path::new(&folder)).await;
+    }
     for point in POINTS {
         kill_at(Ground::Sqlite, point).await;
     }

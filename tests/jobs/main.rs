@@ -9,6 +9,8 @@
 
 mod apart;
 mod artifacts;
+#[path = "../common/between.rs"]
+mod between;
 mod bounds;
 mod bucket;
 mod checkpoint;

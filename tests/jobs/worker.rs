@@ -3,7 +3,7 @@
 use crate::bounds::{best_of_five, within};
 use crate::scripted::{Ground, Place, scripted};
 use crate::suite::LEASE;
-use crate::watched::Watched;
+use crate::watched::{Heartbeats, Watched};
 use futures_util::FutureExt;
 use futures_util::future::join_all;
 use oviduct::clock::{Clock, Stopwatch};
@@ -163,7 +163,7 @@ async fn a_cancel_is_recorded_within_a_second_even_where_a_stage_is_slow_to_stop
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_worker_that_hears_of_no_changes_lives_by_polling_and_heartbeats() {
     let place = Place::fresh(|_| {}).await;
-    let pool = place.start_over(Watched::deaf(&place.store), |options| {
+    let pool = place.start_over(Heartbeats::deaf(&place.store), |options| {
         options.poll = Duration::from_millis(100);
         options.heartbeat = Duration::from_millis(200);
     });
@@ -242,7 +242,7 @@ async fn a_worker_that_lost_its_lease_stops_and_writes_nothing() {
 async fn heartbeats_keep_a_lease_that_is_shorter_than_the_job() {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let place = Place::fresh(|options| options.clock = clock.clone()).await;
-    let store = Watched::new(&place.store);
+    let store = Heartbeats::over(&place.store);
     let id = place.queue("hold", 1).await;
     let pool = place.start_over(Arc::<Watched>::clone(&store), |options| {
         options.workers = 3;
@@ -266,7 +266,7 @@ async fn heartbeats_keep_a_lease_that_is_shorter_than_the_job() {
 async fn a_lease_is_renewed_with_each_heartbeat_however_slow_the_store_is() {
     let place = Place::fresh(|_| {}).await;
     let (heartbeat, call) = (Duration::from_millis(500), Duration::from_millis(400));
-    let store = Watched::slow(&place.store, call);
+    let store = Heartbeats::slow(&place.store, call);
     let pool = place.start_over(Arc::<Watched>::clone(&store), |options| {
         (options.heartbeat, options.progress) = (heartbeat, heartbeat);
     });

@@ -1,0 +1,189 @@
+//! A store between a test and the one that does the work: all is handed on, and an [`Eye`] sees what matters to the test, or
+//! steps in.
+
+use async_trait::async_trait;
+use oviduct::generate::{Backend, Progress};
+use oviduct::jobs::{
+    Attempt, BackendReport, Batch, BatchId, Change, ClaimedJob, Counts, Directive, Finished, Job, JobId, ListFilter,
+    LiveSection, NewBatch, NewJob, Page, Problem, Store, StoreError, Submitted, SubmittedBatch, WorkerInfo,
+};
+use std::ops::Deref;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::broadcast;
+
+/// What a test sees of a store, and where it steps in.
+#[async_trait]
+pub(crate) trait Eye: Send + Sync + 'static {
+    /// Where changes are told.
+    fn changes(&self, store: &dyn Store) -> broadcast::Receiver<Change> {
+        store.changes()
+    }
+
+    /// A job is about to be read; an error is what the reader gets instead.
+    fn before_get(&self) -> Result<(), StoreError> {
+        Ok(())
+    }
+
+    /// A heartbeat has begun.
+    async fn before_heartbeat(&self) {}
+
+    /// A heartbeat has arrived.
+    fn after_heartbeat(&self) {}
+}
+
+/// A store under an eye, which it stands for.
+pub(crate) struct Between<E> {
+    store: Arc<dyn Store>,
+    eye: E,
+}
+
+impl<E: Eye> Between<E> {
+    pub(crate) fn new(store: Arc<dyn Store>, eye: E) -> Arc<Self> {
+        Arc::new(Self { store, eye })
+    }
+}
+
+impl<E> Deref for Between<E> {
+    type Target = E;
+
+    fn deref(&self) -> &E {
+        &self.eye
+    }
+}
+
+#[async_trait]
+impl<E: Eye> Store for Between<E> {
+    fn changes(&self) -> broadcast::Receiver<Change> {
+        self.eye.changes(&*self.store)
+    }
+
+    async fn submit(&self, new: NewJob) -> Result<Submitted, StoreError> {
+        self.store.submit(new).await
+    }
+
+    async fn replayed(&self, key: &str, body: &str) -> Result<Option<Job>, StoreError> {
+        self.store.replayed(key, body).await
+    }
+
+    async fn replayed_batch(&self, key: &str, body: &str) -> Result<Option<Batch>, StoreError> {
+        self.store.replayed_batch(key, body).await
+    }
+
+    async fn get(&self, id: JobId) -> Result<Option<Job>, StoreError> {
+        self.eye.before_get()?;
+        self.store.get(id).await
+    }
+
+    async fn list(&self, filter: &ListFilter) -> Result<Page, StoreError> {
+        self.store.list(filter).await
+    }
+
+    async fn cancel(&self, id: JobId) -> Result<Option<Job>, StoreError> {
+        self.store.cancel(id).await
+    }
+
+    async fn delete(&self, id: JobId) -> Result<Option<Vec<String>>, StoreError> {
+        self.store.delete(id).await
+    }
+
+    async fn claim(
+        &self,
+        worker: &str,
+        backend: Backend,
+        lease: Duration,
+        limit: u32,
+    ) -> Result<Vec<ClaimedJob>, StoreError> {
+        self.store.claim(worker, backend, lease, limit).await
+    }
+
+    async fn waiting(&self, backend: Backend) -> Result<u64, StoreError> {
+        self.store.waiting(backend).await
+    }
+
+    async fn heartbeat(
+        &self,
+        claimed: &ClaimedJob,
+        lease: Duration,
+        backend: &BackendReport,
+        progress: Option<&Progress>,
+        section: Option<&LiveSection>,
+    ) -> Result<Directive, StoreError> {
+        self.eye.before_heartbeat().await;
+        let told = self.store.heartbeat(claimed, lease, backend, progress, section).await;
+        self.eye.after_heartbeat();
+        told
+    }
+
+    async fn finish(&self, claimed: ClaimedJob, finished: Finished) -> Result<Job, StoreError> {
+        self.store.finish(claimed, finished).await
+    }
+
+    async fn fail(&self, claimed: ClaimedJob, backend: BackendReport, problem: Problem) -> Result<Job, StoreError> {
+        self.store.fail(claimed, backend, problem).await
+    }
+
+    async fn cancelled(&self, claimed: ClaimedJob) -> Result<Job, StoreError> {
+        self.store.cancelled(claimed).await
+    }
+
+    async fn release(&self, claimed: ClaimedJob) -> Result<(), StoreError> {
+        self.store.release(claimed).await
+    }
+
+    async fn retry(&self, claimed: ClaimedJob, problem: Problem) -> Result<Job, StoreError> {
+        self.store.retry(claimed, problem).await
+    }
+
+    async fn attempts(&self, id: JobId) -> Result<Vec<Attempt>, StoreError> {
+        self.store.attempts(id).await
+    }
+
+    async fn worker_seen(&self, worker: &WorkerInfo) -> Result<(), StoreError> {
+        self.store.worker_seen(worker).await
+    }
+
+    async fn workers(&self) -> Result<Vec<WorkerInfo>, StoreError> {
+        self.store.workers().await
+    }
+
+    async fn names_key(&self, key: &str) -> Result<bool, StoreError> {
+        self.store.names_key(key).await
+    }
+
+    async fn ready(&self) -> Result<(), StoreError> {
+        self.store.ready().await
+    }
+
+    async fn submit_batch(&self, new: NewBatch) -> Result<SubmittedBatch, StoreError> {
+        self.store.submit_batch(new).await
+    }
+
+    async fn batch(&self, id: BatchId) -> Result<Option<Batch>, StoreError> {
+        self.store.batch(id).await
+    }
+
+    async fn delete_batch(&self, id: BatchId) -> Result<Option<Vec<String>>, StoreError> {
+        self.store.delete_batch(id).await
+    }
+
+    async fn set_checkpoint(&self, claimed: &ClaimedJob, key: &str) -> Result<Option<String>, StoreError> {
+        self.store.set_checkpoint(claimed, key).await
+    }
+
+    async fn ended_before(&self, age: Duration, limit: u32) -> Result<Vec<JobId>, StoreError> {
+        self.store.ended_before(age, limit).await
+    }
+
+    async fn alive(&self, backend: Backend, within: Duration) -> Result<u64, StoreError> {
+        self.store.alive(backend, within).await
+    }
+
+    async fn stored_bytes(&self) -> Result<u64, StoreError> {
+        self.store.stored_bytes().await
+    }
+
+    async fn counts(&self) -> Result<Counts, StoreError> {
+        self.store.counts().await
+    }
+}
