@@ -24,8 +24,7 @@ const GREATEST_MOVE: f32 = 5.0;
 // Partial sums of a particle in shared memory: one word more than there are, against bank conflicts.
 const STRIDE: u32 = 17u;
 
-var<workgroup> lane_x: array<f32, LANES * STRIDE>;
-var<workgroup> lane_y: array<f32, LANES * STRIDE>;
+var<workgroup> lane_sum: array<vec2<f32>, LANES * STRIDE>;
 var<workgroup> lane_near: array<f32, LANES * STRIDE>;
 // Of each particle: squared displacement since the lists were built, squared elliptic radius, whether it was shortened.
 var<workgroup> far: array<f32, LANES>;
@@ -101,19 +100,11 @@ fn holds(member: u32, lists: Trust, i: u32, p: vec2<f32>) -> bool {
 
 // Reduces the 16 partial sums of a particle, from f on, as the CPU does: halves onto each other. Written out, so that
 // no array with a changing index is needed.
-fn reduced_x(f: u32) -> f32 {
-    let a = (lane_x[f] + lane_x[f + 8u]) + (lane_x[f + 4u] + lane_x[f + 12u]);
-    let b = (lane_x[f + 2u] + lane_x[f + 10u]) + (lane_x[f + 6u] + lane_x[f + 14u]);
-    let c = (lane_x[f + 1u] + lane_x[f + 9u]) + (lane_x[f + 5u] + lane_x[f + 13u]);
-    let d = (lane_x[f + 3u] + lane_x[f + 11u]) + (lane_x[f + 7u] + lane_x[f + 15u]);
-    return (a + b) + (c + d);
-}
-
-fn reduced_y(f: u32) -> f32 {
-    let a = (lane_y[f] + lane_y[f + 8u]) + (lane_y[f + 4u] + lane_y[f + 12u]);
-    let b = (lane_y[f + 2u] + lane_y[f + 10u]) + (lane_y[f + 6u] + lane_y[f + 14u]);
-    let c = (lane_y[f + 1u] + lane_y[f + 9u]) + (lane_y[f + 5u] + lane_y[f + 13u]);
-    let d = (lane_y[f + 3u] + lane_y[f + 11u]) + (lane_y[f + 7u] + lane_y[f + 15u]);
+fn reduced(f: u32) -> vec2<f32> {
+    let a = (lane_sum[f] + lane_sum[f + 8u]) + (lane_sum[f + 4u] + lane_sum[f + 12u]);
+    let b = (lane_sum[f + 2u] + lane_sum[f + 10u]) + (lane_sum[f + 6u] + lane_sum[f + 14u]);
+    let c = (lane_sum[f + 1u] + lane_sum[f + 9u]) + (lane_sum[f + 5u] + lane_sum[f + 13u]);
+    let d = (lane_sum[f + 3u] + lane_sum[f + 11u]) + (lane_sum[f + 7u] + lane_sum[f + 15u]);
     return (a + b) + (c + d);
 }
 
@@ -249,8 +240,7 @@ fn gather(member: u32, n: u32, row: u32, from_field: u32, trusted: Trust, i: u32
         }
     }
     let at = (thread / LANES) * STRIDE + lane;
-    lane_x[at] = sum.x;
-    lane_y[at] = sum.y;
+    lane_sum[at] = sum;
     lane_near[at] = greatest;
     if lane == 0u {
         searched[thread / LANES] = u32(!use_list);
@@ -273,7 +263,7 @@ fn advance(member: u32, n: u32, row: u32, from_field: u32, i: u32, thread: u32) 
     let direction = load2(member, current(ANCHOR_X), i);
     let sign = load(member, current(SIGN), i);
     let first = thread * STRIDE;
-    let a = vec2<f32>(reduced_x(first), reduced_y(first))
+    let a = reduced(first)
         + local_force(row, modifier, p0, p1, p2, v1, normal_of(p0, p2), pull, direction, sign);
 
     if EVALUATION == 0u {
