@@ -111,6 +111,10 @@ async fn speaks(stream: &TcpStream, time: Duration, shutdown: &CancellationToken
 
 /// Answers the requests of one connection.
 async fn answer(builder: Builder<TokioExecutor>, stream: TcpStream, router: Router, shutdown: CancellationToken) {
+    // Events are small, and shall not wait for more to be sent with them.
+    if let Err(error) = stream.set_nodelay(true) {
+        tracing::trace!(%error, "small answers may be slow");
+    }
     let connection = builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
     tokio::pin!(connection);
     let ended = tokio::select! {
