@@ -8,7 +8,7 @@
 //!
 //! | floor | modules |
 //! |---|---|
-//! | 0 | [`clock`], [`metrics`], [`random`], [`tls`], [`model`], [`geometry`] |
+//! | 0 | [`clock`], [`metrics`], [`status`], [`random`], [`tls`], [`model`], [`geometry`] |
 //! | 1 | [`spec`] |
 //! | 2 | [`sim`], [`mesh`], [`measure`], [`export`], [`render`] |
 //! | 3 | [`generate`], [`jobs`] |
@@ -20,6 +20,7 @@ pub mod geometry;
 pub mod metrics;
 pub mod model;
 pub mod random;
+pub mod status;
 pub mod tls;
 pub mod trace;
 

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 /// Modules of the library by floor, lowest first. A module imports from floors below its own.
 const FLOORS: [&[&str]; 6] = [
-    &["clock", "metrics", "random", "tls", "trace", "model", "geometry"],
+    &["clock", "metrics", "status", "random", "tls", "trace", "model", "geometry"],
     &["spec"],
     &["sim", "mesh", "measure", "export", "render"],
     &["generate", "jobs"],

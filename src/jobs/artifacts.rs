@@ -21,7 +21,7 @@ use object_store::{GetOptions, GetRange, ObjectStore, ObjectStoreExt};
 use sha2::{Digest, Sha256};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
@@ -121,6 +121,7 @@ pub struct Artifacts {
     local: Option<PathBuf>,
     /// What signs addresses, where the store knows such.
     signing: Option<s3::Signing>,
+    outage: Arc<Mutex<Option<String>>>,
 }
 
 impl Artifacts {
@@ -132,13 +133,13 @@ impl Artifacts {
     pub fn local(root: &Path) -> Result<Self, ArtifactError> {
         std::fs::create_dir_all(root).map_err(|e| ArtifactError::Store(format!("{}: {e}", root.display())))?;
         let store = LocalFileSystem::new_with_prefix(root)?.with_fsync(true).with_automatic_cleanup(true);
-        Ok(Self { store: Arc::new(store), local: Some(root.to_owned()), signing: None })
+        Ok(Self { store: Arc::new(store), local: Some(root.to_owned()), signing: None, outage: Arc::default() })
     }
 
     /// Files in any object store.
     #[must_use]
     pub fn over(store: Arc<dyn ObjectStore>) -> Self {
-        Self { store, local: None, signing: None }
+        Self { store, local: None, signing: None, outage: Arc::default() }
     }
 
     /// Stores the file at `path` under `key`, streaming it; nothing is visible until all is.
@@ -252,7 +253,7 @@ impl Artifacts {
         first
     }
 
-    /// Fails where the store cannot be reached.
+    /// Fails if the store cannot be reached.
     ///
     /// # Errors
     /// [`ArtifactError::Store`].
@@ -261,6 +262,33 @@ impl Artifacts {
             Ok(_) | Err(object_store::Error::NotFound { .. }) => Ok(()),
             Err(error) => Err(error.into()),
         }
+    }
+
+    /// Writes, and removes, a small file under `probe/`, and notes whether that worked: see [`Artifacts::outage`].
+    ///
+    /// # Errors
+    /// [`ArtifactError::Store`].
+    pub async fn check(&self) -> Result<(), ArtifactError> {
+        let key = format!("probe/{}", uuid::Uuid::new_v4());
+        let written = self.put_bytes(&key, Bytes::from_static(&[0; 4096])).await;
+        // What stays of a probe is removed by the sweep of orphans.
+        let _ = self.delete(&[key]).await;
+        self.note(written)
+    }
+
+    /// The error of the latest write; `None` if it succeeded, or if there was none yet.
+    #[must_use]
+    pub fn outage(&self) -> Option<String> {
+        self.outage.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn note<T>(&self, result: Result<T, ArtifactError>) -> Result<T, ArtifactError> {
+        let outage = match &result {
+            Err(ArtifactError::Store(error)) => Some(error.clone()),
+            _ => None,
+        };
+        *self.outage.lock().unwrap_or_else(PoisonError::into_inner) = outage;
+        result
     }
 
     /// Removes files older than `age` that no job names: left by attempts that lost their lease, or by a

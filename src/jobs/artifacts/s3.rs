@@ -67,7 +67,7 @@ impl Artifacts {
         let signing = Signing { signer: Arc::clone(&store) as Arc<dyn Signer>, prefix: prefix.clone() };
         let store: Arc<dyn ObjectStore> =
             if prefix.as_ref().is_empty() { store } else { Arc::new(PrefixStore::new(store, prefix)) };
-        Ok(Self { store, local: None, signing: Some(signing) })
+        Ok(Self { store, local: None, signing: Some(signing), outage: Arc::default() })
     }
 
     /// An address at which the file under `key` can be fetched for `time`, saved as `name`; `None` where the store
