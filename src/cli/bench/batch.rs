@@ -1,7 +1,8 @@
 //! `bench batch`: models a second on the GPU, by the size of the batch.
 
 use super::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
-use super::{Report, device, machine};
+use super::report::Report;
+use super::{device, machine};
 use crate::cli::args::GpuArgs;
 use crate::cli::{gpu, term};
 use crate::sim::Plan;

@@ -2,17 +2,17 @@
 //! files in a temporary folder, a worker a core), and from as many threads that call the generator directly; the two take
 //! turns, so that whatever else the machine does meets both.
 
-use super::super::args::ServiceArgs;
+use super::super::args::ServeArgs;
 use super::super::client::Client;
 use super::super::exit::Failure;
-use super::super::load::{self, Model, One, Seeds};
+use super::super::load::{self, Lost, Model, One, Seeds};
 use super::super::service::Service;
-use super::{Report, machine};
+use super::machine;
+use super::report::Report;
 use crate::clock::Stopwatch;
 use crate::generate::{Backend, Output};
 use crate::spec::{ModelSpec, preset};
 use anyhow::{Context, anyhow};
-use clap::Parser;
 use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::Duration;
@@ -21,13 +21,6 @@ use tokio::net::TcpListener;
 /// Small models: preset `paper` with so many steps, and particles from the first number to the second.
 const SIZES: [(u32, u32, u32); 3] = [(60, 300, 420), (200, 400, 900), (400, 500, 1800)];
 const PRESET: &str = "paper";
-
-/// A service, as the command line starts it.
-#[derive(Debug, Parser)]
-struct Options {
-    #[command(flatten)]
-    service: ServiceArgs,
-}
 
 /// One size, measured.
 struct Row {
@@ -70,14 +63,13 @@ pub(super) async fn run(quick: bool) -> anyhow::Result<Report> {
     let (rounds, seconds_a_round) = if quick { (3, 1.0) } else { (9, 4.0) };
     let workers = machine::threads() as u32;
     let folder = std::env::temp_dir().join(format!("oviduct-bench-{}", uuid::Uuid::now_v7()));
-    let mut service =
-        Options::try_parse_from(["oviduct", "--gpu", "off"]).context("the defaults are not valid")?.service;
-    service.database.data.clone_from(&folder);
-    service.cpu_workers = workers;
-    service.cpu_threads = Some(1);
-    service.grace = Duration::ZERO;
+    let mut args = ServeArgs::with(&["--gpu", "off"]).context("the defaults are not valid")?;
+    args.process.database.data.clone_from(&folder);
+    args.process.cpu_workers = workers;
+    args.process.cpu_threads = Some(1);
+    args.process.grace = Duration::ZERO;
     let listener = TcpListener::bind(("127.0.0.1", 0)).await.context("no port is free")?;
-    let service = Service::start(&service, listener).await.map_err(plain)?;
+    let service = Service::start(&args, listener, None).await.map_err(plain)?;
     let client = Client::new(&format!("http://{}", service.address())).map_err(plain)?;
     let mut rows = Vec::new();
     for size in SIZES {
@@ -120,8 +112,8 @@ async fn measure(
     };
     // Both once before they are timed; the first tells how many models make a round.
     let first = load::direct(&model, seeds(u64::from(asked)), workers, 1).await.map_err(plain)?;
-    check(&first)?;
-    check(&load::through(client, &body, seeds(u64::from(asked)), asked).await.map_err(plain)?)?;
+    let first = succeeded(first)?;
+    succeeded(load::through(client, &body, seeds(u64::from(asked)), asked).await.map_err(plain)?)?;
     let each = median(first.iter().map(|one| one.ended).collect());
     let count = (seconds_a_round * f64::from(workers) / each).ceil().max(f64::from(asked)) as u64;
     let mut row = Row {
@@ -139,15 +131,14 @@ async fn measure(
             if direct {
                 let all = load::direct(&model, seeds(count), workers, 1).await.map_err(plain)?;
                 row.direct.push(count as f64 / watch.seconds());
-                check(&all)?;
-                times.extend(all.iter().map(|one| one.ended));
+                times.extend(succeeded(all)?.iter().map(|one| one.ended));
             } else {
                 let before = computed(client).await?;
                 let all = load::through(client, &body, seeds(count), asked).await.map_err(plain)?;
                 let seconds = watch.seconds();
                 row.service.push(count as f64 / seconds);
                 row.computing.push((computed(client).await? - before) / (f64::from(workers) * seconds));
-                check(&all)?;
+                succeeded(all)?;
             }
         }
     }
@@ -155,9 +146,11 @@ async fn measure(
     Ok(row)
 }
 
-fn check(all: &[One]) -> anyhow::Result<()> {
+/// All of these models, if each of them succeeded.
+fn succeeded(all: Vec<Result<One, Lost>>) -> anyhow::Result<Vec<One>> {
+    let all: Vec<One> = all.into_iter().collect::<Result<_, _>>().map_err(|lost| anyhow!(lost.message))?;
     anyhow::ensure!(all.iter().all(|one| one.succeeded), "not all models succeeded");
-    Ok(())
+    Ok(all)
 }
 
 fn report(rows: &[Row], workers: u32, rounds: u32) -> Report {

@@ -7,7 +7,8 @@
 use super::curve::{self, Point};
 use super::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
 use super::probe::{self, Run, Way};
-use super::{Report, device, machine};
+use super::report::Report;
+use super::{device, machine};
 use crate::cli::args::GpuArgs;
 use crate::cli::{gpu, term};
 use crate::sim::Plan;

@@ -1,7 +1,8 @@
 //! `bench scaling`: time per step with neighbour lists, by threads and particles.
 
+use super::machine;
 use super::probe::{self, Way};
-use super::{Report, machine};
+use super::report::Report;
 use crate::sim::Plan;
 use crate::sim::cpu::Kernel;
 use crate::spec::{ModelSpec, Search, preset};
