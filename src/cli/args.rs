@@ -208,7 +208,8 @@ pub(super) struct ProcessArgs {
     /// Interval between checkpoints of a running simulation, from which the next attempt resumes [0: no checkpoints]
     #[arg(long, value_name = "TIME", value_parser = units::duration_or_zero, default_value = "30s")]
     pub(super) checkpoint_every: Duration,
-    /// Maximum time of one attempt; a job that takes longer fails [default: no limit]
+    /// Maximum time of one attempt; a job that takes longer fails [default: 10 minutes plus 20 times the time predicted for
+    /// one core]
     #[arg(long, value_name = "TIME", value_parser = units::positive_duration)]
     pub(super) job_timeout: Option<Duration>,
     /// Memory that one model may use, such as 2GB [default: no limit]
