@@ -82,7 +82,7 @@ fn counted<R: IntoResponse + Send + 'static>(answer: fn() -> R) -> (Router, Arc<
 async fn following_gives_up_when_no_answer_holds_anything_new() {
     let snapshot = || stream("event: status\nid: 3\ndata: {\"id\":\"x\",\"status\":\"queued\"}\n\n");
     let cases = [
-        // Only the first of the snapshots is new; it starts the count again.
+        // The same snapshot on every connection is new only once.
         (counted(|| stream("")), 5, "closed before the model ended"),
         (counted(snapshot), 5, "closed before the model ended"),
         (counted(|| StatusCode::BAD_GATEWAY.into_response()), 5, "502"),
