@@ -1,5 +1,5 @@
 # syntax=docker/dockerfile:1
-# Builds the service and puts it alone into a small image:
+# Builds the service and copies only its binary into a small image:
 #   docker build -t oviduct .
 #   docker run --rm -p 127.0.0.1:8080:8080 -v oviduct:/data oviduct
 
@@ -15,7 +15,7 @@ RUN --mount=type=cache,target=/usr/local/cargo/registry \
  && cp target/release/oviduct /oviduct \
  && mkdir /data
 
-# glibc, libgcc, a user without rights, and nothing else: no shell, no package manager.
+# glibc, libgcc and an unprivileged user: no shell, no package manager.
 FROM gcr.io/distroless/cc-debian12:nonroot
 COPY --from=build /oviduct /usr/local/bin/oviduct
 COPY --from=build --chown=nonroot:nonroot /data /data
@@ -23,15 +23,15 @@ USER nonroot
 WORKDIR /data
 VOLUME /data
 EXPOSE 8080
-# In a container loopback is the container's own: the service must listen on all of its addresses to be reached at all.
-# There is no authentication yet, so publish the port on the host's loopback only (as above), or put a proxy before it.
+# A container has its own loopback, so the service must listen on all addresses to be reachable from outside. It has no
+# authentication yet: publish the port on the host's loopback only (as above), or put a proxy in front of it.
 ENV OVIDUCT_ADDR=0.0.0.0:8080 \
     OVIDUCT_INSECURE_NO_AUTH=true \
     OVIDUCT_DATA=/data \
     OVIDUCT_LOG_FORMAT=json
-# Longer than --grace, so that models in work go back to the queue in order.
+# The time until SIGKILL (docker stop --time) must exceed --grace, so that running jobs are released to the queue.
 STOPSIGNAL SIGTERM
-# Asks http://127.0.0.1:8080/healthz from inside; set OVIDUCT_URL too where OVIDUCT_ADDR names another port.
+# Requests http://127.0.0.1:8080/healthz in the container; if OVIDUCT_ADDR has another port, set OVIDUCT_URL too.
 HEALTHCHECK --interval=10s --timeout=5s --start-period=10s --retries=3 \
     CMD ["/usr/local/bin/oviduct", "healthcheck"]
 ENTRYPOINT ["/usr/local/bin/oviduct"]

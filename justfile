@@ -7,14 +7,14 @@ default:
 check:
     scripts/test
 
-# The same without the judges of others
+# The same without tests/outside
 quick:
     scripts/test quick
 
-# Grow a pig's oviduct, save it to ./demo, end
+# Grow a pig's oviduct, save it to ./demo, and exit
 demo:
     cargo run --release -- demo --exit
 
-# Write openapi.yaml anew from the code
+# Generate openapi.yaml from the code
 openapi:
     cargo run --quiet -- openapi > openapi.yaml

@@ -1,4 +1,4 @@
-//! What `oviduct check` reads from the files that the exporters write is the surface that was certified.
+//! The surface that `oviduct check` reads from an exported file is the one that was certified.
 
 use oviduct::export::Metadata;
 use oviduct::export::glb::{GlbOptions, write_glb};

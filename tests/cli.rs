@@ -1,4 +1,4 @@
-//! The command as its users meet it: arguments in, exit code and streams out.
+//! The command as its users see it: arguments, exit codes, stdout and stderr.
 
 #[allow(dead_code, unreachable_pub, reason = "shared with tests that need more of it")]
 #[path = "common/postgres.rs"]
@@ -9,7 +9,8 @@ mod collector;
 
 use serde_json::Value;
 use sha2::{Digest, Sha256};
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::{TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::thread::sleep;
@@ -20,8 +21,7 @@ const TINY: [&str; 4] = ["--set", "steps=60", "--set", "particles.total={\"keys\
 
 fn oviduct(folder: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_oviduct"));
-    // Without XDG_RUNTIME_DIR a layer of Mesa complains on stderr when adapters are listed.
-    command.current_dir(folder).env_clear().env("XDG_RUNTIME_DIR", folder);
+    command.current_dir(folder).env_clear();
     command
 }
 
@@ -33,6 +33,13 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
+/// The lines on stderr that do not report the progress of a model.
+fn complaints(output: &Output) -> Vec<String> {
+    let stages = ["queued", "running", "simulate", "mesh", "certify", "export", "store"];
+    let is_progress = |line: &str| stages.iter().any(|stage| line.starts_with(stage)) && line.contains(" %");
+    said(output).lines().filter(|line| !is_progress(line)).map(str::to_owned).collect()
+}
+
 fn code(output: &Output) -> i32 {
     output.status.code().expect("it was not killed")
 }
@@ -42,12 +49,38 @@ fn json(output: &Output) -> Value {
     serde_json::from_slice(&output.stdout).expect("stdout is one JSON value")
 }
 
+/// A port that nobody listens on.
+fn free_port() -> u16 {
+    TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("bound").port()
+}
+
+/// The whole answer to a GET request.
+fn get(address: &str, path: &str) -> String {
+    let mut stream = TcpStream::connect(address).expect("connected");
+    let request = format!("GET {path} HTTP/1.1\r\nhost: here\r\nconnection: close\r\n\r\n");
+    stream.write_all(request.as_bytes()).expect("sent");
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).expect("answered");
+    answer
+}
+
+/// Waits until something holds.
+fn until(what: &str, holds: impl Fn() -> bool) {
+    for _ in 0..1200 {
+        if holds() {
+            return;
+        }
+        sleep(Duration::from_millis(50));
+    }
+    panic!("not within a minute: {what}");
+}
+
 fn folder() -> tempfile::TempDir {
-    tempfile::tempdir().expect("a folder")
+    tempfile::tempdir().expect("a directory")
 }
 
 fn names(folder: &Path) -> Vec<String> {
-    let entries = std::fs::read_dir(folder).expect("the folder is there");
+    let entries = std::fs::read_dir(folder).expect("the directory exists");
     let mut names: Vec<_> = entries.map(|e| e.expect("read").file_name().into_string().expect("UTF-8")).collect();
     names.sort();
     names
@@ -99,7 +132,7 @@ fn the_command_line_wins_over_variables_and_these_over_the_file() {
 }
 
 #[test]
-fn stores_that_there_are_not_are_named() {
+fn unsupported_stores_are_refused_by_name() {
     let at = folder();
     for (option, url, named) in
         [("--database", "mysql://u:secret@h/d", "not mysql:"), ("--artifacts", "gs://bucket", "gs://bucket")]
@@ -108,13 +141,13 @@ fn stores_that_there_are_not_are_named() {
         assert_eq!(code(&output), 2, "{}", said(&output));
         assert!(said(&output).contains(named) && !said(&output).contains("secret"), "{}", said(&output));
     }
-    // A worker needs a database that a service shares.
+    // A worker needs a database that it can share with a service.
     assert_eq!(code(&run(at.path(), &["worker"])), 2);
     assert_eq!(code(&run(at.path(), &["worker", "--database", "jobs.db"])), 2);
 }
 
 #[test]
-fn what_the_program_knows_of_itself() {
+fn presets_schema_and_openapi_are_printed() {
     let at = folder();
     let presets = json(&run(at.path(), &["presets", "--json"]));
     let names: Vec<_> = presets.as_array().expect("an array").iter().map(|p| p["name"].clone()).collect();
@@ -125,14 +158,14 @@ fn what_the_program_knows_of_itself() {
     assert_eq!(schema["properties"]["collision"]["properties"]["gap_um"]["x-unit"], "µm");
     let openapi = run(at.path(), &["openapi"]);
     assert!(String::from_utf8_lossy(&openapi.stdout).contains("\nopenapi: "));
-    // A reader that has had enough is no failure.
+    // A closed stdout is not a failure.
     let mut child = oviduct(at.path()).arg("openapi").stdout(Stdio::piped()).spawn().expect("it starts");
     drop(child.stdout.take());
     assert_eq!(child.wait().expect("it ends").code(), Some(0));
 }
 
 #[test]
-fn every_fault_of_a_spec_is_named_and_nothing_is_left() {
+fn every_fault_of_a_spec_is_named_and_no_file_is_left() {
     let at = folder();
     std::fs::write(at.path().join("spec.json"), r#"{"collision":{"gap_um":-1},"steps":"many"}"#).expect("written");
     let arguments = ["generate", "--out", "out", "--spec", "spec.json", "--set", "colour=red"];
@@ -157,7 +190,11 @@ fn generate_check_and_a_broken_file() {
     arguments.extend(TINY);
     let output = run(at.path(), &arguments);
     let told = json(&output);
-    assert_eq!(said(&output), "", "no bar where stderr is no terminal");
+    // Adapters are listed without XDG_RUNTIME_DIR, about which Mesa's layers would complain.
+    assert_eq!(complaints(&output), Vec::<String>::new());
+    let progress = said(&output);
+    assert!(progress.contains("simulate 0 %") && progress.contains("certify "), "{progress}");
+    assert!(progress.lines().count() < 20, "{progress}");
     let has = |value: &Value, members: &[&str]| {
         for member in members {
             assert!(value.get(*member).is_some(), "{member} is missing in {value}");
@@ -177,7 +214,7 @@ fn generate_check_and_a_broken_file() {
     let out = at.path().join("a/out");
     assert_eq!(names(&out), ["model.glb", "model.obj", "report.json", "sections.bin"]);
     for file in told["files"].as_array().expect("an array") {
-        let bytes = std::fs::read(out.join(file["name"].as_str().expect("a name"))).expect("the file is there");
+        let bytes = std::fs::read(out.join(file["name"].as_str().expect("a name"))).expect("the file exists");
         assert_eq!(file["bytes"], bytes.len());
         assert_eq!(file["sha256"], hex::encode(Sha256::digest(&bytes)));
     }
@@ -189,7 +226,7 @@ fn generate_check_and_a_broken_file() {
     }
     assert_eq!(code(&run(at.path(), &["check", "--euler", "2", "a/out/model.obj"])), 1);
 
-    let obj = std::fs::read_to_string(out.join("model.obj")).expect("the file is there");
+    let obj = std::fs::read_to_string(out.join("model.obj")).expect("the file exists");
     let mut faces = 0;
     let holed: Vec<&str> = obj
         .lines()
@@ -216,14 +253,14 @@ fn signal(child: &Child, name: &str) {
 
 #[test]
 #[cfg(unix)]
-fn an_interrupt_stops_a_generation_and_leaves_nothing() {
+fn an_interrupt_stops_a_generation_and_removes_its_files() {
     let at = folder();
     // Ten times a default model.
     let long = ["generate", "--out", "out", "--set", "steps=20000"];
     let mut child = oviduct(at.path()).args(long).spawn().expect("it starts");
     let out = at.path().join("out");
     while !out.is_dir() || names(&out).is_empty() {
-        assert!(child.try_wait().expect("asked").is_none(), "it ended too soon");
+        assert!(child.try_wait().expect("asked").is_none(), "it ended too early");
         sleep(Duration::from_millis(5));
     }
     signal(&child, "-INT");
@@ -231,7 +268,7 @@ fn an_interrupt_stops_a_generation_and_leaves_nothing() {
     assert_eq!(names(&out), Vec::<String>::new());
 }
 
-/// A server on a port of its own, ended with the test.
+/// A server on a free port, killed when dropped.
 struct Server {
     child: Child,
     url: String,
@@ -250,7 +287,7 @@ impl Server {
             .spawn()
             .expect("it starts");
         let mut url = String::new();
-        BufReader::new(child.stdout.take().expect("piped")).read_line(&mut url).expect("it says where it listens");
+        BufReader::new(child.stdout.take().expect("piped")).read_line(&mut url).expect("it prints its address");
         assert!(url.starts_with("http://127.0.0.1:"), "{url}");
         Self { child, url: url.trim().to_owned() }
     }
@@ -265,7 +302,7 @@ impl Drop for Server {
 
 #[test]
 #[cfg(unix)]
-fn submit_over_http_and_a_graceful_end() {
+fn submit_over_http_and_a_graceful_shutdown() {
     let at = folder();
     let mut server = Server::start(at.path());
     let url = server.url.clone();
@@ -280,7 +317,7 @@ fn submit_over_http_and_a_graceful_end() {
     assert_eq!(names(&at.path().join("got")), ["model.glb", "model.obj", "report.json", "sections.bin"]);
     assert_eq!(code(&run(at.path(), &["check", "got/model.glb", "--euler", "0"])), 0);
 
-    // How urgent it is can be said in all three ways, and must be a priority.
+    // The priority can be set in all three ways, and is checked.
     let asked = [&["submit", "--url", &url, "--seed", "8", "--json"][..], &TINY].concat();
     assert_eq!(json(&run(at.path(), &[&asked[..], &["--priority", "-5"]].concat()))["priority"], -5);
     let asked_by = |command: &mut Command| json(&command.args(&asked).output().expect("the command runs"));
@@ -289,7 +326,7 @@ fn submit_over_http_and_a_graceful_end() {
     assert_eq!(asked_by(oviduct(at.path()).args(["--config", "oviduct.toml"]))["priority"], -7);
     assert_eq!(code(&run(at.path(), &[&asked[..], &["--priority", "101"]].concat())), 2);
 
-    // The same model is there already; and another one is only asked for.
+    // The same model is reused; another one is only submitted.
     arguments.push("--wait");
     let output = run(at.path(), &arguments);
     assert_eq!(code(&output), 0);
@@ -313,16 +350,91 @@ fn submit_over_http_and_a_graceful_end() {
 fn a_service_and_a_worker_share_a_database() {
     let at = folder();
     let database = cluster::Cluster::shared().database();
-    let options = ["--database", database.as_str()];
+    // Two connections are enough for a worker.
+    let options = ["--database", database.as_str(), "--database-connections", "2"];
     assert_eq!(code(&run(at.path(), &["migrate", "--database", &database])), 0);
-    let server = Server::start_with(at.path(), &[options[0], options[1], "--cpu-workers", "0"]);
-    let mut worker = oviduct(at.path()).arg("worker").args(options).spawn().expect("it starts");
+    // Only `serve` deletes files that no record names.
+    let orphan = at.path().join("data/artifacts/models/00000000-0000-7000-8000-000000000000/1/model.glb");
+    std::fs::create_dir_all(orphan.parent().expect("a directory")).expect("created");
+    std::fs::File::create(&orphan).expect("created").set_modified(std::time::UNIX_EPOCH).expect("set");
+    let port = free_port();
+    let address = format!("127.0.0.1:{port}");
+    let mut worker =
+        oviduct(at.path()).args(["worker", "--metrics-addr", &address]).args(options).spawn().expect("it starts");
+    let url = format!("http://{address}");
+    until("the worker is alive", || code(&run(at.path(), &["healthcheck", "--url", &url])) == 0);
+    sleep(Duration::from_secs(1));
+    assert!(orphan.exists());
+    let server = Server::start_with(at.path(), &[&options[..], &["--cpu-workers", "0"]].concat());
+    until("the orphan is deleted", || !orphan.exists());
     let mut arguments = vec!["submit", "--url", &server.url, "--seed", "7", "--wait", "--json"];
     arguments.extend(TINY);
     let model = json(&run(at.path(), &arguments));
     assert_eq!((&model["status"], &model["attempts"]), (&"succeeded".into(), &1.into()));
     signal(&worker, "-TERM");
     assert_eq!(worker.wait().expect("it ends").code(), Some(0));
+}
+
+#[test]
+fn a_job_store_that_cannot_be_opened_is_named_and_ends_the_process() {
+    let at = folder();
+    std::fs::write(
+        at.path().join("junk.db"),
+        "this is not a database, although it is long enough to be one".repeat(99),
+    )
+    .expect("written");
+    for command in [&["serve", "--addr", "127.0.0.1:0"][..], &["migrate"]] {
+        let output = run(at.path(), &[command, &["--database", "junk.db"]].concat());
+        assert_eq!(code(&output), 1, "{}", said(&output));
+        assert!(said(&output).contains("junk.db"), "{}", said(&output));
+        assert_eq!(output.stdout.len(), 0);
+    }
+    let output = run(at.path(), &["migrate", "--database", "postgres://nobody:secret@127.0.0.1:1/none"]);
+    assert_eq!(code(&output), 1);
+    assert!(said(&output).contains("127.0.0.1:1") && !said(&output).contains("secret"), "{}", said(&output));
+}
+
+#[test]
+fn faults_are_armed_by_name_in_builds_of_tests() {
+    let at = folder();
+    let mut command = oviduct(at.path());
+    command.args(["serve", "--addr", "127.0.0.1:0", "--gpu", "off"]).env("OVIDUCT_FAULT", "nowhere");
+    let output = command.output().expect("the command runs");
+    assert_eq!(code(&output), 2, "{}", said(&output));
+    assert!(said(&output).contains("OVIDUCT_FAULT") && said(&output).contains("after-claim"), "{}", said(&output));
+}
+
+#[test]
+fn load_counts_errors_and_goes_on() {
+    let at = folder();
+    let url = format!("http://127.0.0.1:{}", free_port());
+    let load = ["load", "--url", &url, "--models", "5", "--concurrency", "2"];
+    let output = run(at.path(), &[&load[..], &["--json"]].concat());
+    assert_eq!(code(&output), 1, "{}", said(&output));
+    let report: Value = serde_json::from_slice(&output.stdout).expect("a report");
+    assert_eq!((&report["models"], &report["succeeded"], &report["failed"]), (&5.into(), &0.into(), &0.into()));
+    assert_eq!((&report["errors"]["total"], &report["errors"]["connection"]), (&5.into(), &5.into()), "{report}");
+    let output = run(at.path(), &load);
+    assert_eq!(code(&output), 1);
+    assert!(String::from_utf8_lossy(&output.stdout).contains("errors: connection 5"), "{output:?}");
+
+    let server = Server::start_with(at.path(), &["--gpu", "off"]);
+    let load = ["load", "--url", &server.url, "--models", "2", "--concurrency", "2", "--json"];
+    let report = json(&run(at.path(), &[&load[..], &TINY].concat()));
+    assert_eq!((&report["succeeded"], &report["errors"]["total"]), (&2.into(), &0.into()), "{report}");
+    // A spec that is refused for every seed is an error in the usage.
+    assert_eq!(code(&run(at.path(), &[&load[..], &["--set", "steps=-1"]].concat())), 2);
+}
+
+#[test]
+fn probes_and_metrics_have_an_address_of_their_own() {
+    let at = folder();
+    let probes = format!("127.0.0.1:{}", free_port());
+    let _server = Server::start_with(at.path(), &["--gpu", "off", "--metrics-addr", &probes]);
+    for (path, status) in [("/readyz", 200), ("/healthz", 200), ("/metrics", 200), ("/models", 404)] {
+        let answer = get(&probes, path);
+        assert!(answer.starts_with(&format!("HTTP/1.1 {status} ")), "{path}: {answer}");
+    }
 }
 
 #[test]
@@ -333,7 +445,11 @@ fn the_demo_saves_a_certified_model() {
     arguments.extend(TINY);
     let output = run(at.path(), &arguments);
     assert_eq!(code(&output), 0, "{}", said(&output));
-    assert!(String::from_utf8_lossy(&output.stdout).contains("certified: "));
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(printed.contains("seed 7") && printed.contains("certified: "), "{printed}");
+    // Stderr is not a terminal.
+    assert!(said(&output).lines().any(|line| line.contains(" %")), "{}", said(&output));
+    assert_eq!(complaints(&output), Vec::<String>::new());
     assert_eq!(names(&at.path().join("demo")), ["data", "model.glb", "report.json", "sections.bin"]);
     assert_eq!(code(&run(at.path(), &["check", "demo/model.glb", "--euler", "0"])), 0);
 }

@@ -1,4 +1,4 @@
-//! The files of `deploy/`: that they are YAML, that what they refer to is there, that every option they use exists.
+//! The files of `deploy/`: they parse, their references and options exist, and their numbers are consistent.
 #![allow(clippy::unwrap_used, reason = "a test fails by it")]
 
 use serde_json::Value;
@@ -40,7 +40,7 @@ fn kubernetes() -> Vec<Value> {
     let kustomization = documents(&root().join("kubernetes/kustomization.yaml")).remove(0);
     let named = kustomization["resources"].as_array().unwrap();
     let files = std::fs::read_dir(root().join("kubernetes")).unwrap().count();
-    assert_eq!(files, named.len() + 1, "every file is named by the kustomization");
+    assert_eq!(files, named.len() + 1, "the kustomization must name every file");
     named.iter().flat_map(|file| documents(&root().join("kubernetes").join(file.as_str().unwrap()))).collect()
 }
 
@@ -53,7 +53,7 @@ fn options(command: &str) -> BTreeSet<String> {
     words.filter(|word| word.starts_with("--")).map(str::to_owned).collect()
 }
 
-/// Checks a command line and variables of our program; gives the command.
+/// Checks a command line and environment variables of `oviduct`; returns the command.
 fn check_call(place: &str, args: &[String], variables: impl Iterator<Item = String>) -> String {
     let command = args.first().unwrap_or_else(|| panic!("{place} names no command")).clone();
     let known = options(&command);
@@ -76,7 +76,7 @@ fn strings(value: &Value) -> Vec<String> {
 }
 
 #[test]
-fn compose_is_sound() {
+fn compose_refers_to_what_exists() {
     let compose = documents(&root().join("compose.yaml")).remove(0);
     let services = compose["services"].as_object().unwrap();
     let volumes = compose["volumes"].as_object().unwrap();
@@ -99,84 +99,205 @@ fn compose_is_sound() {
             assert!(!image.ends_with(":latest"), "{name}: {image}");
         }
         for port in service["ports"].as_array().into_iter().flatten() {
-            assert!(port.as_str().unwrap().starts_with("127.0.0.1:"), "{name} is open to the world");
+            assert!(port.as_str().unwrap().starts_with("127.0.0.1:"), "{name} listens on all addresses");
         }
     }
     assert_eq!(commands, ["serve", "worker"]);
     assert!(services.contains_key("postgres") && services.contains_key("s3"));
 }
 
+/// The value of an option in a command line.
+fn option<'a>(args: &'a [String], name: &str) -> Option<&'a str> {
+    args.iter().position(|arg| arg == name).map(|at| args[at + 1].as_str())
+}
+
+/// A duration in seconds, as the manifests write it.
+fn seconds(text: &str) -> u64 {
+    text.strip_suffix('s').unwrap_or_else(|| panic!("{text} is not in seconds")).parse().unwrap()
+}
+
+/// The objects in `deploy/kubernetes`.
+struct Manifests(Vec<Value>);
+
+impl Manifests {
+    fn of(&self, kind: &str) -> Vec<&Value> {
+        self.0.iter().filter(|d| d["kind"] == kind).collect()
+    }
+
+    /// Each deployment with its only container and the arguments of that.
+    fn containers(&self) -> Vec<(&Value, &Value, Vec<String>)> {
+        let only = |d: &'_ Value| -> usize { d["spec"]["template"]["spec"]["containers"].as_array().unwrap().len() };
+        self.of("Deployment")
+            .into_iter()
+            .map(|deployment| {
+                assert_eq!(only(deployment), 1, "{}", name(deployment));
+                let container = &deployment["spec"]["template"]["spec"]["containers"][0];
+                (deployment, container, strings(&container["args"]))
+            })
+            .collect()
+    }
+}
+
+fn name(document: &Value) -> String {
+    document["metadata"]["name"].as_str().unwrap().to_owned()
+}
+
 #[test]
-fn the_manifests_are_sound() {
-    let documents = kubernetes();
-    let name = |d: &Value| d["metadata"]["name"].as_str().unwrap().to_owned();
-    let of = |kind: &str| -> Vec<&Value> { documents.iter().filter(|d| d["kind"] == kind).collect() };
+fn the_manifests_refer_to_what_exists() {
+    let manifests = Manifests(kubernetes());
     let config: BTreeMap<String, BTreeSet<String>> = [("ConfigMap", "data"), ("Secret", "stringData")]
         .into_iter()
-        .flat_map(|(kind, data)| of(kind).into_iter().map(move |d| (kind, data, d)))
+        .flat_map(|(kind, data)| manifests.of(kind).into_iter().map(move |d| (kind, data, d)))
         .map(|(kind, data, d)| (format!("{kind} {}", name(d)), d[data].as_object().unwrap().keys().cloned().collect()))
         .collect();
     let mut commands = Vec::new();
-    let deployments = of("Deployment");
-    for deployment in &deployments {
+    for (deployment, container, args) in manifests.containers() {
         let spec = &deployment["spec"];
         assert_eq!(spec["selector"]["matchLabels"], spec["template"]["metadata"]["labels"], "{}", name(deployment));
-        let pod = &spec["template"]["spec"];
-        let volumes: BTreeSet<_> = pod["volumes"].as_array().unwrap().iter().map(|v| v["name"].as_str()).collect();
-        for container in pod["containers"].as_array().unwrap() {
-            let mut variables = BTreeSet::new();
-            for source in container["envFrom"].as_array().unwrap() {
-                for (member, kind) in [("configMapRef", "ConfigMap"), ("secretRef", "Secret")] {
-                    if let Some(target) = source[member]["name"].as_str() {
-                        variables.extend(config[&format!("{kind} {target}")].iter().cloned());
-                    }
+        let mut variables = BTreeSet::new();
+        for source in container["envFrom"].as_array().unwrap() {
+            for (member, kind) in [("configMapRef", "ConfigMap"), ("secretRef", "Secret")] {
+                if let Some(target) = source[member]["name"].as_str() {
+                    variables.extend(config[&format!("{kind} {target}")].iter().cloned());
                 }
             }
-            let args = strings(&container["args"]);
-            commands.push(check_call(&name(deployment), &args, variables.into_iter()));
-            for mount in container["volumeMounts"].as_array().unwrap() {
-                assert!(volumes.contains(&mount["name"].as_str()), "{}", name(deployment));
-            }
-            let ports: BTreeSet<_> =
-                container["ports"].as_array().into_iter().flatten().map(|p| p["name"].as_str()).collect();
-            for probe in ["startupProbe", "livenessProbe", "readinessProbe"] {
-                if let Some(get) = container[probe]["httpGet"].as_object() {
-                    assert!(ports.contains(&get["port"].as_str()), "{}: {probe}", name(deployment));
-                    assert!(["/healthz", "/readyz"].contains(&get["path"].as_str().unwrap()));
-                }
-            }
-            let seconds = |text: &str| text.trim_end_matches('s').parse::<u64>().unwrap();
-            let grace = args.iter().position(|a| a == "--grace").map_or(30, |at| seconds(&args[at + 1]));
-            let kill = pod["terminationGracePeriodSeconds"].as_u64().unwrap();
-            assert!(kill >= grace + 20, "{}: killed {kill} s after SIGTERM, --grace {grace}", name(deployment));
         }
+        commands.push(check_call(&name(deployment), &args, variables.into_iter()));
+        let volumes = spec["template"]["spec"]["volumes"].as_array().unwrap();
+        for mount in container["volumeMounts"].as_array().unwrap() {
+            assert!(volumes.iter().any(|volume| volume["name"] == mount["name"]), "{}", name(deployment));
+        }
+        let ports = container["ports"].as_array().unwrap();
+        for probe in ["startupProbe", "livenessProbe", "readinessProbe"] {
+            if let Some(get) = container[probe]["httpGet"].as_object() {
+                assert!(ports.iter().any(|port| port["name"] == get["port"]), "{}: {probe}", name(deployment));
+                assert!(["/healthz", "/readyz"].contains(&get["path"].as_str().unwrap()));
+            }
+        }
+        let scraped = &spec["template"]["metadata"]["annotations"]["prometheus.io/port"];
+        let scraped: u64 = scraped.as_str().unwrap().parse().unwrap();
+        assert!(ports.iter().any(|port| port["containerPort"] == scraped), "{}", name(deployment));
     }
     assert_eq!(commands, ["serve", "worker", "worker"]);
-    let names: BTreeSet<String> = deployments.iter().map(|d| name(d)).collect();
-    let budgets = of("PodDisruptionBudget");
+    let deployments = manifests.of("Deployment");
+    let budgets = manifests.of("PodDisruptionBudget");
     for selector in budgets
         .iter()
         .map(|d| &d["spec"]["selector"]["matchLabels"])
-        .chain(of("Service").iter().map(|d| &d["spec"]["selector"]))
+        .chain(manifests.of("Service").iter().map(|d| &d["spec"]["selector"]))
     {
         let found = deployments.iter().any(|d| d["spec"]["selector"]["matchLabels"] == *selector);
         assert!(found, "{selector} selects nothing");
     }
     assert_eq!(budgets.len(), deployments.len());
-    for scaled in of("ScaledObject") {
-        assert!(names.contains(scaled["spec"]["scaleTargetRef"]["name"].as_str().unwrap()));
-        let query = scaled["spec"]["triggers"][0]["metadata"]["query"].as_str().unwrap();
-        assert!(query.contains("oviduct_jobs{status=\"queued\"}"), "{query}");
+    assert!(manifests.0.iter().all(|d| d["kind"] == "Namespace" || d["metadata"]["namespace"] == "oviduct"));
+}
+
+/// The time until SIGKILL covers everything that happens before, and readiness fails while connections are still accepted.
+#[test]
+fn pods_have_the_time_to_shut_down() {
+    for (deployment, container, args) in Manifests(kubernetes()).containers() {
+        let place = name(deployment);
+        let pre_stop = container["lifecycle"]["preStop"]["sleep"]["seconds"].as_u64().unwrap_or_default();
+        let drain = option(&args, "--drain-delay").map_or(0, seconds);
+        let grace = option(&args, "--grace").map_or(30, seconds);
+        let kill = deployment["spec"]["template"]["spec"]["terminationGracePeriodSeconds"].as_u64().unwrap();
+        assert!(kill >= pre_stop + drain + grace + 20, "{place}: SIGKILL after {kill} s");
+        if args[0] == "serve" {
+            let probe = &container["readinessProbe"];
+            assert_eq!(probe["httpGet"]["path"], "/readyz", "{place}");
+            let notices = probe["periodSeconds"].as_u64().unwrap() * probe["failureThreshold"].as_u64().unwrap_or(3);
+            assert!(pre_stop > 0 && drain > 0 && notices <= drain, "{place}: readiness fails after {notices} s");
+            // A download of a default model at 2 MB/s.
+            assert!(grace >= 60, "{place}: --grace {grace}");
+        }
     }
-    assert!(documents.iter().all(|d| d["kind"] == "Namespace" || d["metadata"]["namespace"] == "oviduct"));
+}
+
+/// Autoscalers start the kind of worker that the queued jobs need.
+#[test]
+fn workers_are_scaled_by_the_jobs_that_they_can_run() {
+    let manifests = Manifests(kubernetes());
+    let query = |deployment: &str| {
+        let scaled = manifests.of("ScaledObject");
+        let scaled = scaled.iter().find(|d| d["spec"]["scaleTargetRef"]["name"] == deployment).unwrap();
+        scaled["spec"]["triggers"][0]["metadata"]["query"].as_str().unwrap().to_owned()
+    };
+    assert!(query("oviduct-worker-gpu").contains("oviduct_queued_jobs{backend=\"gpu\"}"));
+    assert!(query("oviduct-worker-cpu").contains("oviduct_queued_jobs{backend=~\"auto|cpu|cpu-single\"}"));
+    let names: BTreeSet<String> = manifests.of("Deployment").iter().map(|d| name(d)).collect();
+    for scaled in manifests.of("ScaledObject") {
+        assert!(names.contains(scaled["spec"]["scaleTargetRef"]["name"].as_str().unwrap()));
+    }
+    // While there is no GPU worker, the API must queue the jobs that start one.
+    let from_zero = manifests.of("ScaledObject").iter().any(|d| d["spec"]["minReplicaCount"] == 0);
+    let serve = manifests.containers().into_iter().map(|(_, _, args)| args).find(|args| args[0] == "serve").unwrap();
+    assert!(from_zero && serve.iter().any(|arg| arg == "--expect-gpu-workers"));
+}
+
+/// Threads beyond the CPUs of a pod would take turns on them.
+#[test]
+fn cpu_threads_equal_the_cpus_that_a_pod_requests() {
+    let manifests = Manifests(kubernetes());
+    let workers: Vec<_> = manifests.containers().into_iter().filter(|(_, _, args)| args[0] == "worker").collect();
+    assert_eq!(workers.len(), 2);
+    for (deployment, container, args) in workers {
+        let cpus: u32 = container["resources"]["requests"]["cpu"].as_str().unwrap().parse().unwrap();
+        let number =
+            |name| option(&args, name).map_or_else(|| panic!("no {name}"), |text| text.parse::<u32>().unwrap());
+        assert_eq!(number("--cpu-workers") * number("--cpu-threads"), cpus, "{}", name(deployment));
+    }
+}
+
+/// PostgreSQL's defaults for `max_connections` and `superuser_reserved_connections`.
+const POSTGRES_CONNECTIONS: u64 = 100 - 3;
+
+#[test]
+fn all_replicas_together_fit_into_the_connections_of_postgresql() {
+    let manifests = Manifests(kubernetes());
+    let scaled = manifests.of("ScaledObject");
+    let mut sum = 0;
+    for (deployment, _, args) in manifests.containers() {
+        let pool: u64 =
+            option(&args, "--database-connections").unwrap_or_else(|| panic!("{}", name(deployment))).parse().unwrap();
+        let scaler = scaled.iter().find(|d| d["spec"]["scaleTargetRef"]["name"] == deployment["metadata"]["name"]);
+        let replicas = match scaler {
+            Some(scaler) => scaler["spec"]["maxReplicaCount"].as_u64().unwrap(),
+            None => deployment["spec"]["replicas"].as_u64().unwrap(),
+        };
+        let surge = deployment["spec"]["strategy"]["rollingUpdate"]["maxSurge"].as_u64().unwrap();
+        // One more connection of each process receives notifications.
+        sum += (replicas + surge) * (pool + 1);
+    }
+    assert!(sum <= POSTGRES_CONNECTIONS, "{sum} connections of {POSTGRES_CONNECTIONS}");
+    let config = std::fs::read_to_string(root().join("kubernetes/config.yaml")).unwrap();
+    assert!(config.contains(&format!("up to {sum} connections")), "config.yaml must name {sum} connections");
 }
 
 #[test]
-fn the_guide_names_every_option() {
+fn the_guide_describes_every_option_as_its_help_does() {
     let guide = std::fs::read_to_string(root().join("../docs/operations.md")).unwrap();
+    let rows: Vec<[&str; 3]> = guide
+        .lines()
+        .filter_map(|line| {
+            let mut cells = line.strip_prefix("| `--")?.strip_suffix(" |")?.split(" | ");
+            Some([cells.next()?.trim_end_matches('`'), cells.next()?, cells.next()?])
+        })
+        .collect();
     for command in ["serve", "worker"] {
-        for option in options(command).iter().filter(|o| !["--help", "--version", "--"].contains(&o.as_str())) {
-            assert!(guide.contains(&format!("`{option}")), "docs/operations.md does not name {option} of {command}");
+        let output = Command::new(env!("CARGO_BIN_EXE_oviduct")).args([command, "--help"]).output().unwrap();
+        let help = String::from_utf8(output.stdout).unwrap().split_whitespace().collect::<Vec<_>>().join(" ");
+        let of_command: Vec<_> = rows.iter().filter(|[_, of, _]| of.split(", ").any(|name| name == command)).collect();
+        let mut known = options(command);
+        known.retain(|option| !["--help", "--version", "--"].contains(&option.as_str()));
+        for option in &known {
+            let option = option.trim_start_matches('-');
+            let row = of_command.iter().find(|[call, ..]| call.split(' ').next() == Some(option));
+            let [call, _, meaning] = row.unwrap_or_else(|| panic!("docs/operations.md lacks --{option} of {command}"));
+            // Values and defaults are laid out in another way by `--help`.
+            let meaning = meaning.split(" [default").next().unwrap().split(": `").next().unwrap();
+            assert!(help.contains(meaning), "docs/operations.md on --{call} of {command}: {meaning}");
         }
+        assert_eq!(of_command.len(), known.len(), "docs/operations.md on {command}");
     }
 }

@@ -1,7 +1,6 @@
-//! What can be said on the command line.
+//! The command line: commands, options, their defaults and help texts.
 //!
-//! Environment variables are not written here: [`super::config`] gives every option with a long name its
-//! `OVIDUCT_…` variable, so that none can be forgotten.
+//! Environment variables are not declared here: [`super::config`] gives every long option its `OVIDUCT_…` variable.
 
 use super::units;
 use crate::generate::{Backend, Output};
@@ -12,11 +11,11 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Grows 3D models of folded tubular organs, and serves them over HTTP.
+/// Grows 3D models of folded tubular organs and serves them over HTTP.
 ///
-/// Without a command it serves. Every option can also be set by a variable (OVIDUCT_ and the option's name in
-/// capitals) or in the file named by --config; the command line wins over variables, and these over the file.
-/// Exit codes: 0 done, 1 failed, 2 wrong usage or an invalid spec, 130 interrupted.
+/// Without a command, it serves. Every option can also be set by an environment variable (OVIDUCT_ and the option's name
+/// in capitals) or in the file given by --config. The command line overrides variables, and variables override the file.
+/// Exit codes: 0 success, 1 failure, 2 invalid usage or an invalid spec, 130 interrupted.
 #[derive(Debug, Parser)]
 #[command(name = "oviduct", version, arg_required_else_help = false)]
 pub(super) struct Cli {
@@ -29,60 +28,75 @@ pub(super) struct Cli {
 /// Options of every command.
 #[derive(Debug, Args)]
 pub(super) struct Global {
-    /// TOML file of options: global ones at the top, those of a command in a table of its name
+    /// TOML file with options: global options at the top level, those of a command in a table with its name
     #[arg(long, global = true, value_name = "FILE")]
     pub(super) config: Option<PathBuf>,
-    /// What to log to stderr, such as `info` or `warn,oviduct=debug` [default: info to serve, else warn]
+    /// Log filter for stderr, such as `info` or `warn,oviduct=debug` [default: info for serve and worker, else warn]
     #[arg(long, global = true, value_name = "FILTER")]
     pub(super) log: Option<String>,
-    /// How to write the log
+    /// Log format
     #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text)]
     pub(super) log_format: LogFormat,
-    /// OpenTelemetry collector that traces go to over HTTP, such as http://localhost:4318 [default: none; to serve and
-    /// for workers, what OTEL_EXPORTER_OTLP_ENDPOINT says]
+    /// OpenTelemetry collector to send traces to over HTTP, such as http://localhost:4318 [default: none; serve and worker
+    /// use OTEL_EXPORTER_OTLP_ENDPOINT]
     #[arg(long, global = true, value_name = "URL")]
     pub(super) otlp_endpoint: Option<String>,
 }
 
-/// Form of the log.
+/// Log format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum LogFormat {
-    /// Lines for people.
+    /// Plain text, one line per event.
     Text,
-    /// One JSON object a line.
+    /// One JSON object per line.
     Json,
 }
 
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
-    /// Serve models over HTTP, and grow them in the same process (what is done without a command)
+    /// Serve models over HTTP and grow them in the same process (the default command)
     Serve(ServeArgs),
-    /// Grow one model here and now, without a service
+    /// Grow one model in this process, without a service
     Generate(GenerateArgs),
-    /// Serve on an embedded store, request one model over HTTP, show its progress, save it to ./demo
+    /// Start a service with its own database, request one model over HTTP, show its progress and save it to ./demo
     Demo(DemoArgs),
-    /// Ask a running service for a model
+    /// Request a model from a running service
     Submit(SubmitArgs),
-    /// Certify the surface in any glb, gltf, obj, stl or ply file
+    /// Certify the surface in a glb, gltf, obj, stl or ply file from any source
     Check(CheckArgs),
-    /// Put load on a running service, and say how fast models come
+    /// Send many requests to a running service and report its throughput, latencies and errors
     Load(LoadArgs),
     /// Measure how fast this machine grows models
     Bench(BenchArgs),
-    /// List what can be grown
+    /// List the presets
     Presets(PresetsArgs),
     /// Print the JSON Schema of the spec
     Schema,
     /// Print the OpenAPI description of the service
     Openapi,
-    /// Grow models for a service elsewhere that shares the database and the artifacts
+    /// Grow models for services on other machines that use the same PostgreSQL database and artifact store
     Worker(WorkerArgs),
-    /// Bring the tables of the database up to date (what serve and worker do on start) and end
+    /// Update the database schema and exit (serve and worker also do this when they start)
     Migrate(DatabaseArgs),
-    /// Ask a service whether it is alive (exit code 0 or 1); for container health checks
+    /// Check that a service is alive (exit code 0 or 1); for container health checks
     #[command(hide = true)]
     Healthcheck(HealthcheckArgs),
+}
+
+impl Command {
+    /// Whether it may open a GPU.
+    pub(super) fn may_use_gpu(&self) -> bool {
+        let gpu = match self {
+            Self::Serve(args) => args.process.gpu.gpu,
+            Self::Worker(args) => args.process.gpu.gpu,
+            Self::Generate(args) if matches!(args.model.backend, Backend::Auto | Backend::Gpu) => args.gpu.gpu,
+            Self::Bench(args) if matches!(args.what, Bench::Paper | Bench::Batch) => args.gpu.gpu,
+            Self::Demo(_) => GpuUse::Auto,
+            _ => GpuUse::Off,
+        };
+        gpu == GpuUse::Auto
+    }
 }
 
 /// Options of `serve`.
@@ -91,27 +105,67 @@ pub(super) struct ServeArgs {
     /// Address to listen on
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8080")]
     pub(super) addr: SocketAddr,
-    /// Listen on an address that is not loopback although there is no authentication
+    /// Allow an address other than loopback, although the service has no authentication
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) insecure_no_auth: bool,
+    /// Second address for /healthz, /readyz and /metrics, with connections of its own [default: --addr only]
+    #[arg(long, value_name = "HOST:PORT")]
+    pub(super) metrics_addr: Option<SocketAddr>,
+    /// Time after SIGTERM during which requests are still accepted while /readyz answers 503, so that load balancers can
+    /// remove this process first
+    #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "0s")]
+    pub(super) drain_delay: Duration,
+    /// Number of queued models above which new requests are refused (429)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), default_value_t = 10_000)]
+    pub(super) queue_limit: u64,
+    /// Maximum number of models in a batch
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 1000)]
+    pub(super) batch_limit: u32,
+    /// Queue models with backend `gpu` even while no GPU worker is alive, for GPU workers that are started on demand
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) expect_gpu_workers: bool,
+    /// Redirect downloads to signed S3 URLs (307) instead of passing the bytes through this process
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) redirect_downloads: bool,
+    /// Delete a model this long after it ended, such as 30d [default: keep forever]
+    #[arg(long, value_name = "AGE", value_parser = units::positive_duration)]
+    pub(super) keep: Option<Duration>,
+    /// Total size of all files above which the models that ended first are deleted, such as 500GB [default: no limit]
+    #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
+    pub(super) keep_bytes: Option<u64>,
     #[command(flatten)]
-    pub(super) service: ServiceArgs,
+    pub(super) process: ProcessArgs,
+}
+
+impl ServeArgs {
+    /// The defaults, changed by `options` as on the command line; no variables and no file are read.
+    ///
+    /// # Errors
+    /// If an option is invalid.
+    pub(super) fn with(options: &[&str]) -> Result<Self, clap::Error> {
+        #[derive(Parser)]
+        struct Line {
+            #[command(flatten)]
+            args: ServeArgs,
+        }
+        Ok(Line::try_parse_from(["serve"].iter().chain(options))?.args)
+    }
 }
 
 /// Options of `worker`.
 #[derive(Clone, Debug, Args)]
 pub(super) struct WorkerArgs {
-    /// Address to answer /healthz, /readyz and /metrics at [default: none]
+    /// Address for /healthz, /readyz and /metrics [default: none]
     #[arg(long, value_name = "HOST:PORT")]
     pub(super) metrics_addr: Option<SocketAddr>,
     #[command(flatten)]
-    pub(super) service: ServiceArgs,
+    pub(super) process: ProcessArgs,
 }
 
-/// Where the jobs are.
+/// Location of the job store.
 #[derive(Clone, Debug, Args)]
 pub(super) struct DatabaseArgs {
-    /// Folder of the database, the artifacts and files on their way, where these are not named
+    /// Directory for the database, the artifacts and the scratch directory, unless these are set separately
     #[arg(long, value_name = "DIR", default_value = "data")]
     pub(super) data: PathBuf,
     /// Database of jobs: `postgres://USER:PASSWORD@HOST/NAME`, `sqlite:PATH` or a path [default: DATA/oviduct.db]
@@ -119,72 +173,59 @@ pub(super) struct DatabaseArgs {
     pub(super) database: Option<String>,
 }
 
-/// What a service in this process is made of.
+/// Options of a process with workers: `serve` and `worker`.
 #[derive(Clone, Debug, Args)]
-pub(super) struct ServiceArgs {
+pub(super) struct ProcessArgs {
     #[command(flatten)]
     pub(super) database: DatabaseArgs,
-    /// Where finished files go: `s3://BUCKET/PREFIX` with the usual AWS_… variables, `file:PATH` or a path [default: DATA/artifacts]
+    /// Maximum number of connections to PostgreSQL, not counting one for notifications
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..), default_value_t = 12)]
+    pub(super) database_connections: u32,
+    /// Artifact store for finished files: `s3://BUCKET/PREFIX` with the usual AWS_… variables, `file:PATH` or a path
+    /// [default: DATA/artifacts]
     #[arg(long, value_name = "URL")]
     pub(super) artifacts: Option<String>,
-    /// Models grown at the same time; each may use every core [0: grow none here]
+    /// Number of CPU workers; each grows one model at a time [0: none]
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub(super) cpu_workers: u32,
-    /// Threads of each of them; most models a second come of as many workers as cores with a thread each [default: all
-    /// cores]
+    /// Threads of each CPU worker. For best throughput run one single-threaded worker per core [default: all cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) cpu_threads: Option<u32>,
     #[command(flatten)]
     pub(super) gpu: GpuArgs,
-    /// Most models that a GPU grows together
+    /// Maximum number of models that a GPU grows together
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 16)]
     pub(super) gpu_batch: u32,
-    /// Time between a worker's signs of life
-    #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "2s")]
+    /// Interval between a worker's heartbeats
+    #[arg(long, value_name = "TIME", value_parser = units::positive_duration, default_value = "2s")]
     pub(super) heartbeat: Duration,
-    /// Time without a sign of life after which a job is given to another worker
-    #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "8s")]
+    /// Time without a heartbeat after which a job is given to another worker; at least two heartbeats
+    #[arg(long, value_name = "TIME", value_parser = units::positive_duration, default_value = "8s")]
     pub(super) lease: Duration,
-    /// Attempts after which a job fails
+    /// Number of attempts after which a job fails
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 5)]
     pub(super) max_attempts: u32,
-    /// Time that running jobs are given to end on shutdown before they go back to the queue
-    #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "30s")]
-    pub(super) grace: Duration,
-    /// Queued jobs beyond which new ones are refused
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), default_value_t = 10_000)]
-    pub(super) queue_limit: u64,
-    /// Memory that one model may need, such as 2GB [default: no limit]
+    /// Interval between checkpoints of a running simulation, from which the next attempt resumes [0: no checkpoints]
+    #[arg(long, value_name = "TIME", value_parser = units::duration_or_zero, default_value = "30s")]
+    pub(super) checkpoint_every: Duration,
+    /// Maximum time of one attempt; a job that takes longer fails [default: 10 minutes plus 20 times the time predicted for
+    /// one core]
+    #[arg(long, value_name = "TIME", value_parser = units::positive_duration)]
+    pub(super) job_timeout: Option<Duration>,
+    /// Memory that one model may use, such as 2GB [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
     pub(super) memory_limit: Option<u64>,
-    #[command(flatten)]
-    pub(super) upkeep: UpkeepArgs,
-}
-
-/// Limits and care of a service.
-#[derive(Clone, Debug, Args)]
-pub(super) struct UpkeepArgs {
-    /// Time between checkpoints of a running simulation, from which another attempt goes on [0: none]
+    /// Time after SIGTERM for running jobs and open downloads to finish; then jobs are released to the queue and downloads
+    /// are cut off
     #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "30s")]
-    pub(super) checkpoint_every: Duration,
-    /// Time that an attempt at a model may take; one that takes longer fails [default: no limit]
-    #[arg(long, value_name = "TIME", value_parser = units::duration)]
-    pub(super) job_timeout: Option<Duration>,
-    /// Time after its end that a model is kept, such as 30d [default: for good]
-    #[arg(long, value_name = "AGE", value_parser = units::duration)]
-    pub(super) keep: Option<Duration>,
-    /// Bytes of all files; over it the models that ended first are removed [default: no limit]
-    #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
-    pub(super) keep_bytes: Option<u64>,
-    /// Most models of a batch
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 1000)]
-    pub(super) batch_limit: u32,
-    /// Most connections at a time; others wait to be accepted [default: three quarters of the files that the process may open]
+    pub(super) grace: Duration,
+    /// Maximum number of open connections; further ones wait to be accepted [default: 10000, or three quarters of the
+    /// process's file descriptors if that is less]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..))]
     pub(super) connections: Option<u32>,
-    /// Send downloads on to S3 by signed addresses (307) instead of passing the bytes through
-    #[arg(long, value_parser = FalseyValueParser::new())]
-    pub(super) redirect_downloads: bool,
+    /// Time without progress after which a connection is closed whose client does not read its answer
+    #[arg(long, value_name = "TIME", value_parser = units::positive_duration, default_value = "60s")]
+    pub(super) write_timeout: Duration,
 }
 
 /// Which GPUs to use.
@@ -193,7 +234,7 @@ pub(super) struct GpuArgs {
     /// Whether to use GPUs
     #[arg(long, value_name = "WHEN", value_enum, default_value_t = GpuUse::Auto)]
     pub(super) gpu: GpuUse,
-    /// Use adapters that compute on the CPU too (Mesa's llvmpipe): slow, for tests
+    /// Also use adapters that compute on the CPU (Mesa's llvmpipe); slow, for tests
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) allow_software_adapter: bool,
 }
@@ -201,31 +242,31 @@ pub(super) struct GpuArgs {
 /// Whether to use GPUs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum GpuUse {
-    /// Those that there are.
+    /// All GPUs of this machine.
     Auto,
     /// None.
     Off,
 }
 
-/// What to grow.
+/// The model to grow.
 #[derive(Clone, Debug, Args)]
 pub(super) struct ModelArgs {
-    /// What to start from; see `oviduct presets`
+    /// Preset to start from; see `oviduct presets`
     #[arg(long, value_name = "NAME", default_value = "pig")]
     pub(super) preset: String,
-    /// Seed, 0 to 2^53 - 1 [default: drawn]
+    /// Seed of the random numbers, 0 to 2^53 - 1 [default: random]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..1 << 53))]
     pub(super) seed: Option<u64>,
     /// JSON file with a merge patch on the preset; `-` reads stdin
     #[arg(long, value_name = "FILE")]
     pub(super) spec: Option<PathBuf>,
-    /// One value of the spec, as JSON or a plain word, such as collision.gap_um=30; may be repeated
+    /// Value of one parameter of the spec, as JSON or a plain string, such as collision.gap_um=30; may be repeated
     #[arg(long, value_name = "A.B=V", value_delimiter = ';')]
     pub(super) set: Vec<String>,
-    /// What shall compute it
+    /// Backend that computes the model: auto, gpu, cpu or cpu-single
     #[arg(long, value_parser = kebab::<Backend>, default_value = "auto")]
     pub(super) backend: Backend,
-    /// Formats of the model, separated by commas; sections.bin and report.json are always written
+    /// Formats of the model, separated by commas: glb, obj. sections.bin and report.json are always written
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = kebab::<Output>, default_value = "glb")]
     pub(super) outputs: Vec<Output>,
 }
@@ -235,12 +276,12 @@ pub(super) struct ModelArgs {
 pub(super) struct GenerateArgs {
     #[command(flatten)]
     pub(super) model: ModelArgs,
-    /// Folder for the files; made where it is missing
+    /// Directory for the files; created if it does not exist
     #[arg(long, value_name = "DIR", required = true)]
     pub(super) out: PathBuf,
     #[command(flatten)]
     pub(super) gpu: GpuArgs,
-    /// Memory that the model may need, such as 2GB [default: no limit]
+    /// Memory that the model may use, such as 2GB [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
     pub(super) memory_limit: Option<u64>,
     /// Print one JSON object
@@ -248,12 +289,16 @@ pub(super) struct GenerateArgs {
     pub(super) json: bool,
 }
 
+/// The seed of `demo`: that of the pictures in the README.
+const DEMO_SEED: &str = "7";
+
 /// Options of `demo`.
 #[derive(Clone, Debug, Args)]
+#[command(mut_arg("seed", |seed| seed.help("Seed of the random numbers, 0 to 2^53 - 1").default_value(DEMO_SEED)))]
 pub(super) struct DemoArgs {
     #[command(flatten)]
     pub(super) model: ModelArgs,
-    /// End once the model is saved, with 0 where it is certified and 1 where not
+    /// Exit once the model is saved: code 0 if it is certified, 1 if not
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) exit: bool,
 }
@@ -269,19 +314,19 @@ pub(super) struct SubmitArgs {
     /// Label as NAME:VALUE; may be repeated
     #[arg(long, value_name = "NAME:VALUE", value_delimiter = ',')]
     pub(super) label: Vec<String>,
-    /// How urgent it is, -100 to 100: of what waits, the higher is begun first
+    /// Priority, -100 to 100; queued models of higher priority are started first
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(i64).range(Priority::MIN..=Priority::MAX), default_value_t = 0, allow_hyphen_values = true)]
     pub(super) priority: i64,
-    /// Grow it anew even where the service has the same model already
+    /// Grow the model again even if the service already has it
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) no_reuse: bool,
-    /// Key under which a repeated request gives the same model [default: drawn]
+    /// Idempotency key: a repeated request with the same key returns the same model [default: random]
     #[arg(long, value_name = "KEY")]
     pub(super) idempotency_key: Option<String>,
-    /// Wait until the model ends, with a progress bar
+    /// Wait until the model ends and show its progress
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) wait: bool,
-    /// Folder to save its files in (waits for them)
+    /// Directory to save the model's files in; implies --wait
     #[arg(long, value_name = "DIR")]
     pub(super) out: Option<PathBuf>,
     /// Print the model as JSON
@@ -295,15 +340,15 @@ pub(super) struct LoadArgs {
     /// Address of the service
     #[arg(long, value_name = "URL", default_value = "http://127.0.0.1:8080")]
     pub(super) url: String,
-    /// Models in all; their seeds follow each other from --seed on
+    /// Number of models; their seeds are consecutive, starting with --seed
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), default_value_t = 100)]
     pub(super) models: u64,
-    /// Models asked for at a time
+    /// Number of models requested at the same time
     #[arg(long, value_name = "C", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 4)]
     pub(super) concurrency: u32,
     #[command(flatten)]
     pub(super) model: ModelArgs,
-    /// Grow them here by the generator alone, as so many workers would: what a service is compared with
+    /// Grow the models in this process without a service, C at a time, as a baseline for comparison
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) direct: bool,
     /// Print one JSON object
@@ -331,13 +376,13 @@ pub(super) struct BenchArgs {
     /// What to measure
     #[arg(value_name = "WHAT", value_enum)]
     pub(super) what: Bench,
-    /// Measure less often: within half a minute
+    /// Take fewer measurements, within half a minute
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) quick: bool,
     /// Print one JSON object
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) json: bool,
-    /// Folder for the results as JSON and text, and for plots
+    /// Directory for the results as JSON and text, and for plots
     #[arg(long, value_name = "DIR")]
     pub(super) out: Option<PathBuf>,
     #[command(flatten)]
@@ -347,20 +392,20 @@ pub(super) struct BenchArgs {
 /// What can be measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum Bench {
-    /// The paper's comparison: all pairs, lists, one core and many
+    /// The paper's comparison: all pairs and neighbour lists, one core and all cores
     Paper,
-    /// Time per step by threads and particles
+    /// Time per step by number of threads and particles
     Scaling,
-    /// Models a second on the GPU, by the size of the batch
+    /// Models per second on the GPU by batch size
     Batch,
-    /// Models a second through HTTP, against the same workers calling the generator directly
+    /// Models per second over HTTP, compared with calling the generator directly
     Overhead,
 }
 
 /// Options of `presets`.
 #[derive(Clone, Debug, Args)]
 pub(super) struct PresetsArgs {
-    /// Print a JSON array of all presets, whole
+    /// Print a JSON array with all values of all presets
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) json: bool,
 }
@@ -373,7 +418,7 @@ pub(super) struct HealthcheckArgs {
     pub(super) url: String,
 }
 
-/// Reads a value by the name that it has in JSON, so that the command line and the wire never differ.
+/// Parses a value by its name in JSON, so that the command line and the HTTP interface accept the same names.
 fn kebab<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
     serde_json::from_value(serde_json::Value::from(text)).map_err(|error| error.to_string())
 }

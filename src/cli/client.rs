@@ -1,175 +1,190 @@
-//! Talks to a service: submits a model, follows its events, fetches its files.
+//! HTTP client of a service: submits a model, follows its events, downloads its files.
+
+mod wire;
+
+pub(super) use wire::{Model, Warning};
 
 use super::exit::Failure;
 use super::scratch::Scratch;
 use super::sse::{Event, Parser};
+use crate::clock::Stopwatch;
 use anyhow::{Context, anyhow};
-use reqwest::{Response, StatusCode, header};
+use reqwest::{RequestBuilder, Response, StatusCode, header};
 use serde::Deserialize;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+use wire::{Fault, Problem, RemoteFile};
 
-/// The server sends at least a comment every 15 seconds; a stream that is silent for longer than this is dead.
+/// Maximum silence of an event stream; the service sends at least a comment every 15 seconds.
 const SILENCE: Duration = Duration::from_secs(45);
-/// Tries to reach a server that went away, one after the other, before giving up (about a minute).
-const TRIES: u32 = 16;
+/// A stream that was open for this long and sent anything counts as an answer, even without an event: a model may wait in
+/// the queue for hours behind a proxy that cuts connections.
+const ALIVE: Duration = Duration::from_secs(10);
 
-/// What is read of a model here; the rest is passed on untouched.
-#[derive(Clone, Debug, Deserialize)]
-pub(super) struct Model {
-    /// Identity.
-    pub(super) id: String,
-    /// `queued`, `running`, `succeeded`, `failed`, `cancelled`.
-    pub(super) status: String,
-    #[serde(default)]
-    pub(super) queue: Option<Queue>,
-    #[serde(default)]
-    pub(super) progress: Option<Progress>,
-    #[serde(default)]
-    pub(super) files: Vec<RemoteFile>,
-    #[serde(default)]
-    pub(super) problem: Option<Problem>,
+/// When to give up following a model.
+#[derive(Clone, Copy, Debug)]
+struct Retries {
+    /// Consecutive connections without a new event before giving up.
+    most: u32,
+    /// Wait after the first, growing by as much after each further one, up to ten times as long.
+    wait: Duration,
 }
 
-impl Model {
-    /// Whether it can still change.
-    pub(super) fn is_ended(&self) -> bool {
-        !matches!(self.status.as_str(), "queued" | "running")
-    }
-
-    /// Why it ended without files, in words.
-    pub(super) fn why(&self) -> String {
-        match &self.problem {
-            Some(problem) => format!("the model ended {}: {}", self.status, problem.text()),
-            None => format!("the model ended {}", self.status),
-        }
+impl Default for Retries {
+    /// About a minute in total.
+    fn default() -> Self {
+        Self { most: 16, wait: Duration::from_millis(500) }
     }
 }
 
-/// Place in the queue.
-#[derive(Clone, Debug, Deserialize)]
-pub(super) struct Queue {
-    pub(super) position: Option<u64>,
-}
-
-/// How far it is.
-#[derive(Clone, Debug, Deserialize)]
-pub(super) struct Progress {
-    pub(super) stage: String,
-    pub(super) fraction: f64,
-    pub(super) step: u64,
-    pub(super) steps: u64,
-    pub(super) particles: u64,
-}
-
-/// A file to be fetched.
-#[derive(Clone, Debug, Deserialize)]
-pub(super) struct RemoteFile {
-    pub(super) name: String,
-    pub(super) bytes: u64,
-    pub(super) sha256: String,
-    pub(super) href: String,
-}
-
-/// A problem of RFC 9457.
-#[derive(Clone, Debug, Default, Deserialize)]
-pub(super) struct Problem {
-    #[serde(default)]
-    title: String,
-    #[serde(default)]
-    detail: String,
-    #[serde(default)]
-    errors: Vec<Fault>,
-}
-
-/// A fault of the request.
-#[derive(Clone, Debug, Deserialize)]
-struct Fault {
-    pointer: Option<String>,
-    header: Option<String>,
-    detail: String,
-}
-
-impl std::fmt::Display for Fault {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self.pointer.as_ref().or(self.header.as_ref()) {
-            Some(place) if !place.is_empty() => write!(f, "{place}: {}", self.detail),
-            _ => self.detail.fmt(f),
-        }
-    }
-}
-
-impl Problem {
-    fn text(&self) -> String {
-        match (self.title.is_empty(), self.detail.is_empty()) {
-            (false, false) => format!("{}: {}", self.title, self.detail),
-            (true, _) => self.detail.clone(),
-            (_, true) => self.title.clone(),
-        }
-    }
-}
-
-/// A connection to a service.
+/// A service at an address.
 #[derive(Clone, Debug)]
 pub(super) struct Client {
     http: reqwest::Client,
     base: String,
+    retries: Retries,
+}
+
+/// What happens while a model is followed.
+#[derive(Debug)]
+pub(super) enum Followed<'a> {
+    /// The model changed.
+    Model(&'a Model),
+    /// The connection was lost; another one follows.
+    Away,
+}
+
+/// An answer with an error status.
+#[derive(Debug, thiserror::Error)]
+#[error("the service answered {status}{}{text}", if .text.is_empty() { "" } else { ": " })]
+struct Refused {
+    status: StatusCode,
+    text: String,
+}
+
+/// Nothing was received in time.
+#[derive(Debug, thiserror::Error)]
+#[error("nothing was received for {} s", SILENCE.as_secs())]
+struct Silent;
+
+/// The event stream ended without an `end` event.
+#[derive(Debug, thiserror::Error)]
+#[error("the event stream was closed before the model ended")]
+struct CutOff;
+
+/// Kinds of errors that a report distinguishes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum ErrorKind {
+    /// An answer with this status.
+    Status(u16),
+    /// No connection, or a lost one.
+    Connection,
+    /// No answer in time.
+    Timeout,
+    /// Anything else, such as an answer that is not what the interface describes.
+    Other,
+}
+
+impl ErrorKind {
+    /// The kind of a failure of a [`Client`].
+    pub(super) fn of(failure: &Failure) -> Self {
+        let Failure::Failed(error) = failure else { return Self::Other };
+        if let Some(refused) = error.downcast_ref::<Refused>() {
+            return Self::Status(refused.status.as_u16());
+        }
+        if error.is::<Silent>() {
+            return Self::Timeout;
+        }
+        if error.is::<CutOff>() {
+            return Self::Connection;
+        }
+        match error.chain().find_map(|cause| cause.downcast_ref::<reqwest::Error>()) {
+            Some(error) if error.is_timeout() => Self::Timeout,
+            Some(error) if !error.is_decode() && !error.is_builder() => Self::Connection,
+            _ => Self::Other,
+        }
+    }
+}
+
+/// How an event stream ended.
+enum End {
+    /// The model ended.
+    Ended,
+    /// The model was deleted.
+    Deleted,
+}
+
+/// Why an event stream gave no end.
+enum Interruption {
+    /// Another connection may work.
+    Retry(anyhow::Error),
+    /// It would not.
+    Fatal(Failure),
+}
+
+impl From<Failure> for Interruption {
+    fn from(failure: Failure) -> Self {
+        Self::Fatal(failure)
+    }
+}
+
+/// Position in the events of a model, across connections.
+#[derive(Debug, Default)]
+struct Cursor {
+    last_id: Option<String>,
+    /// Consecutive connections without a new event.
+    tries: u32,
 }
 
 impl Client {
     /// A client of the service at `url`.
     ///
     /// # Errors
-    /// [`Failure::Usage`] where that is no `http:` or `https:` address.
+    /// [`Failure::Usage`] if that is not an `http:` or `https:` URL.
     pub(super) fn new(url: &str) -> Result<Self, Failure> {
         let parsed = reqwest::Url::parse(url).map_err(|e| Failure::usage(format!("--url {url}: {e}")))?;
         if !matches!(parsed.scheme(), "http" | "https") || !parsed.has_host() {
-            return Err(Failure::usage(format!("--url {url}: must begin with http:// or https:// and name a host")));
+            return Err(Failure::usage(format!("--url {url}: must start with http:// or https:// and name a host")));
         }
         crate::tls::install();
         let http = reqwest::Client::builder().connect_timeout(Duration::from_secs(10)).build()?;
-        Ok(Self { http, base: url.trim_end_matches('/').to_owned() })
+        Ok(Self { http, base: url.trim_end_matches('/').to_owned(), retries: Retries::default() })
     }
 
-    /// Address of something in the service.
+    /// The URL of a path on the service.
     pub(super) fn address(&self, path: &str) -> String {
         format!("{}{path}", self.base)
     }
 
-    /// Gets something small.
+    /// Gets a small resource.
     ///
     /// # Errors
-    /// Where the service is away or refuses.
+    /// [`Failure::Failed`] if the service is unavailable or answers with an error.
     pub(super) async fn get(&self, path: &str) -> Result<Response, Failure> {
         let answer = self.http.get(self.address(path)).timeout(Duration::from_secs(30)).send().await;
         accept(answer.with_context(|| format!("GET {}", self.address(path)))?).await
     }
 
-    /// Asks for a model.
+    /// Requests a model.
     ///
     /// # Errors
-    /// [`Failure::Usage`] with each fault where the request is invalid; else where the service is away or refuses.
+    /// [`Failure::Usage`] with each fault if the request is invalid; [`Failure::Failed`] if the service is unavailable or
+    /// refuses it.
     pub(super) async fn submit(&self, body: &Value, idempotency_key: &str) -> Result<Value, Failure> {
-        let address = self.address("/models");
-        let request = self.http.post(&address).header("Idempotency-Key", idempotency_key).json(body);
-        let answer = request.timeout(Duration::from_secs(60)).send().await;
-        Ok(accept(answer.with_context(|| format!("POST {address}"))?).await?.json().await?)
+        Ok(accept(self.post_model(body, idempotency_key).await?).await?.json().await?)
     }
 
-    /// Asks for a model, again and again while the queue is full. Also gives how often it was.
+    /// Requests a model, and again while the queue is full. Also returns the number of answers 429.
     ///
     /// # Errors
     /// As [`Client::submit`].
     pub(super) async fn submit_patiently(&self, body: &Value, key: &str) -> Result<(Value, u64), Failure> {
-        let address = self.address("/models");
         let mut refused = 0;
         loop {
-            let request = self.http.post(&address).header("Idempotency-Key", key).json(body);
-            let answer = request.timeout(Duration::from_secs(60)).send().await;
-            let answer = answer.with_context(|| format!("POST {address}"))?;
+            let answer = self.post_model(body, key).await?;
             if answer.status() != StatusCode::TOO_MANY_REQUESTS {
                 return Ok((accept(answer).await?.json().await?, refused));
             }
@@ -179,10 +194,16 @@ impl Client {
         }
     }
 
-    /// Waits until a model has ended, without its progress.
+    async fn post_model(&self, body: &Value, idempotency_key: &str) -> anyhow::Result<Response> {
+        let address = self.address("/models");
+        let request = self.http.post(&address).header("Idempotency-Key", idempotency_key).json(body);
+        request.timeout(Duration::from_secs(60)).send().await.with_context(|| format!("POST {address}"))
+    }
+
+    /// Waits until a model has ended, and gets it.
     ///
     /// # Errors
-    /// Where the service stays away or the model is deleted.
+    /// As [`Client::follow`] and [`Client::model`].
     pub(super) async fn wait_for(&self, id: &str) -> Result<Value, Failure> {
         self.follow(id, |_| {}).await?;
         self.model(id).await
@@ -191,93 +212,81 @@ impl Client {
     /// Gets a model.
     ///
     /// # Errors
-    /// Where the service is away or knows no such model.
+    /// [`Failure::Failed`] if the service is unavailable or has no such model.
     pub(super) async fn model(&self, id: &str) -> Result<Value, Failure> {
         Ok(self.get(&format!("/models/{id}")).await?.json().await?)
     }
 
-    /// Follows the events of a model until it ends; comes back after an interruption where it left off.
+    /// Follows the events of a model until it ends. A lost connection is opened again, with `Last-Event-ID`, so that no
+    /// event is seen twice.
     ///
     /// # Errors
-    /// Where the model is deleted, or the service stays away.
+    /// [`Failure::Failed`] if the model is deleted, the service refuses, or about a minute of further connections brings
+    /// no new event.
     pub(super) async fn follow(&self, id: &str, mut seen: impl FnMut(Followed<'_>)) -> Result<(), Failure> {
-        let mut last_id: Option<String> = None;
-        let mut tries = 0;
+        let mut cursor = Cursor::default();
         loop {
-            match self.follow_once(id, &mut last_id, &mut tries, &mut seen).await {
-                Ok(Some(status)) if status == "deleted" => return Err(anyhow!("the model was deleted").into()),
-                Ok(Some(_)) => return Ok(()),
-                Ok(None) => {}
-                Err(Failure::Failed(error)) if tries < TRIES && error.is::<Lost>() => {}
-                Err(failure) => return Err(failure),
+            let error = match self.follow_once(id, &mut cursor, &mut seen).await {
+                Ok(End::Ended) => return Ok(()),
+                Ok(End::Deleted) => return Err(anyhow!("the model was deleted").into()),
+                Err(Interruption::Fatal(failure)) => return Err(failure),
+                Err(Interruption::Retry(error)) => error,
+            };
+            cursor.tries += 1;
+            if cursor.tries > self.retries.most {
+                let told = format!("no new event of model {id} after {} connections to {}", cursor.tries, self.base);
+                return Err(error.context(told).into());
             }
-            tries += 1;
             seen(Followed::Away);
-            tokio::time::sleep(Duration::from_millis(500 * u64::from(tries.min(10)))).await;
+            tokio::time::sleep(self.retries.wait * cursor.tries.min(10)).await;
         }
     }
 
-    /// One connection; gives the status of the `end` event, or none where the stream broke off before.
+    /// Reads one event stream to its end.
     async fn follow_once(
         &self,
         id: &str,
-        last_id: &mut Option<String>,
-        tries: &mut u32,
+        cursor: &mut Cursor,
         seen: &mut impl FnMut(Followed<'_>),
-    ) -> Result<Option<String>, Failure> {
+    ) -> Result<End, Interruption> {
         let mut request = self.http.get(self.address(&format!("/models/{id}/events")));
         request = request.header(header::ACCEPT, "text/event-stream");
-        if let Some(last) = last_id.as_deref() {
+        if let Some(last) = cursor.last_id.as_deref() {
             request = request.header("Last-Event-ID", last);
         }
-        let answer = tokio::time::timeout(SILENCE, request.send()).await.map_err(|_| Lost)?;
-        let answer = answer.map_err(|error| anyhow!(error).context(Lost))?;
-        if answer.status().is_server_error() {
-            return Err(anyhow!("the service answered {}", answer.status()).context(Lost).into());
+        let mut answer = open(request).await?;
+        // The model ended with the event that was seen last.
+        if answer.status() == StatusCode::NO_CONTENT {
+            return Ok(End::Ended);
         }
-        let mut answer = accept(answer).await?;
+        let opened = Stopwatch::start();
         let mut parser = Parser::default();
         loop {
             let piece = match tokio::time::timeout(SILENCE, answer.chunk()).await {
                 Ok(Ok(Some(piece))) => piece,
-                Ok(Ok(None) | Err(_)) | Err(_) => return Ok(None),
+                Ok(Ok(None)) => return Err(Interruption::Retry(CutOff.into())),
+                Ok(Err(error)) => return Err(Interruption::Retry(anyhow!(error).context(CutOff))),
+                Err(_) => return Err(Interruption::Retry(Silent.into())),
             };
+            if opened.elapsed() >= ALIVE {
+                cursor.tries = 0;
+            }
             for event in parser.feed(&piece) {
-                *tries = 0;
-                if event.id.is_some() {
-                    last_id.clone_from(&event.id);
+                if event.id.is_some() && event.id != cursor.last_id {
+                    cursor.last_id.clone_from(&event.id);
+                    cursor.tries = 0;
                 }
-                if let Some(status) = self.take(&event, seen)? {
-                    return Ok(Some(status));
+                if let Some(end) = take(&event, seen)? {
+                    return Ok(end);
                 }
             }
         }
     }
 
-    /// Hands an event on; gives the status where it is the last one.
-    fn take(&self, event: &Event, seen: &mut impl FnMut(Followed<'_>)) -> Result<Option<String>, Failure> {
-        match event.kind.as_str() {
-            "status" | "progress" => {
-                let model: Model = serde_json::from_str(&event.data).context("an event is no model")?;
-                seen(Followed::Model(&model));
-                Ok(None)
-            }
-            "end" => {
-                #[derive(Deserialize)]
-                struct End {
-                    status: String,
-                }
-                let end: End = serde_json::from_str(&event.data).context("the last event has no status")?;
-                Ok(Some(end.status))
-            }
-            _ => Ok(None),
-        }
-    }
-
-    /// Saves all files of a model in `dir`, each of them proven by its SHA-256.
+    /// Saves all files of a model in `dir`, after comparing each with its SHA-256.
     ///
     /// # Errors
-    /// Where a file cannot be fetched or written, or is not what was announced.
+    /// [`Failure::Failed`] if a file cannot be downloaded or written, or differs from its SHA-256; `dir` is unchanged then.
     pub(super) async fn download(&self, model: &Model, dir: &Path) -> Result<Vec<PathBuf>, Failure> {
         let scratch = Scratch::new(dir).with_context(|| format!("{}", dir.display()))?;
         for file in &model.files {
@@ -290,55 +299,72 @@ impl Client {
     async fn fetch(&self, file: &RemoteFile, dir: &Path) -> Result<(), Failure> {
         let name = file.name.as_str();
         if name.starts_with('.') || Path::new(name).file_name() != Some(name.as_ref()) {
-            return Err(anyhow!("the service named a file `{name}`, which is no file name").into());
+            return Err(anyhow!("the service named a file `{name}`, which is not a valid file name").into());
         }
         let answer = self.http.get(self.address(&file.href)).send().await;
         let mut answer = accept(answer.with_context(|| format!("GET {}", file.href))?).await?;
         let mut out = std::fs::File::create(dir.join(name)).with_context(|| name.to_owned())?;
         let (mut hash, mut bytes) = (Sha256::new(), 0);
-        while let Some(piece) = answer.chunk().await.with_context(|| format!("fetching {name}"))? {
+        while let Some(piece) = answer.chunk().await.with_context(|| format!("downloading {name}"))? {
             hash.update(&piece);
             bytes += piece.len() as u64;
             out.write_all(&piece).with_context(|| name.to_owned())?;
         }
         out.sync_all().with_context(|| name.to_owned())?;
         if bytes != file.bytes || hex::encode(hash.finalize()) != file.sha256 {
-            return Err(anyhow!("{name} is not the file that was announced ({bytes} of {} bytes)", file.bytes).into());
+            return Err(anyhow!("{name} differs from its SHA-256 ({bytes} of {} bytes received)", file.bytes).into());
         }
         Ok(())
     }
 }
 
-/// What happens while following a model.
-#[derive(Debug)]
-pub(super) enum Followed<'a> {
-    /// It stands here.
-    Model(&'a Model),
-    /// The service is away; it is tried again.
-    Away,
+/// Opens an event stream.
+async fn open(request: RequestBuilder) -> Result<Response, Interruption> {
+    let answer = match tokio::time::timeout(SILENCE, request.send()).await {
+        Err(_) => return Err(Interruption::Retry(Silent.into())),
+        Ok(Err(error)) => return Err(Interruption::Retry(error.into())),
+        Ok(Ok(answer)) => answer,
+    };
+    match (answer.status().is_server_error(), accept(answer).await) {
+        (true, Err(Failure::Failed(error))) => Err(Interruption::Retry(error)),
+        (_, answer) => Ok(answer?),
+    }
 }
 
-/// The connection was lost, and is worth another try.
-#[derive(Debug, thiserror::Error)]
-#[error("the connection to the service was lost")]
-struct Lost;
+/// Reports an event of a model; returns how the stream ended if it is the last one.
+fn take(event: &Event, seen: &mut impl FnMut(Followed<'_>)) -> Result<Option<End>, Failure> {
+    match event.kind.as_str() {
+        "status" | "progress" => {
+            let model: Model = serde_json::from_str(&event.data).context("an event does not hold a model")?;
+            seen(Followed::Model(&model));
+            Ok(None)
+        }
+        "end" => {
+            #[derive(Deserialize)]
+            struct Last {
+                status: String,
+            }
+            let last: Last = serde_json::from_str(&event.data).context("the `end` event has no status")?;
+            Ok(Some(if last.status == "deleted" { End::Deleted } else { End::Ended }))
+        }
+        _ => Ok(None),
+    }
+}
 
-/// Passes a good answer on; turns a problem into a failure.
+/// Turns an answer with an error status into a failure.
 async fn accept(answer: Response) -> Result<Response, Failure> {
     let status = answer.status();
     if status.is_success() {
         return Ok(answer);
     }
-    let problem: Problem = answer.json().await.unwrap_or_default();
-    Err(refusal(status, &problem))
-}
-
-fn refusal(status: StatusCode, problem: &Problem) -> Failure {
-    let text = problem.text();
+    let problem: Problem = match tokio::time::timeout(SILENCE, answer.json()).await {
+        Ok(Ok(problem)) => problem,
+        Ok(Err(_)) | Err(_) => Problem::default(),
+    };
     if problem.errors.is_empty() {
-        return anyhow!("the service answered {status}{}{text}", if text.is_empty() { "" } else { ": " }).into();
+        return Err(Refused { status, text: problem.text() }.into());
     }
-    Failure::Usage(problem.errors.iter().map(Fault::to_string).collect())
+    Err(Failure::Usage(problem.errors.iter().map(Fault::to_string).collect()))
 }
 
 #[cfg(test)]

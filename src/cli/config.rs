@@ -1,7 +1,7 @@
-//! Where options come from: command line, then `OVIDUCT_…` variables, then the file of `--config`, then defaults.
+//! Sources of options, highest precedence first: command line, `OVIDUCT_…` variables, the file of `--config`, defaults.
 //!
-//! Every option with a long name gets its variable here. What the file says becomes the default of the option, so
-//! that one parser checks the values of all four sources in the same way.
+//! Every long option gets its variable here. Values of the file become defaults of the options, so that one parser checks
+//! the values of all sources.
 
 use super::args::Cli;
 use super::exit::Failure;
@@ -9,19 +9,19 @@ use clap::{Arg, ArgAction, CommandFactory, FromArgMatches};
 use std::ffi::OsString;
 use toml::{Table, Value};
 
-/// How a command line was understood.
+/// A parsed command line.
 #[derive(Debug)]
 pub(super) enum Parsed {
-    /// Something to do.
+    /// A command to run.
     Run(Box<Cli>),
-    /// Help, the version, or a fault, to be printed by clap (which knows the exit code).
+    /// Help, the version, or an error, to be printed by clap.
     Say(clap::Error),
 }
 
 /// Parses the command line (without the name of the program).
 ///
 /// # Errors
-/// [`Failure::Usage`] where the file of `--config` cannot be read or says something unknown.
+/// [`Failure::Usage`] if the file of `--config` cannot be read or has an unknown option.
 pub(super) fn parse(args: impl IntoIterator<Item = OsString>) -> Result<Parsed, Failure> {
     let mut args: Vec<OsString> = args.into_iter().collect();
     let command = with_variables(Cli::command());
@@ -42,10 +42,10 @@ pub(super) fn parse(args: impl IntoIterator<Item = OsString>) -> Result<Parsed, 
     })
 }
 
-/// Global options that take a value; `insert_default_command` must step over these.
+/// Global options that take a value; `insert_default_command` skips them.
 const GLOBAL: [&str; 4] = ["--config", "--log", "--log-format", "--otlp-endpoint"];
 
-/// The file of `--config`, which must be known before the options can be parsed.
+/// The file of `--config`, which is needed before the options can be parsed.
 fn config_path(args: &[OsString]) -> Option<std::path::PathBuf> {
     let mut args = args.iter().map_while(|a| (a != "--").then_some(a));
     while let Some(arg) = args.next() {
@@ -59,7 +59,7 @@ fn config_path(args: &[OsString]) -> Option<std::path::PathBuf> {
     std::env::var_os("OVIDUCT_CONFIG").filter(|path| !path.is_empty()).map(Into::into)
 }
 
-/// Inserts `serve` where no command is named.
+/// Inserts `serve` if no command is given.
 fn insert_default_command(args: &mut Vec<OsString>) {
     let mut at = 0;
     while let Some(arg) = args.get(at).and_then(|a| a.to_str()) {
@@ -93,7 +93,7 @@ fn with_variables(command: clap::Command) -> clap::Command {
     command.mut_args(name).mut_subcommands(|sub| sub.mut_args(name))
 }
 
-/// Puts what a configuration file says into the defaults of the options.
+/// Makes the values of a configuration file the defaults of the options.
 fn with_file(mut command: clap::Command, text: &str) -> Result<clap::Command, Vec<String>> {
     let table: Table = text.parse().map_err(|e: toml::de::Error| vec![e.to_string().trim_end().to_owned()])?;
     let mut faults = Vec::new();
@@ -112,7 +112,7 @@ fn with_file(mut command: clap::Command, text: &str) -> Result<clap::Command, Ve
     if faults.is_empty() { Ok(command) } else { Err(faults) }
 }
 
-/// Makes `value` the default of one option; says in `faults` where that cannot be.
+/// Makes `value` the default of one option; adds to `faults` if there is no such option or the value does not fit.
 fn with_option(
     command: clap::Command,
     option: &str,
@@ -139,7 +139,7 @@ fn with_option(
     }
 }
 
-/// A TOML value as it would be written on the command line.
+/// A TOML value as written on the command line; `None` for arrays, tables and dates.
 fn plain(value: Value) -> Option<String> {
     match value {
         Value::String(text) => Some(text),
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn the_definition_is_sound() {
+    fn the_definition_passes_claps_checks() {
         with_variables(Cli::command()).debug_assert();
     }
 
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn serving_is_what_is_done_without_a_command() {
+    fn the_default_command_is_serve() {
         for line in ["", "--addr 127.0.0.1:9", "--log debug", "--log=debug --addr 127.0.0.1:9"] {
             assert!(matches!(run("", line).expect("parses").command, Command::Serve(_)), "{line}");
         }
@@ -201,15 +201,15 @@ mod tests {
     }
 
     #[test]
-    fn the_file_gives_defaults_and_the_command_line_wins() {
+    fn the_file_sets_defaults_and_the_command_line_overrides_them() {
         let file = "log-format = 'json'\n[serve]\naddr = '127.0.0.1:9000'\ncpu-workers = 3\nlease = '20s'\n\
                     [generate]\nout = 'models'\noutputs = ['glb', 'obj']\njson = true\nset = ['steps=4']\n";
         let cli = run(file, "serve --cpu-workers 4").expect("parses");
         assert_eq!(cli.global.log_format, LogFormat::Json);
         let Command::Serve(serve) = cli.command else { panic!("serve") };
         assert_eq!(serve.addr.port(), 9000);
-        assert_eq!(serve.service.cpu_workers, 4);
-        assert_eq!(serve.service.lease.as_secs(), 20);
+        assert_eq!(serve.process.cpu_workers, 4);
+        assert_eq!(serve.process.lease.as_secs(), 20);
         let Command::Generate(generate) = run(file, "generate").expect("parses").command else { panic!("generate") };
         assert_eq!(generate.model.outputs, [Output::Glb, Output::Obj]);
         assert!(generate.json);
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_of_the_file_are_all_named() {
+    fn all_faults_of_the_file_are_reported() {
         let file = "colour = 'red'\nconfig = 'x'\n[serve]\nport = 1\naddr = ['a']\n[generate]\noutputs = [['glb']]\n";
         let mut faults = run(file, "schema").expect_err("faults");
         faults.sort();
@@ -242,8 +242,8 @@ mod tests {
     }
 
     #[test]
-    fn options_are_checked() {
-        assert!(run("", "generate").is_err(), "--out is needed");
+    fn options_are_validated() {
+        assert!(run("", "generate").is_err(), "--out is required");
         assert!(run("", "generate --out x --seed 9007199254740992").is_err());
         assert!(run("", "generate --out x --seed -1").is_err());
         assert!(run("", "generate --out x --backend quantum").is_err());
@@ -252,5 +252,51 @@ mod tests {
         assert!(run("", "check").is_err());
         assert!(run("", "worker --database postgres://h/d --cpu-workers 2").is_ok());
         assert!(run("", "worker --addr 127.0.0.1:9").is_err());
+        // Only `serve` deletes models and files.
+        assert!(run("", "worker --keep 30d").is_err());
+    }
+
+    #[test]
+    fn durations_need_a_unit_on_the_line_and_in_the_file() {
+        let durations = ["keep", "lease", "heartbeat", "grace", "drain-delay", "job-timeout", "checkpoint-every"];
+        for option in durations.into_iter().chain(["write-timeout"]) {
+            for (file, line) in [
+                (String::new(), format!("serve --{option} 30")),
+                (format!("[serve]\n{option} = 30"), "serve".to_owned()),
+            ] {
+                let message = run(&file, &line).expect_err(option).join("\n");
+                assert!(message.contains(option) && message.contains("ms, s, m, h or d"), "{message}");
+            }
+            assert!(run("", &format!("serve --{option} 30s")).is_ok(), "{option}");
+        }
+    }
+
+    #[test]
+    fn zero_is_refused_unless_it_means_none() {
+        for option in ["keep", "lease", "heartbeat", "job-timeout", "write-timeout"] {
+            for zero in ["0", "0s", "0d"] {
+                let message = run("", &format!("serve --{option} {zero}")).expect_err(option).join("\n");
+                assert!(message.contains("more than 0"), "{message}");
+            }
+        }
+        assert!(run("", "serve --checkpoint-every 0 --grace 0s --drain-delay 0s").is_ok());
+        assert!(run("", "serve --grace 0").is_err());
+        assert!(run("[serve]\ncheckpoint-every = 0", "serve").is_ok());
+    }
+
+    #[test]
+    fn the_demo_grows_seed_7_unless_another_is_given() {
+        let seed = |line| match run("", line).expect("parses").command {
+            Command::Demo(demo) => demo.model.seed,
+            _ => panic!("demo"),
+        };
+        assert_eq!((seed("demo"), seed("demo --seed 9")), (Some(7), Some(9)));
+        let help = |name| {
+            let mut command = Cli::command();
+            command.build();
+            command.find_subcommand_mut(name).expect("a command").render_help().to_string()
+        };
+        assert!(help("demo").contains("[default: 7]"), "{}", help("demo"));
+        assert!(help("generate").contains("[default: random]"), "{}", help("generate"));
     }
 }

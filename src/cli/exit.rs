@@ -1,15 +1,15 @@
-//! How a command ends: exit codes, and what is said on stderr.
+//! Results of commands: exit codes, and messages on stderr.
 
 use std::process::ExitCode;
 
-/// Why a command did not do what it was asked to.
+/// Why a command failed.
 #[derive(Debug)]
 pub(super) enum Failure {
-    /// It was asked wrongly, or the spec is invalid: one line a fault. Exit code 2.
+    /// Invalid usage or an invalid spec: one line for each fault. Exit code 2.
     Usage(Vec<String>),
-    /// It went wrong. Exit code 1.
+    /// Any other error. Exit code 1.
     Failed(anyhow::Error),
-    /// What it had to say has been said on stdout, and it is bad. Exit code 1.
+    /// A negative result that was already printed to stdout. Exit code 1.
     Negative,
     /// It was interrupted. Exit code 130.
     Interrupted,
@@ -19,7 +19,7 @@ pub(super) enum Failure {
 pub(super) type Ended = Result<(), Failure>;
 
 impl Failure {
-    /// A wrong use, in one line.
+    /// Invalid usage, with one fault.
     pub(super) fn usage(line: impl Into<String>) -> Self {
         Self::Usage(vec![line.into()])
     }
@@ -36,7 +36,7 @@ impl Failure {
     }
 }
 
-/// Whether whoever reads our output has had enough of it, as `oviduct schema | head` has: no failure of ours.
+/// Whether the reader of stdout closed it, as in `oviduct schema | head`, which is not a failure.
 fn is_broken_pipe(error: &anyhow::Error) -> bool {
     error.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
 }
@@ -47,7 +47,7 @@ impl<E: Into<anyhow::Error>> From<E> for Failure {
     }
 }
 
-/// Says on stderr why a command failed, and gives the exit code.
+/// Prints the reason of a failure to stderr; returns the exit code.
 pub(super) fn exit_code(ended: &Ended) -> ExitCode {
     match ended {
         Ok(()) => ExitCode::SUCCESS,
@@ -67,7 +67,7 @@ mod tests {
     use anyhow::Context;
 
     #[test]
-    fn codes() {
+    fn failures_have_exit_codes_and_messages() {
         let usage = Failure::Usage(vec!["/spec/steps: too many".into(), "/seed: negative".into()]);
         assert_eq!(usage.report(), (2, vec!["error: /spec/steps: too many".into(), "error: /seed: negative".into()]));
         assert_eq!(Failure::Interrupted.report().0, 130);
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn a_closed_pipe_is_no_failure() {
+    fn a_closed_pipe_is_not_a_failure() {
         let closed = std::io::Error::from(std::io::ErrorKind::BrokenPipe);
         assert_eq!(Failure::from(closed).report(), (0, vec![]));
         let other: anyhow::Result<()> = Err(std::io::Error::other("gone")).context("x");

@@ -1,7 +1,6 @@
-//! `oviduct generate`: grows one model here and now. Its files appear all together, once it is certified.
+//! `oviduct generate`: grows one model in this process. Its files appear together, once it is certified.
 
-use super::args::GenerateArgs;
-use super::args::GpuArgs;
+use super::args::{GenerateArgs, GpuArgs};
 use super::exit::{Ended, Failure};
 use super::interrupt::Signals;
 use super::scratch::Scratch;
@@ -14,7 +13,7 @@ use std::path::PathBuf;
 
 pub(super) async fn run(args: GenerateArgs) -> Ended {
     let (preset, spec) = model::resolve(&args.model)?;
-    // Before there is anything that a signal could leave behind.
+    // Before the scratch directory exists, which a signal would leave behind.
     let signals = Signals::listen();
     let scratch = Scratch::new(&args.out).with_context(|| format!("--out {}", args.out.display()))?;
     let request = Request {
@@ -29,6 +28,10 @@ pub(super) async fn run(args: GenerateArgs) -> Ended {
     let (outcome, fallback, request) = grow(request, args.gpu, signals).await?;
     let publish = |name: &str| scratch.publish(name).with_context(|| name.to_owned());
     let paths: Vec<PathBuf> = outcome.files.iter().map(|f| publish(&f.name)).collect::<anyhow::Result<_>>()?;
+    for warning in warnings(&outcome) {
+        let detail = warning["detail"].as_str().unwrap_or_default();
+        term::note(&format!("warning: {detail}"));
+    }
     if args.json {
         term::print_json(&report(&request, &outcome, fallback.as_deref()))?;
         return Ok(());
@@ -45,7 +48,7 @@ pub(super) async fn run(args: GenerateArgs) -> Ended {
     Ok(())
 }
 
-/// Grows a model on a thread of its own, with a bar; stops it when interrupted.
+/// Grows a model on another thread and shows its progress; stops it when interrupted.
 async fn grow(
     request: Request,
     gpu: GpuArgs,
@@ -62,7 +65,7 @@ async fn grow(
         () = signals.asked_to_stop() => {
             bar.clear();
             cancel.cancel();
-            // It stops at the next step. Whoever asks twice does not want to wait for that.
+            // It stops at the next step; a second signal does not wait for that.
             tokio::select! { _ = &mut task => {} () = signals.asked_to_stop() => {} }
             return Err(Failure::Interrupted);
         }
@@ -75,7 +78,7 @@ async fn grow(
     }
 }
 
-/// Shows progress as a bar.
+/// Shows progress on stderr.
 struct Shown(term::Bar);
 
 impl Sink for Shown {
@@ -88,7 +91,12 @@ impl Sink for Shown {
     fn section(&self, _: &Section) {}
 }
 
-/// What `--json` prints.
+/// The warnings about poor growth, as objects with a `code` and a `detail`.
+fn warnings(outcome: &Outcome) -> &[Value] {
+    outcome.summary.get("warnings").and_then(Value::as_array).map_or(&[], Vec::as_slice)
+}
+
+/// The output with `--json`.
 fn report(request: &Request, outcome: &Outcome, fallback: Option<&str>) -> Value {
     let count = |name: &str| outcome.summary.get(name).cloned().unwrap_or_default();
     let file =
@@ -109,12 +117,13 @@ fn report(request: &Request, outcome: &Outcome, fallback: Option<&str>) -> Value
         "seconds": outcome.seconds,
         "peak_rss_bytes": term::peak_rss_bytes(),
         "files": outcome.files.iter().map(file).collect::<Vec<_>>(),
+        "warnings": warnings(outcome),
         "certificate": outcome.certificate,
         "summary": outcome.summary,
     })
 }
 
-/// The same for people.
+/// The output without `--json`.
 fn summary(request: &Request, outcome: &Outcome) -> [String; 3] {
     let (of, proof, seconds) = (&outcome.summary, &outcome.certificate, &outcome.seconds);
     [
@@ -130,7 +139,7 @@ fn summary(request: &Request, outcome: &Outcome) -> [String; 3] {
             of["triangles"],
         ),
         format!(
-            "certified: closed, manifold, oriented, Euler number {}, no triangles meet; least gap {} µm",
+            "certified: closed, manifold, oriented, Euler number {}, no triangles intersect; minimum gap {} µm",
             proof["euler"], proof["min_gap_um"],
         ),
         format!(

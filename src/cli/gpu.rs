@@ -6,14 +6,14 @@ use crate::sim::gpu::{GpuDevice, GpuError, GpuOptions, adapters};
 use crate::worker::GpuGenerator;
 use std::sync::{Mutex, PoisonError};
 
-/// What is said where GPUs are there but not wanted.
+/// The reason given if GPUs may not be used.
 const OFF: &str = "GPUs are switched off (--gpu off)";
 
 fn options(args: GpuArgs) -> GpuOptions {
     GpuOptions { allow_software: args.allow_software_adapter, ..GpuOptions::default() }
 }
 
-/// A generator for each GPU, or why there is none.
+/// A generator for each GPU, or the reason why there is none.
 pub(super) async fn generators(args: GpuArgs) -> Result<Vec<GpuGenerator>, String> {
     let found = match args.gpu {
         GpuUse::Off => Err(OFF.to_owned()),
@@ -23,12 +23,12 @@ pub(super) async fn generators(args: GpuArgs) -> Result<Vec<GpuGenerator>, Strin
         },
     };
     if let Err(reason) = &found {
-        tracing::info!(reason, "no GPU worker; models grow on the CPU");
+        tracing::info!(reason, "no GPU worker; models are grown on the CPU");
     }
     found
 }
 
-/// The best GPU, opened, or why there is none.
+/// Opens the best GPU, or returns the reason why there is none.
 pub(super) fn best(args: GpuArgs) -> Result<GpuDevice, String> {
     if args.gpu == GpuUse::Off {
         return Err(OFF.to_owned());
@@ -43,8 +43,8 @@ pub(super) fn best(args: GpuArgs) -> Result<GpuDevice, String> {
     Err(last.to_string())
 }
 
-/// Grows one model on what it was asked of. `auto` tries the best GPU first; the reason is given where that did not do
-/// it.
+/// Grows one model on the backend of the request. For `auto`, that is the best GPU if it can grow the model; else the CPU,
+/// and the reason is returned too.
 ///
 /// # Errors
 /// [`GenerateError`].
@@ -72,7 +72,7 @@ pub(super) fn grow(
     Ok((generate(&request, sink, cancel)?, Some(reason)))
 }
 
-/// A batch of one.
+/// Grows one model on a GPU, as a batch of one.
 fn alone(
     device: &GpuDevice,
     request: &Request,

@@ -1,28 +1,28 @@
-//! Being asked to stop: Ctrl-C, or a terminate signal.
+//! Requests to stop: SIGINT (Ctrl-C) and SIGTERM.
 
 #[cfg(unix)]
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
-/// The signals, heard from its making on: whoever makes something that must be cleared away listens before.
+/// Receives the signals from its creation on. A command that creates something to clean up listens before it does.
 pub(super) struct Signals {
     #[cfg(unix)]
-    heard: [Option<Signal>; 2],
+    signals: [Option<Signal>; 2],
 }
 
 impl Signals {
-    /// From now on the signals no longer end the process by themselves.
+    /// From now on the signals do not end the process by default.
     pub(super) fn listen() -> Self {
         Self {
             #[cfg(unix)]
-            heard: [SignalKind::terminate(), SignalKind::interrupt()].map(|kind| signal(kind).ok()),
+            signals: [SignalKind::terminate(), SignalKind::interrupt()].map(|kind| signal(kind).ok()),
         }
     }
 
-    /// Waits until the process is asked to stop, once more at each call.
+    /// Waits for the next signal.
     pub(super) async fn asked_to_stop(&mut self) {
         #[cfg(unix)]
         {
-            let [terminate, interrupt] = &mut self.heard;
+            let [terminate, interrupt] = &mut self.signals;
             tokio::select! {
                 () = next(terminate) => {}
                 () = next(interrupt) => {}
@@ -33,21 +33,19 @@ impl Signals {
     }
 }
 
-/// The next signal; for ever where it cannot be heard, for then it ends the process as ever.
+/// Waits for the signal; forever if it cannot be received, since then it ends the process by default.
 #[cfg(unix)]
 async fn next(signal: &mut Option<Signal>) {
-    let heard = match signal {
+    let received = match signal {
         Some(signal) => signal.recv().await,
         None => None,
     };
-    if heard.is_none() {
+    if received.is_none() {
         std::future::pending::<()>().await;
     }
 }
 
-/// Waits until the process is asked to stop.
-///
-/// Once this was called, the signals no longer end the process by themselves.
+/// Waits for a request to stop. After the first call the signals do not end the process by default.
 pub(super) async fn asked_to_stop() {
     #[cfg(unix)]
     {
@@ -62,7 +60,7 @@ pub(super) async fn asked_to_stop() {
     ctrl_c().await;
 }
 
-/// Waits for Ctrl-C; for ever where that cannot be heard, for then it ends the process as ever.
+/// Waits for Ctrl-C; forever if it cannot be received, since then it ends the process by default.
 async fn ctrl_c() {
     if tokio::signal::ctrl_c().await.is_err() {
         std::future::pending::<()>().await;

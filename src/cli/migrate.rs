@@ -1,10 +1,12 @@
-//! `oviduct migrate`: brings the tables of the database up to date.
+//! `oviduct migrate`: updates the database schema.
 
 use super::args::DatabaseArgs;
 use super::exit::Ended;
-use super::service::database;
+use super::service::{database, location};
 use anyhow::Context;
 
 pub(super) async fn run(args: DatabaseArgs) -> Ended {
-    Ok(database(&args)?.migrate().await.context("the tables could not be brought up to date")?)
+    let database = database(&args)?;
+    let migrated = database.migrate().await;
+    Ok(migrated.with_context(|| format!("the schema of the job store {} could not be updated", location(&database)))?)
 }

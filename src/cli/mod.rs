@@ -1,7 +1,7 @@
-//! The command line: reads options, wires the floors below together, and says how it ended.
+//! The command line: parses options, connects the modules below, reports results and errors.
 //!
-//! Results go to stdout; logs, progress and faults to stderr. A command ends with 0 (done), 1 (failed), 2 (wrong
-//! usage or an invalid spec) or 130 (interrupted).
+//! Results go to stdout; logs, progress and errors to stderr. Exit codes: 0 success, 1 failure, 2 invalid usage or an
+//! invalid spec, 130 interrupted.
 
 mod args;
 mod bench;
@@ -18,6 +18,7 @@ mod load;
 mod migrate;
 mod model;
 mod print;
+mod restart;
 mod scratch;
 mod serve;
 mod service;
@@ -36,22 +37,25 @@ use std::process::ExitCode;
 use std::time::Duration;
 use telemetry::Telemetry;
 
-/// Time that threads still at work are given when a command has ended.
-const LAST_WORDS: Duration = Duration::from_secs(2);
+/// Time for running threads to finish after a command has ended.
+const SHUTDOWN: Duration = Duration::from_secs(2);
 
-/// Does what the arguments (without the name of the program) say; gives the exit code.
+/// Runs the command given by the arguments (without the name of the program); returns the exit code.
 #[must_use]
 pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let cli = match config::parse(args) {
         Ok(config::Parsed::Run(cli)) => *cli,
         Ok(config::Parsed::Say(message)) => {
             let code = if message.use_stderr() { 2 } else { 0 };
-            // Where neither stdout nor stderr takes the message, the exit code is all that can be said.
+            // If it cannot be printed, the exit code is all that is left.
             let _ = message.print();
             return ExitCode::from(code);
         }
         Err(failure) => return exit::exit_code(&Err(failure)),
     };
+    if cli.command.may_use_gpu() {
+        restart::without_device_select();
+    }
     exit::exit_code(&start(cli))
 }
 
@@ -60,7 +64,7 @@ fn start(cli: Cli) -> Ended {
     let telemetry = Telemetry::start(&cli.global, serves)?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let ended = runtime.block_on(dispatch(cli.command));
-    runtime.shutdown_timeout(LAST_WORDS);
+    runtime.shutdown_timeout(SHUTDOWN);
     telemetry.stop();
     ended
 }

@@ -1,4 +1,4 @@
-//! From `--preset`, `--seed`, `--spec` and `--set` to what is to be grown.
+//! From `--preset`, `--seed`, `--spec` and `--set` to a valid spec.
 
 use super::args::ModelArgs;
 use super::exit::Failure;
@@ -6,10 +6,10 @@ use crate::spec::{self, ModelSpec, Preset};
 use serde_json::{Map, Value};
 use std::io::Read;
 
-/// The merge patch on the preset that `--spec` and `--set` make together; an empty object where neither is given.
+/// The merge patch on the preset from `--spec` and `--set`; an empty object if neither is given.
 ///
 /// # Errors
-/// [`Failure::Usage`] where the file cannot be read as a JSON object, or an assignment has no `=`.
+/// [`Failure::Usage`] if the file cannot be read or is not a JSON object, or an assignment has no `=`.
 pub(super) fn patch(args: &ModelArgs) -> Result<Value, Failure> {
     let mut patch = match &args.spec {
         None => Value::Object(Map::new()),
@@ -36,7 +36,7 @@ pub(super) fn patch(args: &ModelArgs) -> Result<Value, Failure> {
     Ok(patch)
 }
 
-/// Sets `a.b` of `patch` to `v`, read as JSON where it is JSON and as a plain word where not.
+/// Sets `a.b` of `patch` to the value in `a.b=value`, read as JSON, or as a string if it is not JSON.
 fn assign(patch: &mut Value, assignment: &str) -> Result<(), String> {
     let (path, value) = assignment.split_once('=').ok_or("must be written as a.b=value")?;
     if path.split('.').any(str::is_empty) {
@@ -53,14 +53,14 @@ fn assign(patch: &mut Value, assignment: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// The preset asked for, and the spec that comes of it.
+/// The preset and the spec that the options describe.
 ///
 /// # Errors
-/// [`Failure::Usage`] with every fault, named as over HTTP.
+/// [`Failure::Usage`] with every fault, named by JSON pointer as over HTTP.
 pub(super) fn resolve(args: &ModelArgs) -> Result<(&'static Preset, ModelSpec), Failure> {
     let preset = spec::preset(&args.preset).ok_or_else(|| {
         let names: Vec<&str> = spec::presets().iter().map(|preset| preset.name.as_str()).collect();
-        Failure::usage(format!("/preset: there is no preset `{}`; there are {}", args.preset, names.join(", ")))
+        Failure::usage(format!("/preset: there is no preset `{}`; the presets are {}", args.preset, names.join(", ")))
     })?;
     let faults = match ModelSpec::resolve(preset, &patch(args)?) {
         Ok(spec) => return Ok((preset, spec)),
@@ -69,7 +69,7 @@ pub(super) fn resolve(args: &ModelArgs) -> Result<(&'static Preset, ModelSpec), 
     Err(Failure::Usage(faults.iter().map(|fault| format!("/spec{}: {}", fault.pointer, fault.detail)).collect()))
 }
 
-/// The seed asked for, or one that nobody asked for.
+/// The seed of the options, or a random one.
 pub(super) fn seed(args: &ModelArgs) -> u64 {
     args.seed.unwrap_or_else(crate::random::draw_seed)
 }
@@ -80,7 +80,7 @@ mod tests {
     use serde_json::json;
 
     #[test]
-    fn assignments() {
+    fn assignments_set_nested_values() {
         let mut patch = json!({ "collision": { "gap_um": 20, "tissue_um": 90 }, "spring": 3 });
         for assignment in [
             "steps=200",

@@ -1,4 +1,4 @@
-//! `oviduct presets`, `schema`, `openapi`: what the program knows of itself.
+//! `oviduct presets`, `schema` and `openapi`: print data that is built into the program.
 
 use super::args::PresetsArgs;
 use super::exit::Ended;
@@ -23,7 +23,7 @@ pub(super) fn schema() -> Ended {
     Ok(term::print_json(&spec::schema())?)
 }
 
-/// Prints the description of the service.
+/// Prints the OpenAPI description of the service.
 pub(super) fn openapi() -> Ended {
     Ok(term::print(&crate::http::openapi_yaml())?)
 }

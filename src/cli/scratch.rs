@@ -1,9 +1,9 @@
-//! Files that become visible whole or not at all.
+//! Files that become visible only once they are complete.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A hidden folder beside the final place of the files in it; gone when dropped.
+/// A hidden directory within the target directory of its files; removed when dropped.
 #[derive(Debug)]
 pub(super) struct Scratch {
     dir: PathBuf,
@@ -11,10 +11,10 @@ pub(super) struct Scratch {
 }
 
 impl Scratch {
-    /// Makes `target` where it is missing, and a hidden folder in it.
+    /// Creates `target` if it does not exist, and a hidden directory in it.
     ///
     /// # Errors
-    /// Where a folder cannot be made.
+    /// If a directory cannot be created.
     pub(super) fn new(target: &Path) -> io::Result<Self> {
         std::fs::create_dir_all(target)?;
         let dir = target.join(format!(".oviduct-{}.part", uuid::Uuid::now_v7().simple()));
@@ -22,15 +22,15 @@ impl Scratch {
         Ok(Self { dir, target: target.to_owned() })
     }
 
-    /// Where to write.
+    /// The directory to write to.
     pub(super) fn dir(&self) -> &Path {
         &self.dir
     }
 
-    /// Moves a file to its place, over an older one.
+    /// Moves a file to the target directory, replacing an older one.
     ///
     /// # Errors
-    /// Where it cannot be moved.
+    /// If it cannot be moved.
     pub(super) fn publish(&self, name: &str) -> io::Result<PathBuf> {
         let to = self.target.join(name);
         std::fs::rename(self.dir.join(name), &to)?;
@@ -40,7 +40,7 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        // What cannot be removed is hidden, and named as a part.
+        // If it cannot be removed, its name shows that it is hidden and incomplete.
         let _ = std::fs::remove_dir_all(&self.dir);
     }
 }
@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_what_is_published_stays() {
+    fn only_published_files_remain() {
         let root = tempfile::tempdir().expect("a folder");
         let target = root.path().join("a/b");
         {

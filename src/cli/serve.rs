@@ -6,21 +6,26 @@ use super::interrupt::Signals;
 use super::service::Service;
 use super::term;
 use anyhow::Context;
+use std::net::SocketAddr;
 use tokio::net::TcpListener;
 
 pub(super) async fn run(args: ServeArgs) -> Ended {
     if !args.addr.ip().is_loopback() && !args.insecure_no_auth {
         return Err(Failure::usage(format!(
-            "--addr {}: whoever reaches this address could use the service, for there is no authentication yet; \
-             give --insecure-no-auth if that is meant",
+            "--addr {}: the service has no authentication, so anyone who can reach this address can use it; add \
+             --insecure-no-auth to allow that",
             args.addr
         )));
     }
-    // Before anybody can know that it is there.
+    // Before the address is known to anyone who could send a signal.
     let mut signals = Signals::listen();
-    let listener = TcpListener::bind(args.addr).await.with_context(|| format!("--addr {}", args.addr))?;
+    let listener = bind("--addr", args.addr).await?;
+    let probes = match args.metrics_addr {
+        Some(address) => Some(bind("--metrics-addr", address).await?),
+        None => None,
+    };
     let mut service = tokio::select! {
-        started = Service::start(&args.service, listener) => started?,
+        started = Service::start(&args, listener, probes) => started?,
         () = signals.asked_to_stop() => return Ok(()),
     };
     term::print(&format!("http://{}", service.address()))?;
@@ -29,10 +34,16 @@ pub(super) async fn run(args: ServeArgs) -> Ended {
         () = signals.asked_to_stop() => None,
     };
     if failed.is_none() {
-        tracing::info!(grace = ?args.service.grace, "stopping; asked again, it stops at once");
+        tracing::info!(
+            drain_delay = ?args.drain_delay, grace = ?args.process.grace, "shutting down; a second signal stops at once"
+        );
     }
     tokio::select! {
         stopped = service.stop(failed) => stopped,
         () = signals.asked_to_stop() => Err(Failure::Interrupted),
     }
+}
+
+async fn bind(option: &str, address: SocketAddr) -> anyhow::Result<TcpListener> {
+    TcpListener::bind(address).await.with_context(|| format!("{option} {address}"))
 }

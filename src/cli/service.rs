@@ -1,19 +1,22 @@
-//! A service in this process: job store, artifacts, workers and router put together, and taken apart in order.
+//! The parts of a process, put together and stopped in order: job store, artifact store, workers, and for `serve` the
+//! router with its listeners.
 
-use super::args::{DatabaseArgs, ServiceArgs};
+use super::args::{DatabaseArgs, ProcessArgs, ServeArgs};
 use super::connections::{self, Connections};
 use super::exit::Failure;
 use super::gpu;
-use super::upkeep::{self, Ground, Upkeep};
+use super::upkeep::{Upkeep, UpkeepContext};
 use crate::clock::Clock;
-use crate::http::{AppState, Limits, router};
+use crate::http::{AppState, Limits, router, watch_router};
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
 use crate::jobs::sweep::Retention;
 use crate::jobs::{Database, Store, StoreOptions};
 use crate::metrics::Metrics;
+use crate::status::{Condition, Status};
 use crate::worker::{BatchGenerator, PoolOptions, WorkerPool, generate_on_cpu};
 use anyhow::Context;
+use axum::Router;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -22,34 +25,51 @@ use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-/// The stores, and the workers of this process over them.
-pub(super) struct Works {
+/// Maximum number of connections to a listener that only answers probes and metrics.
+const PROBE_CONNECTIONS: u32 = 64;
+/// Minimum time for the last answers to be sent on shutdown, even with a shorter `--grace`.
+const LAST_ANSWERS: Duration = Duration::from_secs(5);
+
+/// The stores, and the workers of this process.
+pub(super) struct Runtime {
     store: Arc<dyn Store>,
     artifacts: Artifacts,
     pool: WorkerPool,
-    upkeep: Upkeep,
     metrics: Metrics,
+    status: Status,
     grace: Duration,
 }
 
-/// Whether works without a worker are of use.
+/// Whether a process is useful without workers of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Hands {
-    /// They are: others work.
+pub(super) enum WorkerRequirement {
+    /// It is: it also serves HTTP, and other processes may have workers.
     Optional,
-    /// They are not.
-    Needed,
+    /// It is not.
+    Required,
+}
+
+/// The stores of a process, open, without workers.
+struct Stores {
+    jobs: Arc<dyn Store>,
+    artifacts: Artifacts,
+    /// Whether other processes may use them at the same time.
+    shared: bool,
 }
 
 /// A running service.
 pub(super) struct Service {
     address: SocketAddr,
-    works: Works,
+    runtime: Runtime,
+    upkeep: Upkeep,
     server: JoinHandle<()>,
     shutdown: CancellationToken,
+    /// Ends the listener of probes, which answers longer than the others.
+    probes_shutdown: CancellationToken,
+    drain_delay: Duration,
 }
 
-/// The database that the options name.
+/// The database selected by the options.
 ///
 /// # Errors
 /// [`Failure::Usage`].
@@ -60,183 +80,276 @@ pub(super) fn database(args: &DatabaseArgs) -> Result<Database, Failure> {
     }
 }
 
-impl Works {
-    /// Opens the stores, takes over what a process before left, starts workers.
+/// The location of a database for messages, without credentials.
+pub(super) fn location(database: &Database) -> String {
+    match database {
+        Database::Sqlite(path) => path.display().to_string(),
+        Database::Postgres(url) => reqwest::Url::parse(url).map_or_else(
+            |_| "on PostgreSQL".to_owned(),
+            |url| {
+                let port = url.port().map(|port| format!(":{port}")).unwrap_or_default();
+                format!("postgres://{}{port}{}", url.host_str().unwrap_or_default(), url.path())
+            },
+        ),
+    }
+}
+
+impl Stores {
+    /// Opens both stores and updates the database schema.
     ///
     /// # Errors
-    /// [`Failure::Usage`] for stores that there are not, and where hands are needed and there are none; else where something
-    /// cannot be opened.
-    pub(super) async fn start(args: &ServiceArgs, hands: Hands) -> Result<Self, Failure> {
-        if args.heartbeat.is_zero() || args.lease < 2 * args.heartbeat {
-            return Err(Failure::usage("--lease must be at least twice --heartbeat, and this more than 0"));
-        }
+    /// [`Failure::Usage`] for an unknown kind of store; [`Failure::Failed`] if a store cannot be opened.
+    async fn open(args: &ProcessArgs, queue_limit: Option<u64>) -> Result<Self, Failure> {
         let database = database(&args.database)?;
-        let found = gpu::generators(args.gpu).await;
-        if let (Hands::Needed, 0, Err(why)) = (hands, args.cpu_workers, &found) {
-            return Err(Failure::usage(format!("--cpu-workers 0 leaves nothing that could work: {why}")));
-        }
-        let data = &args.database.data;
-        let clock = Clock::System;
-        let options =
-            StoreOptions { clock: clock.clone(), max_attempts: args.max_attempts, queue_limit: args.queue_limit };
-        let store = database.open(options).await.context("the job store could not be opened")?;
-        let (artifacts, shared) = artifacts(args)?;
-        // What others share, others may just be writing.
-        let orphans = if shared || database.is_shared() { upkeep::ORPHAN_AGE } else { Duration::ZERO };
-        let metrics = Metrics::default();
-        let limits = &args.upkeep;
-        let ground = Ground {
-            store: Arc::clone(&store),
-            artifacts: artifacts.clone(),
-            clock: clock.clone(),
-            metrics: metrics.clone(),
+        let defaults = StoreOptions::default();
+        let options = StoreOptions {
+            max_attempts: args.max_attempts,
+            queue_limit: queue_limit.unwrap_or(defaults.queue_limit),
+            connections: args.database_connections,
+            ..defaults
         };
-        let upkeep = Upkeep::start(ground, Retention { age: limits.keep, bytes: limits.keep_bytes }, orphans);
+        let jobs = database
+            .open(options)
+            .await
+            .with_context(|| format!("the job store {} could not be opened", location(&database)))?;
+        let (artifacts, remote) = artifacts(args)?;
+        Ok(Self { jobs, artifacts, shared: remote || database.is_shared() })
+    }
+}
 
-        let no_gpu = found.as_ref().err().cloned();
-        let gpus: Vec<Arc<dyn BatchGenerator>> =
-            found.into_iter().flatten().map(|gpu| Arc::new(gpu) as Arc<dyn BatchGenerator>).collect();
-        let defaults = PoolOptions::new(data.join("scratch"));
+impl Runtime {
+    /// Opens the stores and starts the workers, without upkeep.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] for invalid options, and if workers are required and there are none; [`Failure::Failed`] if
+    /// something cannot be opened.
+    pub(super) async fn start(args: &ProcessArgs, requirement: WorkerRequirement) -> Result<Self, Failure> {
+        let gpus = Gpus::find(args, requirement).await?;
+        let stores = Stores::open(args, None).await?;
+        Self::over(stores, args, gpus, Metrics::default())
+    }
+
+    fn over(stores: Stores, args: &ProcessArgs, gpus: Gpus, metrics: Metrics) -> Result<Self, Failure> {
+        let status = Status::default();
+        let defaults = PoolOptions::new(args.database.data.join("scratch"));
         let options = PoolOptions {
             workers: args.cpu_workers,
             threads: args.cpu_threads.map_or(defaults.threads, |threads| threads as usize),
             batch: args.gpu_batch,
-            no_gpu,
+            no_gpu: gpus.missing,
             heartbeat: args.heartbeat,
             lease: args.lease,
             memory_limit_bytes: args.memory_limit,
-            job_timeout: limits.job_timeout,
-            checkpoint_every: Some(limits.checkpoint_every).filter(|every| !every.is_zero()),
+            job_timeout: args.job_timeout,
+            checkpoint_every: Some(args.checkpoint_every).filter(|every| !every.is_zero()),
             metrics: metrics.clone(),
+            status: status.clone(),
             faults: Faults::from_env().map_err(|error| Failure::usage(error.to_string()))?,
             ..defaults
         };
         let pool = WorkerPool::start_with_gpus(
-            Arc::clone(&store),
-            artifacts.clone(),
+            Arc::clone(&stores.jobs),
+            stores.artifacts.clone(),
             Arc::new(generate_on_cpu),
-            gpus,
+            gpus.generators,
             options,
-            clock,
+            Clock::System,
         )
         .context("the workers could not be started")?;
-        Ok(Self { store, artifacts, pool, upkeep, metrics, grace: args.grace })
+        Ok(Self { store: stores.jobs, artifacts: stores.artifacts, pool, metrics, status, grace: args.grace })
     }
 
-    /// What a router over these works shares.
+    /// The state that handlers of a router share.
     pub(super) fn state(&self, limits: Limits, shutdown: &CancellationToken) -> AppState {
         AppState::new(Arc::clone(&self.store), self.artifacts.clone(), limits, shutdown.clone())
             .with_metrics(self.metrics.clone())
+            .with_status(self.status.clone())
     }
 
-    /// Lets running models end within the grace, gives the others back to the queue, closes the store once `last`
-    /// is done.
-    pub(super) async fn stop<T>(self, last: impl Future<Output = T>) -> T {
-        self.pool.shutdown(self.grace).await;
-        let ended = last.await;
-        drop(self.upkeep);
+    /// From now on `/readyz` answers 503.
+    pub(super) fn drain(&self) {
+        self.status.set(Condition::Draining, "the process is shutting down");
+    }
+
+    /// Stops claiming, gives running models `--grace` to finish and releases the others to the queue. Closes the store
+    /// once `requests`, which runs at the same time, is done too.
+    pub(super) async fn stop<T>(self, requests: impl Future<Output = T>) -> T {
+        let ((), ended) = tokio::join!(self.pool.shutdown(self.grace), requests);
         self.store.close().await;
         ended
     }
 }
 
-impl Service {
-    /// Starts the works, and serves on `listener`.
+/// The GPUs that workers use.
+struct Gpus {
+    generators: Vec<Arc<dyn BatchGenerator>>,
+    /// Why there are none.
+    missing: Option<String>,
+}
+
+impl Gpus {
+    /// The GPUs that the options allow.
     ///
     /// # Errors
-    /// As [`Works::start`].
-    pub(super) async fn start(args: &ServiceArgs, listener: TcpListener) -> Result<Self, Failure> {
-        let works = Works::start(args, Hands::Optional).await?;
+    /// [`Failure::Usage`] for leases that are too short, and if workers are required and there are none.
+    async fn find(args: &ProcessArgs, requirement: WorkerRequirement) -> Result<Self, Failure> {
+        if args.lease < 2 * args.heartbeat {
+            return Err(Failure::usage("--lease must be at least twice --heartbeat"));
+        }
+        match gpu::generators(args.gpu).await {
+            Err(reason) if requirement == WorkerRequirement::Required && args.cpu_workers == 0 => {
+                Err(Failure::usage(format!("--cpu-workers 0 leaves this process without a worker: {reason}")))
+            }
+            Err(reason) => Ok(Self { generators: Vec::new(), missing: Some(reason) }),
+            Ok(found) => {
+                let generators = found.into_iter().map(|gpu| Arc::new(gpu) as Arc<dyn BatchGenerator>).collect();
+                Ok(Self { generators, missing: None })
+            }
+        }
+    }
+}
+
+impl Service {
+    /// Opens the stores, starts upkeep and workers, and serves on `listener`; probes and metrics also on `probes`.
+    ///
+    /// # Errors
+    /// As [`Runtime::start`].
+    pub(super) async fn start(
+        args: &ServeArgs,
+        listener: TcpListener,
+        probes: Option<TcpListener>,
+    ) -> Result<Self, Failure> {
         let address = listener.local_addr().context("the listening socket has no address")?;
-        let shutdown = CancellationToken::new();
-        let connections = Connections::new(args.upkeep.connections);
-        let defaults = Limits::default();
-        let limits = Limits {
-            // What is held open leaves places for who asks and goes, such as a health check.
-            streams: defaults.streams.min(connections.most / 2),
-            held: defaults.held.min(connections.most / 4),
-            batch: args.upkeep.batch_limit as usize,
-            keep: args.upkeep.keep,
-            redirect_downloads: args.upkeep.redirect_downloads,
-            ..defaults
+        let gpus = Gpus::find(&args.process, WorkerRequirement::Optional).await?;
+        let stores = Stores::open(&args.process, Some(args.queue_limit)).await?;
+        let metrics = Metrics::default();
+        let context = UpkeepContext {
+            store: Arc::clone(&stores.jobs),
+            artifacts: stores.artifacts.clone(),
+            clock: Clock::System,
+            metrics: metrics.clone(),
+            shared: stores.shared,
         };
-        let state = works.state(limits, &shutdown);
+        // Before the workers: it deletes what is older than its start.
+        let upkeep = Upkeep::start(context, Retention { age: args.keep, bytes: args.keep_bytes });
+        let runtime = Runtime::over(stores, &args.process, gpus, metrics)?;
+
+        let connections = connections(&args.process);
+        let shutdown = CancellationToken::new();
+        let probes_shutdown = CancellationToken::new();
+        let state = runtime.state(limits(args, connections.most), &shutdown);
+        if let Some(listener) = probes {
+            serve_probes(listener, watch_router(state.clone()), &args.process, &probes_shutdown);
+        }
         let server = tokio::spawn(connections::serve(listener, router(state), connections, shutdown.clone()));
-        Ok(Self { address, works, server, shutdown })
+        Ok(Self { address, runtime, upkeep, server, shutdown, probes_shutdown, drain_delay: args.drain_delay })
     }
 
-    /// Where it listens.
+    /// The address that it listens on.
     pub(super) fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Comes back only where the server ends although nobody asked it to.
+    /// Returns only if the server ends without having been stopped.
     pub(super) async fn failed(&mut self) -> anyhow::Error {
         match (&mut self.server).await {
-            Ok(()) => anyhow::anyhow!("the server ended unasked"),
+            Ok(()) => anyhow::anyhow!("the server ended unexpectedly"),
             Err(panic) => anyhow::anyhow!(panic).context("the server panicked"),
         }
     }
 
-    /// Takes no more requests and ends event streams, lets running models end within the grace and gives the others
-    /// back to the queue, closes the store. `failed` is what [`Service::failed`] said, where it did.
+    /// Stops in this order: `/readyz` fails and workers stop claiming; after `--drain-delay` no more connections are
+    /// accepted and event streams end; running models and open downloads have `--grace` to finish; the store is closed.
+    /// `failed` is the result of [`Service::failed`], if it returned.
     ///
     /// # Errors
-    /// `failed`, or that of the server.
-    pub(super) async fn stop(mut self, failed: Option<anyhow::Error>) -> Result<(), Failure> {
-        self.shutdown.cancel();
+    /// `failed`, or a panic of the server.
+    pub(super) async fn stop(self, failed: Option<anyhow::Error>) -> Result<(), Failure> {
+        let Self { runtime, upkeep, mut server, shutdown, probes_shutdown, drain_delay, .. } = self;
+        runtime.drain();
+        drop(upkeep);
+        let longest = runtime.grace.max(LAST_ANSWERS);
         let requests = async {
-            match failed {
-                Some(error) => Err(error.into()),
-                // Requests have had the grace too; those that still hang are cut off with the runtime.
-                None => match tokio::time::timeout(LAST_REQUESTS, &mut self.server).await {
-                    Ok(Ok(())) => Ok(()),
-                    Ok(Err(panic)) => Err(anyhow::anyhow!(panic).context("the server panicked").into()),
-                    Err(_) => {
-                        tracing::warn!("some requests did not end and were cut off");
-                        Ok(())
-                    }
-                },
+            if let Some(error) = failed {
+                return Err(error.into());
+            }
+            tokio::time::sleep(drain_delay).await;
+            shutdown.cancel();
+            match tokio::time::timeout(longest, &mut server).await {
+                Ok(Ok(())) => Ok(()),
+                Ok(Err(panic)) => Err(anyhow::anyhow!(panic).context("the server panicked").into()),
+                Err(_) => {
+                    tracing::warn!("some requests did not finish within --grace and were cut off");
+                    Ok(())
+                }
             }
         };
-        self.works.stop(requests).await
+        let ended = runtime.stop(requests).await;
+        probes_shutdown.cancel();
+        ended
     }
 }
 
-/// Time for the last answers to leave once the workers have stopped.
-const LAST_REQUESTS: Duration = Duration::from_secs(5);
+/// Serves probes and metrics on a listener of their own, until `shutdown` is cancelled.
+pub(super) fn serve_probes(listener: TcpListener, router: Router, args: &ProcessArgs, shutdown: &CancellationToken) {
+    let connections = Connections { most: PROBE_CONNECTIONS as usize, ..connections(args) };
+    tokio::spawn(connections::serve(listener, router, connections, shutdown.clone()));
+}
 
-/// The artifact store that the options name, and whether other processes may be writing to it.
+/// The limits on connections that the options set.
+fn connections(args: &ProcessArgs) -> Connections {
+    Connections::new(args.connections)
+}
+
+/// The limits on requests that the options set, for a service with this many connections.
+fn limits(args: &ServeArgs, connections: usize) -> Limits {
+    let defaults = Limits::default();
+    Limits {
+        // Streams and held answers must leave connections for short requests, such as health checks.
+        streams: defaults.streams.min(connections / 2),
+        held: defaults.held.min(connections / 4),
+        batch: args.batch_limit as usize,
+        keep: args.keep,
+        redirect_downloads: args.redirect_downloads,
+        gpu_expected: args.expect_gpu_workers,
+        ..defaults
+    }
+}
+
+/// The artifact store selected by the options, and whether other processes may use it.
 ///
 /// # Errors
-/// [`Failure::Usage`] for one that there is not; else where it cannot be opened.
-fn artifacts(args: &ServiceArgs) -> Result<(Artifacts, bool), Failure> {
+/// [`Failure::Usage`] for an unknown kind of store; [`Failure::Failed`] if it cannot be opened.
+fn artifacts(args: &ProcessArgs) -> Result<(Artifacts, bool), Failure> {
     match args.artifacts.as_deref().filter(|url| url.starts_with("s3:")) {
         Some(url) => match Artifacts::s3(url, std::env::vars()) {
             Ok(artifacts) => Ok((artifacts, true)),
             Err(error) => Err(Failure::usage(format!("--artifacts: {error}"))),
         },
         None => {
-            let data = &args.database.data;
-            let files = local_path("--artifacts", args.artifacts.as_deref(), "file", data, "artifacts")?;
-            let artifacts = Artifacts::local(&files).context("the artifact store could not be opened")?;
+            let path = artifacts_path(args.artifacts.as_deref(), &args.database.data)?;
+            let artifacts = Artifacts::local(&path)
+                .with_context(|| format!("the artifact store at {} could not be opened", path.display()))?;
             Ok((artifacts, false))
         }
     }
 }
 
-/// The path in `scheme:PATH`, `scheme://PATH` or a plain path; `data/name` where none is given.
-fn local_path(option: &str, url: Option<&str>, scheme: &str, data: &Path, name: &str) -> Result<PathBuf, Failure> {
-    let Some(url) = url else { return Ok(data.join(name)) };
+/// The path in `file:PATH`, `file://PATH` or a plain path; `data/artifacts` if none is given.
+fn artifacts_path(url: Option<&str>, data: &Path) -> Result<PathBuf, Failure> {
+    let Some(url) = url else { return Ok(data.join("artifacts")) };
     let path = match url.split_once(':') {
-        Some((given, rest)) if given == scheme => rest.strip_prefix("//").unwrap_or(rest),
-        Some((given, _)) if given.len() > 1 && given.bytes().all(|b| b.is_ascii_alphanumeric()) => {
-            return Err(Failure::usage(format!("{option} {url}: only {scheme}:PATH is there yet, not {given}:")));
+        Some(("file", rest)) => rest.strip_prefix("//").unwrap_or(rest),
+        // A single letter is a drive.
+        Some((scheme, _)) if scheme.len() > 1 && scheme.bytes().all(|b| b.is_ascii_alphanumeric()) => {
+            return Err(Failure::usage(format!(
+                "--artifacts {url}: unsupported scheme `{scheme}:`: use file:PATH, a path or s3://BUCKET/PREFIX"
+            )));
         }
         _ => url,
     };
     if path.is_empty() {
-        return Err(Failure::usage(format!("{option} {url}: names no path")));
+        return Err(Failure::usage(format!("--artifacts {url}: the path is empty")));
     }
     Ok(PathBuf::from(path))
 }
@@ -246,15 +359,33 @@ mod tests {
     use super::*;
 
     #[test]
-    fn paths_of_stores() {
-        let path = |url| local_path("--artifacts", url, "file", Path::new("d"), "files").map_err(|f| f.report().1);
-        assert_eq!(path(None), Ok("d/files".into()));
+    fn artifact_stores_are_paths_or_file_urls() {
+        let path = |url| artifacts_path(url, Path::new("d")).map_err(|f| f.report().1);
+        assert_eq!(path(None), Ok("d/artifacts".into()));
         assert_eq!(path(Some("a/b")), Ok("a/b".into()));
         assert_eq!(path(Some("file:a/b")), Ok("a/b".into()));
         assert_eq!(path(Some("file:///a/b")), Ok("/a/b".into()));
         assert_eq!(path(Some("C:\\b")), Ok("C:\\b".into()));
-        for wrong in ["sqlite:a", "file:", "", "s3://bucket"] {
+        for wrong in ["sqlite:a", "file:", "", "s3://bucket", "gs://bucket"] {
             assert!(path(Some(wrong)).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn locations_of_databases_have_no_credentials() {
+        let shown = |url| location(&Database::parse(url).expect("valid"));
+        assert_eq!(shown("a/b.db"), "a/b.db");
+        assert_eq!(shown("postgres://u:secret@h:1/d?sslmode=require&password=secret"), "postgres://h:1/d");
+        assert_eq!(shown("postgres://h/d"), "postgres://h/d");
+    }
+
+    #[test]
+    fn options_of_serve_reach_the_limits() {
+        let args = ServeArgs::with(&["--expect-gpu-workers", "--keep", "30d", "--batch-limit", "7"]).expect("valid");
+        let limits = limits(&args, 16);
+        assert!(limits.gpu_expected && !limits.redirect_downloads);
+        assert_eq!((limits.keep, limits.batch), (Some(Duration::from_secs(30 * 86_400)), 7));
+        assert_eq!((limits.streams, limits.held), (8, 4));
+        assert!(!super::limits(&ServeArgs::with(&[]).expect("valid"), 16).gpu_expected);
     }
 }

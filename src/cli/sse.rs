@@ -3,15 +3,15 @@
 /// One event.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Event {
-    /// Its type; `message` where the server named none.
+    /// Its type; `message` if the server sent none.
     pub(super) kind: String,
-    /// Id of the last event that had one.
+    /// Id of this event, or of the last one before it that had one.
     pub(super) id: Option<String>,
     /// Payload.
     pub(super) data: String,
 }
 
-/// Puts events together from pieces that may be cut anywhere.
+/// Assembles events from pieces that may be cut anywhere.
 #[derive(Debug, Default)]
 pub(super) struct Parser {
     line: Vec<u8>,
@@ -21,7 +21,7 @@ pub(super) struct Parser {
 }
 
 impl Parser {
-    /// Takes the next piece of the stream; gives the events that it completes.
+    /// Takes the next piece of the stream; returns the events that it completes.
     pub(super) fn feed(&mut self, piece: &[u8]) -> Vec<Event> {
         let mut events = Vec::new();
         for &byte in piece {
@@ -77,7 +77,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn cuts_do_not_matter(cuts in proptest::collection::vec(0..STREAM.len(), 0..8)) {
+        fn events_do_not_depend_on_where_the_stream_is_cut(cuts in proptest::collection::vec(0..STREAM.len(), 0..8)) {
             let mut cuts = cuts;
             cuts.extend([0, STREAM.len()]);
             cuts.sort_unstable();

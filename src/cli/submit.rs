@@ -1,7 +1,7 @@
-//! `oviduct submit`: asks a service for a model; waits for it and saves it where that is wanted.
+//! `oviduct submit`: requests a model from a service; waits for it and saves it if asked to.
 
 use super::args::{ModelArgs, SubmitArgs};
-use super::client::{Client, Followed, Model};
+use super::client::{Client, Followed, Model, Warning};
 use super::exit::{Ended, Failure};
 use super::{interrupt, model, term};
 use anyhow::Context;
@@ -34,7 +34,7 @@ pub(super) async fn run(args: SubmitArgs) -> Ended {
     let ended = tokio::select! {
         ended = wait(&client, accepted) => ended?,
         () = interrupt::asked_to_stop() => {
-            term::note(&format!("the model goes on at {}", client.address(&format!("/models/{id}"))));
+            term::note(&format!("the model continues at {}", client.address(&format!("/models/{id}"))));
             return Err(Failure::Interrupted);
         }
     };
@@ -44,6 +44,7 @@ pub(super) async fn run(args: SubmitArgs) -> Ended {
     } else {
         term::print(&format!("{} {}", finished.id, finished.status))?;
     }
+    warn(&finished.warnings);
     if finished.status != "succeeded" {
         return Err(anyhow::anyhow!(finished.why()).into());
     }
@@ -59,7 +60,7 @@ pub(super) async fn run(args: SubmitArgs) -> Ended {
     Ok(())
 }
 
-/// The body of a request for what the options say.
+/// The body of a request for the model that the options describe.
 pub(super) fn request(args: &ModelArgs) -> Result<Value, Failure> {
     let mut body = json!({
         "preset": args.preset, "spec": model::patch(args)?, "outputs": args.outputs, "backend": args.backend,
@@ -74,18 +75,28 @@ fn labels(labels: &[String]) -> Result<Value, Failure> {
     let mut map = Map::new();
     for label in labels {
         let (name, value) =
-            label.split_once(':').ok_or_else(|| Failure::usage(format!("--label {label}: no colon")))?;
+            label.split_once(':').ok_or_else(|| Failure::usage(format!("--label {label}: must be NAME:VALUE")))?;
         map.insert(name.to_owned(), value.into());
     }
     Ok(Value::Object(map))
 }
 
-/// Reads what is needed of a model.
+/// Reads a model.
+///
+/// # Errors
+/// If it lacks a member that is needed.
 pub(super) fn read(value: &Value) -> Result<Model, Failure> {
-    Ok(Model::deserialize(value).context("the service's answer is no model")?)
+    Ok(Model::deserialize(value).context("the service's answer is not a model")?)
 }
 
-/// Follows a model to its end, with a bar; gives it as it ended.
+/// Prints warnings to stderr.
+pub(super) fn warn(warnings: &[Warning]) {
+    for warning in warnings {
+        term::note(&format!("warning: {}", warning.detail));
+    }
+}
+
+/// Follows a model to its end and shows its progress; returns the ended model.
 pub(super) async fn wait(client: &Client, accepted: Value) -> Result<Value, Failure> {
     let model = read(&accepted)?;
     if model.is_ended() {
@@ -94,7 +105,7 @@ pub(super) async fn wait(client: &Client, accepted: Value) -> Result<Value, Fail
     let bar = term::Bar::new();
     let followed = client
         .follow(&model.id, |followed| match followed {
-            Followed::Away => bar.remark("the service is away; trying again"),
+            Followed::Away => bar.remark("the connection to the service was lost; retrying"),
             Followed::Model(model) => show(&bar, model),
         })
         .await;
@@ -111,7 +122,7 @@ fn show(bar: &term::Bar, model: &Model) {
         }
         None => {
             let position = model.queue.as_ref().and_then(|queue| queue.position);
-            let message = position.map_or_else(String::new, |n| format!("{n} before it in the queue"));
+            let message = position.map_or_else(String::new, |n| format!("{n} models ahead in the queue"));
             bar.show(&model.status, 0.0, message);
         }
     }

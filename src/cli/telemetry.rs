@@ -1,8 +1,7 @@
-//! What a process says of itself while it works: the log on stderr, and traces to an OpenTelemetry collector if one is
-//! named.
+//! The log on stderr, and traces to an OpenTelemetry collector if one is configured.
 //!
-//! A request and an attempt at a job are a span each, the stages of an attempt are spans within it. They go out in
-//! batches over OTLP (HTTP, protobuf); a collector that is away costs its spans, never a model.
+//! Each request and each attempt is a span; the stages of an attempt are spans within it. Spans are sent in batches over OTLP
+//! (HTTP, protobuf). If the collector is unavailable, spans are lost, and nothing else.
 
 use super::args::{Global, LogFormat};
 use super::exit::Failure;
@@ -23,15 +22,15 @@ use tracing_subscriber::{EnvFilter, Layer};
 const ENDPOINTS: [&str; 2] = ["OTEL_EXPORTER_OTLP_TRACES_ENDPOINT", "OTEL_EXPORTER_OTLP_ENDPOINT"];
 const SERVICE_NAME: &str = "OTEL_SERVICE_NAME";
 
-/// Traces on their way out.
+/// The exporter of traces, if there is one.
 pub(super) struct Telemetry(Option<SdkTracerProvider>);
 
 impl Telemetry {
-    /// Starts the log, and traces where a collector is named by the options or, for a process that `serves`, by the
-    /// variables of the OpenTelemetry specification. To be called before there is an async runtime.
+    /// Starts the log, and traces if a collector is configured by the options or, for a process that `serves`, by the
+    /// variables of the OpenTelemetry specification. Call it before an async runtime exists.
     ///
     /// # Errors
-    /// [`Failure::Usage`] for a filter or an address that is none.
+    /// [`Failure::Usage`] for an invalid filter or URL.
     pub(super) fn start(global: &Global, serves: bool) -> Result<Self, Failure> {
         let filter = global.log.as_deref().unwrap_or(if serves { "info" } else { "warn" });
         let filter = EnvFilter::try_new(filter).map_err(|error| Failure::usage(format!("--log {filter}: {error}")))?;
@@ -47,7 +46,7 @@ impl Telemetry {
             None => None,
         };
         let traces = provider.as_ref().map(|provider| {
-            // What the exporter itself logs must not become traces.
+            // Log events of the exporter itself must not become traces.
             let ours = Targets::new().with_target(env!("CARGO_CRATE_NAME"), LevelFilter::INFO);
             let layer = tracing_opentelemetry::layer().with_tracer(provider.tracer(env!("CARGO_PKG_NAME")));
             layer.with_location(false).with_threads(false).with_filter(ours)
@@ -57,10 +56,10 @@ impl Telemetry {
         Ok(Self(provider))
     }
 
-    /// Sends what is left.
+    /// Sends the remaining spans.
     pub(super) fn stop(self) {
         if let Some(Err(error)) = self.0.map(|provider| provider.shutdown()) {
-            tracing::warn!(%error, "the last spans did not reach the collector");
+            tracing::warn!(%error, "the last spans could not be sent to the collector");
         }
     }
 }
@@ -76,11 +75,13 @@ fn provider(endpoint: Option<&String>) -> Result<SdkTracerProvider, Failure> {
         let bad = |detail: String| Failure::usage(format!("--otlp-endpoint {endpoint}: {detail}"));
         let url = reqwest::Url::parse(endpoint).map_err(|error| bad(error.to_string()))?;
         if !matches!(url.scheme(), "http" | "https") {
-            return Err(bad("an address with http or https is wanted".to_owned()));
+            return Err(bad("must be an http or https URL".to_owned()));
         }
         exporter = exporter.with_endpoint(format!("{}/v1/traces", endpoint.trim_end_matches('/')));
     }
-    let exporter = exporter.build().map_err(|error| Failure::usage(format!("the collector of traces: {error}")))?;
+    let exporter = exporter
+        .build()
+        .map_err(|error| Failure::usage(format!("the trace exporter could not be started: {error}")))?;
     let mut resource = Resource::builder().with_attribute(KeyValue::new("service.version", crate::ENGINE_VERSION));
     if !is_set(SERVICE_NAME) {
         resource = resource.with_service_name(env!("CARGO_PKG_NAME"));

@@ -1,12 +1,14 @@
-//! The terminal: results go to stdout, everything else to stderr, and progress bars only where stderr is a terminal.
+//! The terminal: results go to stdout, everything else to stderr. Progress is a bar if stderr is a terminal, else a few
+//! lines.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::{IsTerminal, Write};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Writes a line of results to stdout.
 ///
 /// # Errors
-/// Where stdout cannot be written to.
+/// If stdout cannot be written to.
 pub(super) fn print(line: &str) -> std::io::Result<()> {
     let mut out = std::io::stdout().lock();
     out.write_all(line.as_bytes())?;
@@ -19,56 +21,111 @@ pub(super) fn print(line: &str) -> std::io::Result<()> {
 /// Writes a value to stdout as indented JSON.
 ///
 /// # Errors
-/// Where stdout cannot be written to.
+/// If stdout cannot be written to.
 pub(super) fn print_json<T: serde::Serialize>(value: &T) -> std::io::Result<()> {
     print(&serde_json::to_string_pretty(value).map_err(std::io::Error::from)?)
 }
 
-/// Says something on stderr; nothing is lost where that is impossible.
+/// Writes a line to stderr; an error is ignored, since there is nowhere to report it.
 pub(super) fn note(line: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{line}");
 }
 
-/// Progress of one model.
+/// Shows the progress of one model. Clones show the same one.
 #[derive(Clone, Debug)]
-pub(super) struct Bar(ProgressBar);
+pub(super) enum Bar {
+    /// On a terminal.
+    Bar(ProgressBar),
+    /// Elsewhere: a line for each new stage, and for every tenth of the work.
+    Lines(Arc<Mutex<Reported>>),
+}
 
-/// Parts of the bar: fractions are shown in thousandths.
+/// Length of the bar: fractions are shown in thousandths.
 const PARTS: u64 = 1000;
+/// Fraction of the work between two lines, in percent.
+const LINE_EVERY: u64 = 10;
 
 impl Bar {
-    /// An empty bar; invisible unless stderr is a terminal.
+    /// Progress on stderr.
     pub(super) fn new() -> Self {
         if !std::io::stderr().is_terminal() {
-            return Self(ProgressBar::hidden());
+            return Self::Lines(Arc::default());
         }
         let style = ProgressStyle::with_template("{prefix:<9} [{bar:40}] {percent:>3}% {elapsed_precise} {msg}")
             .expect("the template is well formed")
             .progress_chars("=> ");
         let bar = ProgressBar::with_draw_target(Some(PARTS), ProgressDrawTarget::stderr());
         bar.set_style(style);
-        Self(bar)
+        Self::Bar(bar)
     }
 
-    /// Shows where the model stands.
+    /// Shows a stage, the fraction of the whole work that is done (0 to 1), and details.
     pub(super) fn show(&self, stage: &str, fraction: f64, message: String) {
-        self.0.set_prefix(stage.to_owned());
-        self.0.set_position((fraction.clamp(0.0, 1.0) * PARTS as f64) as u64);
-        self.0.set_message(message);
+        match self {
+            Self::Bar(bar) => {
+                bar.set_prefix(stage.to_owned());
+                bar.set_position((fraction.clamp(0.0, 1.0) * PARTS as f64) as u64);
+                bar.set_message(message);
+            }
+            Self::Lines(reported) => {
+                let line = reported.lock().unwrap_or_else(PoisonError::into_inner).line(stage, fraction, &message);
+                if let Some(line) = line {
+                    note(&line);
+                }
+            }
+        }
     }
 
-    /// Shows a word about the connection or the queue, leaving the bar where it is.
+    /// Shows a remark on the connection, and leaves the fraction as it is.
     pub(super) fn remark(&self, message: &str) {
-        self.0.set_message(message.to_owned());
+        match self {
+            Self::Bar(bar) => bar.set_message(message.to_owned()),
+            Self::Lines(reported) => {
+                let mut reported = reported.lock().unwrap_or_else(PoisonError::into_inner);
+                if reported.remark.as_deref() != Some(message) {
+                    reported.remark = Some(message.to_owned());
+                    note(message);
+                }
+            }
+        }
     }
 
-    /// Takes the bar away.
+    /// Removes the bar from the terminal.
     pub(super) fn clear(&self) {
-        self.0.finish_and_clear();
+        if let Self::Bar(bar) = self {
+            bar.finish_and_clear();
+        }
     }
 }
 
-/// Largest amount of memory that this process has held, in bytes; known on Linux only.
+/// What the lines have reported so far.
+#[derive(Debug, Default)]
+pub(super) struct Reported {
+    stage: String,
+    /// In steps of [`LINE_EVERY`] percent.
+    tenth: u64,
+    remark: Option<String>,
+}
+
+impl Reported {
+    /// The line for this progress; `None` if it is too close to the last one.
+    fn line(&mut self, stage: &str, fraction: f64, message: &str) -> Option<String> {
+        let percent = (fraction.clamp(0.0, 1.0) * 100.0) as u64;
+        let tenth = percent / LINE_EVERY;
+        if stage == self.stage && tenth <= self.tenth {
+            return None;
+        }
+        stage.clone_into(&mut self.stage);
+        (self.tenth, self.remark) = (tenth, None);
+        Some(if message.is_empty() {
+            format!("{stage} {percent} %")
+        } else {
+            format!("{stage} {percent} %: {message}")
+        })
+    }
+}
+
+/// Maximum memory that this process has used so far, in bytes; known on Linux only.
 pub(super) fn peak_rss_bytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
@@ -78,12 +135,25 @@ pub(super) fn peak_rss_bytes() -> Option<u64> {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+
     #[test]
     #[cfg(target_os = "linux")]
     fn peak_memory_is_known() {
-        let before = super::peak_rss_bytes().expect("Linux tells");
+        let before = peak_rss_bytes().expect("known on Linux");
         let block = vec![1u8; 64 << 20];
         assert!(block.iter().map(|b| u64::from(*b)).sum::<u64>() > 0);
-        assert!(super::peak_rss_bytes().expect("Linux tells") >= before.max(64 << 20));
+        assert!(peak_rss_bytes().expect("known on Linux") >= before.max(64 << 20));
+    }
+
+    #[test]
+    fn lines_report_each_stage_and_every_tenth() {
+        let mut reported = Reported::default();
+        let lines: Vec<String> =
+            (0..=700).filter_map(|n| reported.line("simulate", f64::from(n) / 1000.0, &format!("step {n}"))).collect();
+        assert_eq!(lines.len(), 8, "{lines:?}");
+        assert_eq!((&*lines[0], &*lines[7]), ("simulate 0 %: step 0", "simulate 70 %: step 700"));
+        assert_eq!(reported.line("mesh", 0.7, "").as_deref(), Some("mesh 70 %"));
+        assert_eq!(reported.line("mesh", 0.7, ""), None);
     }
 }

@@ -1,4 +1,4 @@
-//! Durations and sizes as people write them: `500ms`, `2s`, `5m`, `1h`; `400MB`, `2GiB`, `65536`.
+//! Durations and sizes on the command line: `500ms`, `2s`, `5m`, `1h`; `400MB`, `2GiB`, `65536`.
 
 use std::time::Duration;
 
@@ -7,31 +7,51 @@ fn number_and_unit(text: &str) -> Result<(f64, &str), String> {
     let text = text.trim();
     let end = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
     let (number, unit) = text.split_at(end);
-    let number: f64 = number.parse().map_err(|_| format!("`{text}` does not begin with a number"))?;
+    let number: f64 = number.parse().map_err(|_| format!("`{text}` does not start with a number"))?;
     Ok((number, unit.trim()))
 }
 
-/// A duration such as `2s`, `500ms`, `5m`, `1h`, `7d`; a bare number means seconds.
+/// A duration with its unit: `2s`, `500ms`, `5m`, `1h`, `7d`. A bare number is refused, zero with a unit is accepted.
 ///
 /// # Errors
-/// A message for the command line where the text is no duration.
+/// A message for the command line if the text is not a duration.
 pub(super) fn duration(text: &str) -> Result<Duration, String> {
     let (number, unit) = number_and_unit(text)?;
     let seconds = match unit {
-        "" | "s" => 1.0,
+        "s" => 1.0,
         "ms" => 1e-3,
         "m" | "min" => 60.0,
         "h" => 3600.0,
         "d" => 86_400.0,
-        other => return Err(format!("`{other}` is no unit of time; use ms, s, m, h or d")),
+        "" => return Err("a unit of time is missing: use ms, s, m, h or d, as in 30s".to_owned()),
+        other => return Err(format!("`{other}` is not a unit of time; use ms, s, m, h or d")),
     };
     Duration::try_from_secs_f64(number * seconds).map_err(|error| error.to_string())
+}
+
+/// A [`duration`] above zero.
+///
+/// # Errors
+/// A message for the command line if the text is not a duration, or is zero.
+pub(super) fn positive_duration(text: &str) -> Result<Duration, String> {
+    match number_and_unit(text) {
+        Ok((0.0, _)) => Err("must be more than 0".to_owned()),
+        _ => duration(text),
+    }
+}
+
+/// A [`duration`], or `0` without a unit, which gives zero: for options whose help says that 0 means "none".
+///
+/// # Errors
+/// A message for the command line if the text is neither.
+pub(super) fn duration_or_zero(text: &str) -> Result<Duration, String> {
+    if text.trim() == "0" { Ok(Duration::ZERO) } else { duration(text) }
 }
 
 /// A size in bytes such as `400MB` (decimal), `2GiB` (binary) or `65536`.
 ///
 /// # Errors
-/// A message for the command line where the text is no size.
+/// A message for the command line if the text is not a size.
 pub(super) fn bytes(text: &str) -> Result<u64, String> {
     let (number, unit) = number_and_unit(text)?;
     let factor: f64 = match unit.to_ascii_lowercase().as_str() {
@@ -42,13 +62,13 @@ pub(super) fn bytes(text: &str) -> Result<u64, String> {
         "kib" => 1024.0,
         "mib" => 1024.0 * 1024.0,
         "gib" => 1024.0 * 1024.0 * 1024.0,
-        _ => return Err(format!("`{unit}` is no unit of size; use B, kB, MB, GB, KiB, MiB or GiB")),
+        _ => return Err(format!("`{unit}` is not a unit of size; use B, kB, MB, GB, KiB, MiB or GiB")),
     };
     let size = number * factor;
     if size < 9.0e15 { Ok(size as u64) } else { Err(format!("`{text}` is too large")) }
 }
 
-/// A size for people: `12.3 MB`.
+/// A size in decimal units with one digit after the point: `12.3 MB`.
 pub(super) fn show_bytes(bytes: u64) -> String {
     let value = bytes as f64;
     match value {
@@ -64,13 +84,29 @@ mod tests {
     use super::*;
 
     #[test]
-    fn durations() {
+    fn durations_have_a_unit() {
         assert_eq!(duration("500ms"), Ok(Duration::from_millis(500)));
         assert_eq!(duration("2s"), Ok(Duration::from_secs(2)));
         assert_eq!(duration("1.5 m"), Ok(Duration::from_secs(90)));
-        assert_eq!(duration("30"), Ok(Duration::from_secs(30)));
+        assert_eq!(duration("0s"), Ok(Duration::ZERO));
         for wrong in ["", "s", "2 weeks", "-1s", "1e9", "99999999999999999999d"] {
             assert!(duration(wrong).is_err(), "{wrong}");
+        }
+        for bare in ["30", "0", "1.5"] {
+            let message = duration(bare).expect_err(bare);
+            assert!(message.contains("ms, s, m, h or d"), "{message}");
+        }
+    }
+
+    #[test]
+    fn zero_is_accepted_only_where_it_has_a_meaning() {
+        for zero in ["0", " 0 ", "0s", "0d"] {
+            assert_eq!(duration_or_zero(zero), Ok(Duration::ZERO), "{zero}");
+            assert!(positive_duration(zero).expect_err(zero).contains("more than 0"), "{zero}");
+        }
+        assert_eq!(positive_duration("30d"), Ok(Duration::from_secs(30 * 86_400)));
+        for bare in ["30", "7"] {
+            assert!(duration_or_zero(bare).is_err() && positive_duration(bare).is_err(), "{bare}");
         }
     }
 

@@ -1,5 +1,5 @@
-//! What a service does on the side, as long as it runs: removes models that are not kept any longer, and files that no
-//! model names.
+//! Periodic maintenance by `serve`: deletes models past their retention and files that no record names, and reports the
+//! size of all files. Workers do none of it.
 
 use crate::clock::Clock;
 use crate::jobs::Store;
@@ -10,56 +10,57 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::task::JoinSet;
 
-/// Time between looks at what is kept.
+/// Interval between sweeps by retention.
 const RETENTION_EVERY: Duration = Duration::from_secs(60);
-/// Time between sums of the bytes of all files, which are for the eyes of operators alone.
+/// Interval between sums of the size of all files, which are only reported as a metric.
 const BYTES_EVERY: Duration = Duration::from_secs(15 * 60);
-/// Time between sweeps of files that no model names.
+/// Interval between sweeps of orphans.
 const ORPHANS_EVERY: Duration = Duration::from_secs(6 * 60 * 60);
-/// Age from which a file that no model names is nobody's, where uploads may be under way: longer than one takes with
-/// its commit.
-pub(super) const ORPHAN_AGE: Duration = Duration::from_secs(24 * 60 * 60);
+/// Minimum age of an orphan to be deleted if other processes may be uploading: longer than an upload and its commit take.
+const ORPHAN_AGE: Duration = Duration::from_secs(24 * 60 * 60);
 
-/// Tasks that end when this is dropped.
+/// Maintenance tasks; dropping this stops them.
 pub(super) struct Upkeep {
     _tasks: JoinSet<()>,
 }
 
-/// What they work on.
+/// The stores to maintain and the metrics to report to.
 #[derive(Clone)]
-pub(super) struct Ground {
+pub(super) struct UpkeepContext {
     pub(super) store: Arc<dyn Store>,
     pub(super) artifacts: Artifacts,
     pub(super) clock: Clock,
     pub(super) metrics: Metrics,
+    /// Whether other processes may use the same stores.
+    pub(super) shared: bool,
 }
 
 impl Upkeep {
-    /// Starts. At first, files older than `left` that no model names go: none of them can be in the making where this
-    /// process has the stores to itself, so it may be zero then. Later, those older than [`ORPHAN_AGE`].
-    pub(super) fn start(ground: Ground, retention: Retention, left: Duration) -> Self {
+    /// Starts the tasks. The first sweep of orphans deletes those older than [`ORPHAN_AGE`]; in stores that only this
+    /// process uses, all that are older than this call. Call it before any worker starts.
+    pub(super) fn start(context: UpkeepContext, retention: Retention) -> Self {
         let mut tasks = JoinSet::new();
-        // Before any worker begins: what is younger than this is not left from before.
-        let start = ground.clock.now();
-        let orphans = ground.clone();
+        let start = context.clock.now();
+        let first_age = if context.shared { ORPHAN_AGE } else { Duration::ZERO };
+        let orphans = context.clone();
         tasks.spawn(async move {
-            orphans.sweep_orphans(start, left).await;
+            orphans.sweep_orphans(start, first_age).await;
             loop {
                 tokio::time::sleep(ORPHANS_EVERY).await;
                 orphans.sweep_orphans(orphans.clock.now(), ORPHAN_AGE).await;
             }
         });
-        let kept = ground.clone();
+        let expired = context.clone();
         tasks.spawn(async move {
             while retention != Retention::default() {
-                kept.retain(retention).await;
+                expired.sweep_expired(retention).await;
                 tokio::time::sleep(RETENTION_EVERY).await;
             }
         });
         tasks.spawn(async move {
-            // The sweep of what there is no room for tells it too, and more often.
+            // With a limit on bytes, the sweep by retention reports the sum, and more often.
             while retention.bytes.is_none() {
-                ground.tell_bytes().await;
+                context.report_bytes().await;
                 tokio::time::sleep(BYTES_EVERY).await;
             }
         });
@@ -67,16 +68,16 @@ impl Upkeep {
     }
 }
 
-impl Ground {
+impl UpkeepContext {
     async fn sweep_orphans(&self, now: jiff::Timestamp, age: Duration) {
         match self.artifacts.sweep_orphans(self.store.as_ref(), now, age).await {
             Ok(0) => {}
-            Ok(files) => tracing::info!(files, "files that no model names were removed"),
-            Err(error) => tracing::warn!(%error, "files that no model names could not be removed"),
+            Ok(files) => tracing::info!(files, "orphaned files were deleted"),
+            Err(error) => tracing::warn!(%error, "orphaned files could not be deleted"),
         }
     }
 
-    async fn retain(&self, retention: Retention) {
+    async fn sweep_expired(&self, retention: Retention) {
         match retention.sweep(self.store.as_ref(), &self.artifacts).await {
             Ok(swept) => {
                 self.metrics.removed(swept.removed);
@@ -84,14 +85,14 @@ impl Ground {
                     self.metrics.set_stored_bytes(bytes);
                 }
             }
-            Err(error) => tracing::warn!(%error, "models that are not kept any longer could not be removed"),
+            Err(error) => tracing::warn!(%error, "models past their retention could not be deleted"),
         }
     }
 
-    async fn tell_bytes(&self) {
+    async fn report_bytes(&self) {
         match self.store.stored_bytes().await {
             Ok(bytes) => self.metrics.set_stored_bytes(bytes),
-            Err(error) => tracing::warn!(%error, "the bytes of all files could not be summed"),
+            Err(error) => tracing::warn!(%error, "the size of all files could not be summed"),
         }
     }
 }

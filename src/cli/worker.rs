@@ -1,36 +1,39 @@
 //! `oviduct worker`: grows models for services on other machines until it is asked to stop.
 
 use super::args::WorkerArgs;
-use super::connections::{self, Connections};
 use super::exit::{Ended, Failure};
 use super::interrupt::Signals;
-use super::service::{Hands, Works, database};
+use super::service::{Runtime, WorkerRequirement, database, serve_probes};
 use crate::http::{Limits, watch_router};
 use anyhow::Context;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
 pub(super) async fn run(args: WorkerArgs) -> Ended {
-    if !database(&args.service.database)?.is_shared() {
-        return Err(Failure::usage("--database must be a postgres://… that a service shares; a file is one process's"));
+    if !database(&args.process.database)?.is_shared() {
+        return Err(Failure::usage(
+            "--database must be a postgres://… URL shared with a service; an SQLite file belongs to one process",
+        ));
     }
     let mut signals = Signals::listen();
-    let works = tokio::select! {
-        started = Works::start(&args.service, Hands::Needed) => started?,
+    let runtime = tokio::select! {
+        started = Runtime::start(&args.process, WorkerRequirement::Required) => started?,
         () = signals.asked_to_stop() => return Ok(()),
     };
     let shutdown = CancellationToken::new();
     if let Some(address) = args.metrics_addr {
         let listener = TcpListener::bind(address).await.with_context(|| format!("--metrics-addr {address}"))?;
-        let router = watch_router(works.state(Limits::default(), &shutdown));
-        let connections = Connections::new(args.service.upkeep.connections);
-        tokio::spawn(connections::serve(listener, router, connections, shutdown.clone()));
+        serve_probes(listener, watch_router(runtime.state(Limits::default(), &shutdown)), &args.process, &shutdown);
     }
-    tracing::info!(workers = args.service.cpu_workers, "working");
+    tracing::info!(workers = args.process.cpu_workers, "started");
     signals.asked_to_stop().await;
-    tracing::info!(grace = ?args.service.grace, "stopping; asked again, it stops at once");
+    tracing::info!(grace = ?args.process.grace, "shutting down; a second signal stops at once");
+    runtime.drain();
     tokio::select! {
-        () = works.stop(async { shutdown.cancel() }) => Ok(()),
+        () = runtime.stop(async {}) => {
+            shutdown.cancel();
+            Ok(())
+        }
         () = signals.asked_to_stop() => Err(Failure::Interrupted),
     }
 }

@@ -2,7 +2,7 @@
 
 use super::AppState;
 use super::openapi::StoreAway;
-use super::problem::Problem;
+use super::problem::{Kind, Problem};
 use axum::Json;
 use axum::extract::State;
 use serde::Serialize;
@@ -34,6 +34,9 @@ pub(super) async fn alive() -> Json<Health> {
     responses((status = 200, description = "It can", body = Health), StoreAway)
 )]
 pub(super) async fn ready(State(state): State<AppState>) -> Result<Json<Health>, Problem> {
+    if let Some((_, detail)) = state.status.not_ready() {
+        return Err(Problem::new(Kind::StoreUnavailable, detail));
+    }
     state.store.ready().await?;
     Ok(Json(OK))
 }

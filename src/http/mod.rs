@@ -39,6 +39,7 @@ pub use router::{router, watch_router};
 use crate::jobs::Store;
 use crate::jobs::artifacts::Artifacts;
 use crate::metrics::Metrics;
+use crate::status::Status;
 use feed::Feed;
 use std::sync::Arc;
 use std::time::Duration;
@@ -71,6 +72,8 @@ pub struct Limits {
     pub keep: Option<Duration>,
     /// Whether downloads are sent on to the file store, where it can be asked directly.
     pub redirect_downloads: bool,
+    /// Whether models with backend `gpu` are queued although no GPU worker is alive, as some are started on demand.
+    pub gpu_expected: bool,
     /// Greatest predicted cost of one model.
     pub cost: crate::spec::Limits,
 }
@@ -89,6 +92,7 @@ impl Default for Limits {
             batch: 1000,
             keep: None,
             redirect_downloads: false,
+            gpu_expected: false,
             cost: crate::spec::Limits::default(),
         }
     }
@@ -102,6 +106,7 @@ pub struct AppState {
     pub(crate) limits: Arc<Limits>,
     pub(crate) shutdown: CancellationToken,
     pub(crate) metrics: Metrics,
+    pub(crate) status: Status,
     feed: Arc<Feed>,
     streams: Arc<Semaphore>,
     held: Arc<Semaphore>,
@@ -116,14 +121,20 @@ impl AppState {
         let feed = Feed::follow(store.changes(), shutdown.clone());
         let streams = Arc::new(Semaphore::new(limits.streams));
         let held = Arc::new(Semaphore::new(limits.held));
-        let (limits, metrics) = (Arc::new(limits), Metrics::default());
-        Self { store, artifacts, limits, shutdown, metrics, feed, streams, held }
+        let (limits, metrics, status) = (Arc::new(limits), Metrics::default(), Status::default());
+        Self { store, artifacts, limits, shutdown, metrics, status, feed, streams, held }
     }
 
     /// The same, counting into `metrics`.
     #[must_use]
     pub fn with_metrics(self, metrics: Metrics) -> Self {
         Self { metrics, ..self }
+    }
+
+    /// The same, reporting `status` at `/healthz` and `/readyz`.
+    #[must_use]
+    pub fn with_status(self, status: Status) -> Self {
+        Self { status, ..self }
     }
 
     /// Removes files that no record names any more, in the background where that takes long. Nobody can see them; what

@@ -1,19 +1,23 @@
-//! Faults injected by name at each step of a job's life, so that tests can kill a worker or break a step
-//! exactly there.
+//! Faults injected by name at each step of a job's life, so that tests can kill a worker or break a step exactly there.
 //!
-//! `OVIDUCT_FAULT=<point>[:kill|error|stall][:<n>]` arms one fault, at the n-th passage of the point (from 1).
-//! Without it, every point costs one comparison. [`Faults::random`] strikes at many passages instead, by a seed.
+//! Only builds with the cargo feature `fault-injection` can inject faults. The package depends on itself with that feature
+//! for its tests, so `cargo test` always has it and `cargo build` never has it. Without the feature, every point is a
+//! no-op, and [`Faults::from_env`] refuses to start with the variable set.
+//!
+//! `OVIDUCT_FAULT=<point>[:kill|error|stall][:<n>]` arms one fault, at the n-th passage of the point (counted from 1).
 
-use crate::random::{Stream, below, words};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, Ordering};
-use std::time::Duration;
+#[cfg(feature = "fault-injection")]
+mod armed;
+#[cfg(not(feature = "fault-injection"))]
+mod disabled;
+
+#[cfg(feature = "fault-injection")]
+pub use armed::Faults;
+#[cfg(not(feature = "fault-injection"))]
+pub use disabled::Faults;
 
 /// The environment variable that arms a fault.
 pub const VARIABLE: &str = "OVIDUCT_FAULT";
-
-/// How long a stall holds its step up: longer than any lease, shorter than a test's patience.
-const STALL: Duration = Duration::from_secs(20);
 
 /// The points, in the order of a job's life. `simulate` to `store` are passed at each progress of that stage.
 pub const POINTS: [&str; 11] = [
@@ -30,41 +34,6 @@ pub const POINTS: [&str; 11] = [
     "after-commit",
 ];
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
-    Kill,
-    Error,
-    Stall(Duration),
-}
-
-#[derive(Debug)]
-enum Armed {
-    /// At one passage of one point.
-    Once {
-        point: &'static str,
-        kind: Kind,
-        /// Passages left until it strikes; it strikes once.
-        left: AtomicU32,
-    },
-    /// At passages of any point.
-    Random {
-        seed: u64,
-        one_in: u32,
-        stall: Duration,
-        /// Passages so far.
-        passages: AtomicU32,
-        /// Faults left.
-        left: AtomicU32,
-    },
-}
-
-/// One random fault in so many is a stall, the others are errors.
-const STALLS: u32 = 16;
-
-/// The faults that are armed, if any. Clones share them.
-#[derive(Clone, Debug, Default)]
-pub struct Faults(Option<Arc<Armed>>);
-
 /// An injected error.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("a fault was injected at {0}")]
@@ -72,151 +41,13 @@ pub struct Injected(pub &'static str);
 
 /// A fault that cannot be armed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{VARIABLE}={0:?} is not <point>[:kill|error|stall][:<n>] with a point of {POINTS:?}")]
-pub struct BadFault(String);
-
-impl Faults {
-    /// No fault.
-    #[must_use]
-    pub fn none() -> Self {
-        Self(None)
-    }
-
-    /// What the environment arms; to be read once, at start.
-    ///
-    /// # Errors
-    /// [`BadFault`].
-    pub fn from_env() -> Result<Self, BadFault> {
-        match std::env::var(VARIABLE) {
-            Ok(text) if !text.is_empty() => Self::parse(&text),
-            _ => Ok(Self::none()),
-        }
-    }
-
-    /// Arms the fault that `text` names.
-    ///
-    /// # Errors
-    /// [`BadFault`].
-    pub fn parse(text: &str) -> Result<Self, BadFault> {
-        let bad = || BadFault(text.to_owned());
-        let mut parts = text.split(':');
-        let name = parts.next().unwrap_or_default();
-        let point = POINTS.into_iter().find(|point| *point == name).ok_or_else(bad)?;
-        let kind = match parts.next() {
-            None | Some("kill") => Kind::Kill,
-            Some("error") => Kind::Error,
-            Some("stall") => Kind::Stall(STALL),
-            Some(_) => return Err(bad()),
-        };
-        let passage = parts.next().map_or(Ok(1), str::parse).map_err(|_| bad())?;
-        if passage == 0 || parts.next().is_some() {
-            return Err(bad());
-        }
-        Ok(Self(Some(Arc::new(Armed::Once { point, kind, left: AtomicU32::new(passage) }))))
-    }
-
-    /// Strikes at one passage in `one_in` of whatever point, `faults` times in all: with errors, and now and then with
-    /// a stall of `stall`. Which passages, and how, is a function of `seed` and of the number of the passage alone.
-    #[must_use]
-    pub fn random(seed: u64, one_in: u32, faults: u32, stall: Duration) -> Self {
-        let (passages, left) = (AtomicU32::new(0), AtomicU32::new(faults));
-        Self(Some(Arc::new(Armed::Random { seed, one_in, stall, passages, left })))
-    }
-
-    /// Random faults, or the passages of the one point, that are still to come.
-    #[must_use]
-    pub fn left(&self) -> u32 {
-        match self.0.as_deref() {
-            None => 0,
-            Some(Armed::Once { left, .. } | Armed::Random { left, .. }) => left.load(Ordering::Relaxed),
-        }
-    }
-
-    /// Passes a point on a thread that may block.
-    ///
-    /// # Errors
-    /// [`Injected`] where an error is armed here.
-    pub fn point_blocking(&self, point: &'static str) -> Result<(), Injected> {
-        match self.strikes(point) {
-            None => Ok(()),
-            Some(Kind::Kill) => std::process::abort(),
-            Some(Kind::Error) => Err(Injected(point)),
-            Some(Kind::Stall(time)) => {
-                std::thread::sleep(time);
-                Ok(())
-            }
-        }
-    }
-
-    /// Passes a point in a task.
-    ///
-    /// # Errors
-    /// [`Injected`] where an error is armed here.
-    pub async fn point(&self, point: &'static str) -> Result<(), Injected> {
-        match self.strikes(point) {
-            None => Ok(()),
-            Some(Kind::Kill) => std::process::abort(),
-            Some(Kind::Error) => Err(Injected(point)),
-            Some(Kind::Stall(time)) => {
-                tokio::time::sleep(time).await;
-                Ok(())
-            }
-        }
-    }
-
-    fn strikes(&self, point: &str) -> Option<Kind> {
-        match self.0.as_deref()? {
-            Armed::Once { point: armed, kind, left } => (*armed == point && take_one(left) == Some(1)).then_some(*kind),
-            Armed::Random { seed, one_in, stall, passages, left } => {
-                let passage = passages.fetch_add(1, Ordering::Relaxed);
-                let [whether, how, ..] = words(*seed, Stream::Growth, passage, 0);
-                let strikes = below(whether, *one_in) == 0 && take_one(left).is_some();
-                strikes.then_some(if below(how, STALLS) == 0 { Kind::Stall(*stall) } else { Kind::Error })
-            }
-        }
-    }
-}
-
-/// Counts down to 0; what was left before.
-fn take_one(left: &AtomicU32) -> Option<u32> {
-    left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, |left| left.checked_sub(1)).ok()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_fault_strikes_once_at_its_passage_of_its_point() {
-        let faults = Faults::parse("before-commit:error:3").unwrap();
-        let hits: Vec<bool> = (0..6).map(|_| faults.point_blocking("before-commit").is_err()).collect();
-        assert_eq!(hits, [false, false, true, false, false, false]);
-        assert!(faults.point_blocking("after-commit").is_ok());
-        assert!(Faults::none().point_blocking("before-commit").is_ok());
-    }
-
-    #[test]
-    fn random_faults_come_by_their_seed_and_end() {
-        let hits = |seed| {
-            let faults = Faults::random(seed, 7, 20, Duration::ZERO);
-            let hits: Vec<bool> = (0..400).map(|n| faults.point_blocking(POINTS[n % 11]).is_err()).collect();
-            assert_eq!(faults.left(), 0);
-            hits
-        };
-        assert_eq!(hits(1), hits(1));
-        assert_ne!(hits(1), hits(2));
-        let errors = hits(1).iter().filter(|hit| **hit).count();
-        assert!((15..=20).contains(&errors), "{errors}");
-    }
-
-    #[test]
-    fn every_point_parses_and_nonsense_does_not() {
-        for point in POINTS {
-            assert!(Faults::parse(point).is_ok());
-            assert!(Faults::parse(&format!("{point}:stall:2")).is_ok());
-        }
-        for bad in ["nowhere", "store:explode", "store:kill:0", "store:kill:x", "store:kill:1:2"] {
-            assert!(Faults::parse(bad).is_err(), "{bad}");
-        }
-    }
+pub enum BadFault {
+    /// The text does not name a fault.
+    #[error("{VARIABLE}={0:?} is not <point>[:kill|error|stall][:<n>] with one of the points {POINTS:?}")]
+    Unknown(String),
+    /// This build cannot inject faults.
+    #[error(
+        "{VARIABLE} is set, but this build has no fault injection: build with `--features fault-injection`, or unset it"
+    )]
+    Disabled,
 }

@@ -18,11 +18,13 @@ pub struct StoreOptions {
     pub max_attempts: u32,
     /// Most jobs queued at a time.
     pub queue_limit: u64,
+    /// Maximum number of connections to PostgreSQL, not counting the one that receives notifications; at least 2.
+    pub connections: u32,
 }
 
 impl Default for StoreOptions {
     fn default() -> Self {
-        Self { clock: Clock::System, max_attempts: 5, queue_limit: 10_000 }
+        Self { clock: Clock::System, max_attempts: 5, queue_limit: 10_000, connections: 12 }
     }
 }
 

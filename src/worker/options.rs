@@ -2,6 +2,7 @@
 
 use crate::jobs::fault::Faults;
 use crate::metrics::Metrics;
+use crate::status::Status;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -42,6 +43,8 @@ pub struct PoolOptions {
     pub faults: Faults,
     /// Where the workers count what they do.
     pub metrics: Metrics,
+    /// State of this process: its workers report devices being opened and stuck jobs here.
+    pub status: Status,
 }
 
 impl PoolOptions {
@@ -67,6 +70,7 @@ impl PoolOptions {
             host: host(),
             faults: Faults::none(),
             metrics: Metrics::default(),
+            status: Status::default(),
         }
     }
 }

@@ -77,7 +77,7 @@ impl App {
 
     pub(super) async fn with(limits: Limits, queue_limit: u64) -> Self {
         let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
-        let options = StoreOptions { clock: clock.clone(), max_attempts: 5, queue_limit };
+        let options = StoreOptions { clock: clock.clone(), queue_limit, ..StoreOptions::default() };
         let store = Arc::new(SqliteStore::open_in_memory(options).await.unwrap());
         Self::over(store, clock, limits)
     }

@@ -37,7 +37,7 @@ async fn a_gpu_that_went_away_does_not_undo_what_was_taken() {
 #[tokio::test]
 async fn a_limit_that_was_lowered_does_not_undo_what_was_taken() {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
-    let options = StoreOptions { clock: clock.clone(), max_attempts: 5, queue_limit: 9 };
+    let options = StoreOptions { clock: clock.clone(), queue_limit: 9, ..StoreOptions::default() };
     let store = Arc::new(SqliteStore::open_in_memory(options).await.unwrap());
     let before = App::over(store.clone(), clock.clone(), Limits::default());
     let (model, batch) = (json!({ "seed": 1 }), json!({ "count": 3 }));

@@ -22,7 +22,7 @@ impl Wire {
     /// A service over a wire; changes are told by `changes`, where it is there, and by nobody else.
     pub(super) async fn app(limits: Limits, changes: Option<broadcast::Sender<Change>>) -> (App, Arc<Between<Self>>) {
         let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
-        let options = StoreOptions { clock: clock.clone(), max_attempts: 5, queue_limit: 1000 };
+        let options = StoreOptions { clock: clock.clone(), queue_limit: 1000, ..StoreOptions::default() };
         let store = Arc::new(SqliteStore::open_in_memory(options).await.unwrap());
         let wire = Self { broken: AtomicBool::new(false), reads: AtomicU64::new(0), changes };
         let store = Between::new(store, wire);

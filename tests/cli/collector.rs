@@ -1,4 +1,4 @@
-//! A collector of traces on loopback: takes OTLP over HTTP, keeps the spans.
+//! A collector of traces on loopback: receives OTLP over HTTP and stores the spans.
 
 use opentelemetry_proto::tonic::collector::trace::v1::ExportTraceServiceRequest;
 use opentelemetry_proto::tonic::common::v1::any_value::Value;
@@ -8,7 +8,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, Mutex};
 
-/// What has arrived: the name of the service, and its spans.
+/// Received names of services, and spans.
 #[derive(Clone, Debug, Default)]
 pub struct Arrived {
     pub services: Vec<String>,
@@ -50,7 +50,7 @@ fn serve(stream: TcpStream, all: &Mutex<Arrived>) {
     let mut reader = BufReader::new(stream);
     while let Some((head, body)) = request(&mut reader) {
         assert!(head.starts_with("POST /v1/traces "), "{head}");
-        let sent = ExportTraceServiceRequest::decode(body.as_slice()).expect("a request of OTLP");
+        let sent = ExportTraceServiceRequest::decode(body.as_slice()).expect("an OTLP request");
         let mut all = all.lock().expect("not poisoned");
         for of_resource in sent.resource_spans {
             for attribute in of_resource.resource.into_iter().flat_map(|resource| resource.attributes) {

@@ -1,8 +1,8 @@
-"""The service on several machines, as far as one machine can show it: two API processes and workers that come and go, over
-one PostgreSQL and one bucket of an S3 server that others wrote (moto).
+"""A deployment on several machines, simulated on one: two API processes, and workers that are started and stopped, over one
+PostgreSQL and one bucket of an S3 server (moto).
 
-Every model must end once with the bytes that `oviduct generate` makes, whatever ends without warning meanwhile; both APIs
-show the same; events arrive through an API that neither took the model nor grows it.
+Every model must end once with the bytes of `oviduct generate`, although processes are killed meanwhile; both APIs show the
+same; events arrive through an API that neither accepted the model nor grows it.
 Usage: cluster.py OVIDUCT_BINARY
 """
 
@@ -27,7 +27,7 @@ MODELS = 14
 
 
 class Bucket:
-    """An S3 server with an empty bucket, for the time of a `with`."""
+    """An S3 server with an empty bucket, within a `with`."""
 
     def __enter__(self):
         # Another program may take a port before the server does.
@@ -37,7 +37,7 @@ class Bucket:
         raise SystemExit("the S3 server did not start")
 
     def starts(self, port):
-        """Starts it on a port; gives whether it runs there."""
+        """Starts it on a port; returns whether it runs there."""
         program = os.path.join(os.path.dirname(sys.executable), "moto_server")
         self.process = subprocess.Popen([program, "-H", "127.0.0.1", "-p", str(port)], stderr=subprocess.DEVNULL)
         self.variables = {
@@ -73,7 +73,7 @@ class Bucket:
 
 
 class Worker:
-    """`oviduct worker` with a folder of its own."""
+    """`oviduct worker` with a directory of its own."""
 
     def __init__(self, binary, folder, stores):
         data = tempfile.mkdtemp(dir=folder)
@@ -92,7 +92,7 @@ class Worker:
 
 
 class Listener(threading.Thread):
-    """Follows the events of a model; what came last is its end."""
+    """Collects the event types of a model until its stream ends."""
 
     def __init__(self, service, model):
         super().__init__(daemon=True)
@@ -108,7 +108,7 @@ class Listener(threading.Thread):
 
 
 def spec_of(seed):
-    """The last model takes more than a second on any machine, so that there is progress to be told of."""
+    """The last model takes more than a second on any machine, so that there are progress events."""
     large = {"steps": 2000, "particles": {"total": {"keys": [[0, 710], [1, 6000]]}}}
     return large if seed == MODELS - 1 else SMALL
 
@@ -129,7 +129,7 @@ def until_some_have_ended(service, count):
 
 
 def generated(binary, folder, seed):
-    """The hashes of the files that the generator alone makes."""
+    """The hashes of the files of `oviduct generate`."""
     spec = os.path.join(folder, "spec.json")
     with open(spec, "w") as file:
         json.dump(spec_of(seed), file)
@@ -150,7 +150,7 @@ def main(binary, folder, cluster, bucket):
     workers = [Worker(binary, folder, stores) for _ in range(2)]
     models = {submit(apis[seed % 2], seed): seed for seed in range(MODELS)}
     last = list(models)[-1]
-    # Through the API that did not take it, and is not going to be killed.
+    # Through the API that did not accept it and will not be killed.
     assert models[last] % 2
     listener = Listener(a, last)
 
@@ -167,20 +167,20 @@ def main(binary, folder, cluster, bucket):
     for model, seed in models.items():
         found = b.ended(model)
         assert found["status"] == "succeeded", found
-        assert a.json("GET", f"/models/{model}") == found, "the two differ"
+        assert a.json("GET", f"/models/{model}") == found, "the APIs differ"
         whole = {file["name"]: file["sha256"] for file in found["files"]}
         for service in apis:
             for file in found["files"]:
                 status, _, content = service.call("GET", file["href"])
                 assert status == 200 and hashlib.sha256(content).hexdigest() == file["sha256"], (file, status)
         if seed in (0, 1, MODELS - 1):
-            assert whole == generated(binary, folder, seed), f"other bytes than the generator's, seed {seed}"
+            assert whole == generated(binary, folder, seed), f"the bytes differ from those of the generator, seed {seed}"
         named.update((model, file["name"], file["bytes"]) for file in found["files"])
     listener.join(3600)
     assert listener.events[-1:] == ["end"], listener.events
     assert "progress" in listener.events, listener.events
     listed = a.json("GET", "/models?limit=50")["models"]
-    assert sorted(model["id"] for model in listed) == sorted(models), "not the models that were accepted"
+    assert sorted(model["id"] for model in listed) == sorted(models), "these are not the accepted models"
 
     there = bucket.keys()
     for model, name, size in named:
@@ -196,7 +196,7 @@ def main(binary, folder, cluster, bucket):
         api.stop()
     attempts = sum(found["attempts"] for found in listed)
     print(f"cluster: {MODELS} models over 2 APIs, 2 workers at a time (one killed, one stopped), {attempts} attempts: "
-          "each ended once, with the generator's bytes")
+          "each ended once, with the bytes of the generator")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Tries the live service against its own description with schemathesis.
+"""Tests the live service against openapi.yaml with schemathesis.
 
 Usage: contract.py OVIDUCT_BINARY
 """
@@ -16,8 +16,7 @@ ROOT = os.path.join(HERE, "..", "..")
 
 
 def main(folder):
-    # One model of each fate, grown or ended beforehand; then a service that only queues, so that requests which
-    # happen to be valid cost nothing.
+    # One model in each final state; then a service that only queues, so that valid requests cost nothing.
     service = Service(BINARY, folder, "--queue-limit", "100000").start()
     succeeded = service.json("POST", "/models", {"seed": 1, "spec": SMALL, "outputs": ["glb", "obj"]})["id"]
     assert service.ended(succeeded)["status"] == "succeeded", service.ended(succeeded)
@@ -25,12 +24,12 @@ def main(folder):
     service.start("--cpu-workers", "0")
     cancelled = service.json("POST", "/models", {"seed": 2, "spec": SMALL})["id"]
     service.json("POST", f"/models/{cancelled}/cancel")
-    # One that waits for ever, so that every stream of events has something to say at once.
+    # One that stays queued, so that every event stream has a first event at once.
     service.json("POST", "/models", {"seed": 3, "spec": SMALL})
 
     live = service.call("GET", "/openapi.yaml")[2]
     with open(os.path.join(ROOT, "openapi.yaml"), "rb") as committed:
-        assert live == committed.read(), "openapi.yaml is not what the service says; run `just openapi`"
+        assert live == committed.read(), "openapi.yaml differs from that of the service; run `just openapi`"
 
     judge = os.path.join(os.path.dirname(sys.executable), "schemathesis")
     done = subprocess.run(
@@ -50,11 +49,11 @@ def main(folder):
         cwd=folder,
     )
     if done.returncode != 0:
-        sys.exit(f"schemathesis ended with {done.returncode}; the server's last words:\n{service.tail()}")
-    # Whatever was tried: it lives, takes work, and kept what it had.
+        sys.exit(f"schemathesis ended with {done.returncode}; the end of the server's log:\n{service.tail()}")
+    # Afterwards the service is still ready.
     assert service.call("GET", "/readyz")[0] == 200
     service.stop()
-    print("contract: the service does what openapi.yaml says")
+    print("contract: the service conforms to openapi.yaml")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""Kills a live server in each stage of a model's life and starts it again.
+"""Kills a live server in each stage of a job and starts it again.
 
-Every accepted model must end once, with whole files; no half file may ever be visible.
+Every accepted model must end once, with complete files; no incomplete file may ever be visible.
 Usage: crash.py OVIDUCT_BINARY [sqlite|postgres]
+The binary must be built with `cargo build --release --features fault-injection`.
 """
 
 import hashlib
@@ -14,21 +15,21 @@ import time
 from postgres import Cluster
 from service import SMALL, Service
 
-# Places in the life of a model at which the server ends itself without cleaning up (OVIDUCT_FAULT).
+# Points at which the server kills itself (OVIDUCT_FAULT, src/jobs/fault.rs).
 POINTS = ["after-claim", "simulate", "mesh", "certify", "export", "store",
           "before-upload", "after-upload", "before-commit", "after-commit"]
 OPTIONS = ["--lease", "2s", "--heartbeat", "500ms", "--max-attempts", "100"]
 
 
 def submit(service, seed, steps=None):
-    """Asks for a model that cannot be an older one."""
+    """Requests a model, without reuse."""
     spec = SMALL if steps is None else {**SMALL, "steps": steps}
     body = {"seed": seed, "spec": spec, "outputs": ["glb", "obj"], "reuse": False}
     return service.json("POST", "/models", body, {"Idempotency-Key": f"crash-{seed}"})["id"]
 
 
 def submit_to_one_that_ends(service, seed):
-    """The same where the server may end itself before it has answered: as a client does, again under the same key."""
+    """The same if the server may kill itself before it answers; the caller repeats the request with the same key."""
     try:
         return submit(service, seed)
     except (OSError, http.client.HTTPException):
@@ -36,7 +37,7 @@ def submit_to_one_that_ends(service, seed):
 
 
 def verify(service, ids):
-    """Every accepted model has ended well, once, and each of its files is whole."""
+    """Every accepted model has succeeded, once, and each of its files is complete."""
     for model in ids:
         found = service.ended(model)
         assert found["status"] == "succeeded", found
@@ -57,7 +58,7 @@ def verify(service, ids):
 
 
 def stray(data):
-    """Files below the artifacts that are half written."""
+    """Incomplete files in the artifact store."""
     found = []
     for folder, _, files in os.walk(os.path.join(data, "artifacts")):
         found += [os.path.join(folder, name) for name in files if "#" in name or name.endswith((".part", ".tmp"))]
@@ -65,8 +66,7 @@ def stray(data):
 
 
 def sweep(service, folder):
-    """Uploads that a killed process left are not removed at once where other processes may share the store: on a start,
-    once they are a day old."""
+    """If other processes may share the store, uploads of a killed process are deleted only once they are a day old."""
     for path in stray(folder):
         os.utime(path, (0, 0))
     service.start()
@@ -86,14 +86,14 @@ def main(folder, *database):
         print(f"crash: killed at {point}")
         service.start()
         again = submit(service, seed)
-        assert model in (None, again), "an accepted model was accepted once more"
+        assert model in (None, again), "an accepted model was accepted twice"
         ids.append(again)
         ended = service.ended(ids[-1])
         assert ended["status"] == "succeeded", ended
         endings[ids[-1]] = ended
         service.stop()
 
-    # The same from outside, at moments that nobody chose, with models waiting and running.
+    # SIGKILL at arbitrary moments, with queued and running models.
     service.start()
     waiting = [submit(service, 100 + i, steps=200) for i in range(6)]
     ids += waiting
@@ -103,12 +103,12 @@ def main(folder, *database):
         service.start()
     verify(service, ids)
     for model, ended in endings.items():
-        assert service.json("GET", f"/models/{model}") == ended, "a model that had ended changed"
+        assert service.json("GET", f"/models/{model}") == ended, "an ended model changed"
     service.stop()
     if database:
         sweep(service, folder)
     assert stray(folder) == [], stray(folder)
-    print(f"crash: {len(ids)} models accepted, {len(ids)} ended, each once, with whole files, on {DATABASE}")
+    print(f"crash: {len(ids)} models accepted, {len(ids)} ended, each once, with complete files, on {DATABASE}")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Grows models with `oviduct generate` and checks what is told of them."""
+"""Grows models with `oviduct generate` and checks its output."""
 
 import hashlib
 import json
@@ -14,7 +14,7 @@ class Oviduct:
         self.binary = os.path.abspath(binary)
 
     def run(self, *arguments, expect=0):
-        """Runs a command to its end; gives what it wrote to stdout, or to stderr where it was to fail."""
+        """Runs a command; returns its stdout, or its stderr if it is expected to fail."""
         done = subprocess.run([self.binary, *arguments], capture_output=True, text=True, timeout=3600)
         if done.returncode != expect:
             line = f"oviduct {' '.join(arguments)}"
@@ -22,9 +22,9 @@ class Oviduct:
         return done.stdout if expect == 0 else done.stderr
 
     def generate(self, out, *arguments):
-        """Grows a model; checks that what was told of its files is true and that its certificate passed."""
+        """Grows a model; checks that its files match the output and that its certificate passed."""
         told = json.loads(self.run("generate", "--out", out, "--json", *arguments))
-        assert sorted(os.listdir(out)) == sorted(file["name"] for file in told["files"]), "files are not those told"
+        assert sorted(os.listdir(out)) == sorted(file["name"] for file in told["files"]), "the files are not those in the output"
         for file in told["files"]:
             with open(os.path.join(out, file["name"]), "rb") as stored:
                 content = stored.read()
@@ -39,7 +39,7 @@ class Oviduct:
 
 
 def of_paper_size(told):
-    """What of a model is not of the size of the paper's, in words."""
+    """A sentence for each property of a model that differs from the size of the paper's model."""
     faults = []
     if told["sections"] != 201:
         faults.append(f"{told['sections']} sections, not 201")
@@ -48,7 +48,7 @@ def of_paper_size(told):
         faults.append(f"{start} particles at the start, not 710")
     if abs(end - 8300) > 0.005 * 8300:
         faults.append(f"{end} particles at the end, not 8300")
-    # Fewer than 8300 only where splits were refused for want of room, and then reported.
+    # Fewer than 8300 only if splits were refused for lack of space, which is reported.
     missing = told["summary"]["splits_missing"]
     if end + missing != 8300:
         faults.append(f"{end} particles at the end, {missing} splits reported missing, not 8300 together")

@@ -1,4 +1,4 @@
-"""Checks the objects of deploy/kubernetes against the schemas of Kubernetes.
+"""Validates the objects in deploy/kubernetes with the schemas of Kubernetes.
 
 Usage: manifests.py
 """
@@ -10,7 +10,7 @@ import kubernetes_validate
 import yaml
 
 VERSION = "1.31"
-# Kinds that Kubernetes itself does not know.
+# Kinds that are not part of Kubernetes.
 OTHERS = {"Kustomization", "ScaledObject", "TriggerAuthentication"}
 
 folder = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "..", "deploy", "kubernetes")
@@ -22,4 +22,4 @@ for path in sorted(glob.glob(os.path.join(folder, "*.yaml"))):
                 kubernetes_validate.validate(thing, VERSION, strict=True)
                 checked.append(f"{thing['kind']} {thing['metadata']['name']}")
 assert len(checked) >= 8, checked
-print(f"manifests: {len(checked)} objects are as Kubernetes {VERSION} wants them")
+print(f"manifests: {len(checked)} objects are valid for Kubernetes {VERSION}")

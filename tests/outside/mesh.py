@@ -1,4 +1,4 @@
-"""Judges surfaces with trimesh and pymeshlab: a closed, oriented, single solid torus without crossings.
+"""Checks surfaces with trimesh and pymeshlab: one closed, oriented solid torus without self-intersections.
 
 Usage: mesh.py FILE...    (.glb or .obj)
 """
@@ -12,21 +12,21 @@ import trimesh
 
 
 def body(path):
-    """The surface of a file (in metres) in micrometres, vertices at equal positions made one."""
+    """The surface of a file (in metres) in micrometres, with vertices at equal positions merged."""
     scene = trimesh.load(path, process=False)
     mesh = scene.to_geometry() if isinstance(scene, trimesh.Scene) else scene
     positions, index = np.unique(np.asarray(mesh.vertices, dtype=np.float64), axis=0, return_inverse=True)
     faces = index.reshape(-1)[np.asarray(mesh.faces)]
-    # Strips are joined by triangles without area, which name a vertex twice.
+    # Strips are joined by degenerate triangles, which have a vertex twice.
     a, b, c = faces.T
     return positions * 1e6, faces[(a != b) & (b != c) & (c != a)]
 
 
 @dataclass
 class Verdict:
-    """What the judges found in a file."""
+    """The results for one file."""
 
-    # What is wrong, in words.
+    # A sentence for each fault.
     faults: list
     # Self-intersecting faces (pymeshlab).
     crossing: int
@@ -35,7 +35,7 @@ class Verdict:
 
 
 def judge(path):
-    """Has a file judged."""
+    """Checks a file."""
     vertices, faces = body(path)
     faults = []
 

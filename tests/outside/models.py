@@ -1,4 +1,4 @@
-"""Grows models with the release binary and hands them to the judges; checks bytes, refusals and exit codes on the way.
+"""Grows models with the release binary and checks them with other programs; also checks bytes, refusals and exit codes.
 
 Usage: models.py OVIDUCT_BINARY
 """
@@ -28,14 +28,14 @@ def main(folder):
     oviduct = Oviduct(BINARY)
     generate = oviduct.generate
 
-    # The same bytes whatever computes them, and however neighbours are searched.
+    # The same bytes for every CPU backend and neighbour search.
     small = generate(out("small"), "--seed", "7", "--outputs", "glb,obj", *SMALL)
     for i, other in enumerate(
         [["--backend", "cpu-single"], ["--set", "solver.search=grid"], ["--set", "solver.search=all_pairs"]]
     ):
         again = generate(out(f"again-{i}"), "--seed", "7", "--outputs", "glb,obj", *SMALL, *other)
         assert hashes(again).keys() == hashes(small).keys()
-        # The search stands in the spec that files carry only where it changes results, which it never does.
+        # The neighbour search never changes results, so it is not part of the spec in the files.
         assert hashes(again) == hashes(small), f"{other} gives other bytes"
     assert generate(out("other"), "--seed", "8", *SMALL)["digest"] != small["digest"]
     generate(out("strips"), "--seed", "7", "--set", "mesh.strips=true", *SMALL)
@@ -55,16 +55,16 @@ def main(folder):
     subprocess.run([sys.executable, os.path.join(HERE, "mesh.py"), *models], check=True)
     oviduct.run("check", "--euler", "0", *models)
 
-    # A surface with a hole is refused, by ours and by theirs.
+    # A surface with a hole fails the checks of `oviduct check` and of the other programs.
     with open(out("small/model.obj")) as whole, open(out("hole.obj"), "w") as holed:
         lines = whole.readlines()
         first_face = next(i for i, line in enumerate(lines) if line.startswith("f "))
         holed.writelines(lines[:first_face] + lines[first_face + 1:])
     oviduct.run("check", out("hole.obj"), expect=1)
     judged = subprocess.run([sys.executable, os.path.join(HERE, "mesh.py"), out("hole.obj")], capture_output=True)
-    assert judged.returncode == 1, "the outside judges did not see the hole"
+    assert judged.returncode == 1, "the other programs did not find the hole"
 
-    # Faults are all named; nothing is left behind.
+    # All faults are named; no file is left.
     said = oviduct.run("generate", "--out", out("bad"), "--set", "steps=-4", "--set", "colour=red", expect=2)
     assert "/spec/steps" in said and "/spec/colour" in said, said
     assert not os.path.exists(out("bad")) or os.listdir(out("bad")) == []
@@ -78,13 +78,13 @@ def main(folder):
     assert running.wait(900) == 130, running.returncode
     assert os.listdir(out("stopped")) == [], os.listdir(out("stopped"))
 
-    # The demonstration of the README.
+    # The demo of the README.
     done = subprocess.run([BINARY, "demo", "--exit"], cwd=folder, capture_output=True, text=True, timeout=3600)
     assert done.returncode == 0, done.stdout + done.stderr
     found = set(os.listdir(out("demo")))
     assert {"model.glb", "report.json", "sections.bin"} <= found, found
     subprocess.run([sys.executable, os.path.join(HERE, "mesh.py"), out("demo/model.glb")], check=True)
-    print("models: all judges agree")
+    print("models: all checks passed")
 
 
 if __name__ == "__main__":

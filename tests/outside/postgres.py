@@ -1,4 +1,4 @@
-"""PostgreSQL for the judges: a server of Debian's package in a temporary folder, on a free loopback port."""
+"""A temporary PostgreSQL server from Debian's package, on a free loopback port."""
 
 import glob
 import os
@@ -11,7 +11,7 @@ from service import free_port
 
 
 def programs():
-    """The folder of PostgreSQL's programs, that of the newest version."""
+    """The directory of the programs of the newest installed PostgreSQL."""
     found = [path for path in glob.glob("/usr/lib/postgresql/*/bin") if os.path.exists(f"{path}/initdb")]
     if not found:
         raise SystemExit("PostgreSQL is missing: run scripts/need, or apt-get install postgresql")
@@ -19,7 +19,7 @@ def programs():
 
 
 class Cluster:
-    """A running server, stopped and removed at the end of a `with`. As root it runs as user `postgres`."""
+    """A running server, stopped and removed at the end of a `with`. If started by root, it runs as user `postgres`."""
 
     def __enter__(self):
         self.bin = programs()
@@ -51,7 +51,7 @@ class Cluster:
             raise SystemExit(fault)
 
     def attempt(self, program, *arguments):
-        """Runs a program; gives what it said where it failed."""
+        """Runs a program; returns its output if it failed."""
         who = {"user": self.user.pw_uid, "group": self.user.pw_gid, "extra_groups": []} if self.user else {}
         line = [f"{self.bin}/{program}", "-D", f"{self.folder}/data", *arguments]
         environment = {"PATH": f"{self.bin}:{os.environ['PATH']}", "LC_ALL": "C.UTF-8", "PGCTLTIMEOUT": "300"}

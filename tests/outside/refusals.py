@@ -1,4 +1,4 @@
-"""Sends a live server what it must refuse: the answer is a problem that names the place, and the service goes on.
+"""Sends invalid requests to a live server: each answer is a problem that names the place, and the service keeps running.
 
 Usage: refusals.py OVIDUCT_BINARY
 """
@@ -7,13 +7,14 @@ import http.client
 import json
 import os
 import socket
+import subprocess
 import sys
 import tempfile
 
 from service import SMALL, Service
 
-# A body, the status of its answer, the slug of the problem, and the place that it must name: a JSON pointer, or the line
-# and column of what is not JSON.
+# Name, body, status, slug of the problem, and the place that it must name: a JSON pointer, or the line and column of a
+# syntax error.
 SCHEDULE = {"friction": {"keys": [[0, 0.1], [0.7, 0.1], [0.3, 0.1], [1, 0.1]]}}
 CASES = [
     ("unknown field", {"presett": "pig"}, 422, "invalid-request", "/presett"),
@@ -41,7 +42,7 @@ CASES = [
 
 
 def post(service, body, headers=None):
-    """Status and body of the answer to a POST to /models, also where the server hangs up before it has read all."""
+    """Status, headers and body of the answer to POST /models, even if the server closes before it has read everything."""
     connection = http.client.HTTPConnection("127.0.0.1", service.port, timeout=30)
     try:
         connection.putrequest("POST", "/models")
@@ -72,20 +73,28 @@ def check(name, answer, status, slug, place):
         assert (problem["line"], problem["column"]) == place, f"{name}: {problem['line']}, {problem['column']}, not {place}"
 
 
+def no_fault_injection(folder):
+    """A release build refuses to start with a fault armed, since it cannot inject any."""
+    line = [BINARY, "serve", "--addr", "127.0.0.1:0", "--data", folder, "--gpu", "off"]
+    ended = subprocess.run(line, env={**os.environ, "OVIDUCT_FAULT": "after-claim"}, capture_output=True, timeout=60)
+    assert ended.returncode == 2 and b"fault-injection" in ended.stderr, ended
+
+
 def main(folder):
+    no_fault_injection(folder)
     service = Service(BINARY, folder).start()
     for name, body, status, slug, place in CASES:
         data = body if isinstance(body, bytes) else json.dumps(body).encode()
         check(name, post(service, data), status, slug, place)
         assert service.call("GET", "/healthz")[0] == 200, name
 
-    # All faults of a request come in one answer.
+    # One answer names all faults of a request.
     many = {"seed": -1, "spec": {"steps": -5, "length_mm": "long", "colour": 1, "collision": {"gap_um": 1e9}}}
     faults = [fault["pointer"] for fault in json.loads(post(service, json.dumps(many).encode())[2])["errors"]]
     for place in ["/seed", "/spec/steps", "/spec/length_mm", "/spec/colour", "/spec/collision/gap_um"]:
         assert place in faults, faults
 
-    # What is not even a body, or not even HTTP.
+    # Requests without a JSON body, and bytes that are not HTTP.
     check("other media type", post(service, b"{}", {"Content-Type": "text/plain"}), 415, "unsupported-media-type", None)
     check("no route", service.call("GET", "/nowhere"), 404, "not-found", None)
     check("no such method", service.call("PUT", "/models"), 405, "method-not-allowed", None)
@@ -93,12 +102,12 @@ def main(folder):
         with socket.create_connection(("127.0.0.1", service.port), timeout=5) as raw:
             raw.sendall(noise)
 
-    # It goes on: nothing was queued, and it still grows models.
+    # It keeps running: nothing was queued, and it still grows models.
     assert service.json("GET", "/models")["models"] == []
     model = service.json("POST", "/models", {"seed": 1, "spec": SMALL})["id"]
     assert service.ended(model)["status"] == "succeeded"
     service.stop()
-    print(f"refusals: {len(CASES) + 4} bad requests, each a problem that names its place; the service goes on")
+    print(f"refusals: {len(CASES) + 4} bad requests, each a problem that names its place; the service keeps running")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What schemathesis must know of this service."""
+"""Hooks of schemathesis for this service."""
 
 import json
 import os
@@ -16,7 +16,7 @@ COUNT = {"calls": 0}
 
 @schemathesis.hook
 def before_call(context, case, kwargs):
-    """Leads two of three requests for something to models that exist, and has copies of those deleted in their place."""
+    """Directs two of three requests for a resource to existing models, and deletions to copies of them."""
     COUNT["calls"] += 1
     turn = COUNT["calls"] % 3
     parameters = dict(case.path_parameters or {})
@@ -30,7 +30,7 @@ def before_call(context, case, kwargs):
     elif case.path == "/presets/{name}" and turn < 2 and plain(case):
         case.path_parameters = {**parameters, "name": PRESETS[turn]}
     for name in list(case.headers or {}):
-        # Waiting is not the point, and a key that was used for another body is refused by design.
+        # Waiting is not tested here, and a key used with another body is refused by design.
         if name.lower() == "prefer" and "wait=" in str(case.headers[name]):
             case.headers[name] = "wait=1"
         if name.lower() == "idempotency-key" and case.headers[name]:

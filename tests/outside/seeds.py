@@ -1,4 +1,4 @@
-"""Grows models of the size of the paper for many seeds and has the judges look at each. Not part of scripts/test: a seed
+"""Grows models of the paper's size for many seeds and checks each with other programs. Not part of scripts/test: a seed
 takes about a minute.
 
 Usage: seeds.py [--binary target/release/oviduct] [--preset paper] [--seeds 1..20] [--backend auto]

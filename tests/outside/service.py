@@ -1,4 +1,4 @@
-"""A live service for the judges: the release binary on a free loopback port with a folder of its own."""
+"""A live service for the tests: the release binary on a free loopback port with a directory of its own."""
 
 import json
 import os
@@ -10,12 +10,12 @@ import time
 import urllib.error
 import urllib.request
 
-# A model that takes about a second: few steps, few particles, all stages.
+# A model that takes about a second: few steps and particles, all stages.
 SMALL = {"steps": 120, "particles": {"total": {"keys": [[0, 300], [1, 600]]}}}
 
 
 def free_port():
-    """A port that nobody listens on now. It is below those that the system gives to connections that go out."""
+    """A port that nobody listens on now, below those of outgoing connections."""
     while True:
         port = random.randrange(15_000, 30_000)
         with socket.socket() as probe:
@@ -27,7 +27,7 @@ def free_port():
 
 
 class Service:
-    """`oviduct serve`; can be killed and started again on the same data."""
+    """`oviduct serve`; can be killed and started again with the same data."""
 
     def __init__(self, binary, data, *options, port=None):
         self.binary, self.data, self.options = binary, data, options
@@ -56,13 +56,13 @@ class Service:
         raise SystemExit(f"the service did not become ready:\n{self.tail()}")
 
     def kill(self):
-        """Ends it as a power cut would."""
+        """Kills it with SIGKILL."""
         self.process.kill()
         self.process.wait()
         self.process = None
 
     def gone(self, seconds):
-        """Waits for it to end by itself; gives whether it did."""
+        """Waits for it to exit; returns whether it did."""
         try:
             self.process.wait(seconds)
         except subprocess.TimeoutExpired:
@@ -71,7 +71,7 @@ class Service:
         return True
 
     def stop(self):
-        """Ends it as an operator would; it must end well."""
+        """Stops it with SIGTERM; it must exit with code 0."""
         self.process.send_signal(signal.SIGTERM)
         code = self.process.wait(900)
         self.process = None
@@ -95,14 +95,14 @@ class Service:
             return error.code, error.headers, error.read()
 
     def json(self, method, path, body=None, headers=None, expect=(200, 201, 202)):
-        """The body of an answer that must be good."""
+        """The JSON body of an answer with an expected status."""
         status, _, content = self.call(method, path, body, headers)
         if status not in expect:
             raise SystemExit(f"{method} {path} answered {status}: {content.decode(errors='replace')[:2000]}")
         return json.loads(content)
 
     def ended(self, model, seconds=3600):
-        """Waits until a model ends; gives it."""
+        """Waits until a model ends; returns it."""
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
             found = self.json("GET", f"/models/{model}")

@@ -1,7 +1,8 @@
-//! Signals that come early: whoever could see that a command is at work can stop it in good order.
+//! Signals: a command can be stopped as soon as it has visible effects, and a service stops in order.
 #![cfg(unix)]
-#![allow(clippy::unwrap_used, missing_docs, reason = "a test: what fails, fails here")]
+#![allow(clippy::unwrap_used, missing_docs, reason = "a test fails by it")]
 
+use oviduct::clock::Stopwatch;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::Path;
@@ -10,7 +11,7 @@ use std::time::Duration;
 
 fn oviduct(folder: &Path, arguments: &[&str]) -> Child {
     let mut command = Command::new(env!("CARGO_BIN_EXE_oviduct"));
-    command.current_dir(folder).env_clear().env("XDG_RUNTIME_DIR", folder).args(arguments);
+    command.current_dir(folder).env_clear().args(arguments);
     command.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap()
 }
 
@@ -23,15 +24,15 @@ fn entries(folder: &Path) -> usize {
     std::fs::read_dir(folder).into_iter().flatten().count()
 }
 
-/// Looks every now and then, without a rest: what is to be met lasts for microseconds.
+/// Waits until something holds, without sleeping: it may hold for microseconds only.
 fn until(child: &mut Child, seen: impl Fn() -> bool) {
     while !seen() {
-        assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+        assert!(child.try_wait().unwrap().is_none(), "the process ended");
     }
 }
 
 #[test]
-fn a_generation_is_stopped_as_soon_as_its_folder_is_there() {
+fn a_generation_can_be_stopped_as_soon_as_its_directory_exists() {
     for _ in 0..10 {
         let at = tempfile::tempdir().unwrap();
         let out = at.path().join("out");
@@ -39,12 +40,12 @@ fn a_generation_is_stopped_as_soon_as_its_folder_is_there() {
         until(&mut child, || entries(&out) > 0);
         terminate(&child);
         assert_eq!(child.wait().unwrap().code(), Some(130));
-        assert_eq!(entries(&out), 0, "a part stays");
+        assert_eq!(entries(&out), 0, "an incomplete file is left");
     }
 }
 
 #[test]
-fn a_service_is_stopped_as_soon_as_it_answers() {
+fn a_service_can_be_stopped_as_soon_as_it_answers() {
     for _ in 0..10 {
         let at = tempfile::tempdir().unwrap();
         let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
@@ -52,7 +53,7 @@ fn a_service_is_stopped_as_soon_as_it_answers() {
         let mut child = oviduct(at.path(), &["serve", "--addr", &address, "--gpu", "off"]);
         until(&mut child, || {
             let Ok(mut stream) = TcpStream::connect(&address) else { return false };
-            // The listener is there before the service.
+            // The socket listens before the service answers.
             stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
             let asked = stream.write_all(b"GET /readyz HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n");
             let mut answer = String::new();
@@ -63,9 +64,8 @@ fn a_service_is_stopped_as_soon_as_it_answers() {
     }
 }
 
-/// Its port is told when it can be used.
 #[test]
-fn a_service_is_stopped_as_soon_as_it_tells_its_address() {
+fn a_service_can_be_stopped_as_soon_as_it_prints_its_address() {
     let at = tempfile::tempdir().unwrap();
     let mut child = oviduct(at.path(), &["serve", "--addr", "127.0.0.1:0", "--gpu", "off"]);
     let mut line = String::new();
@@ -75,10 +75,65 @@ fn a_service_is_stopped_as_soon_as_it_tells_its_address() {
 }
 
 #[test]
-fn a_worker_without_anything_to_work_with_is_refused() {
+fn a_worker_process_without_workers_is_refused() {
     let at = tempfile::tempdir().unwrap();
     let database = "postgres://nobody@127.0.0.1:1/none";
     let worker = ["worker", "--database", database, "--cpu-workers", "0", "--gpu", "off"];
     let output = oviduct(at.path(), &worker).wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(2));
+}
+
+/// A service without workers, and its address.
+fn service(at: &Path, options: &[&str]) -> (Child, String) {
+    let line = ["serve", "--addr", "127.0.0.1:0", "--gpu", "off", "--cpu-workers", "0"];
+    let mut child = oviduct(at, &[&line, options].concat());
+    let mut url = String::new();
+    BufReader::new(child.stdout.take().unwrap()).read_line(&mut url).unwrap();
+    (child, url.trim().strip_prefix("http://").unwrap().to_owned())
+}
+
+/// The status line of the answer; `None` without a connection.
+fn status(address: &str, path: &str) -> Option<String> {
+    let mut stream = TcpStream::connect(address).ok()?;
+    stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    stream.write_all(format!("GET {path} HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n").as_bytes()).ok()?;
+    let mut line = String::new();
+    BufReader::new(stream).read_line(&mut line).ok()?;
+    Some(line)
+}
+
+#[test]
+fn readiness_fails_before_the_listener_closes() {
+    let at = tempfile::tempdir().unwrap();
+    let (mut child, address) = service(at.path(), &["--drain-delay", "3s"]);
+    assert!(status(&address, "/readyz").unwrap().contains("200"));
+    terminate(&child);
+    let stopped = Stopwatch::start();
+    until(&mut child, || status(&address, "/readyz").is_some_and(|line| line.contains("503")));
+    // Not ready, but still serving.
+    let served = status(&address, "/models");
+    assert!(stopped.elapsed() > Duration::from_secs(3) || served.is_some_and(|line| line.contains("200")));
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert!(stopped.elapsed() >= Duration::from_secs(3), "{:?}", stopped.elapsed());
+}
+
+#[test]
+fn open_requests_have_the_grace_on_a_process_without_workers() {
+    let at = tempfile::tempdir().unwrap();
+    let (mut child, address) = service(at.path(), &["--grace", "60s"]);
+    let mut stream = TcpStream::connect(&address).unwrap();
+    let body = r#"{"preset": "pig", "seed": 7}"#;
+    let (first, rest) = body.split_at(5);
+    let head = "POST /models HTTP/1.1\r\nhost: x\r\nconnection: close\r\ncontent-type: application/json\r\n";
+    stream.write_all(format!("{head}content-length: {}\r\n\r\n{first}", body.len()).as_bytes()).unwrap();
+    std::thread::sleep(Duration::from_millis(500));
+    terminate(&child);
+    // Longer than the five seconds that last answers have without a grace.
+    std::thread::sleep(Duration::from_millis(6500));
+    assert!(child.try_wait().unwrap().is_none(), "the request was cut off");
+    stream.write_all(rest.as_bytes()).unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    assert!(answer.starts_with("HTTP/1.1 202"), "{answer}");
+    assert_eq!(child.wait().unwrap().code(), Some(0));
 }

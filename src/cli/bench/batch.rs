@@ -1,7 +1,8 @@
-//! `bench batch`: models a second on the GPU, by the size of the batch.
+//! `bench batch`: models per second on the GPU by batch size.
 
 use super::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
-use super::{Report, device, machine};
+use super::report::Report;
+use super::{device, machine};
 use crate::cli::args::GpuArgs;
 use crate::cli::{gpu, term};
 use crate::sim::Plan;
@@ -10,7 +11,7 @@ use crate::spec::{ModelSpec, preset};
 use anyhow::Context;
 use serde_json::json;
 
-/// Largest batch that is tried.
+/// Largest batch size.
 const LARGEST: usize = 64;
 /// The same with `--quick`.
 const LARGEST_QUICK: usize = 8;
@@ -21,7 +22,7 @@ pub(super) fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
             "steps": 200, "burn_in": 20,
             "particles": { "total": { "keys": [[0, 260], [1, 900]] }, "outer": { "keys": [[0, 60], [1, 90]] } },
         });
-        ("a SMALL model (220 steps with burn-in, 260 to 900 particles), for a quick look", small)
+        ("a SMALL model (220 steps including burn-in, 260 to 900 particles)", small)
     } else {
         ("preset paper", json!({}))
     };
@@ -42,7 +43,7 @@ fn measure(device: &GpuDevice, spec: &ModelSpec, what: &str, quick: bool) -> any
     let fit = device.max_batch(&Plan::new(spec, 1));
     let mut lines = device::lines(device);
     lines.push(machine::line());
-    lines.push(format!("simulation of {what}, sections read back, no surface; {}", machine::runs(runs)));
+    lines.push(format!("simulation of {what} with readback of sections, without a surface; {}", machine::runs(runs)));
     lines.push(String::new());
     let heads = ["batch", "seconds", "models/s", "device s", "host s", "dispatches", "µs/dispatch", "memory MB"];
     let [batch, rest @ ..] = heads;
@@ -50,7 +51,7 @@ fn measure(device: &GpuDevice, spec: &ModelSpec, what: &str, quick: bool) -> any
     let (mut rows, mut points, mut search) = (Vec::new(), Vec::new(), None);
     let most = fit.min(if quick { LARGEST_QUICK } else { LARGEST });
     for size in std::iter::successors(Some(1), |n| Some(2 * n)).take_while(|&n| n <= most) {
-        term::note(&format!("a batch of {size} …"));
+        term::note(&format!("batch of {size} …"));
         let plans: Vec<Plan> = (1..=size as u64).map(|seed| Plan::new(spec, seed)).collect();
         let run = device::median(device, &plans, runs)?;
         let rate = size as f64 / run.seconds;
@@ -76,7 +77,7 @@ fn measure(device: &GpuDevice, spec: &ModelSpec, what: &str, quick: bool) -> any
     let axes = Axes {
         title: format!("Models a second by the size of the batch: {}", device::label(device)),
         x: "models in the batch",
-        y: "models a second",
+        y: "models per second",
         names: SeriesLabelPosition::LowerRight,
     };
     let line = Line { label: what.to_owned(), points };

@@ -1,14 +1,14 @@
-//! Time per step as a function of particles, from a few measured points.
+//! Time per step as a function of the number of particles, interpolated between measured points.
 
-/// A measured point: particles of both loops, seconds a step.
+/// A measured point: particles of both loops, and seconds per step.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub(super) struct Point {
     pub(super) particles: f64,
     pub(super) seconds_per_step: f64,
 }
 
-/// Seconds a step at `particles`: a power law between neighbouring points, and beyond the last ones that of the last
-/// two. `points` ascend in particles.
+/// Seconds per step at `particles`: a power law between adjacent points, extrapolated beyond the first and the last. `points`
+/// ascend in particles.
 pub(super) fn at(points: &[Point], particles: f64) -> f64 {
     let [first, .., last] = points else {
         return points.first().map_or(0.0, |p| p.seconds_per_step);
@@ -26,15 +26,15 @@ pub(super) fn at(points: &[Point], particles: f64) -> f64 {
     (a.seconds_per_step.ln() + share * (b.seconds_per_step / a.seconds_per_step).ln()).exp()
 }
 
-/// Seconds of a run whose steps had `particles`.
+/// Seconds of a run, given the number of particles in each of its steps.
 pub(super) fn integrate(points: &[Point], particles: impl IntoIterator<Item = u32>) -> f64 {
     particles.into_iter().map(|n| at(points, f64::from(n))).sum()
 }
 
-/// Two points whose particles differ by less than this share are drawn as one.
+/// Points whose numbers of particles differ by less than this fraction are merged.
 const TELL_APART: f64 = 0.01;
 
-/// Means over runs of `width` steps, and over runs of as good as the same number of particles.
+/// Means over `width` consecutive steps, and over consecutive steps with almost the same number of particles.
 pub(super) fn smooth(steps: &[Point], width: usize) -> Vec<Point> {
     let mean = |run: &[Point]| {
         let of = |value: fn(&Point) -> f64| run.iter().map(value).sum::<f64>() / run.len() as f64;

@@ -1,4 +1,4 @@
-//! Measuring simulations on a GPU.
+//! Measures simulations on a GPU.
 
 use super::curve::Point;
 use crate::clock::Stopwatch;
@@ -7,19 +7,19 @@ use crate::sim::gpu::{AdapterKind, BatchReport, BatchSink, Checkpoint, GpuDevice
 use crate::sim::{Plan, SimError, Statistics};
 use serde_json::{Value, json};
 
-/// A batch that was run.
+/// A measured batch.
 pub(super) struct Batch {
     /// Seconds from the call to the last section of the last member.
     pub(super) seconds: f64,
     pub(super) report: BatchReport,
-    /// What happened in the first member.
+    /// Report of the first member.
     pub(super) first: Statistics,
     /// Time per step of the first member between its recorded sections.
     pub(super) points: Vec<Point>,
 }
 
 impl Batch {
-    /// What is behind the seconds, for programs.
+    /// Details as JSON.
     pub(super) fn describe(&self) -> Value {
         let report = &self.report;
         json!({
@@ -29,19 +29,19 @@ impl Batch {
         })
     }
 
-    /// What neighbour search had to do in the first member, for people.
+    /// Work of the neighbour search in the first member, as text.
     pub(super) fn search(&self) -> String {
         let Statistics { list_builds, full_searches, .. } = self.first;
-        format!("seed 1 built its lists {list_builds} times; {full_searches} times a block visited all others")
+        format!("seed 1: neighbour lists built {list_builds} times; a block searched all others {full_searches} times")
     }
 
-    /// Microseconds that a dispatch took in the mean: by the device's own clock, where it has one.
+    /// Mean microseconds per dispatch, by the device's clock if it has one.
     pub(super) fn microseconds_a_dispatch(&self) -> f64 {
         1e6 * self.report.device_seconds.unwrap_or(self.seconds) / self.report.dispatches.max(1) as f64
     }
 }
 
-/// The device for programs.
+/// The device as JSON.
 pub(super) fn describe(device: &GpuDevice) -> Value {
     let adapter = device.adapter();
     json!({
@@ -54,7 +54,7 @@ fn is_software(device: &GpuDevice) -> bool {
     device.adapter().kind == AdapterKind::Software
 }
 
-/// The device for people, and a warning where it is none.
+/// The device as text, with a warning if it is a software adapter.
 pub(super) fn lines(device: &GpuDevice) -> Vec<String> {
     let adapter = device.adapter();
     let mut lines = vec![format!(
@@ -65,23 +65,23 @@ pub(super) fn lines(device: &GpuDevice) -> Vec<String> {
         adapter.driver
     )];
     if is_software(device) {
-        lines.push("a SOFTWARE adapter, on the CPU: its times say nothing of a GPU's".to_owned());
+        lines.push("a SOFTWARE adapter, which computes on the CPU: its times are not those of a GPU".to_owned());
     }
     if !adapter.timestamps {
-        lines.push("it has no clock of its own: device seconds are unknown".to_owned());
+        lines.push("it has no timestamp queries: device seconds are unknown".to_owned());
     }
     lines
 }
 
-/// In a few words, for tables and plots.
+/// A short name for tables and plots.
 pub(super) fn label(device: &GpuDevice) -> String {
-    // The rest of a name tells of versions.
+    // The rest of the name lists versions.
     let name = device.name().split(" (").next().unwrap_or_default();
     if is_software(device) { format!("{name}, a SOFTWARE adapter") } else { name.to_owned() }
 }
 
-/// The run of middling time of `runs`. What drivers put off until the first run does not count; a software adapter puts
-/// off nothing that is worth a run of minutes.
+/// The run of median time of `runs`, after a run that is not measured, since drivers defer work to it. A software adapter
+/// defers little, and its runs take minutes: it has no such run.
 pub(super) fn median(device: &GpuDevice, plans: &[Plan], runs: usize) -> anyhow::Result<Batch> {
     if !is_software(device) {
         run(device, plans)?;
@@ -91,7 +91,7 @@ pub(super) fn median(device: &GpuDevice, plans: &[Plan], runs: usize) -> anyhow:
     Ok(all.swap_remove((runs - 1) / 2))
 }
 
-/// Simulates `plans` together. Sections are taken and dropped.
+/// Simulates `plans` together and discards the sections.
 fn run(device: &GpuDevice, plans: &[Plan]) -> anyhow::Result<Batch> {
     let (watch, first) = (Stopwatch::start(), Statistics::default());
     let mut times = Times { watch, last: None, points: Vec::new(), failed: None, first };

@@ -1,8 +1,8 @@
-//! What machine it is: numbers mean nothing without its name.
+//! Description of the machine, for the results.
 
 use serde_json::{Value, json};
 
-/// The processor as it names itself; `unknown` where it cannot be asked.
+/// Name of the processor; `unknown processor` if it cannot be determined.
 pub(super) fn processor() -> String {
     let told = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let field = |name: &str| {
@@ -11,18 +11,18 @@ pub(super) fn processor() -> String {
     };
     let Some(model) = field("model name") else { return "unknown processor".to_owned() };
     match (field("cpu family"), field("model")) {
-        // Virtual machines tend to hide all but the maker.
+        // Virtual machines often report only the vendor.
         (Some(family), Some(number)) => format!("{model} (family {family}, model {number})"),
         _ => model,
     }
 }
 
-/// Threads that can run at a time.
+/// Number of hardware threads.
 pub(super) fn threads() -> usize {
     std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
 }
 
-/// All of it.
+/// The description as JSON.
 pub(super) fn describe() -> Value {
     json!({
         "processor": processor(),
@@ -33,13 +33,13 @@ pub(super) fn describe() -> Value {
     })
 }
 
-/// The same in a line.
+/// The description as one line.
 pub(super) fn line() -> String {
     let slow = if cfg!(debug_assertions) { "; NOT an optimised build" } else { "" };
     format!("{}, {} threads, {} {}{slow}", processor(), threads(), std::env::consts::OS, std::env::consts::ARCH)
 }
 
-/// How a time was taken.
+/// How a time was determined from a number of runs.
 pub(super) fn runs(count: usize) -> String {
     if count == 1 { "one run".to_owned() } else { format!("median of {count} runs") }
 }

@@ -1,11 +1,11 @@
 //! `oviduct bench`: how fast this machine grows models.
 //!
-//! | what | subject |
+//! | benchmark | measures |
 //! |---|---|
-//! | `paper` | the paper's Figures 10 and 11: time per step against particles, total running times |
-//! | `scaling` | time per step by threads and particles |
-//! | `batch` | models a second on the GPU, by the size of the batch |
-//! | `overhead` | models a second through HTTP, against the same workers calling the generator directly |
+//! | `paper` | the paper's Figures 10 and 11: time per step by number of particles, total running times |
+//! | `scaling` | time per step by number of threads and particles |
+//! | `batch` | models per second on the GPU by batch size |
+//! | `overhead` | models per second over HTTP, compared with the same number of workers that call the generator directly |
 
 mod batch;
 mod curve;
@@ -15,6 +15,7 @@ mod overhead;
 mod paper;
 mod plot;
 mod probe;
+mod report;
 mod scaling;
 
 use super::args::{Bench, BenchArgs};
@@ -23,17 +24,6 @@ use super::interrupt;
 use super::scratch::Scratch;
 use super::term;
 use anyhow::Context;
-use serde_json::Value;
-
-/// What a benchmark has to say.
-struct Report {
-    /// For people, line by line.
-    lines: Vec<String>,
-    /// For programs.
-    json: Value,
-    /// Further files for `--out`, by name.
-    files: Vec<(String, String)>,
-}
 
 pub(super) async fn run(args: BenchArgs) -> Ended {
     let out = args.out.clone();

@@ -1,50 +1,43 @@
-//! `bench overhead`: what the service costs. Small models come through HTTP from a service in this process (SQLite and
-//! files in a temporary folder, a worker a core), and from as many threads that call the generator directly; the two take
-//! turns, so that whatever else the machine does meets both.
+//! `bench overhead`: the cost of the service. Small models are requested over HTTP from a service in this process (SQLite and
+//! files in a temporary directory, one worker per core), and grown by the same number of threads that call the generator
+//! directly. The two alternate, so that other load on the machine affects both.
 
-use super::super::args::ServiceArgs;
+use super::super::args::ServeArgs;
 use super::super::client::Client;
 use super::super::exit::Failure;
-use super::super::load::{self, Model, One, Seeds};
+use super::super::load::{self, Lost, Model, One, Seeds};
 use super::super::service::Service;
-use super::{Report, machine};
+use super::machine;
+use super::report::Report;
 use crate::clock::Stopwatch;
 use crate::generate::{Backend, Output};
 use crate::spec::{ModelSpec, preset};
 use anyhow::{Context, anyhow};
-use clap::Parser;
 use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
 
-/// Small models: preset `paper` with so many steps, and particles from the first number to the second.
+/// Small models: steps, and particles at start and end, as changes of preset `paper`.
 const SIZES: [(u32, u32, u32); 3] = [(60, 300, 420), (200, 400, 900), (400, 500, 1800)];
 const PRESET: &str = "paper";
 
-/// A service, as the command line starts it.
-#[derive(Debug, Parser)]
-struct Options {
-    #[command(flatten)]
-    service: ServiceArgs,
-}
-
-/// One size, measured.
+/// Results for one size.
 struct Row {
     label: String,
-    /// Models a second by the generator alone, a round each.
+    /// Models per second of the generator alone, in each round.
     direct: Vec<f64>,
-    /// Models a second through the service, a round each.
+    /// Models per second of the service, in each round.
     service: Vec<f64>,
-    /// Share of the workers' time in which they computed, a round each: what was reached over what the computing alone
-    /// would give, by the service's own `oviduct_stage_seconds`.
+    /// Fraction of the workers' time spent in the stages of models, in each round, by the service's
+    /// `oviduct_stage_seconds`.
     computing: Vec<f64>,
-    /// Median time that the generator alone takes for a model.
+    /// Median time per model of the generator alone, in seconds.
     seconds: f64,
 }
 
 impl Row {
-    /// Service over direct, the median of the rounds.
+    /// Median over the rounds of service by direct.
     fn ratio(&self) -> f64 {
         median(self.service.iter().zip(&self.direct).map(|(service, direct)| service / direct).collect())
     }
@@ -55,7 +48,7 @@ fn median(mut numbers: Vec<f64>) -> f64 {
     numbers.get(numbers.len() / 2).copied().unwrap_or_default()
 }
 
-/// Seconds that the workers have computed so far.
+/// Seconds that the workers have spent in the stages of models so far.
 async fn computed(client: &Client) -> anyhow::Result<f64> {
     let text = client.get("/metrics").await.map_err(plain)?.text().await?;
     let stages = ["simulate", "mesh", "certify", "export"];
@@ -70,14 +63,13 @@ pub(super) async fn run(quick: bool) -> anyhow::Result<Report> {
     let (rounds, seconds_a_round) = if quick { (3, 1.0) } else { (9, 4.0) };
     let workers = machine::threads() as u32;
     let folder = std::env::temp_dir().join(format!("oviduct-bench-{}", uuid::Uuid::now_v7()));
-    let mut service =
-        Options::try_parse_from(["oviduct", "--gpu", "off"]).context("the defaults are not valid")?.service;
-    service.database.data.clone_from(&folder);
-    service.cpu_workers = workers;
-    service.cpu_threads = Some(1);
-    service.grace = Duration::ZERO;
+    let mut args = ServeArgs::with(&["--gpu", "off"]).context("the defaults are not valid")?;
+    args.process.database.data.clone_from(&folder);
+    args.process.cpu_workers = workers;
+    args.process.cpu_threads = Some(1);
+    args.process.grace = Duration::ZERO;
     let listener = TcpListener::bind(("127.0.0.1", 0)).await.context("no port is free")?;
-    let service = Service::start(&service, listener).await.map_err(plain)?;
+    let service = Service::start(&args, listener, None).await.map_err(plain)?;
     let client = Client::new(&format!("http://{}", service.address())).map_err(plain)?;
     let mut rows = Vec::new();
     for size in SIZES {
@@ -110,7 +102,7 @@ async fn measure(
         outputs: vec![Output::Glb],
     };
     let body = json!({ "preset": PRESET, "spec": patch, "backend": "cpu-single", "outputs": ["glb"] });
-    // Enough are asked for that a worker never waits for a request.
+    // Enough requests at a time that no worker waits for one.
     let asked = 4 * workers;
     let mut next = 1;
     let mut seeds = |count: u64| {
@@ -118,10 +110,10 @@ async fn measure(
         next += count;
         seeds
     };
-    // Both once before they are timed; the first tells how many models make a round.
+    // Both once without measurement; the first determines the number of models per round.
     let first = load::direct(&model, seeds(u64::from(asked)), workers, 1).await.map_err(plain)?;
-    check(&first)?;
-    check(&load::through(client, &body, seeds(u64::from(asked)), asked).await.map_err(plain)?)?;
+    let first = succeeded(first)?;
+    succeeded(load::through(client, &body, seeds(u64::from(asked)), asked).await.map_err(plain)?)?;
     let each = median(first.iter().map(|one| one.ended).collect());
     let count = (seconds_a_round * f64::from(workers) / each).ceil().max(f64::from(asked)) as u64;
     let mut row = Row {
@@ -133,21 +125,20 @@ async fn measure(
     };
     let mut times = Vec::new();
     for round in 0..rounds {
-        // Each goes first every other time.
+        // Which one goes first alternates.
         for direct in [round % 2 == 0, round % 2 != 0] {
             let watch = Stopwatch::start();
             if direct {
                 let all = load::direct(&model, seeds(count), workers, 1).await.map_err(plain)?;
                 row.direct.push(count as f64 / watch.seconds());
-                check(&all)?;
-                times.extend(all.iter().map(|one| one.ended));
+                times.extend(succeeded(all)?.iter().map(|one| one.ended));
             } else {
                 let before = computed(client).await?;
                 let all = load::through(client, &body, seeds(count), asked).await.map_err(plain)?;
                 let seconds = watch.seconds();
                 row.service.push(count as f64 / seconds);
                 row.computing.push((computed(client).await? - before) / (f64::from(workers) * seconds));
-                check(&all)?;
+                succeeded(all)?;
             }
         }
     }
@@ -155,18 +146,20 @@ async fn measure(
     Ok(row)
 }
 
-fn check(all: &[One]) -> anyhow::Result<()> {
+/// All of these models, if each of them succeeded.
+fn succeeded(all: Vec<Result<One, Lost>>) -> anyhow::Result<Vec<One>> {
+    let all: Vec<One> = all.into_iter().collect::<Result<_, _>>().map_err(|lost| anyhow!(lost.message))?;
     anyhow::ensure!(all.iter().all(|one| one.succeeded), "not all models succeeded");
-    Ok(())
+    Ok(all)
 }
 
 fn report(rows: &[Row], workers: u32, rounds: u32) -> Report {
     let mut lines = vec![
         machine::line(),
         format!(
-            "models a second, median of {rounds} rounds: {workers} workers with a thread each behind HTTP (SQLite, local \
-             files, the client in the same process), and {workers} threads that call the generator directly; computing: the \
-             share of the workers' time that their models' stages took"
+            "models per second, median of {rounds} rounds: {workers} single-threaded workers over HTTP (SQLite, local files, \
+             client in the same process), and {workers} threads that call the generator directly; computing: fraction of \
+             the workers' time spent in the stages of models"
         ),
         format!("{:<36} {:>9} {:>9} {:>9} {:>7} {:>10}", "model", "ms each", "direct", "service", "ratio", "computing"),
     ];

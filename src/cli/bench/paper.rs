@@ -1,13 +1,14 @@
 //! `bench paper`: the paper's Figures 10 and 11 on this machine.
 //!
-//! All versions run the same model (preset `paper`, burn-in included). Those with neighbour lists run it whole. All
-//! pairs would take from minutes to a quarter of an hour: their time per step is measured at a few particle counts, on
-//! states of a real run, and integrated over the counts of that run's steps. The output says which is which.
+//! All versions run the same model (preset `paper`, including burn-in). Versions with neighbour lists run it completely. All
+//! pairs would take minutes to a quarter of an hour: their time per step is measured at a few particle counts, on states
+//! of a real run, and integrated over the counts of that run's steps. The output states which method was used.
 
 use super::curve::{self, Point};
 use super::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
-use super::probe::{self, Run, Way};
-use super::{Report, device, machine};
+use super::probe::{self, Run, Variant};
+use super::report::Report;
+use super::{device, machine};
 use crate::cli::args::GpuArgs;
 use crate::cli::{gpu, term};
 use crate::sim::Plan;
@@ -18,27 +19,27 @@ use anyhow::Context;
 use serde::Serialize;
 use serde_json::{Value, json};
 
-/// Particles at which all pairs are sampled: of the start, of the kink of the schedule, of the end, and between.
+/// Particle counts at which all pairs are sampled: start, kink of the schedule, end, and between them.
 const COUNTS: [u32; 6] = [710, 1175, 2000, 3500, 5500, 8300];
-/// Steps of a sample with lists: one growth event and what follows from it.
+/// Steps of a sample with lists: one growth event and the steps until the next.
 const WINDOW: u32 = 10;
-/// Steps that a point of a curve of a whole run stands for.
+/// Steps per point in the curve of a whole run.
 const SMOOTH: usize = 50;
 const SEED: u64 = 1;
 
-/// What the paper measured (its Figure 11), in seconds.
+/// Measurements in the paper (its Figure 11), in seconds.
 const PAPER: [(&str, f64); 3] = [
     ("single core of an Intel Core 2 Quad Q6700", 29_007.491),
-    ("four cores of it", 8_932.576),
+    ("four cores of the same", 8_932.576),
     ("NVidia GeForce GTX 280", 62.646),
 ];
 
-/// A version of the simulation, measured.
+/// A measured version of the simulation.
 #[derive(Clone, Debug, Serialize)]
 pub(super) struct Version {
-    /// Name for programs.
+    /// Identifier.
     pub(super) id: &'static str,
-    /// Name for people.
+    /// Description.
     pub(super) label: String,
     /// Whether `seconds` was measured as a whole run, or integrated from samples.
     pub(super) sampled: bool,
@@ -46,7 +47,7 @@ pub(super) struct Version {
     pub(super) seconds: f64,
     /// How many times faster than the paper's single core on this machine.
     pub(super) times_paper_single: f64,
-    /// Time per step against particles.
+    /// Time per step by number of particles.
     pub(super) points: Vec<Point>,
 }
 
@@ -68,29 +69,29 @@ pub(super) fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
     let plan = Plan::new(&spec, SEED);
     let cores = machine::threads();
     let (runs, repeats) = if quick { (1, 1) } else { (5, 7) };
-    let way = |search, kernel, threads| Way { search, kernel, threads };
-    let all = |way: Way| whole(&plan, way, runs);
+    let variant = |search, kernel, threads| Variant { search, kernel, threads };
+    let all = |variant: Variant| whole(&plan, variant, runs);
 
     term::note("whole runs with neighbour lists …");
-    let lists = all(way(Search::Lists, Kernel::Vector, 1))?;
-    let multi = all(way(Search::Lists, Kernel::Vector, cores))?;
+    let lists = all(variant(Search::Lists, Kernel::Vector, 1))?;
+    let multi = all(variant(Search::Lists, Kernel::Vector, cores))?;
     let counts: Vec<u32> = lists.steps.iter().map(|step| step.particles as u32).collect();
     let states = probe::states(&plan, &COUNTS, cores)?;
 
     term::note("all pairs, sampled …");
-    let pairs = |kernel, threads| samples(&states, way(Search::AllPairs, kernel, threads), 1, repeats);
+    let pairs = |kernel, threads| samples(&states, variant(Search::AllPairs, kernel, threads), 1, repeats);
     let paper_single = pairs(Kernel::Scalar, 1)?;
     let paper_multi = pairs(Kernel::Scalar, cores)?;
     let vector_pairs = pairs(Kernel::Vector, 1)?;
     let scalar_lists = if quick {
-        let points = samples(&states, way(Search::Lists, Kernel::Scalar, 1), WINDOW, repeats)?;
+        let points = samples(&states, variant(Search::Lists, Kernel::Scalar, 1), WINDOW, repeats)?;
         Version::sampled("lists-scalar", "lists, scalar, one core".into(), points, &counts)
     } else {
-        let run = whole(&plan, way(Search::Lists, Kernel::Scalar, 1), 1)?;
+        let run = whole(&plan, variant(Search::Lists, Kernel::Scalar, 1), 1)?;
         Version::whole("lists-scalar", "lists, scalar, one core".into(), &run)
     };
-    // The same sampling where the whole is known tells how far it can be trusted.
-    let check = samples(&states, way(Search::Lists, Kernel::Vector, 1), WINDOW, repeats.max(3))?;
+    // Sampling a version whose whole run was measured shows its accuracy.
+    let check = samples(&states, variant(Search::Lists, Kernel::Vector, 1), WINDOW, repeats.max(3))?;
     let check = curve::integrate(&check, counts.iter().copied());
 
     let many = |what: &str| format!("{what}, {cores} threads");
@@ -113,7 +114,7 @@ pub(super) fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
     report(versions, &plan, &Basis { runs, repeats, check, whole: lists.seconds, on_gpu })
 }
 
-/// Whole runs on the GPU, sections read back.
+/// Whole runs on the GPU with readback of sections.
 fn gpu_version(device: &GpuDevice, plan: &Plan, runs: usize) -> anyhow::Result<(Version, OnGpu)> {
     term::note(&format!("{} …", device::label(device)));
     let run = device::median(device, std::slice::from_ref(plan), runs)?;
@@ -124,8 +125,8 @@ fn gpu_version(device: &GpuDevice, plan: &Plan, runs: usize) -> anyhow::Result<(
     let dispatches = run.report.dispatches;
     if let Some(seconds) = run.report.device_seconds {
         lines.push(format!(
-            "{} of its {} by its own clock in compute passes: {dispatches} dispatches of {:.2} µs in the mean; meanwhile \
-             the host took {} to read the sections",
+            "{} of its {} in compute passes by its own clock: {dispatches} dispatches of {:.2} µs on average; the host \
+             spent {} reading the sections",
             show(seconds),
             show(run.seconds),
             run.microseconds_a_dispatch(),
@@ -136,29 +137,29 @@ fn gpu_version(device: &GpuDevice, plan: &Plan, runs: usize) -> anyhow::Result<(
     Ok((version, OnGpu { lines, json }))
 }
 
-/// The run of middling time of `runs`.
-fn whole(plan: &Plan, way: Way, runs: usize) -> anyhow::Result<Run> {
-    let mut all: Vec<Run> = (0..runs).map(|_| probe::whole(plan, way, |_| {})).collect::<anyhow::Result<_>>()?;
+/// The run of median time of `runs`.
+fn whole(plan: &Plan, variant: Variant, runs: usize) -> anyhow::Result<Run> {
+    let mut all: Vec<Run> = (0..runs).map(|_| probe::whole(plan, variant, |_| {})).collect::<anyhow::Result<_>>()?;
     all.sort_by(|a, b| a.seconds.total_cmp(&b.seconds));
     Ok(all.swap_remove((runs - 1) / 2))
 }
 
-fn samples(states: &[CpuSimulation], way: Way, window: u32, repeats: usize) -> anyhow::Result<Vec<Point>> {
-    let pool = way.pool()?;
-    states.iter().map(|state| probe::sample(state, way, &pool, window, repeats)).collect()
+fn samples(states: &[CpuSimulation], variant: Variant, window: u32, repeats: usize) -> anyhow::Result<Vec<Point>> {
+    let pool = variant.pool()?;
+    states.iter().map(|state| probe::sample(state, variant, &pool, window, repeats)).collect()
 }
 
 /// How it was measured.
 struct Basis {
     runs: usize,
     repeats: usize,
-    /// Seconds that sampling gives for a run with lists, and seconds that it took.
+    /// Seconds of a run with lists by sampling, and as measured.
     check: f64,
     whole: f64,
     on_gpu: OnGpu,
 }
 
-/// What is to be said of the GPU, or of why there is none.
+/// Results of the GPU, or the reason why there is none.
 struct OnGpu {
     lines: Vec<String>,
     json: Value,
@@ -186,7 +187,7 @@ fn report(mut versions: Vec<Version>, plan: &Plan, basis: &Basis) -> anyhow::Res
         machine::runs(basis.repeats),
     );
     let check =
-        format!("check of the sampling: lists on one core sampled {}, whole {}", show(basis.check), show(basis.whole));
+        format!("accuracy of sampling: lists on one core sampled {}, whole {}", show(basis.check), show(basis.whole));
     let mut lines = vec![machine::line(), format!("preset paper, seed {SEED}"), how.clone(), check, String::new()];
     lines.push(format!("{:<40} {:>8} {:>14} {:>12}", "version", "", "total", "times faster"));
     for v in &versions {
@@ -197,7 +198,7 @@ fn report(mut versions: Vec<Version>, plan: &Plan, basis: &Basis) -> anyhow::Res
     lines.extend(basis.on_gpu.lines.iter().cloned());
     lines.push(String::new());
     lines.extend(ratios.iter().map(|(what, ratio)| format!("{what}: {ratio:.1}")));
-    lines.push(format!("the paper's own: {}", PAPER.map(|(what, s)| format!("{what} {s} s")).join("; ")));
+    lines.push(format!("as measured in the paper: {}", PAPER.map(|(what, s)| format!("{what} {s} s")).join("; ")));
 
     let curve = |v: &Version| {
         let points = v.points.iter().map(|p| (p.particles, 1e3 * p.seconds_per_step)).collect();
@@ -230,7 +231,7 @@ fn report(mut versions: Vec<Version>, plan: &Plan, basis: &Basis) -> anyhow::Res
     Ok(Report { lines, json, files })
 }
 
-/// Seconds for people.
+/// Seconds as text.
 fn show(seconds: f64) -> String {
     match seconds {
         s if s >= 100.0 => format!("{s:.0} s"),

@@ -1,4 +1,4 @@
-//! Curves as SVG, linear or logarithmic.
+//! Plots of curves as SVG, linear or logarithmic.
 
 use anyhow::anyhow;
 use plotters::chart::ChartContext;
@@ -9,7 +9,7 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 
 const SIZE: (u32, u32) = (960, 600);
-/// Colours that are told apart in print and by the colour-blind (Okabe and Ito).
+/// Colours that can be distinguished in print and by colour-blind people (Okabe and Ito).
 const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 0, 0),
     RGBColor(230, 159, 0),
@@ -21,33 +21,33 @@ const COLOURS: [RGBColor; 8] = [
     RGBColor(240, 228, 66),
 ];
 
-/// A curve and its name. Few points are marked one by one.
+/// A curve and its name. If it has few points, they are marked.
 pub(super) struct Line {
     pub(super) label: String,
     /// Each (x, y), ascending in x.
     pub(super) points: Vec<(f64, f64)>,
 }
 
-/// What stands above the plot and beside its axes.
+/// Title and labels of the axes.
 pub(super) struct Axes {
     pub(super) title: String,
     pub(super) x: &'static str,
     pub(super) y: &'static str,
-    /// Where the names of the curves are in nobody's way.
+    /// Where the legend does not cover the curves.
     pub(super) names: SeriesLabelPosition,
 }
 
-/// Scale of the upward axis.
+/// Scale of the y axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Scale {
     Linear,
     Logarithmic,
 }
 
-/// Draws curves from x = 0 on.
+/// Draws curves, with x starting at 0.
 ///
 /// # Errors
-/// Where the picture cannot be laid out.
+/// If the plot cannot be drawn.
 pub(super) fn draw(axes: &Axes, lines: &[Line], scale: Scale) -> anyhow::Result<String> {
     layout(axes, lines, scale).map_err(|error| anyhow!("the plot could not be drawn: {error}"))
 }
@@ -115,7 +115,7 @@ where
     Ok(())
 }
 
-/// A number at an axis, without the digits that adding up steps leaves behind.
+/// A number at an axis, without digits from rounding errors.
 fn tick(y: f64) -> String {
     if y < 10.0 { format!("{}", (1e6 * y).round() / 1e6) } else { format!("{y:.0}") }
 }
@@ -128,13 +128,13 @@ mod tests {
     fn every_curve_is_named_in_both_scales() {
         let axes = Axes { title: "A title".into(), x: "particles", y: "time", names: SeriesLabelPosition::UpperLeft };
         let lines = [
-            Line { label: "slow way".into(), points: vec![(710.0, 0.01), (8300.0, 1.0)] },
-            Line { label: "fast way".into(), points: vec![(710.0, 1e-4), (8300.0, 1e-3)] },
+            Line { label: "slow".into(), points: vec![(710.0, 0.01), (8300.0, 1.0)] },
+            Line { label: "fast".into(), points: vec![(710.0, 1e-4), (8300.0, 1e-3)] },
         ];
         for scale in [Scale::Linear, Scale::Logarithmic] {
             let svg = draw(&axes, &lines, scale).unwrap();
             assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
-            for text in ["A title", "slow way", "fast way", "particles", "time"] {
+            for text in ["A title", "slow", "fast", "particles", "time"] {
                 assert!(svg.contains(text), "{text} in {scale:?}");
             }
             assert!(!svg.contains("NaN"));

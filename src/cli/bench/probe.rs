@@ -1,4 +1,4 @@
-//! Measuring steps of the simulation on the CPU.
+//! Measures steps of the simulation on the CPU.
 
 use super::curve::Point;
 use crate::clock::Stopwatch;
@@ -7,34 +7,35 @@ use crate::sim::{Plan, Simulator};
 use crate::spec::Search;
 use rayon::ThreadPool;
 
-/// A way to run the simulation.
+/// A variant of the simulation on the CPU.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Way {
+pub(super) struct Variant {
     pub(super) search: Search,
     pub(super) kernel: Kernel,
     pub(super) threads: usize,
 }
 
-impl Way {
-    /// A pool of as many threads.
+impl Variant {
+    /// A pool with its number of threads.
     pub(super) fn pool(self) -> anyhow::Result<ThreadPool> {
         Ok(rayon::ThreadPoolBuilder::new().num_threads(self.threads).build()?)
     }
 }
 
-/// Every step of a whole run, burn-in included.
+/// A whole run with all its steps, including burn-in.
 pub(super) struct Run {
     pub(super) steps: Vec<Point>,
     pub(super) seconds: f64,
 }
 
-/// Runs `plan` from start to end in its own way, and shows the state before each growth event to `each`.
-/// Time spent in `each` does not count.
-pub(super) fn whole(plan: &Plan, way: Way, mut each: impl FnMut(&CpuSimulation) + Send) -> anyhow::Result<Run> {
-    let plan = Plan { search: way.search, ..plan.clone() };
-    let pool = way.pool()?;
+/// Runs `plan` from start to end, and calls `each` with the state before each growth event. Time spent in `each` is not
+/// measured.
+pub(super) fn whole(plan: &Plan, variant: Variant, mut each: impl FnMut(&CpuSimulation) + Send) -> anyhow::Result<Run> {
+    let plan = Plan { search: variant.search, ..plan.clone() };
+    let pool = variant.pool()?;
     pool.install(|| {
-        let mut simulation = CpuSimulation::new(plan.clone(), way.threads).fork(way.search, way.kernel, way.threads);
+        let mut simulation =
+            CpuSimulation::new(plan.clone(), variant.threads).fork(variant.search, variant.kernel, variant.threads);
         let mut steps = Vec::with_capacity(plan.rows.len());
         let mut seconds = 0.0;
         while simulation.time() < i64::from(plan.steps) {
@@ -51,10 +52,10 @@ pub(super) fn whole(plan: &Plan, way: Way, mut each: impl FnMut(&CpuSimulation) 
     })
 }
 
-/// Median over `repeats` of the time of a step in `window` steps that start from `state`, in another way.
+/// Median over `repeats` of the time per step in `window` steps that start from `state`, in the given variant.
 pub(super) fn sample(
     state: &CpuSimulation,
-    way: Way,
+    variant: Variant,
     pool: &ThreadPool,
     window: u32,
     repeats: usize,
@@ -63,7 +64,7 @@ pub(super) fn sample(
         let mut taken = Vec::with_capacity(repeats);
         let mut particles = 0;
         for _ in 0..repeats {
-            let mut fork = state.fork(way.search, way.kernel, way.threads);
+            let mut fork = state.fork(variant.search, variant.kernel, variant.threads);
             let watch = Stopwatch::start();
             for _ in 0..window {
                 fork.step()?;
@@ -79,13 +80,13 @@ pub(super) fn sample(
 /// States of a run with about `counts` particles (ascending), each just before a growth event; the last one is the
 /// last such state of the run.
 pub(super) fn states(plan: &Plan, counts: &[u32], threads: usize) -> anyhow::Result<Vec<CpuSimulation>> {
-    let way = Way { search: Search::Lists, kernel: Kernel::Vector, threads };
+    let variant = Variant { search: Search::Lists, kernel: Kernel::Vector, threads };
     let mut states: Vec<CpuSimulation> = Vec::new();
     let last = (plan.steps - 1) / plan.grow_every * plan.grow_every;
-    whole(plan, way, |simulation| {
+    whole(plan, variant, |simulation| {
         let due = counts.get(states.len()).is_some_and(|&count| simulation.particles() >= count);
         if due || (simulation.time() == i64::from(last) && states.len() < counts.len()) {
-            states.push(simulation.fork(way.search, way.kernel, way.threads));
+            states.push(simulation.fork(variant.search, variant.kernel, variant.threads));
         }
     })?;
     Ok(states)
@@ -107,8 +108,8 @@ mod tests {
         let counts: Vec<u32> = states.iter().map(Simulator::particles).collect();
         assert_eq!(counts.len(), 3);
         assert!(counts[0] == 200 && (300..=350).contains(&counts[1]) && (400..500).contains(&counts[2]), "{counts:?}");
-        let way = Way { search: Search::AllPairs, kernel: Kernel::Scalar, threads: 1 };
-        let point = sample(&states[2], way, &way.pool().unwrap(), 1, 3).unwrap();
+        let variant = Variant { search: Search::AllPairs, kernel: Kernel::Scalar, threads: 1 };
+        let point = sample(&states[2], variant, &variant.pool().unwrap(), 1, 3).unwrap();
         assert!((f64::from(counts[2])..=500.0).contains(&point.particles) && point.seconds_per_step > 0.0);
     }
 }

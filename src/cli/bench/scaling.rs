@@ -1,14 +1,15 @@
-//! `bench scaling`: time per step with neighbour lists, by threads and particles.
+//! `bench scaling`: time per step with neighbour lists, by number of threads and particles.
 
-use super::probe::{self, Way};
-use super::{Report, machine};
+use super::machine;
+use super::probe::{self, Variant};
+use super::report::Report;
 use crate::sim::Plan;
 use crate::sim::cpu::Kernel;
 use crate::spec::{ModelSpec, Search, preset};
 use anyhow::Context;
 use serde_json::json;
 
-/// Steps of a sample: one growth event and what follows from it.
+/// Steps of a sample: one growth event and the steps until the next.
 const WINDOW: u32 = 10;
 const SEED: u64 = 1;
 
@@ -26,7 +27,7 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
     let mut lines = vec![
         machine::line(),
         format!(
-            "microseconds a step with lists, median of {repeats} samples of {WINDOW} steps (preset paper, seed {SEED})"
+            "microseconds per step with neighbour lists, median of {repeats} samples of {WINDOW} steps (preset paper, seed {SEED})"
         ),
         format!(
             "{:>9} {}",
@@ -39,8 +40,8 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
         let mut line = String::new();
         let mut particles = 0.0;
         for &n in &threads {
-            let way = Way { search: Search::Lists, kernel: Kernel::Vector, threads: n };
-            let point = probe::sample(state, way, &way.pool()?, WINDOW, repeats)?;
+            let variant = Variant { search: Search::Lists, kernel: Kernel::Vector, threads: n };
+            let point = probe::sample(state, variant, &variant.pool()?, WINDOW, repeats)?;
             particles = point.particles;
             line += &format!("{:>12.1}", 1e6 * point.seconds_per_step);
             row.push(json!({ "threads": n, "seconds_per_step": point.seconds_per_step }));

@@ -1,4 +1,4 @@
-//! Against small servers that misbehave in one way each.
+//! The client against small servers, each with one fault.
 
 use super::*;
 use axum::Router;
@@ -8,20 +8,23 @@ use axum::http::{HeaderMap, StatusCode};
 use axum::response::IntoResponse;
 use axum::routing::{get, post};
 use serde_json::json;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex};
+use tokio::time::timeout;
 
 async fn serve(router: Router) -> Client {
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.expect("a port");
     let url = format!("http://{}/", listener.local_addr().expect("an address"));
     tokio::spawn(async move { axum::serve(listener, router).await });
-    Client::new(&url).expect("an address")
+    let retries = Retries { most: 4, wait: Duration::from_millis(1) };
+    Client { retries, ..Client::new(&url).expect("a URL") }
 }
 
 fn stream(text: &'static str) -> axum::response::Response {
     ([("content-type", "text/event-stream")], Body::from(text)).into_response()
 }
 
-/// Answers in turn: a stream that breaks off, an error, a stream to the end; remembers the `Last-Event-ID` of each.
+/// Answers in turn: a stream that is cut off, an error, a whole stream; records the `Last-Event-ID` of each request.
 async fn events(State(seen): State<Arc<Mutex<Vec<String>>>>, headers: HeaderMap) -> axum::response::Response {
     let last = headers.get("last-event-id").map_or("-", |v| v.to_str().expect("ASCII")).to_owned();
     let mut seen = seen.lock().expect("not poisoned");
@@ -37,7 +40,7 @@ async fn events(State(seen): State<Arc<Mutex<Vec<String>>>>, headers: HeaderMap)
 }
 
 #[tokio::test]
-async fn following_goes_on_where_it_was_interrupted() {
+async fn following_resumes_after_an_interruption() {
     let seen = Arc::new(Mutex::new(Vec::new()));
     let client = serve(Router::new().route("/models/x/events", get(events)).with_state(seen.clone())).await;
     let mut heard = Vec::new();
@@ -55,13 +58,68 @@ async fn following_goes_on_where_it_was_interrupted() {
 }
 
 #[tokio::test]
-async fn following_what_is_not_there_fails_at_once() {
+async fn following_a_missing_or_deleted_model_fails_at_once() {
     let deleted = || async { stream("event: end\ndata: {\"status\":\"deleted\"}\n\n") };
     let client = serve(Router::new().route("/models/y/events", get(deleted))).await;
     for id in ["x", "y"] {
-        let failure = client.follow(id, |_| panic!("nothing to hear")).await.expect_err("fails");
+        let failure = client.follow(id, |_| panic!("there is no event")).await.expect_err("fails");
         assert_eq!(failure.report().0, 1);
     }
+}
+
+/// Counts the requests, and answers each with `answer`.
+fn counted<R: IntoResponse + Send + 'static>(answer: fn() -> R) -> (Router, Arc<AtomicU32>) {
+    let requests = Arc::new(AtomicU32::new(0));
+    let count = Arc::clone(&requests);
+    let handler = move || {
+        count.fetch_add(1, Ordering::Relaxed);
+        async move { answer() }
+    };
+    (Router::new().route("/models/x/events", get(handler)), requests)
+}
+
+#[tokio::test]
+async fn following_gives_up_when_no_answer_holds_anything_new() {
+    let snapshot = || stream("event: status\nid: 3\ndata: {\"id\":\"x\",\"status\":\"queued\"}\n\n");
+    let cases = [
+        // The same snapshot on every connection is new only once.
+        (counted(|| stream("")), 5, "closed before the model ended"),
+        (counted(snapshot), 5, "closed before the model ended"),
+        (counted(|| StatusCode::BAD_GATEWAY.into_response()), 5, "502"),
+    ];
+    for ((router, requests), most, reason) in cases {
+        let client = serve(router).await;
+        let followed = timeout(Duration::from_secs(30), client.follow("x", |_| {})).await.expect("it gives up");
+        let (code, lines) = followed.expect_err("it fails").report();
+        assert_eq!(code, 1);
+        assert!(lines[0].contains("no new event of model x") && lines[0].contains(reason), "{lines:?}");
+        let requests = requests.load(Ordering::Relaxed);
+        assert_eq!(requests, most, "{reason}");
+    }
+}
+
+#[tokio::test]
+async fn no_content_means_that_the_model_has_ended() {
+    let (router, requests) = counted(|| StatusCode::NO_CONTENT);
+    let client = serve(router).await;
+    client.follow("x", |_| panic!("there is no event")).await.expect("it has ended");
+    assert_eq!(requests.load(Ordering::Relaxed), 1);
+}
+
+#[tokio::test]
+async fn errors_have_kinds() {
+    let refuse = || async { StatusCode::SERVICE_UNAVAILABLE };
+    let odd = || async { "not JSON" };
+    let client = serve(Router::new().route("/models/a", get(refuse)).route("/models/b", get(odd))).await;
+    let kind = async |id| ErrorKind::of(&client.model(id).await.expect_err("fails"));
+    assert_eq!(kind("a").await, ErrorKind::Status(503));
+    assert_eq!(kind("b").await, ErrorKind::Other);
+    assert_eq!(kind("c").await, ErrorKind::Status(404));
+    // Nobody listens on a port that was just closed.
+    let port = std::net::TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("bound").port();
+    let nobody = Client::new(&format!("http://127.0.0.1:{port}")).expect("a URL");
+    assert_eq!(ErrorKind::of(&nobody.model("x").await.expect_err("fails")), ErrorKind::Connection);
+    assert_eq!(ErrorKind::of(&Failure::from(Silent)), ErrorKind::Timeout);
 }
 
 #[tokio::test]
@@ -82,7 +140,7 @@ async fn faults_of_a_request_are_named() {
 }
 
 #[tokio::test]
-async fn files_are_proven_and_saved_whole_or_not_at_all() {
+async fn files_are_saved_only_if_they_match_their_hash() {
     let client = serve(Router::new().route("/f", get(|| async { "abc" }))).await;
     let right = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
     let file = |name: &str, bytes, sha256: &str| {

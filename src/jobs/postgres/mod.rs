@@ -21,8 +21,6 @@ use sqlx::postgres::{PgConnectOptions, PgPool, PgPoolOptions};
 use std::str::FromStr;
 use std::time::Duration;
 
-/// Connections of a process, besides the one that listens.
-const CONNECTIONS: u32 = 12;
 /// How long a connection is waited for.
 const ACQUIRE: Duration = Duration::from_secs(5);
 /// First and longest wait before a transaction is tried again.
@@ -63,7 +61,7 @@ impl PostgresStore {
         migrate(url).await?;
         let connect = connect_options(url)?;
         let pool = PgPoolOptions::new()
-            .max_connections(CONNECTIONS)
+            .max_connections(options.connections)
             .acquire_timeout(ACQUIRE)
             .connect_with(connect.clone().options(PLANS).options([
                 ("idle_in_transaction_session_timeout", IDLE_IN_TRANSACTION),
