@@ -11,6 +11,8 @@ use tokio::time::timeout;
 pub enum Condition {
     /// GPU workers are opening their devices for the first time.
     OpeningDevices,
+    /// The artifact store or the scratch directory refuses files: the workers claim no jobs.
+    Storage,
     /// The process is shutting down.
     Draining,
 }
@@ -21,6 +23,7 @@ impl Condition {
     pub fn name(self) -> &'static str {
         match self {
             Self::OpeningDevices => "opening-devices",
+            Self::Storage => "storage",
             Self::Draining => "draining",
         }
     }

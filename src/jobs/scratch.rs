@@ -5,7 +5,7 @@
 
 use super::job::JobId;
 use std::fs::File;
-use std::io;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 const LOCK: &str = ".lock";
@@ -66,6 +66,45 @@ impl Scratch {
         std::fs::create_dir(&folder)?;
         std::fs::remove_dir(&folder)
     }
+
+    /// Fails if a file of a megabyte cannot be written and synced, or if less than `space` bytes are free (where the system
+    /// reports that). A disk that is smaller than `space` passes when nine tenths of it are free. Blocks.
+    ///
+    /// # Errors
+    /// The error of the write, or [`io::ErrorKind::StorageFull`].
+    pub fn check(&self, space: u64) -> io::Result<()> {
+        let path = self.folder.join(format!("probe-{}", uuid::Uuid::now_v7()));
+        let write = || {
+            let mut file = File::create_new(&path)?;
+            file.write_all(&vec![0x5a; PROBE])?;
+            file.sync_all()
+        };
+        let written = write();
+        let removed = std::fs::remove_file(&path);
+        written.and(removed)?;
+        match free_and_total(&self.folder) {
+            Some((free, total)) if free < space.min(total / 10 * 9) => {
+                let detail = format!("{free} bytes are free, {space} are needed");
+                Err(io::Error::new(io::ErrorKind::StorageFull, detail))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Bytes of the file that [`Scratch::check`] writes.
+const PROBE: usize = 1 << 20;
+
+/// Bytes that this process may still write to the file system of `path`, and its size.
+#[cfg(unix)]
+fn free_and_total(path: &Path) -> Option<(u64, u64)> {
+    let system = rustix::fs::statvfs(path).ok()?;
+    Some((system.f_bavail.saturating_mul(system.f_frsize), system.f_blocks.saturating_mul(system.f_frsize)))
+}
+
+#[cfg(not(unix))]
+fn free_and_total(_: &Path) -> Option<(u64, u64)> {
+    None
 }
 
 impl Drop for Scratch {

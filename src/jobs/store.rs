@@ -363,6 +363,8 @@ pub trait Store: Send + Sync + 'static {
     /// Gives the job back to the queue, at the same place; the attempt does not count. A job that was asked to
     /// stop ends as cancelled instead.
     async fn release(&self, claimed: ClaimedJob) -> Result<(), StoreError>;
+    /// As [`Store::release`]; the attempt's row records why, as `kind: detail`.
+    async fn release_because(&self, claimed: ClaimedJob, problem: Problem) -> Result<(), StoreError>;
     /// Gives the job back after a fault that may pass; the attempt counts. It waits a little before it can be
     /// claimed again (1 s, doubled for each attempt that counted); the last attempt ends it as failed
     /// (`attempts-exhausted`, with the history).

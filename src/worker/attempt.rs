@@ -1,298 +1,453 @@
-//! One attempt at a job, from its claim to its end. An attempt that a GPU cannot do goes on on the CPU.
+//! One attempt at a job, from its claim to its end. A job of `auto` that a GPU could not grow is grown on the CPU within the
+//! same attempt.
 
-use super::follow::{Broken, Cpu, Follower, Leavings, Start};
-use super::generator::Generator;
-use super::health::Health;
-use super::keeper::{Interrupt, Phase};
-use super::live::Live;
-use super::options::PoolOptions;
-use super::share::Share;
+use super::backend::cpu::Cpu;
+use super::backend::{self, GenerateFailure, Generation, Task};
+use super::checkpoint::{Checkpoints, Mailbox};
+use super::context::Context;
+use super::lease::{Claim, Interrupt, Lease};
+use super::progress::AttemptSink;
 use super::upload::{self, UploadError};
 use super::verdict::{self, Verdict};
-use crate::clock::Clock;
-use crate::generate::{Backend, CancelToken};
-use crate::jobs::artifacts::Artifacts;
-use crate::jobs::scratch::{AttemptDir, Scratch};
-use crate::jobs::{BackendReport, ClaimedJob, Finished, JobId, Store, StoreError};
+use crate::clock::Stopwatch;
+use crate::generate::{Backend, CancelToken, Outcome};
+use crate::jobs::scratch::AttemptDir;
+use crate::jobs::state::AttemptEnd;
+use crate::jobs::{BackendReport, ClaimedJob, File, Finished, JobId, StoreError};
+use crate::metrics::Fallback;
 use crate::trace;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{OwnedSemaphorePermit, watch};
+use tokio::sync::OwnedSemaphorePermit;
+use tokio::time::{sleep, timeout};
 use tokio_util::sync::CancellationToken;
-use tracing::{Instrument, Span};
+use tracing::Instrument;
 
-/// What all workers of a pool share.
-pub(super) struct Context {
-    pub(super) store: Arc<dyn Store>,
-    pub(super) artifacts: Artifacts,
-    pub(super) generator: Arc<dyn Generator>,
-    pub(super) options: PoolOptions,
-    pub(super) clock: Clock,
-    pub(super) scratch: Scratch,
-    pub(super) health: Health,
-    pub(super) phase: watch::Receiver<Phase>,
-}
-
-/// The right to claim the next job, or batch.
-pub(super) type Next = OwnedSemaphorePermit;
-
-/// What an attempt works with.
-pub(super) struct Prepared {
-    pub(super) dir: Arc<AttemptDir>,
-    pub(super) live: Arc<Live>,
-    pub(super) cancel: CancelToken,
-}
-
-/// How long an upload that is broken off may take to come to rest.
+/// How long the record of an interrupted attempt waits for its thread to stop.
+const STOP_WAIT: Duration = Duration::from_millis(300);
+/// How long an attempt that is released waits for its last checkpoint to be taken and stored.
+const SAVE_WAIT: Duration = Duration::from_secs(6);
+/// How long an interrupted upload may take to stop.
 const SETTLE: Duration = Duration::from_millis(500);
+/// The default time limit of a generation: this floor, and so many times the predicted seconds on one core. Machines that run
+/// several workers on the same cores, and batches that share a GPU, are slower than predicted.
+const TIME_FLOOR: Duration = Duration::from_secs(600);
+const TIME_FACTOR: f64 = 20.0;
 
-/// How the work of an attempt went.
+/// One attempt at a job.
+pub(super) struct Attempt<'a> {
+    context: &'a Context,
+    /// The name of the worker, for the status of the process.
+    worker: &'a str,
+    claim: Claim,
+    lease: Lease<'a>,
+    dir: Arc<AttemptDir>,
+    sink: Arc<AttemptSink>,
+    checkpoints: Checkpoints<'a>,
+    cancel: CancelToken,
+    /// A generation that was told to stop and has not yet.
+    stopping: Option<Generation>,
+}
+
+/// Where the generation of an attempt comes from.
+pub(super) enum Start {
+    /// It is to be started on the CPU, with the right to use its threads.
+    Cpu(OwnedSemaphorePermit),
+    /// It runs as a member of a batch.
+    Running(Generation),
+}
+
+/// How the work of an attempt ended.
 enum Ending {
-    /// The files are stored; all is ready to be committed.
+    /// The files are stored; the record is ready to be committed.
     Stored(Box<Finished>),
-    /// There is nothing to commit.
-    Broken(Broken),
+    Failed(Verdict),
+    Interrupted(Interrupt),
 }
 
-/// Runs a claimed job on the CPU and ends it; keeps the right to claim the `next` one until it is nearly done. Returns
-/// whether the job has ended by it.
-pub(super) async fn run_on_cpu(
-    context: &Context,
-    cpu: &Cpu<'_>,
-    share: &Share,
-    claimed: ClaimedJob,
-    next: Next,
-) -> bool {
-    let (pool, mut report) = cpu.threads.choose(claimed.job().backend.requested);
-    if let (Share::Auto { why, cause }, Backend::Auto) = (share, report.requested) {
-        report.fallback = Some(why.clone());
-        context.options.metrics.fallback(*cause);
-    }
-    match prepare(context, &claimed).await {
-        Ok(prepared) => {
-            prepared.live.keep(next);
-            run(context, claimed, report, prepared, Start::Cpu(pool), cpu).await
-        }
-        Err(refusal) => refuse(context, claimed, report, refusal).await,
+impl From<Interrupt> for Ending {
+    fn from(interrupt: Interrupt) -> Self {
+        Self::Interrupted(interrupt)
     }
 }
 
-/// Why an attempt could not be made ready.
-pub(super) struct Refusal {
-    verdict: Verdict,
-    span: Span,
+impl From<Verdict> for Ending {
+    fn from(verdict: Verdict) -> Self {
+        Self::Failed(verdict)
+    }
 }
 
-/// Makes an attempt ready.
-pub(super) async fn prepare(context: &Context, claimed: &ClaimedJob) -> Result<Prepared, Refusal> {
-    let (id, attempt, options) = (claimed.job().id, claimed.attempt(), &context.options);
-    let span = tracing::info_span!("attempt", job = %id, attempt);
-    trace::adopt(&span, claimed.job().trace.as_deref());
-    let dir = async {
-        tracing::info!("attempt begins");
-        if attempt == 1 {
-            // Both by the store's clock.
-            let job = claimed.job();
-            let waited = job.started_at.unwrap_or(job.created_at).duration_since(job.created_at);
-            options.metrics.waited(Duration::try_from(waited).unwrap_or_default());
+/// How an attempt ends, for metrics and logs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum End {
+    Succeeded,
+    Failed,
+    Cancelled,
+    Retried,
+    Released,
+    Lost,
+    Deleted,
+}
+
+impl End {
+    /// The value of the metric's label.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Succeeded => "succeeded",
+            Self::Failed => "failed",
+            Self::Cancelled => "cancelled",
+            Self::Retried => "retried",
+            Self::Released => "given back",
+            Self::Lost => "lost",
+            Self::Deleted => "deleted",
         }
-        options.faults.point("after-claim").await.map_err(verdict::of_injected)?;
-        context.scratch.attempt(id, attempt).map_err(|error| verdict::of_scratch(&error))
+    }
+}
+
+impl<'a> Attempt<'a> {
+    /// Prepares an attempt at a claimed job, which `report` says what computes. `None` if that failed: the attempt has ended
+    /// then.
+    pub(super) async fn begin(
+        context: &'a Context,
+        worker: &'a str,
+        job: ClaimedJob,
+        report: BackendReport,
+    ) -> Option<Self> {
+        let (id, attempt, options) = (job.job().id, job.attempt(), &context.options);
+        let span = tracing::info_span!("attempt", job = %id, attempt);
+        trace::adopt(&span, job.job().trace.as_deref());
+        let claim = Claim { job, report };
+        let prepare = async {
+            tracing::info!("attempt begins");
+            observe_wait(context, &claim.job).await;
+            options.faults.point("after-claim").await.map_err(verdict::of_injected)?;
+            context.scratch.attempt(id, attempt).map_err(|error| verdict::of_scratch(error.to_string()))
+        };
+        match prepare.instrument(span.clone()).await {
+            Ok(dir) => {
+                let cancel = CancelToken::default();
+                let mailbox = Mailbox::new(options.checkpoint_every);
+                let sink = AttemptSink::new(mailbox, span, options.faults.clone(), cancel.clone());
+                let (lease, checkpoints) = (Lease::new(context), Checkpoints::new(context, &claim.job));
+                let (dir, sink) = (Arc::new(dir), Arc::new(sink));
+                Some(Self { context, worker, claim, lease, dir, sink, checkpoints, cancel, stopping: None })
+            }
+            Err(verdict) => {
+                record(context, claim, Ending::Failed(verdict)).instrument(span).await;
+                None
+            }
+        }
+    }
+
+    /// What a batch needs to grow this job.
+    pub(super) fn task(&self) -> Task {
+        Task {
+            job: self.claim.job.job().clone(),
+            dir: Arc::clone(&self.dir),
+            sink: Arc::clone(&self.sink),
+            cancel: self.cancel.clone(),
+            memory_limit_bytes: self.context.options.memory_limit_bytes,
+            checkpoint: None,
+        }
+    }
+
+    /// Follows the generation, stores its files and ends the attempt. Returns whether the job has ended.
+    pub(super) async fn run(mut self, start: Start, cpu: &Cpu) -> bool {
+        let span = self.sink.span().clone();
+        let run = async {
+            let ending =
+                self.work(start, cpu).await.map_or_else(|ending| ending, |done| Ending::Stored(Box::new(done)));
+            self.conclude(ending).await
+        };
+        run.instrument(span).await
+    }
+
+    async fn work(&mut self, start: Start, cpu: &Cpu) -> Result<Finished, Ending> {
+        let result = self.follow(start, cpu).await;
+        let outcome = match self.sink.injected() {
+            Some(injected) if !matches!(result, Err(Ending::Interrupted(_))) => {
+                return Err(verdict::of_injected(injected).into());
+            }
+            _ => result?,
+        };
+        let (metrics, seconds) = (&self.context.options.metrics, outcome.seconds);
+        metrics.stage("simulate", seconds.simulate);
+        metrics.stage("mesh", seconds.mesh);
+        metrics.stage("certify", seconds.certify);
+        metrics.stage("export", seconds.export);
+        let files = upload::files(&self.claim.job, &outcome);
+        if let Err(ending) = self.store(&files).await {
+            upload::remove(self.context, &files).await;
+            return Err(ending);
+        }
+        self.claim.report.used = Some(outcome.used);
+        self.claim.report.device = Some(outcome.device);
+        let (backend, engine) = (self.claim.report.clone(), crate::ENGINE_VERSION.to_owned());
+        Ok(Finished { backend, files, summary: outcome.summary, engine })
+    }
+
+    /// The outcome of the generation. Its threads are free by then, unless it was told to stop and has not yet.
+    async fn follow(&mut self, start: Start, cpu: &Cpu) -> Result<Outcome, Ending> {
+        let mut time = self.time_limit();
+        let mut generation = match start {
+            Start::Running(generation) => generation,
+            Start::Cpu(permit) => self.generate_on(cpu, permit).await?,
+        };
+        loop {
+            let since = Stopwatch::start();
+            let reason = match self.hold_in_time(&mut generation, time).await {
+                Ok(Ok(outcome)) => return Ok(outcome),
+                Ok(Err(GenerateFailure::Verdict(verdict))) => return Err(verdict.into()),
+                Ok(Err(GenerateFailure::Gpu(reason))) => reason,
+                Err(ending) => {
+                    self.stop(generation, &ending).await;
+                    return Err(ending);
+                }
+            };
+            drop(generation);
+            let report = &self.claim.report;
+            if (report.requested, report.used) != (Backend::Auto, Some(Backend::Gpu)) {
+                return Err(Verdict::Fail(verdict::of_gpu(reason)).into());
+            }
+            tracing::warn!(reason, "the GPU could not grow the model; it is grown on the CPU");
+            self.context.options.metrics.fallback(Fallback::Device);
+            // Waiting for the CPU does not count against the time limit.
+            time = time.map(|time| time.saturating_sub(since.elapsed()));
+            let permit = self.lease.hold(&self.claim, &self.sink.progress, cpu.free()).await?;
+            self.claim.report = BackendReport { fallback: Some(reason), ..cpu.report(Backend::Auto) };
+            self.lease.report_soon();
+            // The generation on the GPU keeps its token, which stays cancelled.
+            self.cancel = CancelToken::default();
+            self.sink.restart(self.cancel.clone());
+            generation = self.generate_on(cpu, permit).await?;
+        }
+    }
+
+    /// Starts the generation on the CPU, from the checkpoint that an earlier attempt left.
+    async fn generate_on(&mut self, cpu: &Cpu, permit: OwnedSemaphorePermit) -> Result<Generation, Ending> {
+        let checkpoint = self.lease.hold(&self.claim, &self.sink.progress, self.checkpoints.load()).await?;
+        let backend = self.claim.report.used.unwrap_or_default();
+        let task = Task { checkpoint, ..self.task() };
+        Ok(cpu.generate(Arc::clone(&self.context.generator), backend, task, permit))
+    }
+
+    /// How long the generations of this attempt may take together. `None`, for no limit, if the spec is not valid: then the
+    /// generation fails at once.
+    fn time_limit(&self) -> Option<Duration> {
+        self.context.options.job_timeout.or_else(|| {
+            let predicted = backend::predict(self.claim.job.job())?;
+            Some(default_time_limit(predicted.seconds))
+        })
+    }
+
+    /// Drives a generation while its lease is renewed and its checkpoints are stored, for `time` at most.
+    async fn hold_in_time(
+        &mut self,
+        generation: &mut Generation,
+        time: Option<Duration>,
+    ) -> Result<Result<Outcome, GenerateFailure>, Ending> {
+        let Self { claim, lease, sink, checkpoints, .. } = self;
+        let late = async {
+            match time {
+                Some(time) => sleep(time).await,
+                None => std::future::pending().await,
+            }
+        };
+        tokio::select! {
+            held = lease.hold(claim, &sink.progress, generation.result()) => Ok(held?),
+            () = late => Err(verdict::of_timeout(time.unwrap_or_default()).into()),
+            never = checkpoints.store_all(&claim.job, &sink.checkpoints) => match never {},
+        }
+    }
+
+    /// Stops a generation; one that is released takes a last checkpoint before.
+    async fn stop(&mut self, mut generation: Generation, ending: &Ending) {
+        let mut running = true;
+        // A GPU takes no checkpoints that another attempt could resume from.
+        let is_released = matches!(ending, Ending::Interrupted(Interrupt::Shutdown));
+        if is_released && self.claim.report.used != Some(Backend::Gpu) && self.sink.checkpoints.is_enabled() {
+            running = self.take_last_checkpoint(&mut generation).await;
+        }
+        generation.stop();
+        // Most stop within milliseconds; then the record is true when it says so.
+        if running && timeout(STOP_WAIT, generation.result()).await.is_err() {
+            self.stopping = Some(generation);
+        }
+    }
+
+    /// Waits a little for a last checkpoint. Returns whether the generation still runs.
+    async fn take_last_checkpoint(&mut self, generation: &mut Generation) -> bool {
+        let Self { context, claim, sink, checkpoints, .. } = self;
+        sink.checkpoints.request();
+        // The lease is not renewed meanwhile.
+        let left = context.options.lease.saturating_sub(context.options.heartbeat).mul_f32(0.75);
+        tokio::select! {
+            () = checkpoints.store_next(&claim.job, &sink.checkpoints) => true,
+            () = sleep(left.min(SAVE_WAIT)) => true,
+            _ = generation.result() => false,
+        }
+    }
+
+    /// Stores the files while the lease is renewed.
+    async fn store(&mut self, files: &[File]) -> Result<(), Ending> {
+        let stop = CancellationToken::new();
+        let mut upload = Box::pin(upload::upload(self.context, &self.sink, files, self.dir.path(), &stop));
+        let uploaded = self.lease.hold(&self.claim, &self.sink.progress, &mut upload).await;
+        if uploaded.is_err() {
+            // A file that a thread is writing can be removed only once it is complete.
+            stop.cancel();
+            let _ = timeout(SETTLE, &mut upload).await;
+        }
+        uploaded?.map_err(|error| {
+            Ending::Failed(match error {
+                UploadError::Injected(injected) => verdict::of_injected(injected),
+                UploadError::Store { .. } => verdict::of_storage(error.to_string()),
+                UploadError::Scratch(detail) => verdict::of_scratch(detail),
+                UploadError::Damaged(detail) => verdict::of_damage(detail),
+            })
+        })
+    }
+
+    /// Records how the attempt ended, and waits for a generation that has not stopped yet. Returns whether the job has ended.
+    async fn conclude(self, ending: Ending) -> bool {
+        let Self { context, worker, claim, dir, sink, checkpoints, stopping, .. } = self;
+        let id = claim.job.job().id;
+        // Its files make room before the storage is checked.
+        drop((dir, sink));
+        let ended = record(context, claim, ending).await;
+        if let Some(generation) = stopping {
+            wait_for(context, worker, id, generation).await;
+        }
+        if ended {
+            checkpoints.remove_last().await;
+        }
+        ended
+    }
+}
+
+/// The time limit of a generation that is predicted to take so many seconds on one core.
+fn default_time_limit(seconds: f64) -> Duration {
+    TIME_FLOOR + Duration::try_from_secs_f64(seconds * TIME_FACTOR).unwrap_or(TIME_FLOOR)
+}
+
+/// Counts how long a job waited in the queue, when an attempt at it begins for the first time. An attempt that a GPU worker
+/// released because the job did not fit its batch never began.
+async fn observe_wait(context: &Context, claimed: &ClaimedJob) {
+    let job = claimed.job();
+    let began = if claimed.attempt() == 1 {
+        job.started_at
+    } else {
+        let attempts = context.store.attempts(job.id).await.unwrap_or_default();
+        let (last, before) = match attempts.split_last() {
+            Some((last, before)) if last.attempt == claimed.attempt() => (last, before),
+            _ => return,
+        };
+        let misfit = format!("{}: ", verdict::MISFIT);
+        let never_began = before.iter().all(|attempt| {
+            let detail = attempt.detail.as_deref().unwrap_or_default();
+            attempt.outcome == Some(AttemptEnd::Released) && detail.starts_with(&misfit)
+        });
+        never_began.then_some(last.started_at)
     };
-    match dir.instrument(span.clone()).await {
-        Ok(dir) => {
-            let cancel = CancelToken::default();
-            let live = Live::new(options.faults.clone(), cancel.clone(), options.checkpoint_every).within(span);
-            Ok(Prepared { dir: Arc::new(dir), live: Arc::new(live), cancel })
-        }
-        Err(verdict) => Err(Refusal { verdict, span }),
+    // Both times are by the store's clock.
+    if let Some(began) = began {
+        let waited = Duration::try_from(began.duration_since(job.created_at)).unwrap_or_default();
+        context.options.metrics.waited(waited);
     }
 }
 
-/// Ends an attempt that could not be made ready. Returns whether the job has ended by it.
-pub(super) async fn refuse(context: &Context, claimed: ClaimedJob, report: BackendReport, refusal: Refusal) -> bool {
-    let ending = Ending::Broken(Broken::Failed(refusal.verdict));
-    conclude(context, claimed, report, ending, Leavings::default()).instrument(refusal.span).await
+/// Waits until a generation that was told to stop has stopped. What it returns is of no use any more.
+async fn wait_for(context: &Context, worker: &str, id: JobId, mut generation: Generation) {
+    let (status, patience) = (&context.options.status, context.options.stuck_after);
+    if timeout(patience, generation.result()).await.is_err() {
+        let detail = format!("worker {worker} was told to stop model {id} and has not within {} s", patience.as_secs());
+        tracing::error!(detail, "a worker is stuck");
+        let key = format!("{worker} {id}");
+        status.stuck(&key, detail);
+        let _ = generation.result().await;
+        status.unstuck(&key);
+        tracing::info!(worker, "the worker is free again");
+    }
 }
 
-/// Follows the generation of a claimed job, stores its files, and ends it. Returns whether the job has ended by it.
-pub(super) async fn run(
-    context: &Context,
-    claimed: ClaimedJob,
-    mut report: BackendReport,
-    prepared: Prepared,
-    start: Start,
-    cpu: &Cpu<'_>,
-) -> bool {
-    let span = prepared.live.span().clone();
-    let attempt = async {
-        let mut follower = Follower::new(context, &claimed, &prepared, &report);
-        let ending = work(&mut follower, context, &claimed, &mut report, &prepared, start, cpu).await;
-        let leavings = follower.leavings();
-        drop(prepared);
-        conclude(context, claimed, report, ending, leavings).await
+/// Records how an attempt ended, in the store, the metrics and the log. Returns whether the job has ended.
+async fn record(context: &Context, claim: Claim, ending: Ending) -> bool {
+    let Claim { job: claimed, report } = claim;
+    let (id, used, device) = (claimed.job().id, report.used, report.device.clone());
+    let fallback = report.fallback.clone();
+    if let Ending::Failed(Verdict::Storage { problem, scratch }) = &ending {
+        let space = || backend::predict(claimed.job()).map_or(0, |predicted| predicted.bytes);
+        context.storage.job_released(&problem.detail, scratch.then(space));
+    }
+    let (end, result) = write(context, claimed, report, ending).await;
+    let counted = match &result {
+        Err(StoreError::Fenced) if matches!(context.store.get(id).await, Ok(None)) => End::Deleted,
+        Err(StoreError::Fenced) => End::Lost,
+        _ => end,
     };
-    attempt.instrument(span).await
+    let (how, metrics) = (end.name(), &context.options.metrics);
+    metrics.attempt(counted.name());
+    if let (End::Succeeded, Ok(()), Some(used), Some(device)) = (end, &result, used, &device) {
+        metrics.made(used.name(), device.clone());
+    }
+    match &result {
+        Ok(()) => tracing::info!(used = used.map(Backend::name), device, fallback, "attempt {how}"),
+        Err(StoreError::Fenced) if counted == End::Deleted => {
+            tracing::info!("attempt {how}, but its model was deleted")
+        }
+        Err(StoreError::Fenced) => tracing::warn!("attempt {how}, but its lease was lost"),
+        Err(error) => tracing::error!(%error, "attempt {how}, but that was not recorded"),
+    }
+    result.is_ok() && matches!(end, End::Succeeded | End::Failed | End::Cancelled)
 }
 
-/// Records how an attempt went, and waits for what it left at work. Returns whether the job has ended by it.
-async fn conclude(
+/// Writes the end of an attempt to the store.
+async fn write(
     context: &Context,
     claimed: ClaimedJob,
     report: BackendReport,
     ending: Ending,
-    leavings: Leavings,
-) -> bool {
-    let (used, fallback) = (report.used, report.fallback.clone());
-    let device = report.device.clone();
-    let made = matches!(ending, Ending::Stored(_));
-    match &ending {
-        Ending::Stored(_) => context.health.well(),
-        Ending::Broken(Broken::Failed(verdict)) if verdict.is_of_machine() => context.health.fault(),
-        Ending::Broken(_) => {}
-    }
-    if let Some(generation) = &leavings.generation {
-        generation.is_stuck();
-    }
-    let id = claimed.job().id;
-    let (how, result) = end(context, claimed, report, ending).await;
-    let told = match &result {
-        Err(StoreError::Fenced) if is_gone(context, id).await => DELETED,
-        Err(StoreError::Fenced) => "lost",
-        _ => how,
-    };
-    context.options.metrics.attempt(told);
-    if let (true, Ok(()), Some(used), Some(device)) = (made, &result, used, &device) {
-        context.options.metrics.made(used.name(), device.clone());
-    }
-    if let Some(mut generation) = leavings.generation {
-        // What was broken off is recorded at once, even where a stage is slow to stop; the worker's threads are
-        // free only now. What it made or how it failed is of no interest any more.
-        generation.stop();
-        let _ = generation.made().await;
-        drop(generation);
-    }
-    match result {
-        Ok(()) => tracing::info!(used = used.map(Backend::name), device, fallback, "attempt {how}"),
-        Err(StoreError::Fenced) if told == DELETED => tracing::info!("attempt {how}, but its model was deleted"),
-        Err(StoreError::Fenced) => tracing::warn!("attempt {how}, but its lease was lost"),
-        Err(ref error) => tracing::error!(%error, "attempt {how}, but that was not recorded"),
-    }
-    let ended = result.is_ok() && !matches!(how, DELETED | "lost" | "given back" | "retried");
-    if let Some(checkpoint) = leavings.checkpoint.filter(|_| ended)
-        && let Err(error) = context.artifacts.delete(&[checkpoint]).await
-    {
-        tracing::warn!(%error, "the checkpoint of an ended job is left to the sweep");
-    }
-    ended
-}
-
-/// What becomes of an attempt whose model was deleted meanwhile.
-const DELETED: &str = "deleted";
-
-/// Whether the job was deleted, as far as is known.
-async fn is_gone(context: &Context, id: JobId) -> bool {
-    matches!(context.store.get(id).await, Ok(None))
-}
-
-/// Records how the work went.
-async fn end(
-    context: &Context,
-    claimed: ClaimedJob,
-    backend: BackendReport,
-    ending: Ending,
-) -> (&'static str, Result<(), StoreError>) {
+) -> (End, Result<(), StoreError>) {
     let store = &context.store;
     match ending {
-        Ending::Stored(finished) => ("succeeded", commit(context, claimed, *finished).await),
-        Ending::Broken(Broken::Interrupted(Interrupt::Lost)) => ("lost", Ok(())),
-        Ending::Broken(Broken::Interrupted(Interrupt::Gone)) => (DELETED, Ok(())),
-        Ending::Broken(Broken::Interrupted(Interrupt::Cancelled)) => {
-            ("cancelled", store.cancelled(claimed).await.map(drop))
+        Ending::Stored(finished) => commit(context, claimed, *finished).await,
+        Ending::Failed(Verdict::Fail(problem)) => (End::Failed, store.fail(claimed, report, problem).await.map(drop)),
+        Ending::Failed(Verdict::Retry(problem)) => (End::Retried, store.retry(claimed, problem).await.map(drop)),
+        Ending::Failed(Verdict::Storage { problem, .. }) => {
+            (End::Released, store.release_because(claimed, problem).await)
         }
-        Ending::Broken(Broken::Interrupted(Interrupt::Shutdown)) => ("given back", store.release(claimed).await),
-        Ending::Broken(Broken::Failed(Verdict::Fail(problem))) => {
-            ("failed", store.fail(claimed, backend, problem).await.map(drop))
-        }
-        Ending::Broken(Broken::Failed(Verdict::Retry(problem))) => {
-            ("retried", store.retry(claimed, problem).await.map(drop))
-        }
-        Ending::Broken(Broken::Failed(Verdict::GiveBack(problem))) => {
-            tracing::warn!(kind = problem.kind, problem.detail, "{}", problem.title);
-            ("given back", store.release(claimed).await)
-        }
+        Ending::Interrupted(Interrupt::Lost) => (End::Lost, Ok(())),
+        Ending::Interrupted(Interrupt::Deleted) => (End::Deleted, Ok(())),
+        Ending::Interrupted(Interrupt::Cancelled) => (End::Cancelled, store.cancelled(claimed).await.map(drop)),
+        Ending::Interrupted(Interrupt::Shutdown) => (End::Released, store.release(claimed).await),
     }
 }
 
-async fn commit(context: &Context, claimed: ClaimedJob, finished: Finished) -> Result<(), StoreError> {
+async fn commit(context: &Context, claimed: ClaimedJob, finished: Finished) -> (End, Result<(), StoreError>) {
     let files = finished.files.clone();
     if let Err(injected) = context.options.faults.point("before-commit").await {
         upload::remove(context, &files).await;
-        return match verdict::of_injected(injected) {
-            Verdict::Fail(problem) | Verdict::Retry(problem) | Verdict::GiveBack(problem) => {
-                context.store.retry(claimed, problem).await.map(drop)
-            }
-        };
+        return (End::Retried, context.store.retry(claimed, verdict::injected(injected)).await.map(drop));
     }
-    match context.store.finish(claimed, finished).await {
-        Ok(_) => {}
-        Err(StoreError::Fenced) => {
-            upload::remove(context, &files).await;
-            return Err(StoreError::Fenced);
-        }
-        // Whether it was committed is not known: the files stay, and go with the sweep if it was not.
-        Err(error) => return Err(error),
+    let result = context.store.finish(claimed, finished).await.map(drop);
+    // After another error it may have been committed or not: the files stay, and are swept if it was not.
+    if matches!(result, Err(StoreError::Fenced)) {
+        upload::remove(context, &files).await;
     }
-    if let Err(injected) = context.options.faults.point("after-commit").await {
-        tracing::warn!(%injected, "the commit stands");
+    if let (Ok(()), Err(injected)) = (&result, context.options.faults.point("after-commit").await) {
+        tracing::warn!(%injected, "the commit is not affected");
     }
-    Ok(())
+    (End::Succeeded, result)
 }
 
-/// Follows the generation and stores the files, keeping the lease.
-async fn work(
-    follower: &mut Follower<'_>,
-    context: &Context,
-    claimed: &ClaimedJob,
-    report: &mut BackendReport,
-    prepared: &Prepared,
-    start: Start,
-    cpu: &Cpu<'_>,
-) -> Ending {
-    let outcome = match follower.outcome(start, report, cpu).await {
-        Ok(outcome) => outcome,
-        Err(broken) => return Ending::Broken(broken),
-    };
-    let seconds = outcome.seconds;
-    for (stage, seconds) in [
-        ("simulate", seconds.simulate),
-        ("mesh", seconds.mesh),
-        ("certify", seconds.certify),
-        ("export", seconds.export),
-    ] {
-        context.options.metrics.stage(stage, seconds);
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_time_limit_grows_with_the_predicted_cost() {
+        assert_eq!(default_time_limit(0.0), TIME_FLOOR);
+        assert_eq!(default_time_limit(30.0), TIME_FLOOR + Duration::from_secs(600));
+        assert_eq!(default_time_limit(f64::INFINITY), 2 * TIME_FLOOR, "a prediction that is no time is not trusted");
     }
-    let files = upload::files(claimed, &outcome);
-    let stop = CancellationToken::new();
-    let mut upload = Box::pin(upload::upload(context, &prepared.live, &files, prepared.dir.path(), &stop));
-    let uploaded = follower.keep(&mut upload).await;
-    if uploaded.is_err() {
-        // What a thread is just writing appears even where nobody waits for it; only then can all be removed.
-        stop.cancel();
-        let _ = tokio::time::timeout(SETTLE, &mut upload).await;
-    }
-    drop(upload);
-    let broken = match uploaded {
-        Ok(Ok(())) => {
-            *report = BackendReport { used: Some(outcome.used), device: Some(outcome.device), ..report.clone() };
-            let engine = crate::ENGINE_VERSION.to_owned();
-            let finished = Finished { backend: report.clone(), files, summary: outcome.summary, engine };
-            return Ending::Stored(Box::new(finished));
-        }
-        Ok(Err(UploadError::Injected(injected))) => Broken::Failed(verdict::of_injected(injected)),
-        Ok(Err(error @ UploadError::Storage { .. })) => Broken::Failed(verdict::of_storage(error.to_string())),
-        Err(interrupt) => Broken::Interrupted(interrupt),
-    };
-    upload::remove(context, &files).await;
-    Ending::Broken(broken)
 }

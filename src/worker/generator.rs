@@ -1,25 +1,25 @@
-//! What a worker runs.
+//! What a worker runs: the interface to generators of models.
 
 use crate::generate::{Backend, CancelToken, GenerateError, Outcome, Sink};
 use crate::jobs::Job;
 use std::path::Path;
 
-/// One generation to be done.
+/// One generation to run.
 #[derive(Clone, Copy, Debug)]
 pub struct Work<'a> {
     /// The job; its `spec` is the resolved spec in canonical form.
     pub job: &'a Job,
-    /// What is to compute it: never `auto`.
+    /// The backend to use; never `auto`.
     pub backend: Backend,
-    /// Existing, empty folder that the files are written to.
+    /// Existing, empty directory that the files are written to.
     pub dir: &'a Path,
-    /// Memory that it may use.
+    /// Most memory to use, bytes.
     pub memory_limit_bytes: Option<u64>,
-    /// What an earlier attempt left with [`Sink::checkpoint`]; to begin there, where it can be used.
+    /// The checkpoint that an earlier attempt left with [`Sink::checkpoint`]; resumed from if it can be used.
     pub checkpoint: Option<&'a [u8]>,
 }
 
-/// Why a worker made no model.
+/// Why a generation gave no model.
 #[derive(Debug, thiserror::Error)]
 pub enum WorkError {
     /// The stored spec does not resolve in this version of the engine.
@@ -33,7 +33,7 @@ pub enum WorkError {
     Generate(#[from] GenerateError),
 }
 
-/// Makes a model of a job. Called on a thread of a rayon pool whose size is the job's: one thread for
+/// Makes the model of a job. Called on a thread of a rayon pool whose size is the job's: one thread for
 /// `cpu-single`, all of the worker's for others. May panic: the job fails, the worker goes on.
 pub trait Generator: Send + Sync + 'static {
     /// Generates; checks `cancel` at least every few tens of milliseconds.
@@ -52,39 +52,40 @@ where
     }
 }
 
-/// A job of a batch.
+/// A member of a batch.
 #[derive(Clone, Copy)]
 pub struct BatchWork<'a> {
-    /// What is to be done.
+    /// The generation to run.
     pub work: Work<'a>,
-    /// Where its progress goes.
+    /// Receives its progress.
     pub sink: &'a dyn Sink,
-    /// Asks this job alone to stop.
+    /// Stops this member alone.
     pub cancel: &'a CancelToken,
 }
 
-/// Takes the end of a member of a batch, by its place.
+/// Called with the index and the result of each member of a batch when it ends.
 pub type BatchEnds<'a> = &'a (dyn Fn(usize, Result<Outcome, WorkError>) + Sync);
 
-/// Makes models of several jobs at a time, on one GPU. All methods may block.
+/// Makes the models of several jobs at a time on one GPU. All methods may block.
 pub trait BatchGenerator: Send + Sync + 'static {
-    /// The device in words.
+    /// The description of the device.
     fn device(&self) -> String;
 
-    /// Makes the device ready; opens it anew where it was lost.
+    /// Opens the device, anew if it was lost.
     ///
     /// # Errors
-    /// Why there is none, in words for a job's record.
+    /// Why it cannot be opened; recorded with jobs.
     fn open(&self) -> Result<(), String>;
 
-    /// Which of `jobs` (the first is the oldest) to run together; the first always is one of them.
+    /// Which of `jobs` fit on the device together, by index. They have the same batch key; the first is the oldest and always
+    /// fits.
     ///
     /// # Errors
-    /// Why not even the first one can run on the device, in words for its record.
+    /// Why not even the first can run on the device; recorded with it.
     fn admit(&self, jobs: &[&Job]) -> Result<Vec<bool>, String>;
 
     /// Generates; calls `ended` once for each member as soon as it has ended. Called on a thread of a rayon pool that
-    /// has one thread more than the worker's, to drive the device. [`GenerateError::Gpu`] stands for faults of the
+    /// has one thread more than the worker's, to drive the device. [`GenerateError::Gpu`] is an error of the
     /// device: such a job may run on the CPU.
     fn generate(&self, members: &[BatchWork<'_>], ended: BatchEnds<'_>);
 }

@@ -9,33 +9,35 @@ use std::time::Duration;
 /// Settings of a pool.
 #[derive(Clone, Debug)]
 pub struct PoolOptions {
-    /// CPU workers, each with a job at a time.
+    /// CPU workers, each running one job at a time.
     pub workers: u32,
     /// Threads of each worker, for `cpu`; at least 1.
     pub threads: usize,
     /// Most jobs that a GPU worker runs together; at least 1.
     pub batch: u32,
-    /// Why there is no GPU worker in this process, in words for the record of a job that falls back.
+    /// Why there is no GPU worker in this process; recorded with jobs that fall back to the CPU.
     pub no_gpu: Option<String>,
     /// Time between renewals of a lease.
     pub heartbeat: Duration,
     /// Length of a lease: several heartbeats.
     pub lease: Duration,
-    /// Least time between two records of progress of a job.
+    /// Least time between two records of a job's progress.
     pub progress: Duration,
-    /// Time between looks at the queue where no change was told.
+    /// Time between looks at the queue if no change was notified.
     pub poll: Duration,
-    /// Memory that a job may use.
+    /// Most memory that a job may use, bytes.
     pub memory_limit_bytes: Option<u64>,
-    /// Time that an attempt's generation may take; a job that takes longer fails.
+    /// Time limit of an attempt's generation, without waiting for a CPU after a GPU was lost; a job that exceeds it fails
+    /// (`timeout`). `None`: 10 minutes plus 20 times the seconds predicted for one core.
     pub job_timeout: Option<Duration>,
     /// Time between checkpoints; `None` takes none.
     pub checkpoint_every: Option<Duration>,
-    /// Tries to store a file before the job fails.
-    pub storage_tries: u32,
-    /// Wait after the first try, doubled after each further one.
+    /// Unit of all waits for storage that is unavailable: it is checked after 1, 2, 4 … 15 units, an upload is retried for 60
+    /// units before its job is released, and claims rest for 1, 2, 4 … 60 units after such releases.
     pub storage_wait: Duration,
-    /// Folder for files on their way; may be shared by processes.
+    /// Time after which a worker whose generation was told to stop, and has not, is reported as stuck.
+    pub stuck_after: Duration,
+    /// Directory for temporary files; may be shared by processes.
     pub scratch: PathBuf,
     /// Name of this machine.
     pub host: String,
@@ -43,12 +45,12 @@ pub struct PoolOptions {
     pub faults: Faults,
     /// Where the workers count what they do.
     pub metrics: Metrics,
-    /// State of this process: its workers report devices being opened and stuck jobs here.
+    /// Where the workers report what `/readyz` and `/healthz` show.
     pub status: Status,
 }
 
 impl PoolOptions {
-    /// The defaults of the command line, with scratch files under `scratch`.
+    /// The defaults of the command line, with temporary files under `scratch`.
     #[must_use]
     pub fn new(scratch: PathBuf) -> Self {
         Self {
@@ -63,9 +65,8 @@ impl PoolOptions {
             memory_limit_bytes: None,
             job_timeout: None,
             checkpoint_every: Some(Duration::from_secs(30)),
-            // Waits of 0.5, 1, 2 … 30 s: an artifact store may be away for about a minute.
-            storage_tries: 8,
-            storage_wait: Duration::from_millis(500),
+            storage_wait: Duration::from_secs(1),
+            stuck_after: Duration::from_secs(120),
             scratch,
             host: host(),
             faults: Faults::none(),
@@ -75,7 +76,7 @@ impl PoolOptions {
     }
 }
 
-/// Name of this machine, as far as it can be known without asking the network.
+/// Name of this machine, as far as it is known without asking the network.
 fn host() -> String {
     std::fs::read_to_string("/proc/sys/kernel/hostname")
         .ok()

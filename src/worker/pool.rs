@@ -1,21 +1,23 @@
-//! The workers of a process: claim loop, signs of life, shutdown.
+//! The workers of a process: slots that claim jobs and run them, their heartbeats, shutdown.
 
-use super::attempt::{self, Context, Next};
-use super::batch::{self, Gpu};
-use super::follow::Cpu;
-use super::generation::{self, Threads};
+use super::attempt::{Attempt, Start};
+use super::backend::Generation;
+use super::backend::cpu::Cpu;
+use super::backend::gpu::Gpu;
+use super::context::{Context, Phase};
 use super::generator::{BatchGenerator, Generator};
-use super::health::Health;
-use super::keeper::Phase;
 use super::options::PoolOptions;
-use super::share::{self, Share};
-use super::turn::Turns;
+use super::policy::{self, Share, Storage};
+use super::verdict;
 use crate::clock::Clock;
 use crate::generate::Backend;
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::scratch::Scratch;
-use crate::jobs::{Change, ClaimedJob, Store, StoreError, WorkerInfo};
+use crate::jobs::{Change, ClaimedJob, Job, Store, StoreError, WorkerInfo};
+use crate::status::{Condition, Status};
+use futures_util::future::join_all;
 use std::io;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::broadcast::{Receiver, error::RecvError};
@@ -23,18 +25,16 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio::task::{JoinError, JoinSet};
 use tokio::time::{sleep, timeout};
 
-/// Longest wait between claims while the store is away.
+/// Longest wait between claims while the job store is unavailable.
 const LONGEST_WAIT: Duration = Duration::from_secs(10);
-/// How long a shutdown waits for work that was told to stop.
+/// How long a shutdown waits for generations that were told to stop.
 const LAST_WAIT: Duration = Duration::from_secs(10);
-/// Claims that a worker holds at once: while one is computed, the one before is being stored or the next one is ready.
+/// Claims (of a job, or of a batch) that a worker holds at once: one is computed while the one before is being stored.
 const CLAIMS: usize = 2;
-/// How long a worker that is busy leaves what was just queued to those that are not.
-const STANDS_BACK: Duration = Duration::from_millis(250);
-/// Heartbeats between the signs of life of a worker of which nothing is new.
+/// Heartbeats between two reports of a worker whose state has not changed.
 const SEEN_EVERY: u32 = 5;
 
-/// Running workers. Dropping it breaks them off, leaving their leases to run out; see [`WorkerPool::shutdown`].
+/// Running workers. Dropping it interrupts them and leaves their leases to expire; see [`WorkerPool::shutdown`].
 #[derive(Debug)]
 pub struct WorkerPool {
     phase: watch::Sender<Phase>,
@@ -45,48 +45,45 @@ pub struct WorkerPool {
 struct Slot {
     id: String,
     context: Arc<Context>,
-    threads: Threads,
-    /// Whose turn it is on the threads.
-    turns: Arc<Turns>,
-    /// The right to claim; given back when what was claimed is nearly done.
-    next: Arc<Semaphore>,
-    /// Places of claims that are not done with.
-    places: Arc<Semaphore>,
-    /// What makes it a GPU worker.
+    cpu: Cpu,
+    /// Makes it a GPU worker.
     gpu: Option<Gpu>,
-    at: Mutex<At>,
-    /// Held from the reading of `at` until it is told, so that what is told last is true.
-    word: tokio::sync::Mutex<()>,
+    claims: Arc<Semaphore>,
+    state: Mutex<State>,
+    /// Held from reading `state` until it is recorded, so that the last record is true.
+    recording: tokio::sync::Mutex<()>,
 }
 
-/// What a worker needs to take on more.
-struct Ready {
-    next: Next,
-    _place: OwnedSemaphorePermit,
+/// The rights that a worker needs to run what it claims.
+struct Free {
+    /// To use the threads of the CPU, or the device.
+    compute: OwnedSemaphorePermit,
+    /// To hold one more claim.
+    claim: OwnedSemaphorePermit,
 }
 
-/// What a worker is at.
+/// What others are told of a worker.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-struct At {
-    done: u64,
+struct State {
+    jobs_done: u64,
     gpu: GpuState,
 }
 
-/// How it stands with the GPU of a worker.
+/// The state of a worker's GPU.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum GpuState {
-    /// Not asked for yet, or there is none.
+    /// Not opened yet, or there is none.
     #[default]
     Unknown,
     Open,
-    Unable,
+    Failed,
 }
 
 impl WorkerPool {
     /// Starts CPU workers. Must be called within a tokio runtime.
     ///
     /// # Errors
-    /// Where the scratch folder or the threads cannot be made.
+    /// If the scratch directory or threads cannot be created.
     pub fn start(
         store: Arc<dyn Store>,
         artifacts: Artifacts,
@@ -100,7 +97,7 @@ impl WorkerPool {
     /// Starts CPU workers, and a GPU worker for each of `gpus`. Must be called within a tokio runtime.
     ///
     /// # Errors
-    /// Where the scratch folder or the threads cannot be made.
+    /// If the scratch directory or threads cannot be created.
     pub fn start_with_gpus(
         store: Arc<dyn Store>,
         artifacts: Artifacts,
@@ -110,60 +107,35 @@ impl WorkerPool {
         clock: Clock,
     ) -> io::Result<Self> {
         let (phase, receiver) = watch::channel(Phase::Run);
-        let scratch = Scratch::open(&options.scratch)?;
-        let workers = options.workers;
-        let context = Arc::new(Context {
-            store,
-            artifacts,
-            generator,
-            options,
-            clock,
-            scratch,
-            health: Health::default(),
-            phase: receiver,
-        });
-        let mut tasks = JoinSet::new();
+        let scratch = Arc::new(Scratch::open(&options.scratch)?);
+        let storage = Storage::new(options.storage_wait, options.status.clone());
+        let context = Context { store, artifacts, generator, options, clock, scratch, storage, phase: receiver };
+        let context = Arc::new(context);
+        let devices = gpus.len();
         let mut slots = Vec::new();
-        let names = (0..gpus.len()).map(|n| format!("gpu{n}")).chain((0..workers).map(|n| n.to_string()));
-        let gpus = gpus.into_iter().map(Some).chain(std::iter::repeat_with(|| None));
-        for (name, generator) in names.zip(gpus) {
-            let id = format!("{}-{}-{name}", context.options.host, std::process::id());
-            let all = context.options.threads.max(1);
-            let threads = Threads { all: threads(&id, all)?, single: threads(&id, 1)? };
-            let gpu = match generator {
-                None => None,
-                Some(generator) => {
-                    let pool = self::threads(&format!("{id}-batch"), all + 1)?;
-                    Some(Gpu { generator, pool })
-                }
-            };
-            slots.push(Arc::new(Slot {
-                id,
-                context: Arc::clone(&context),
-                threads,
-                turns: Arc::new(Turns::new()),
-                next: Arc::new(Semaphore::new(1)),
-                places: Arc::new(Semaphore::new(CLAIMS)),
-                gpu,
-                at: Mutex::default(),
-                word: tokio::sync::Mutex::default(),
-            }));
+        for (n, generator) in gpus.into_iter().enumerate() {
+            slots.push(Slot::new(&context, &format!("gpu{n}"), Some(generator))?);
         }
+        for n in 0..context.options.workers {
+            slots.push(Slot::new(&context, &n.to_string(), None)?);
+        }
+        let opening = Arc::new(Opening::start(devices, context.options.status.clone()));
+        let mut tasks = JoinSet::new();
         for slot in &slots {
-            tasks.spawn(claim_loop(Arc::clone(slot)));
+            tasks.spawn(claim_loop(Arc::clone(slot), Arc::clone(&opening)));
         }
-        tasks.spawn(signs_of_life(slots, context));
+        tasks.spawn(report_workers(slots, context));
         Ok(Self { phase, tasks })
     }
 
-    /// Stops: no new claims at once; running jobs get `grace` to end, then they are given back to the queue
-    /// at their old place, without counting as an attempt. Comes back at the latest 10 s after the grace.
+    /// Stops: no new claims at once; running jobs get `grace` to end, then they are released to their old place in the
+    /// queue, without counting as an attempt. Returns at the latest 10 s after the grace.
     pub async fn shutdown(mut self, grace: Duration) {
         self.phase.send_replace(Phase::Drain);
         if timeout(grace, self.ended()).await.is_err() {
-            self.phase.send_replace(Phase::GiveBack);
+            self.phase.send_replace(Phase::Release);
             if timeout(LAST_WAIT, self.ended()).await.is_err() {
-                tracing::error!("a generation did not stop in time; what it makes is of no use any more");
+                tracing::error!("a generation did not stop in time; its result is discarded");
             }
         }
     }
@@ -171,86 +143,91 @@ impl WorkerPool {
     async fn ended(&mut self) {
         while let Some(task) = self.tasks.join_next().await {
             if let Err(error) = task {
-                tracing::error!(%error, "a worker ended badly");
+                tracing::error!(%error, "a worker panicked");
             }
         }
     }
 }
 
-fn threads(worker: &str, count: usize) -> io::Result<Arc<rayon::ThreadPool>> {
-    let worker = worker.to_owned();
-    rayon::ThreadPoolBuilder::new()
-        .num_threads(count.max(1))
-        .thread_name(move |n| format!("{worker}/{n}"))
-        .build()
-        .map(Arc::new)
-        .map_err(io::Error::other)
+/// The process is not ready until each GPU worker has opened its device once, or failed to.
+struct Opening {
+    left: AtomicUsize,
+    status: Status,
 }
 
-/// Claims jobs until the pool drains, and runs them. The next is claimed as soon as the one before is nearly done (its
-/// certificate is under way, or its device is free), so that the worker's threads never wait for the stores.
-async fn claim_loop(slot: Arc<Slot>) {
+impl Opening {
+    fn start(gpus: usize, status: Status) -> Self {
+        if gpus > 0 {
+            status.set(Condition::OpeningDevices, format!("opening {gpus} GPU{}", if gpus == 1 { "" } else { "s" }));
+        }
+        Self { left: AtomicUsize::new(gpus), status }
+    }
+
+    fn opened(&self) {
+        if self.left.fetch_sub(1, Ordering::AcqRel) == 1 {
+            self.status.clear(Condition::OpeningDevices);
+        }
+    }
+}
+
+/// Claims jobs and runs them until the pool drains. The next is claimed when the threads (or the device) are free, while the
+/// files of the one before may still be on their way to the artifact store.
+async fn claim_loop(slot: Arc<Slot>, opening: Arc<Opening>) {
     let context = &slot.context;
     let mut phase = context.phase.clone();
     let mut wait = context.options.poll;
     let mut attempts = JoinSet::new();
+    if let Some(gpu) = &slot.gpu {
+        slot.open(gpu).await;
+        opening.opened();
+    }
     loop {
-        let ready = tokio::select! {
+        let free = tokio::select! {
             biased;
             _ = phase.wait_for(|phase| *phase != Phase::Run) => break,
-            ready = slot.ready() => ready,
+            free = slot.free() => free,
         };
-        // Listening before looking: what is queued in between is told.
+        // Subscribe before looking, so that a job queued in between is not missed.
         let mut changes = context.store.changes();
-        // Where no attempt can be made none is begun.
-        let claimed = match context.scratch.probe() {
-            Ok(()) => slot.claim().await.map_err(|error| error.to_string()),
-            Err(error) => Err(format!("no scratch folder can be made: {error}")),
-        };
-        let away = match claimed {
+        let unavailable = match slot.claim().await {
             Ok((claimed, share)) => {
                 wait = context.options.poll;
                 if !claimed.is_empty() {
-                    attempts.spawn(Arc::clone(&slot).run(claimed, share, ready));
-                    log_panics(&mut attempts);
+                    attempts.spawn(Arc::clone(&slot).run(claimed, share, free));
+                    while let Some(ended) = attempts.try_join_next() {
+                        log_panic(ended);
+                    }
                     continue;
                 }
                 false
             }
             Err(error) => {
-                tracing::warn!(worker = slot.id, error, "claiming failed");
+                tracing::warn!(worker = slot.id, %error, "claiming failed");
                 wait = (wait * 2).min(LONGEST_WAIT);
                 true
             }
         };
-        drop(ready);
+        drop(free);
         tokio::select! {
             _ = phase.changed() => {}
             () = sleep(wait) => {}
-            () = new_job(&mut changes), if !away => slot.stand_back().await,
+            () = new_job(&mut changes), if !unavailable => {}
         }
     }
     while let Some(ended) = attempts.join_next().await {
         log_panic(ended);
     }
-    slot.tell().await;
-}
-
-/// Of attempts that have ended.
-fn log_panics(attempts: &mut JoinSet<()>) {
-    while let Some(ended) = attempts.try_join_next() {
-        log_panic(ended);
-    }
+    slot.record().await;
 }
 
 fn log_panic(ended: Result<(), JoinError>) {
     if let Err(error) = ended {
-        tracing::error!(%error, "an attempt ended badly; its lease runs out");
+        tracing::error!(%error, "an attempt panicked; its lease expires");
     }
 }
 
-/// Until a job was queued that nobody has seen yet, or changes were missed. Whatever else makes a job ready to be
-/// claimed (a retry, a lease that ran out) comes with time, and is found by the next look.
+/// Waits until a job has been queued or changes were missed. A job that becomes due later (a retry, an expired lease) is found
+/// by polling.
 async fn new_job(changes: &mut Receiver<Change>) {
     loop {
         match changes.recv().await {
@@ -261,19 +238,18 @@ async fn new_job(changes: &mut Receiver<Change>) {
     }
 }
 
-/// Tells that the workers are there: with each heartbeat where something is new, now and then where not.
-async fn signs_of_life(slots: Vec<Arc<Slot>>, context: Arc<Context>) {
+/// Records that the workers are alive: with each heartbeat those whose state has changed, now and then all.
+async fn report_workers(slots: Vec<Arc<Slot>>, context: Arc<Context>) {
     let mut phase = context.phase.clone();
-    let mut told: Vec<Option<At>> = vec![None; slots.len()];
+    let mut recorded: Vec<Option<State>> = vec![None; slots.len()];
     for beat in 0u32.. {
-        for (slot, told) in slots.iter().zip(&mut told) {
-            let at = slot.at(|_| {});
-            if beat.is_multiple_of(SEEN_EVERY) || told.as_ref() != Some(&at) {
-                *told = Some(slot.tell().await);
+        for (slot, recorded) in slots.iter().zip(&mut recorded) {
+            if beat.is_multiple_of(SEEN_EVERY) || recorded.as_ref() != Some(&slot.state()) {
+                *recorded = Some(slot.record().await);
             }
         }
         tokio::select! {
-            // Each worker has the last word itself.
+            // Each worker makes its last record itself.
             _ = phase.wait_for(|phase| *phase != Phase::Run) => return,
             () = sleep(context.options.heartbeat) => {}
         }
@@ -281,40 +257,44 @@ async fn signs_of_life(slots: Vec<Arc<Slot>>, context: Arc<Context>) {
 }
 
 impl Slot {
-    /// Once the worker can take on more.
-    async fn ready(&self) -> Ready {
-        let (place, next) = (Arc::clone(&self.places), Arc::clone(&self.next));
-        let (place, next) = match (place.acquire_owned().await, next.acquire_owned().await) {
-            (Ok(place), Ok(next)) => (place, next),
-            // Nobody closes them.
-            _ => return std::future::pending().await,
+    fn new(context: &Arc<Context>, name: &str, generator: Option<Arc<dyn BatchGenerator>>) -> io::Result<Arc<Self>> {
+        let id = format!("{}-{}-{name}", context.options.host, std::process::id());
+        let threads = context.options.threads.max(1);
+        let cpu = Cpu::new(&id, threads)?;
+        let gpu = generator.map(|generator| Gpu::new(&id, threads, generator)).transpose()?;
+        Ok(Arc::new(Self {
+            id,
+            context: Arc::clone(context),
+            cpu,
+            gpu,
+            claims: Arc::new(Semaphore::new(CLAIMS)),
+            state: Mutex::default(),
+            recording: tokio::sync::Mutex::default(),
+        }))
+    }
+
+    /// Waits until the worker can run one more claim and store its files.
+    async fn free(&self) -> Free {
+        let claim = Arc::clone(&self.claims).acquire_owned().await.expect("the semaphore is never closed");
+        let compute = match &self.gpu {
+            Some(gpu) => gpu.free().await,
+            None => self.cpu.free().await,
         };
-        self.context.health.rest().await;
-        // What a GPU worker claims does not wait for threads of the CPU.
-        if self.gpu.is_none() {
-            self.turns.near().await;
-        }
-        Ready { next, _place: place }
+        self.context.storage.wait_until_available(&self.context.artifacts, &self.context.scratch).await;
+        Free { compute, claim }
     }
 
-    /// Leaves what was just queued to workers that are free, for a moment.
-    async fn stand_back(&self) {
-        if self.gpu.is_none() {
-            self.turns.free_within(STANDS_BACK).await;
-        }
-    }
-
-    /// Claims what this worker may run now. A GPU worker whose GPU cannot be opened still takes one job at a time, for
-    /// those asked of `gpu` must end too, and say why.
+    /// Claims what this worker may run now. A GPU worker whose device cannot be opened still takes one job at a time, for
+    /// jobs of `gpu` must end too, with the reason.
     async fn claim(&self) -> Result<(Vec<ClaimedJob>, Share), StoreError> {
         let Context { store, options, .. } = &*self.context;
         let (share, backend, limit) = match &self.gpu {
             Some(gpu) => {
-                let limit = if self.opened(gpu).await { options.batch.max(1) } else { 1 };
-                (Share::ByName, Backend::Gpu, limit)
+                let limit = if self.open(gpu).await { options.batch.max(1) } else { 1 };
+                (Share::CpuOnly, Backend::Gpu, limit)
             }
             None => {
-                let share = share::of_cpu(&self.context).await?;
+                let share = policy::share(&**store, options).await?;
                 let backend = share.backend();
                 (share, backend, 1)
             }
@@ -322,59 +302,97 @@ impl Slot {
         Ok((store.claim(&self.id, backend, options.lease, limit).await?, share))
     }
 
-    /// Makes the GPU ready.
-    async fn opened(&self, gpu: &Gpu) -> bool {
-        let generator = Arc::clone(&gpu.generator);
-        let opened = tokio::task::spawn_blocking(move || generator.open()).await;
-        let opened = opened.unwrap_or_else(|panic| Err(panic.to_string()));
-        let before = self.at(|_| {}).gpu;
-        let state = if opened.is_ok() { GpuState::Open } else { GpuState::Unable };
-        self.at(|at| at.gpu = state);
+    /// Opens the device, anew if it was lost. Returns whether it is open.
+    async fn open(&self, gpu: &Gpu) -> bool {
+        let opened = gpu.open().await;
+        let state = if opened.is_ok() { GpuState::Open } else { GpuState::Failed };
+        let before = std::mem::replace(&mut self.lock().gpu, state);
         if before != state {
             match &opened {
-                Ok(()) => tracing::info!(worker = self.id, device = gpu.generator.device(), "the GPU is ready"),
+                Ok(()) => tracing::info!(worker = self.id, device = gpu.device(), "the GPU is ready"),
                 Err(reason) => tracing::error!(worker = self.id, reason, "the GPU could not be opened"),
             }
-            self.tell().await;
+            self.record().await;
         }
         opened.is_ok()
     }
 
-    async fn run(self: Arc<Self>, claimed: Vec<ClaimedJob>, share: Share, ready: Ready) {
-        let Ready { next, _place } = ready;
-        let cpu = Cpu { threads: &self.threads, turns: &self.turns };
-        let mut ended = 0;
-        if let Some(gpu) = &self.gpu {
-            ended += batch::run(&self.context, gpu, &cpu, claimed, next).await;
-        } else if let Some(claimed) = claimed.into_iter().next() {
-            // A CPU worker claims one at a time.
-            ended += u64::from(attempt::run_on_cpu(&self.context, &cpu, &share, claimed, next).await);
+    async fn run(self: Arc<Self>, claimed: Vec<ClaimedJob>, share: Share, free: Free) {
+        let Free { compute, claim } = free;
+        let ended = match &self.gpu {
+            Some(gpu) => self.run_batch(gpu, claimed, compute).await,
+            None => self.run_one(claimed, &share, compute).await,
+        };
+        self.lock().jobs_done += ended;
+        drop(claim);
+    }
+
+    /// Runs a job on the CPU. Returns how many jobs have ended.
+    async fn run_one(&self, claimed: Vec<ClaimedJob>, share: &Share, compute: OwnedSemaphorePermit) -> u64 {
+        // A CPU worker claims one job at a time.
+        let Some(claimed) = claimed.into_iter().next() else { return 0 };
+        let mut report = self.cpu.report(claimed.job().backend.requested);
+        if let (Share::Auto { why, cause }, Backend::Auto) = (share, report.requested) {
+            report.fallback = Some(why.clone());
+            self.context.options.metrics.fallback(*cause);
         }
-        self.at(|at| at.done += ended);
-    }
-
-    fn at(&self, change: impl FnOnce(&mut At)) -> At {
-        let mut at = self.at.lock().unwrap_or_else(PoisonError::into_inner);
-        change(&mut at);
-        at.clone()
-    }
-
-    /// Tells what the worker is at now.
-    async fn tell(&self) -> At {
-        let _word = self.word.lock().await;
-        let at = self.at(|_| {});
-        self.seen(at.clone()).await;
-        at
-    }
-
-    /// Leaves a sign of life; not for a GPU worker without its GPU, which nobody should count on.
-    async fn seen(&self, At { done, gpu }: At) {
-        if self.gpu.is_some() && gpu != GpuState::Open {
-            return;
+        match Attempt::begin(&self.context, &self.id, claimed, report).await {
+            Some(attempt) => u64::from(attempt.run(Start::Cpu(compute), &self.cpu).await),
+            None => 0,
         }
+    }
+
+    /// Runs the jobs that fit on the device together, and releases the others. Returns how many jobs have ended.
+    async fn run_batch(&self, gpu: &Gpu, claimed: Vec<ClaimedJob>, compute: OwnedSemaphorePermit) -> u64 {
+        let jobs: Vec<Job> = claimed.iter().map(|claimed| claimed.job().clone()).collect();
+        let admitted = gpu.admit(jobs).await;
+        let fits = |place: usize| admitted.as_ref().map_or(place == 0, |admitted| admitted[place]);
+        let mut attempts = Vec::new();
+        for (place, claimed) in claimed.into_iter().enumerate() {
+            if fits(place) {
+                let report = gpu.report(claimed.job().backend.requested);
+                attempts.extend(Attempt::begin(&self.context, &self.id, claimed, report).await);
+            } else {
+                self.release_misfit(claimed).await;
+            }
+        }
+        tracing::info!(device = gpu.device(), jobs = attempts.len(), "batch begins");
+        let generations = match admitted {
+            Ok(_) => gpu.generate(attempts.iter().map(Attempt::task).collect(), compute),
+            Err(reason) => {
+                drop(compute);
+                attempts.iter().map(|_| Generation::refused(reason.clone())).collect()
+            }
+        };
+        let members = attempts.into_iter().zip(generations);
+        let ends = join_all(members.map(|(attempt, generation)| attempt.run(Start::Running(generation), &self.cpu)));
+        ends.await.into_iter().map(u64::from).sum()
+    }
+
+    async fn release_misfit(&self, claimed: ClaimedJob) {
+        let id = claimed.job().id;
+        if let Err(error) = self.context.store.release_because(claimed, verdict::of_misfit()).await {
+            tracing::warn!(job = %id, %error, "a job that does not fit the batch was not released");
+        }
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn state(&self) -> State {
+        self.lock().clone()
+    }
+
+    /// Records that the worker is alive, with its present state.
+    async fn record(&self) -> State {
+        let _recording = self.recording.lock().await;
+        let state = self.state();
         let (backend, device) = match &self.gpu {
-            Some(gpu) => (Backend::Gpu, gpu.generator.device()),
-            None => (Backend::Cpu, generation::device(self.threads.all.current_num_threads())),
+            // A GPU worker without its device must not be counted on.
+            Some(_) if state.gpu != GpuState::Open => return state,
+            Some(gpu) => (Backend::Gpu, gpu.device()),
+            None => (Backend::Cpu, self.cpu.device()),
         };
         let worker = WorkerInfo {
             id: self.id.clone(),
@@ -382,11 +400,12 @@ impl Slot {
             backend,
             device,
             jobs: Vec::new(),
-            jobs_done: done,
+            jobs_done: state.jobs_done,
             heartbeat_at: self.context.clock.now(),
         };
         if let Err(error) = self.context.store.worker_seen(&worker).await {
-            tracing::warn!(worker = self.id, %error, "no sign of life could be left");
+            tracing::warn!(worker = self.id, %error, "the worker's heartbeat was not recorded");
         }
+        state
     }
 }

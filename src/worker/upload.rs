@@ -1,23 +1,35 @@
-//! Files of an attempt on their way from its scratch folder to the artifact store.
+//! Moves the files of an attempt from its scratch directory to the artifact store.
 
-use super::attempt::Context;
-use super::live::Live;
+use super::context::Context;
+use super::progress::AttemptSink;
+use super::verdict;
 use crate::clock::Stopwatch;
 use crate::generate::Outcome;
+use crate::jobs::artifacts::{self, ArtifactError};
 use crate::jobs::fault::Injected;
-use crate::jobs::{ClaimedJob, File, artifacts};
+use crate::jobs::{ClaimedJob, File};
 use futures_util::future::join_all;
 use std::path::Path;
-use std::time::Duration;
 use tokio_util::sync::CancellationToken;
+
+/// How long an upload is retried while the artifact store is unavailable, in units of [`super::PoolOptions::storage_wait`].
+const PATIENCE: u32 = 60;
+/// Longest wait between two tries, in the same units.
+const LONGEST_WAIT: u32 = 5;
 
 /// Why the files are not in the artifact store.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum UploadError {
-    /// The store stayed away, full or broken through all tries.
+    /// The artifact store refused a file through all tries.
     #[error("{name}: {cause} (tried {tries} times)")]
-    Storage { name: String, cause: String, tries: u32 },
-    /// A test broke it.
+    Store { name: String, cause: String, tries: u32 },
+    /// A file in scratch cannot be read because of the state of the disk.
+    #[error("{0}")]
+    Scratch(String),
+    /// A file in scratch is not what the generator wrote.
+    #[error("{0}")]
+    Damaged(String),
+    /// A test injected a fault.
     #[error(transparent)]
     Injected(#[from] Injected),
 }
@@ -37,71 +49,78 @@ pub(super) fn files(claimed: &ClaimedJob, outcome: &Outcome) -> Vec<File> {
         .collect()
 }
 
-/// Stores `files` from `dir`, all at the same time. Each is tried a few times with doubled waits; what arrives must have the
-/// size and the checksum that the generator told. When it comes back none of them is on its way any more; `stop` makes that
-/// soon.
+/// Stores `files` from `dir` concurrently. While the artifact store is unavailable, each is retried for about a minute. The
+/// stored size and checksum must be those that the generator reported. When this returns, no file is being written any
+/// more; `stop` makes it give up at the next wait.
 pub(super) async fn upload(
     context: &Context,
-    live: &Live,
+    sink: &AttemptSink,
     files: &[File],
     dir: &Path,
     stop: &CancellationToken,
 ) -> Result<(), UploadError> {
-    live.storing();
+    sink.storing();
     let watch = Stopwatch::start();
     context.options.faults.point("store").await?;
     context.options.faults.point("before-upload").await?;
-    // Where one gives up, the others need no further try.
+    // Once one file has failed, the others need no further try.
     let stop = stop.child_token();
     let put = async |file| {
-        let put = put_patiently(context, file, dir, &stop).await;
+        let put = put_with_retries(context, file, dir, &stop).await;
         put.inspect_err(|_| stop.cancel())
     };
-    let failed = join_all(files.iter().map(put)).await.into_iter().filter_map(Result::err).max_by_key(|f| f.tries);
-    if let Some(Failed { name, cause, tries }) = failed {
-        return Err(UploadError::Storage { name, cause, tries });
+    let failed = join_all(files.iter().map(put)).await.into_iter().filter_map(Result::err);
+    // A file that was stopped by another has fewer tries than that one.
+    let tries = |error: &UploadError| if let UploadError::Store { tries, .. } = error { *tries } else { u32::MAX };
+    if let Some(error) = failed.max_by_key(tries) {
+        return Err(error);
     }
+    context.storage.upload_succeeded();
     context.options.faults.point("after-upload").await?;
     context.options.metrics.stage("store", watch.seconds());
     context.options.metrics.bytes_in(files.iter().map(|file| file.bytes).sum());
     Ok(())
 }
 
-/// A file that could not be stored.
-struct Failed {
-    name: String,
-    cause: String,
-    tries: u32,
-}
-
-async fn put_patiently(context: &Context, file: &File, dir: &Path, stop: &CancellationToken) -> Result<(), Failed> {
-    let mut wait = context.options.storage_wait;
-    let tries = context.options.storage_tries.max(1);
-    for tried in 1..=tries {
-        let Err(cause) = put(context, file, &dir.join(&file.name)).await else { break };
-        tracing::warn!(file = file.key, %cause, tried, "storing a file failed");
-        let waits = tried < tries && stop.run_until_cancelled(tokio::time::sleep(wait)).await.is_some();
-        if !waits {
-            return Err(Failed { name: file.name.clone(), cause, tries: tried });
+async fn put_with_retries(
+    context: &Context,
+    file: &File,
+    dir: &Path,
+    stop: &CancellationToken,
+) -> Result<(), UploadError> {
+    let unit = context.options.storage_wait;
+    let (mut wait, since) = (unit / 2, Stopwatch::start());
+    for tries in 1.. {
+        let error = match context.artifacts.put_file(&file.key, &dir.join(&file.name)).await {
+            Ok(stored) if stored.bytes == file.bytes && stored.sha256 == file.sha256 => break,
+            Ok(stored) => {
+                let detail = format!("{}: read {} bytes with SHA-256 {}", file.name, stored.bytes, stored.sha256);
+                return Err(UploadError::Damaged(format!("{detail}, not the {} bytes written", file.bytes)));
+            }
+            Err(ArtifactError::Scratch { path, source }) => {
+                let detail = format!("reading {} failed: {source}", path.display());
+                let is_disk = verdict::is_storage_fault(&source);
+                return Err(if is_disk { UploadError::Scratch(detail) } else { UploadError::Damaged(detail) });
+            }
+            Err(error) => error.to_string(),
+        };
+        tracing::debug!(file = file.key, error, tries, "a file was not stored");
+        if tries == 1 {
+            context.storage.write_failed(&error);
         }
-        wait = (wait * 2).min(Duration::from_secs(30));
+        let retries = since.elapsed() + wait < unit * PATIENCE;
+        if !retries || stop.run_until_cancelled(tokio::time::sleep(wait)).await.is_none() {
+            return Err(UploadError::Store { name: file.name.clone(), cause: error, tries });
+        }
+        wait = (wait * 2).min(unit * LONGEST_WAIT);
     }
     Ok(())
 }
 
-async fn put(context: &Context, file: &File, path: &Path) -> Result<(), String> {
-    let stored = context.artifacts.put_file(&file.key, path).await.map_err(|error| error.to_string())?;
-    if stored.bytes == file.bytes && stored.sha256 == file.sha256 {
-        Ok(())
-    } else {
-        Err(format!("{} bytes with sha256 {} went up, not what was written", stored.bytes, stored.sha256))
-    }
-}
-
-/// Removes files that no record will name. What cannot be removed now goes with the sweep of orphans.
+/// Removes files that no record will name. Those that cannot be removed now are left to the sweep of orphans.
 pub(super) async fn remove(context: &Context, files: &[File]) {
     let keys: Vec<String> = files.iter().map(|file| file.key.clone()).collect();
     if let Err(error) = context.artifacts.delete(&keys).await {
-        tracing::warn!(%error, "files of a broken attempt are left to the sweep");
+        tracing::warn!(%error, "files of a failed attempt are left to the sweep");
     }
 }

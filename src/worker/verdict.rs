@@ -1,38 +1,39 @@
-//! What an error means for the job: whether another attempt could fare better, and what the client is told.
+//! What an error means for a job: whether another attempt could succeed, and what the client is told.
 
 use super::generator::WorkError;
 use crate::generate::GenerateError;
 use crate::jobs::Problem;
 use crate::jobs::fault::Injected;
 use std::any::Any;
+use std::error::Error;
+use std::io;
+use std::time::Duration;
 use tokio::task::JoinError;
 
-/// What is to be done with the job.
+/// What is to be done with a job whose attempt failed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Verdict {
-    /// Another attempt would meet the same fault: fail at once.
+    /// Another attempt would fail in the same way: fail the job at once.
     Fail(Problem),
-    /// The fault may pass: give back, counted as an attempt.
+    /// The error may be transient: retry, counted as an attempt.
     Retry(Problem),
-    /// The fault is none of the job's: give back, without counting.
-    GiveBack(Problem),
+    /// The storage is at fault, not the job: release it without counting an attempt, and pause claims.
+    Storage {
+        /// What is recorded with the attempt.
+        problem: Problem,
+        /// Whether it is the scratch directory that failed, rather than the artifact store.
+        scratch: bool,
+    },
 }
 
-impl Verdict {
-    /// Whether the disk of this machine is at fault, as far as can be told.
-    pub(super) fn is_of_machine(&self) -> bool {
-        matches!(self, Self::Retry(problem) | Self::GiveBack(problem) if problem.kind == IO)
-    }
-}
-
-/// The kind of problem of files that could not be written.
-const IO: &str = "io";
+/// The kind of problem of files that could not be stored.
+const STORAGE: &str = "storage";
 
 fn problem(kind: &str, title: &str, detail: String) -> Problem {
     Problem { kind: kind.into(), title: title.into(), detail }
 }
 
-/// The verdict on a generation that ended with an error.
+/// The verdict on a generation that returned an error.
 pub(super) fn of_error(error: &WorkError) -> Verdict {
     let detail = error.to_string();
     match error {
@@ -49,70 +50,133 @@ pub(super) fn of_error(error: &WorkError) -> Verdict {
             GenerateError::Panic { detail } => Verdict::Fail(panicked(detail.clone())),
             GenerateError::Simulation { .. } => Verdict::Fail(problem("simulation", "The simulation failed", detail)),
             GenerateError::Io { source, .. } => {
-                Verdict::Retry(problem(IO, "Files could not be written", format!("{detail}: {source}")))
+                let detail = format!("{detail}: {source}");
+                if is_storage_fault(source) {
+                    of_scratch(detail)
+                } else {
+                    Verdict::Retry(problem("io", "Files could not be written", detail))
+                }
             }
-            // Nobody asked it to stop, as far as the worker knows.
-            GenerateError::Cancelled => Verdict::Retry(problem("interrupted", "The generation was broken off", detail)),
+            // The worker did not ask for it.
+            GenerateError::Cancelled => {
+                Verdict::Retry(problem("interrupted", "The generation was interrupted", detail))
+            }
         },
     }
 }
 
-/// The verdict on a generation whose thread gave no result: the same code on the same spec would panic again.
-pub(super) fn of_join(error: JoinError) -> Verdict {
-    let payload = match error.try_into_panic() {
-        Ok(payload) => payload,
-        // The runtime is going down.
-        Err(error) => {
-            return Verdict::Retry(problem("interrupted", "The generation was broken off", error.to_string()));
+/// Whether an I/O error comes from the state of a disk (full, over quota, read-only, failing, gone), and not from what was
+/// written.
+pub(super) fn is_storage_fault(error: &io::Error) -> bool {
+    // EIO has no kind of its own.
+    const EIO: i32 = 5;
+    let mut cause: Option<&(dyn Error + 'static)> = Some(error);
+    while let Some(error) = cause {
+        if let Some(error) = error.downcast_ref::<io::Error>()
+            && (error.raw_os_error() == Some(EIO)
+                || matches!(
+                    error.kind(),
+                    io::ErrorKind::StorageFull
+                        | io::ErrorKind::QuotaExceeded
+                        | io::ErrorKind::FileTooLarge
+                        | io::ErrorKind::ReadOnlyFilesystem
+                        | io::ErrorKind::StaleNetworkFileHandle
+                        | io::ErrorKind::NotADirectory
+                        | io::ErrorKind::NotFound
+                ))
+        {
+            return true;
         }
-    };
-    Verdict::Fail(panicked(message(payload.as_ref())))
+        cause = error.source();
+    }
+    false
 }
 
-/// What a panic said.
-pub(super) fn message(payload: &(dyn Any + Send)) -> String {
+/// The verdict on a generation whose thread returned nothing. After a panic, the same code on the same spec would panic again.
+pub(super) fn of_join(error: JoinError) -> Verdict {
+    match error.try_into_panic() {
+        Ok(payload) => Verdict::Fail(panicked(panic_message(payload.as_ref()))),
+        // The runtime is shutting down.
+        Err(error) => Verdict::Retry(problem("interrupted", "The generation was interrupted", error.to_string())),
+    }
+}
+
+/// The message of a panic.
+pub(super) fn panic_message(payload: &(dyn Any + Send)) -> String {
     let text = payload.downcast_ref::<&str>().map(|message| (*message).to_owned());
     text.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_else(|| "a panic without a message".to_owned())
 }
 
-/// The verdict on a member of a batch that ended without a word of it.
+/// The verdict on a member of a batch for which the batch reported no result.
 pub(super) fn of_silence() -> Verdict {
-    Verdict::Retry(problem("interrupted", "The generation was broken off", "the batch ended without it".to_owned()))
+    let detail = "the batch ended without a result for it".to_owned();
+    Verdict::Retry(problem("interrupted", "The generation was interrupted", detail))
 }
 
 fn panicked(message: String) -> Problem {
     problem("panic", "The generation panicked", message)
 }
 
-/// The problem of a job that asked for a GPU and nothing else.
+/// The problem of a job that requires a GPU.
 pub(super) fn of_gpu(detail: String) -> Problem {
     problem("gpu", "The GPU could not grow the model", detail)
 }
 
-/// The verdict on a scratch folder that could not be made: no job has written to it yet.
-pub(super) fn of_scratch(error: &std::io::Error) -> Verdict {
-    Verdict::GiveBack(problem(IO, "No scratch folder could be made", error.to_string()))
+/// The verdict on a scratch directory that cannot be created or written.
+pub(super) fn of_scratch(detail: String) -> Verdict {
+    let problem = problem(STORAGE, "The scratch directory is unavailable", detail);
+    Verdict::Storage { problem, scratch: true }
 }
 
-/// The verdict on a job that waited for the threads of its worker in vain.
-pub(super) fn of_waiting() -> Verdict {
-    let detail = "another worker may be free before the threads of this one are".to_owned();
-    Verdict::GiveBack(problem("busy", "The worker is busy", detail))
-}
-
-/// The verdict on an artifact store that stayed away or full.
+/// The verdict on an artifact store that does not take files.
 pub(super) fn of_storage(detail: String) -> Verdict {
-    Verdict::Fail(problem("storage", "The files could not be stored", detail))
+    let problem = problem(STORAGE, "The artifact store is unavailable", detail);
+    Verdict::Storage { problem, scratch: false }
+}
+
+/// The verdict on files in scratch that are not what the generator wrote, or cannot be read.
+pub(super) fn of_damage(detail: String) -> Verdict {
+    Verdict::Retry(problem("io", "Files in the scratch directory are damaged", detail))
 }
 
 /// The verdict on a generation that took longer than `limit`.
-pub(super) fn of_timeout(limit: std::time::Duration) -> Verdict {
-    let detail =
-        format!("it was not done after {} seconds, the longest that a model may take here", limit.as_secs_f64());
+pub(super) fn of_timeout(limit: Duration) -> Verdict {
+    let detail = format!("it was stopped after {} seconds, its time limit", limit.as_secs_f64());
     Verdict::Fail(problem("timeout", "The model took too long", detail))
 }
 
+/// The problem of a job that does not fit on a GPU together with the others of its batch.
+pub(super) fn of_misfit() -> Problem {
+    problem(MISFIT, "The job does not fit the batch", "the device has no memory for it beside older jobs".to_owned())
+}
+
+/// The kind of problem of [`of_misfit`].
+pub(super) const MISFIT: &str = "batch";
+
 /// The verdict on an injected fault.
-pub(super) fn of_injected(injected: Injected) -> Verdict {
-    Verdict::Retry(problem("fault", "A fault was injected", injected.to_string()))
+pub(super) fn of_injected(fault: Injected) -> Verdict {
+    Verdict::Retry(injected(fault))
+}
+
+/// The problem of an injected fault.
+pub(super) fn injected(fault: Injected) -> Problem {
+    problem("fault", "A fault was injected", fault.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn faults_of_a_disk_are_told_from_other_io_errors() {
+        // EIO, ENOSPC, EROFS, EDQUOT, EFBIG.
+        #[cfg(target_os = "linux")]
+        for code in [5, 28, 30, 122, 27] {
+            assert!(is_storage_fault(&io::Error::from_raw_os_error(code)), "{code}");
+        }
+        let wrapped = io::Error::other(io::Error::from(io::ErrorKind::StorageFull));
+        assert!(is_storage_fault(&wrapped));
+        assert!(!is_storage_fault(&io::Error::from(io::ErrorKind::InvalidInput)));
+        assert!(!is_storage_fault(&io::Error::other("nothing known")));
+    }
 }

@@ -75,6 +75,9 @@ impl Store for Faulty {
     async fn release(&self, _: ClaimedJob) -> Result<(), StoreError> {
         away()
     }
+    async fn release_because(&self, _: ClaimedJob, _: Problem) -> Result<(), StoreError> {
+        away()
+    }
     async fn retry(&self, _: ClaimedJob, _: Problem) -> Result<Job, StoreError> {
         away()
     }

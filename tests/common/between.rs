@@ -131,6 +131,10 @@ impl<E: Eye> Store for Between<E> {
         self.store.release(claimed).await
     }
 
+    async fn release_because(&self, claimed: ClaimedJob, problem: Problem) -> Result<(), StoreError> {
+        self.store.release_because(claimed, problem).await
+    }
+
     async fn retry(&self, claimed: ClaimedJob, problem: Problem) -> Result<Job, StoreError> {
         self.store.retry(claimed, problem).await
     }

@@ -1,4 +1,4 @@
-//! Jobs that are claimed early are tied to nobody: what waits for a worker's threads goes to one that is free.
+//! Workers that are busy, or do not stop, hold up no jobs that others could run.
 
 use crate::scripted::{FakeGpu, Fate, Ground, Place, generate, scripted};
 use futures_util::future::join_all;
@@ -10,10 +10,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::Duration;
 
-/// Seed of the job that is held.
+/// Seed of the job that the gate holds.
 const HELD: u64 = 99;
 
-/// Holds the job of seed [`HELD`] under its certificate, deaf to its cancel token, until it is opened.
+/// Holds the job of seed [`HELD`] at its certificate until it is opened; the job ignores its cancel token meanwhile.
 #[derive(Default)]
 struct Gate {
     open: Mutex<bool>,
@@ -28,7 +28,7 @@ impl Gate {
     }
 }
 
-/// Opens it whatever becomes of the test: a thread that is held would hold the runtime.
+/// Opens the gate even if the test fails: a thread that waits for it would keep the runtime from ending.
 struct Opens(Arc<Gate>);
 
 impl Drop for Opens {
@@ -60,7 +60,7 @@ fn gated(gate: &Arc<Gate>) -> Arc<dyn Generator> {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn while_one_worker_is_held_the_other_ends_all_that_comes() {
+async fn while_one_worker_is_held_the_other_runs_all_jobs() {
     let place = Place::fresh(|_| {}).await;
     let gate = Arc::new(Gate::default());
     let _opens = Opens(Arc::clone(&gate));
@@ -71,7 +71,7 @@ async fn while_one_worker_is_held_the_other_ends_all_that_comes() {
     let held = place.queue("ok", HELD).await;
     let at = |stage| move |job: &oviduct::jobs::Job| job.progress.is_some_and(|progress| progress.stage == stage);
     place.until(held, at(Stage::Certify)).await;
-    // One at a time, as from a client that waits, and many at once.
+    // One at a time, as from a client that waits for each, and many at once.
     for seed in 0..5 {
         let job = place.ended(place.queue("ok", seed).await).await;
         assert_eq!(job.status, Status::Succeeded);
@@ -81,7 +81,7 @@ async fn while_one_worker_is_held_the_other_ends_all_that_comes() {
         ids.push(place.queue("ok", seed).await);
     }
     let jobs = join_all(ids.iter().map(|&id| place.ended(id))).await;
-    assert!(!gate.ended.load(Ordering::SeqCst), "the gate is shut");
+    assert!(!gate.ended.load(Ordering::SeqCst), "the gate is closed");
     assert_eq!(place.store.get(held).await.unwrap().unwrap().status, Status::Running);
     for job in jobs {
         assert_eq!(job.status, Status::Succeeded, "{:?}", job.problem);
@@ -92,7 +92,7 @@ async fn while_one_worker_is_held_the_other_ends_all_that_comes() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn behind_a_job_that_timed_out_and_does_not_stop_nothing_waits() {
+async fn no_job_waits_behind_one_that_timed_out_and_does_not_stop() {
     let place = Place::fresh(|_| {}).await;
     let gate = Arc::new(Gate::default());
     let _opens = Opens(Arc::clone(&gate));
@@ -106,25 +106,51 @@ async fn behind_a_job_that_timed_out_and_does_not_stop_nothing_waits() {
     let first = start("first");
     let held = place.queue("ok", HELD).await;
     let behind = place.queue("ok", 1).await;
-    // The only worker there is claims it early.
-    place.until(behind, |job| job.status == Status::Running).await;
     let problem = place.ended(held).await.problem.unwrap();
     assert_eq!(problem.kind, "timeout");
-    place.until(behind, |job| job.status == Status::Queued).await;
     let second = start("second");
     let job = place.ended(behind).await;
-    assert!(!gate.ended.load(Ordering::SeqCst), "the gate is shut");
+    assert!(!gate.ended.load(Ordering::SeqCst), "the gate is closed");
     assert_eq!(job.status, Status::Succeeded, "{:?}", job.problem);
     let attempts = place.store.attempts(behind).await.unwrap();
-    assert!(attempts.last().unwrap().worker.starts_with("second"), "{attempts:?}");
+    assert!(attempts.len() == 1 && attempts[0].worker.starts_with("second"), "{attempts:?}");
     gate.open();
     first.shutdown(Duration::from_secs(5)).await;
     second.shutdown(Duration::from_secs(5)).await;
 }
 
-/// After their GPU was lost, jobs go on one at a time: what each waits for the others is none of its time.
+/// A worker whose generation does not stop is reported until it is free.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn waiting_for_the_cpu_after_a_gpu_was_lost_is_none_of_a_jobs_time() {
+async fn a_worker_whose_generation_does_not_stop_is_reported_as_stuck() {
+    let place = Place::fresh(|_| {}).await;
+    let status = oviduct::status::Status::default();
+    let reported = status.clone();
+    let pool = place.start(|options| {
+        options.stuck_after = Duration::from_millis(100);
+        options.status = reported;
+    });
+    let id = place.queue("deaf", 1).await;
+    place.until(id, |job| job.progress.is_some()).await;
+    assert!(status.stuck_workers().is_empty());
+    place.store.cancel(id).await.unwrap();
+    let until = async |stuck: usize| {
+        while status.stuck_workers().len() != stuck {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
+    };
+    let deadline = Duration::from_secs(600);
+    tokio::time::timeout(deadline, until(1)).await.expect("it was never reported");
+    let detail = status.stuck_workers().pop().unwrap();
+    assert!(detail.contains(&id.to_string()), "{detail}");
+    place.open_gate();
+    tokio::time::timeout(deadline, until(0)).await.expect("it is reported although the worker is free");
+    assert_eq!(place.ended(place.queue("ok", 2).await).await.status, Status::Succeeded);
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+/// After their GPU was lost, jobs run on the CPU one at a time; waiting for the others does not count against the time limit.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn waiting_for_the_cpu_after_a_lost_gpu_does_not_count_against_the_time_limit() {
     let place = Place::on(Ground::Sqlite, StoreOptions::default()).await;
     let mut ids: Vec<JobId> = Vec::new();
     for seed in 1..=5 {
@@ -133,7 +159,7 @@ async fn waiting_for_the_cpu_after_a_gpu_was_lost_is_none_of_a_jobs_time() {
         ids.push(place.store.submit(new).await.unwrap().job().id);
     }
     let gpu = FakeGpu::new(Fate::Lost);
-    // Together they take more than six seconds, each a second and a half.
+    // Together they take more than six seconds, each about one and a half.
     let pool = place.start_with_gpu(&gpu, |options| {
         options.workers = 0;
         options.job_timeout = Some(Duration::from_secs(4));
@@ -146,9 +172,9 @@ async fn waiting_for_the_cpu_after_a_gpu_was_lost_is_none_of_a_jobs_time() {
     pool.shutdown(Duration::from_secs(5)).await;
 }
 
-/// A model that is deleted while it is made is no lease that was lost.
+/// Deleting a running model is not counted as a lost lease.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_deleted_model_is_no_lost_lease() {
+async fn a_deleted_model_is_not_counted_as_a_lost_lease() {
     let place = Place::fresh(|_| {}).await;
     let metrics = oviduct::metrics::Metrics::default();
     let counts = metrics.clone();

@@ -1,5 +1,5 @@
-//! Real generations broken off by a shutdown or a vanished worker go on from their checkpoint, with the same bytes;
-//! jobs that take too long; what is kept.
+//! Real generations interrupted by a shutdown or a vanished worker resume from their checkpoint, with the same bytes;
+//! jobs that take too long; retention.
 
 use crate::bounds::best_of_five;
 use crate::bucket::Bucket;
@@ -38,8 +38,8 @@ fn request(dir: &Path) -> Request {
     }
 }
 
-/// Pauses a generation after its first checkpoint, until another is asked for or it is to stop: whatever the machine
-/// does meanwhile, it does not end.
+/// Pauses a generation after its first checkpoint until another is requested or it is told to stop, so that it does not end
+/// before.
 struct Pausing<'a> {
     sink: &'a dyn Sink,
     cancel: &'a CancelToken,
@@ -70,7 +70,7 @@ impl Sink for Pausing<'_> {
     }
 }
 
-/// Counts how often a generation went on from a checkpoint.
+/// A generator that counts how often it resumed from a checkpoint.
 fn generator(
     resumed: Arc<AtomicU32>,
     pauses: bool,
@@ -89,7 +89,7 @@ fn generator(
     }
 }
 
-/// Starts a worker whose generations take checkpoints all the time.
+/// Starts a worker whose generations take many checkpoints.
 fn start(place: &Place, resumed: &Arc<AtomicU32>, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
     start_with(place, generator(Arc::clone(resumed), false), Duration::from_millis(20), change)
 }
@@ -121,13 +121,13 @@ fn hashes(job: &Job) -> BTreeMap<String, String> {
     job.files.iter().map(|file| (file.name.clone(), file.sha256.clone())).collect()
 }
 
-/// Waits until the record names a checkpoint (which is no change that anyone is told of).
+/// Waits until the record names a checkpoint, which is not notified as a change.
 async fn until_saved(place: &Place, id: oviduct::jobs::JobId, attempt: u32) -> String {
     let wait = async {
         loop {
             let job = place.store.get(id).await.unwrap().unwrap();
             assert!(!job.status.is_ended(), "it ended before its first checkpoint");
-            // The key tells whose it is: models/<job>/<attempt>/….
+            // Keys are models/<job>/<attempt>/….
             if let Some(key) = job.checkpoint.filter(|key| key.contains(&format!("/{attempt}/"))) {
                 return key;
             }
@@ -148,7 +148,7 @@ async fn a_shutdown_loses_nothing(place: &Place) {
         let now = place.store.get(job.id).await.unwrap().unwrap();
         assert_eq!((now.status, now.attempts), (Status::Queued, round + 1));
         let key = now.checkpoint.unwrap();
-        assert!(place.artifacts.read_all(&key).await.is_ok(), "{key} is there");
+        assert!(place.artifacts.read_all(&key).await.is_ok(), "{key} is missing");
     }
     let pool = start(place, &resumed, |_| {});
     let ended = place.ended(job.id).await;
@@ -156,7 +156,7 @@ async fn a_shutdown_loses_nothing(place: &Place) {
     assert_eq!(hashes(&ended), expected);
     assert_eq!((resumed.load(Ordering::Relaxed), ended.checkpoint), (2, None));
     pool.shutdown(Duration::from_secs(5)).await;
-    // Nothing is left but the files, and at most two checkpoints for each attempt that ended while one was being stored.
+    // The files are left, and at most two checkpoints for each attempt that ended while one was being stored.
     let far = Clock::System.now() + Duration::from_secs(3600);
     let orphans = place.artifacts.sweep_orphans(&*place.store, far, Duration::ZERO).await.unwrap();
     assert!(orphans <= 6, "{orphans}");
@@ -166,12 +166,12 @@ async fn a_shutdown_loses_nothing(place: &Place) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_job_given_back_goes_on_from_its_checkpoint() {
+async fn a_released_job_resumes_from_its_checkpoint() {
     a_shutdown_loses_nothing(&Place::fresh(|_| {}).await).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_job_given_back_goes_on_from_its_checkpoint_in_a_bucket() {
+async fn a_released_job_resumes_from_its_checkpoint_in_a_bucket() {
     let bucket = Bucket::start().await;
     let mut place = Place::fresh(|_| {}).await;
     place.artifacts = bucket.artifacts();
@@ -179,7 +179,7 @@ async fn a_job_given_back_goes_on_from_its_checkpoint_in_a_bucket() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_job_of_a_vanished_worker_goes_on_from_its_checkpoint() {
+async fn a_job_of_a_vanished_worker_resumes_from_its_checkpoint() {
     let place = Place::fresh(|_| {}).await;
     let resumed = Arc::new(AtomicU32::new(0));
     let job = place.store.submit(new_job("d")).await.unwrap().job().clone();
@@ -197,7 +197,7 @@ async fn a_job_of_a_vanished_worker_goes_on_from_its_checkpoint() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_checkpoint_that_is_gone_costs_time_only() {
+async fn a_job_whose_checkpoint_is_gone_starts_from_the_beginning() {
     let place = Place::fresh(|_| {}).await;
     let resumed = Arc::new(AtomicU32::new(0));
     let job = place.store.submit(new_job("d")).await.unwrap().job().clone();
@@ -218,7 +218,7 @@ async fn a_job_that_takes_too_long_fails_alone() {
     let problem = job.problem.unwrap();
     assert_eq!((job.status, job.attempts, problem.kind.as_str()), (Status::Failed, 1, "timeout"));
     assert!(problem.detail.contains(" 3 seconds"), "{}", problem.detail);
-    // Any other may take as long, and one of them does not.
+    // The next job has a time limit of its own.
     best_of_five(async |round| {
         let job = place.ended(place.queue("ok", 1 + round).await).await;
         if job.status == Status::Succeeded { Ok(()) } else { Err(format!("{:?}", job.problem)) }
@@ -228,7 +228,7 @@ async fn a_job_that_takes_too_long_fails_alone() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn models_are_kept_by_age_and_by_room() {
+async fn retention_is_by_age_and_by_size() {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let place = Place::fresh(|options| options.clock = clock.clone()).await;
     let pool = place.start(|_| {});
@@ -243,7 +243,7 @@ async fn models_are_kept_by_age_and_by_room() {
     let swept = sweep(None, Some(8000)).await;
     assert_eq!((swept.removed, swept.stored_bytes), (0, Some(8000)));
     let swept = sweep(Some(Duration::from_secs(3600)), Some(7999)).await;
-    assert_eq!((swept.removed, swept.stored_bytes), (1, Some(6000)), "the one that ended first goes");
+    assert_eq!((swept.removed, swept.stored_bytes), (1, Some(6000)), "the model that ended first is removed");
     assert!(place.store.get(made[0].id).await.unwrap().is_none());
     assert_eq!(place.visible().len(), 6, "with its files");
     clock.advance(Duration::from_secs(3601));
@@ -252,5 +252,9 @@ async fn models_are_kept_by_age_and_by_room() {
     assert!(place.visible().is_empty());
     let swept = sweep(Some(Duration::ZERO), Some(0)).await;
     assert_eq!(swept.removed, 0);
-    assert_eq!(place.store.get(queued).await.unwrap().unwrap().status, Status::Queued, "what has not ended stays");
+    assert_eq!(
+        place.store.get(queued).await.unwrap().unwrap().status,
+        Status::Queued,
+        "a job that has not ended was removed"
+    );
 }

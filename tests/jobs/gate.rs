@@ -1,6 +1,6 @@
-//! Scripts that last until a test says so, and a count of generations that run at a time.
+//! Scripts that last until a test opens a gate, and a count of the generations that run at a time.
 //!
-//! The gate is a file of the place, so that it is one for all processes that work there.
+//! The gate is a file of the place, so that all processes that work there share it.
 
 use crate::scripted::{Place, generate};
 use oviduct::generate::{CancelToken, Outcome, Sink};
@@ -14,30 +14,30 @@ pub fn file(place: &Path) -> PathBuf {
     place.join("go")
 }
 
-/// The spec of a job that is held, if its script says so, by the gate of a place.
+/// The spec of a job whose script may wait for the gate of a place.
 pub fn spec(place: &Path, script: &str) -> serde_json::Value {
     serde_json::json!({ "script": script, "gate": file(place) })
 }
 
-/// Whether the gate in a job's spec is open, or gone with its place, as when the test has failed.
+/// Whether the gate in a job's spec is open, or its place is gone, as after a failed test.
 pub fn is_open(spec: &serde_json::Value) -> bool {
     let gate = Path::new(spec["gate"].as_str().expect("a job that was queued at a place"));
     gate.exists() || !gate.parent().is_some_and(Path::exists)
 }
 
 impl Place {
-    /// Lets go of what is held here, now and later.
+    /// Opens the gate.
     pub fn open_gate(&self) {
         std::fs::write(file(&self.dir), "").unwrap();
     }
 
-    /// Holds again what comes.
+    /// Closes the gate.
     pub fn close_gate(&self) {
         std::fs::remove_file(file(&self.dir)).unwrap();
     }
 }
 
-/// Generations that run at a time.
+/// Counts the generations that run at a time.
 #[derive(Debug, Default)]
 pub struct Busy {
     now: AtomicU32,
@@ -56,13 +56,13 @@ impl Busy {
         })
     }
 
-    /// The most that ran at a time.
+    /// The most generations that ran at a time.
     pub fn most(&self) -> u32 {
         self.most.load(Ordering::SeqCst)
     }
 }
 
-/// One that runs; also one that panics ends.
+/// One running generation; dropped when it ends, also by a panic.
 struct One<'a>(&'a Busy);
 
 impl<'a> One<'a> {

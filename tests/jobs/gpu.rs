@@ -1,18 +1,21 @@
-//! GPU workers over a device that follows a script: batches, who takes what, every way to fall back.
+//! GPU workers over a scripted device: batches, which worker takes which jobs, every kind of fallback.
 
 use crate::bounds::{best_of_five, within};
 use crate::gate;
-use crate::scripted::{FakeGpu, Fate, Place, scripted};
+use crate::scripted::{FakeGpu, Fate, Place, ROOM, scripted};
 use crate::suite::LEASE;
 use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::Backend;
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{JobId, NewJob, Status, WorkerInfo};
+use oviduct::metrics::Metrics;
+use oviduct::status::{Condition, Status as ProcessStatus};
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 impl Place {
-    /// Queues a job of a size, asked of a backend.
-    async fn ask(&self, backend: Backend, script: &str, size: u32, seed: u64) -> JobId {
+    /// Queues a job of this size for a backend.
+    async fn ask(&self, backend: Backend, script: &str, size: u64, seed: u64) -> JobId {
         let mut spec = gate::spec(&self.dir, script);
         spec["size"] = size.into();
         self.store.submit(NewJob { backend, spec, ..scripted(script, seed) }).await.unwrap().job().id
@@ -24,23 +27,27 @@ fn no_cpu(options: &mut oviduct::worker::PoolOptions) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn jobs_of_like_size_run_together_and_end_each_by_itself() {
+async fn jobs_that_fit_run_together_and_end_each_by_itself() {
     let place = Place::fresh(|_| {}).await;
     let ok = place.ask(Backend::Auto, "hold", 1, 1).await;
-    let other = place.ask(Backend::Gpu, "ok", 2, 2).await;
+    let other = place.ask(Backend::Gpu, "ok", ROOM, 2).await;
     let bad = place.ask(Backend::Gpu, "certificate", 1, 3).await;
     let waits = place.ask(Backend::Auto, "wait", 1, 4).await;
     let gone = place.ask(Backend::Auto, "wait", 1, 5).await;
     let cpu = place.ask(Backend::Cpu, "ok", 1, 6).await;
     let gpu = FakeGpu::new(Fate::Well);
-    let pool = place.start_with_gpu(&gpu, no_cpu);
+    let metrics = Metrics::default();
+    let pool = place.start_with_gpu(&gpu, |options| {
+        options.metrics = metrics.clone();
+        no_cpu(options);
+    });
 
     let running = place.until(waits, |job| job.progress.is_some()).await;
     assert_eq!((running.backend.used, running.backend.device.as_deref()), (Some(Backend::Gpu), Some("a fake GPU")));
     let worker = place.store.workers().await.unwrap().pop().unwrap();
     assert_eq!((worker.backend, worker.device.as_str()), (Backend::Gpu, "a fake GPU"));
-    assert!([waits, gone].iter().all(|id| worker.jobs.contains(id)), "all that it runs: {:?}", worker.jobs);
-    assert!(!worker.jobs.contains(&other), "what did not fit was given back");
+    assert!([waits, gone].iter().all(|id| worker.jobs.contains(id)), "not all that it runs: {:?}", worker.jobs);
+    assert!(!worker.jobs.contains(&other), "a job that did not fit was not released");
     place.until(gone, |job| job.progress.is_some()).await;
     place.store.delete(gone).await.unwrap().unwrap();
     place.store.cancel(waits).await.unwrap();
@@ -54,11 +61,14 @@ async fn jobs_of_like_size_run_together_and_end_each_by_itself() {
         (Status::Succeeded, Some(Backend::Gpu), None)
     );
     place.check_files(&job).await;
-    // What did not fit went back to its place, and came next.
+    // The job that did not fit was released to its place, and came next.
     let job = place.ended(other).await;
     assert_eq!((job.status, job.backend.used), (Status::Succeeded, Some(Backend::Gpu)));
     let outcomes: Vec<_> = place.store.attempts(other).await.unwrap().iter().map(|a| a.outcome.unwrap()).collect();
     assert_eq!(outcomes, [AttemptEnd::Released, AttemptEnd::Succeeded]);
+    // The wait of each job is observed once, at the claim after which it ran.
+    let text = metrics.text();
+    assert!(text.contains("oviduct_queue_wait_seconds_count 5\n"), "{text}");
     assert_eq!(*gpu.batches.lock().unwrap(), [vec![1, 3, 4, 5], vec![2]]);
     assert_eq!(place.store.get(cpu).await.unwrap().unwrap().status, Status::Queued);
     pool.shutdown(Duration::from_secs(5)).await;
@@ -75,7 +85,7 @@ async fn a_member_of_a_batch_stops_within_a_second_of_its_cancel() {
     best_of_five(async |round| {
         let goes_on = place.ask(Backend::Auto, "hold", 1, 2 * round).await;
         let stops = place.ask(Backend::Gpu, "wait", 1, 2 * round + 1).await;
-        // No heartbeat would come in time.
+        // No heartbeat would be in time.
         let pool = place.start_with_gpu(&gpu, |options| {
             options.heartbeat = Duration::from_secs(60);
             no_cpu(options);
@@ -99,7 +109,7 @@ async fn a_member_of_a_batch_stops_within_a_second_of_its_cancel() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_a_gpu_cannot_do_falls_back_within_the_attempt_or_fails_as_asked() {
+async fn a_job_that_a_gpu_cannot_grow_falls_back_within_the_attempt_or_fails_if_it_requires_a_gpu() {
     let cases = [
         (Fate::Lost, "the GPU was lost: it was pulled out"),
         (Fate::OutOfMemory, "the GPU ran out of memory"),
@@ -116,7 +126,7 @@ async fn what_a_gpu_cannot_do_falls_back_within_the_attempt_or_fails_as_asked() 
             no_cpu(options);
         });
         if fate == Fate::Lost {
-            // The record tells the truth while it still runs, and progress does not fall.
+            // The record is updated while it still runs, and progress does not fall.
             let job = place.until(auto, |job| job.backend.used == Some(Backend::Cpu)).await;
             assert_eq!((job.status, job.backend.fallback.as_deref()), (Status::Running, Some(reason)));
             let job = place.until(auto, |job| job.section.is_some()).await;
@@ -138,13 +148,40 @@ async fn what_a_gpu_cannot_do_falls_back_within_the_attempt_or_fails_as_asked() 
         pool.shutdown(Duration::from_secs(5)).await;
         assert!(place.scratch().is_empty());
         if fate == Fate::Gone {
-            assert_eq!(place.store.workers().await.unwrap(), [], "nobody should count on a GPU that is not there");
+            assert_eq!(place.store.workers().await.unwrap(), [], "a GPU that cannot be opened must not count as alive");
         }
     }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_lost_device_harms_only_what_it_had_not_finished_and_is_opened_anew() {
+async fn a_process_is_not_ready_until_its_devices_are_open_or_have_failed() {
+    for fate in [Fate::Well, Fate::Gone] {
+        let place = Place::fresh(|_| {}).await;
+        let gpu = FakeGpu::new(fate);
+        gpu.is_opening.store(true, Ordering::SeqCst);
+        let status = ProcessStatus::default();
+        let pool = place.start_with_gpu(&gpu, |options| options.status = status.clone());
+        assert_eq!(status.not_ready().map(|(condition, _)| condition), Some(Condition::OpeningDevices));
+        let alive = async || place.store.alive(Backend::Gpu, Duration::from_secs(600)).await.unwrap();
+        assert_eq!(alive().await, 0);
+        gpu.is_opening.store(false, Ordering::SeqCst);
+        assert!(status.cleared(Condition::OpeningDevices, Duration::from_secs(600)).await);
+        assert_eq!(
+            alive().await,
+            u64::from(fate == Fate::Well),
+            "{fate:?}: what is known of it once the process is ready"
+        );
+        pool.shutdown(Duration::from_secs(5)).await;
+    }
+    let place = Place::fresh(|_| {}).await;
+    let status = ProcessStatus::default();
+    let pool = place.start(|options| options.status = status.clone());
+    assert!(status.not_ready().is_none(), "there is no device to open");
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_lost_device_affects_only_unfinished_jobs_and_is_opened_again() {
     let place = Place::fresh(|_| {}).await;
     let done = place.ask(Backend::Auto, "ok", 1, 1).await;
     let first = place.ask(Backend::Auto, "slow", 1, 2).await;
@@ -158,7 +195,7 @@ async fn a_lost_device_harms_only_what_it_had_not_finished_and_is_opened_anew() 
         assert_eq!((job.status, job.attempts, job.backend.used), (Status::Succeeded, 1, Some(Backend::Cpu)));
         assert!(job.backend.fallback.unwrap().contains("lost"));
     }
-    assert_eq!(place.busy.most(), 1, "two jobs ran on the CPU's threads at a time");
+    assert_eq!(place.busy.most(), 1, "two jobs ran on the threads of the CPU at a time");
     let next = place.ended(place.ask(Backend::Gpu, "ok", 1, 4).await).await;
     assert_eq!((next.status, next.backend.used), (Status::Succeeded, Some(Backend::Gpu)));
     pool.shutdown(Duration::from_secs(5)).await;
@@ -193,7 +230,7 @@ async fn a_member_that_lost_its_lease_is_dropped_and_the_others_go_on() {
     for id in ids {
         place.until(id, |job| job.progress.is_some()).await;
     }
-    // Both leases run out; another takes the older job, and the younger one goes back to the queue.
+    // Both leases expire; another worker takes the older job, and the younger one returns to the queue.
     clock.advance(LEASE);
     let other = place.store.claim("other", Backend::Gpu, LEASE, 1).await.unwrap().pop().unwrap();
     assert_eq!((other.job().id, other.attempt()), (ids[0], 2));
@@ -206,7 +243,7 @@ async fn a_member_that_lost_its_lease_is_dropped_and_the_others_go_on() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_shutdown_gives_the_whole_batch_back() {
+async fn a_shutdown_releases_the_whole_batch() {
     let place = Place::fresh(|_| {}).await;
     let ids = [place.ask(Backend::Auto, "wait", 1, 1).await, place.ask(Backend::Gpu, "wait", 1, 2).await];
     let gpu = FakeGpu::new(Fate::Well);
@@ -217,7 +254,7 @@ async fn a_shutdown_gives_the_whole_batch_back() {
     pool.shutdown(Duration::from_millis(100)).await;
     for id in ids {
         let job = place.store.get(id).await.unwrap().unwrap();
-        // Each waits in the lane of the backend that it asked for, and is the first there.
+        // Each is the first in the lane of the backend that it asked for.
         assert_eq!((job.status, job.queue_position), (Status::Queued, Some(0)));
         assert_eq!((job.backend.used, job.backend.device), (None, None));
     }
@@ -225,7 +262,7 @@ async fn a_shutdown_gives_the_whole_batch_back() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_cpu_worker_leaves_auto_to_a_living_gpu_until_the_queue_is_long() {
+async fn a_cpu_worker_leaves_auto_to_gpu_workers_until_the_queue_is_long() {
     let place = Place::fresh(|_| {}).await;
     let gpu = FakeGpu::new(Fate::Well);
     let pool = place.start_with_gpu(&gpu, |options| {
@@ -244,7 +281,7 @@ async fn a_cpu_worker_leaves_auto_to_a_living_gpu_until_the_queue_is_long() {
     let named = place.ended(place.ask(Backend::Cpu, "ok", 1, 3).await).await;
     assert_eq!((named.status, named.backend.fallback), (Status::Succeeded, None));
     assert_eq!(place.store.get(first).await.unwrap().unwrap().status, Status::Queued);
-    // Two claims' worth may wait; the third is too much.
+    // As many jobs as two claims take are left to the GPU; the third is one too many.
     place.ask(Backend::Auto, "ok", 1, 4).await;
     tokio::time::sleep(Duration::from_millis(300)).await;
     assert_eq!(place.store.get(first).await.unwrap().unwrap().status, Status::Queued);
@@ -257,10 +294,10 @@ async fn a_cpu_worker_leaves_auto_to_a_living_gpu_until_the_queue_is_long() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn without_a_living_gpu_worker_a_cpu_worker_takes_auto_and_says_why() {
+async fn while_no_gpu_worker_is_alive_a_cpu_worker_takes_auto_and_records_why() {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let place = Place::fresh(|options| options.clock = clock.clone()).await;
-    // Another machine's, long silent.
+    // Of another machine, without a heartbeat for long.
     let dead = WorkerInfo {
         id: "far-1-gpu0".into(),
         host: "far".into(),
@@ -275,11 +312,11 @@ async fn without_a_living_gpu_worker_a_cpu_worker_takes_auto_and_says_why() {
     let pool = place.start_by(clock, |options| options.no_gpu = Some("no GPU was found".into()));
     let job = place.ended(place.ask(Backend::Auto, "ok", 1, 1).await).await;
     let listed = place.store.workers().await.unwrap();
-    assert!(listed.iter().any(|worker| worker.id == dead.id), "it is known of all the same: {listed:?}");
+    assert!(listed.iter().any(|worker| worker.id == dead.id), "it is not listed: {listed:?}");
     assert_eq!((job.backend.used, job.backend.fallback.as_deref()), (Some(Backend::Cpu), Some("no GPU was found")));
     let named = place.ended(place.ask(Backend::CpuSingle, "ok", 1, 2).await).await;
     assert_eq!(named.backend.fallback, None);
-    // A GPU that is asked for waits for one.
+    // A job of `gpu` waits for a GPU worker.
     let gpu = place.ask(Backend::Gpu, "ok", 1, 3).await;
     tokio::time::sleep(Duration::from_millis(200)).await;
     assert_eq!(place.store.get(gpu).await.unwrap().unwrap().status, Status::Queued);

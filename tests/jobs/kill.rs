@@ -1,5 +1,5 @@
-//! `kill -9` at every point of a job's life, over both stores: a process of its own works, dies at the point, and
-//! another takes over.
+//! `kill -9` at every point of a job's life, over both stores: a child process works, dies at the point, and another takes
+//! over.
 
 use crate::gate;
 use crate::scripted::{Ground, NAMES, Place, content, visible};
@@ -16,10 +16,10 @@ const WORKERS: &str = "OVIDUCT_TEST_WORKERS";
 const LEASE: &str = "OVIDUCT_TEST_LEASE_MS";
 const JOBS: u64 = 3;
 
-/// The test that is this process's own child, where it is told a folder: the one that is killed or stopped.
+/// The test that child processes run: given a folder in the environment, it works until it is killed or stopped.
 const CHILD: &str = "kill::a_killed_worker_loses_nothing_on_sqlite";
 
-/// In a child process: does all that is queued.
+/// In a child process: runs all queued jobs.
 async fn work(folder: &Path) {
     let url = std::env::var(DATABASE).unwrap();
     let place = Place::at(folder, &url).await;
@@ -44,7 +44,7 @@ pub fn start_child(folder: &Path, url: &str, fault: &str) -> Child {
     start_child_with(folder, url, fault, 2, Duration::from_secs(1))
 }
 
-/// Starts it with so many workers, whose leases are so long.
+/// Starts it with this number of workers and length of leases.
 pub fn start_child_with(folder: &Path, url: &str, fault: &str, workers: u32, lease: Duration) -> Child {
     Command::new(std::env::current_exe().unwrap())
         .args(["--exact", CHILD, "--test-threads=1"])
@@ -71,14 +71,14 @@ async fn kill_at(ground: Ground, point: &str) {
 
     let died = start_child(dir.path(), &url, &format!("{point}:kill")).wait().unwrap();
     assert_eq!(died.code(), None, "{point}: the child was not killed");
-    // Whatever is visible is whole.
+    // Every visible file is complete.
     for path in visible(&dir.path().join("artifacts")) {
         let name = path.file_name().unwrap().to_str().unwrap();
         let bytes = std::fs::read(&path).unwrap();
         let whole = NAMES.contains(&name) && (1..=JOBS).any(|seed| bytes == content(seed, name));
-        assert!(whole, "{point}: {} is half a file", path.display());
+        assert!(whole, "{point}: {} is incomplete", path.display());
     }
-    // What was held for its renewals may end now.
+    // Jobs that were held for their renewals may end now.
     std::fs::write(gate::file(dir.path()), "").unwrap();
     let status = start_child_with(dir.path(), &url, "", 2, Duration::from_secs(600)).wait().unwrap();
     assert!(status.success(), "{point}: {status}");
@@ -94,7 +94,7 @@ async fn kill_at(ground: Ground, point: &str) {
         assert_eq!(ends, 1, "{point}");
         assert!(attempts.iter().all(|a| a.outcome.is_some()), "{point}: {attempts:?}");
     }
-    // What the dead process uploaded and never committed is swept.
+    // Files that the dead process uploaded and never committed are swept.
     let far = "2200-01-01T00:00:00Z".parse().unwrap();
     place.artifacts.sweep_orphans(&*place.store, far, Duration::ZERO).await.unwrap();
     assert_eq!(place.visible().len() as u64, JOBS * NAMES.len() as u64, "{point}");

@@ -22,6 +22,7 @@ mod disk;
 mod gate;
 mod gpu;
 mod kill;
+mod outage;
 mod postgres;
 #[path = "../common/queue.rs"]
 mod queue;

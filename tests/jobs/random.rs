@@ -1,4 +1,4 @@
-//! A seeded schedule of 500 faults over four workers: whatever strikes, each job ends once, with the right bytes.
+//! A seeded schedule of 500 faults over four workers: each job ends once, with the right bytes.
 
 use crate::scripted::{Ground, NAMES, Place};
 use oviduct::clock::{Clock, Stopwatch};
@@ -8,11 +8,11 @@ use oviduct::jobs::{ListFilter, Status, StoreOptions};
 use std::time::Duration;
 
 const FAULTS: u32 = 500;
-/// Jobs of a wave.
+/// Jobs submitted together.
 const WAVE: u64 = 60;
-/// So much faster than real time goes the time of leases and retries.
+/// How much faster than real time the time of leases and retries runs.
 const SPEED: u32 = 20;
-/// The seed can be given, to see the same faults again.
+/// Environment variable with the seed, to reproduce a run.
 const SEED: &str = "OVIDUCT_TEST_SEED";
 
 async fn survives(ground: Ground) {
@@ -36,7 +36,7 @@ async fn survives(ground: Ground) {
         let mut since = Stopwatch::start();
         loop {
             tokio::time::sleep(Duration::from_millis(10)).await;
-            // As much as has passed, where the machine is slow too.
+            // The time that has really passed, which is more on a slow machine.
             let now = Stopwatch::start();
             clock.advance(since.elapsed() * SPEED);
             since = now;
@@ -85,18 +85,18 @@ async fn survives(ground: Ground) {
     assert_eq!(place.visible().len() as u64, jobs * NAMES.len() as u64);
     assert!(place.scratch().is_empty());
     eprintln!("{ground:?}: {FAULTS} faults, {jobs} jobs, {attempts} attempts, {vanished} of them by lost leases");
-    assert!(vanished > 0, "no lease was lost: it shows too little");
+    assert!(vanished > 0, "no lease was lost: the test shows too little");
     place.store.close().await;
     drop(told);
 }
 
-/// Tells the seed where the test fails.
+/// Prints the seed if the test fails.
 struct Told(u64);
 
 impl Drop for Told {
     fn drop(&mut self) {
         if std::thread::panicking() {
-            eprintln!("to see the same faults again: {SEED}={}", self.0);
+            eprintln!("to reproduce these faults: {SEED}={}", self.0);
         }
     }
 }

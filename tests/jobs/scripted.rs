@@ -1,4 +1,4 @@
-//! A generator that follows a script in the job's spec, and a place to run it in.
+//! A generator that follows a script in the job's spec, and a [`Place`] to run it: stores, artifacts and scratch.
 
 use crate::cluster::Cluster;
 use crate::gate::{self, Busy};
@@ -13,10 +13,11 @@ use oviduct::sim::gpu::GpuError;
 use oviduct::worker::{BatchEnds, BatchGenerator, BatchWork, Generator, PoolOptions, Work, WorkError, WorkerPool};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// The bytes that a job's file must have: a function of seed and name alone. `model.glb` of seed 2 takes several parts.
+/// The expected bytes of a job's file: a function of seed and name alone. `model.glb` of seed 2 is uploaded in several parts.
 pub fn content(seed: u64, name: &str) -> Vec<u8> {
     let length = if name == "model.glb" && seed == 2 { 9_000_000 } else { 1000 };
     let mut word = seed * 2 + name.len() as u64;
@@ -39,20 +40,17 @@ fn section() -> Section {
     Section { step: 10.0, z_um: 300.0, added: false, inner: ring(1000), outer: ring(100) }
 }
 
-/// `spec.script`: `ok`, `wait` (for a cancel), `prove` (likewise, under its certificate), `hold` (until the gate of the
-/// place opens, or for a cancel), `deaf` (until the gate opens, without looking at the token), `slow` (1.2 s), `panic`,
+/// `spec.script`: `ok`, `wait` (for a cancel), `hold` (until the gate of the
+/// place opens, or for a cancel), `deaf` (until the gate opens, ignoring the cancel token), `slow` (1.2 s), `panic`,
 /// `memory`, `certificate`, `io`, `spec`.
 pub fn generate(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, WorkError> {
     let script = work.job.spec["script"].as_str().unwrap().to_owned();
     sink.progress(&progress(Stage::Simulate, 0.1));
     sink.section(&section());
-    if script == "prove" {
-        sink.progress(&progress(Stage::Certify, 0.8));
-    }
     let since = Stopwatch::start();
     let goes_on = || match script.as_str() {
         "hold" | "deaf" => !gate::is_open(&work.job.spec),
-        "wait" | "prove" => since.elapsed() < Duration::from_secs(600),
+        "wait" => since.elapsed() < Duration::from_secs(600),
         "slow" => since.elapsed() < Duration::from_millis(1200),
         _ => since.elapsed() < Duration::from_millis(20),
     };
@@ -71,7 +69,7 @@ pub fn generate(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result
         }
         "certificate" => return Err(GenerateError::Certificate { detail }.into()),
         "io" => {
-            let source = std::io::Error::from(std::io::ErrorKind::StorageFull);
+            let source = std::io::Error::from(std::io::ErrorKind::InvalidData);
             return Err(GenerateError::Io { name: "model.glb".into(), source }.into());
         }
         "spec" => return Err(WorkError::Spec { detail }),
@@ -103,11 +101,11 @@ pub fn generate(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result
     })
 }
 
-/// How a [`FakeGpu`] fares.
+/// What happens to a [`FakeGpu`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fate {
     Well,
-    /// The next batch is lost with it; then it can be opened again.
+    /// It is lost with the next batch; then it can be opened again.
     Lost,
     OutOfMemory,
     /// Nothing fits.
@@ -117,17 +115,22 @@ pub enum Fate {
     Panics,
 }
 
-/// A GPU that follows the scripts of its members, each on a thread of its own. Jobs of the same `spec.size` fit
-/// together. Members whose script is `ok` end before a fate strikes.
+/// Memory of a [`FakeGpu`], in the unit of `spec.size`.
+pub const ROOM: u64 = 8;
+
+/// A GPU that follows the scripts of its members, each on a thread of its own. Jobs fit together up to a `spec.size` of
+/// [`ROOM`]. Members whose script is `ok` end before a fate strikes.
 pub struct FakeGpu {
     pub fate: Mutex<Fate>,
+    /// Opening it takes until this is false.
+    pub is_opening: AtomicBool,
     /// Seeds of the jobs of each batch.
     pub batches: Mutex<Vec<Vec<u64>>>,
 }
 
 impl FakeGpu {
     pub fn new(fate: Fate) -> Arc<Self> {
-        Arc::new(Self { fate: Mutex::new(fate), batches: Mutex::default() })
+        Arc::new(Self { fate: Mutex::new(fate), is_opening: AtomicBool::new(false), batches: Mutex::default() })
     }
 }
 
@@ -137,6 +140,9 @@ impl BatchGenerator for FakeGpu {
     }
 
     fn open(&self) -> Result<(), String> {
+        while self.is_opening.load(Ordering::SeqCst) {
+            std::thread::sleep(Duration::from_millis(5));
+        }
         if *self.fate.lock().unwrap() == Fate::Gone { Err("it was pulled out".to_owned()) } else { Ok(()) }
     }
 
@@ -145,7 +151,14 @@ impl BatchGenerator for FakeGpu {
         if *self.fate.lock().unwrap() == Fate::Unfit {
             return Err("it is too large for the GPU".to_owned());
         }
-        Ok(jobs.iter().map(|job| job.spec["size"] == jobs[0].spec["size"]).collect())
+        let mut used = 0;
+        let mut fits = |job: &&Job| {
+            let size = job.spec["size"].as_u64().unwrap();
+            let fits = used + size <= ROOM;
+            used += if fits { size } else { 0 };
+            fits
+        };
+        Ok(jobs.iter().map(&mut fits).collect())
     }
 
     fn generate(&self, members: &[BatchWork<'_>], ended: BatchEnds<'_>) {
@@ -184,7 +197,7 @@ pub fn scripted(script: &str, seed: u64) -> NewJob {
     NewJob { seed, spec, reuse: false, ..new_job(&format!("{script} {seed}")) }
 }
 
-/// Which database a place stands on.
+/// The database of a place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ground {
     Sqlite,
@@ -192,7 +205,7 @@ pub enum Ground {
 }
 
 impl Ground {
-    /// A new database, in `dir` where it is a file.
+    /// The URL of a new database; in `dir` if it is a file.
     pub async fn url(self, dir: &Path) -> String {
         match self {
             Self::Sqlite => format!("sqlite:{}", dir.join("jobs.db").display()),
@@ -201,18 +214,18 @@ impl Ground {
     }
 }
 
-/// A store, artifacts and scratch in a folder.
+/// A job store, an artifact store and scratch in one directory.
 pub struct Place {
     pub dir: PathBuf,
     pub store: Arc<dyn Store>,
     pub artifacts: Artifacts,
-    /// What the scripted generator does here, but for that of a GPU.
+    /// Counts the generations that run here, except on a GPU.
     pub busy: Arc<Busy>,
     own: Option<tempfile::TempDir>,
 }
 
 impl Place {
-    /// In memory and a temporary folder.
+    /// A place over a store in memory and a temporary directory.
     pub async fn fresh(change: impl FnOnce(&mut StoreOptions)) -> Self {
         let mut options = StoreOptions::default();
         change(&mut options);
@@ -227,7 +240,7 @@ impl Place {
         }
     }
 
-    /// On a new database of the kind, and a temporary folder.
+    /// A place over a new database of this kind and a temporary directory.
     pub async fn on(ground: Ground, options: StoreOptions) -> Self {
         let own = tempfile::tempdir().unwrap();
         let url = ground.url(own.path()).await;
@@ -236,7 +249,7 @@ impl Place {
         place
     }
 
-    /// Over the database at `url`, with files under `dir`.
+    /// A place over the database at `url`, with files under `dir`.
     pub async fn at(dir: &Path, url: &str) -> Self {
         Self::with(dir, url, StoreOptions::default()).await
     }
@@ -247,7 +260,7 @@ impl Place {
         Self { dir: dir.to_owned(), store, artifacts, busy: Arc::default(), own: None }
     }
 
-    /// No lease runs out because the machine is slow; where one is to, the test says so.
+    /// Leases are so long that none expires because the machine is slow; a test that wants one to expire sets its own.
     pub fn options(&self) -> PoolOptions {
         let (scratch, lease) = (self.dir.join("scratch"), Duration::from_secs(600));
         PoolOptions { threads: 2, memory_limit_bytes: Some(1 << 30), lease, ..PoolOptions::new(scratch) }
@@ -266,12 +279,12 @@ impl Place {
         WorkerPool::start_with_gpus(store, artifacts, self.busy.generator(), gpus, options, Clock::System).unwrap()
     }
 
-    /// Starts workers that see the store in their own way.
+    /// Starts workers over another view of the store.
     pub fn start_over(&self, store: Arc<dyn Store>, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
         self.start_with(store, Clock::System, self.busy.generator(), change)
     }
 
-    /// Starts workers whose signs of life are by `clock`.
+    /// Starts workers whose heartbeats are timed by `clock`.
     pub fn start_by(&self, clock: Clock, change: impl FnOnce(&mut PoolOptions)) -> WorkerPool {
         self.start_with(Arc::clone(&self.store), clock, self.busy.generator(), change)
     }
@@ -302,28 +315,28 @@ impl Place {
                 if done(&job) {
                     return job;
                 }
-                // What is not told is found all the same.
+                // Polling finds changes that are not notified.
                 let _ = tokio::time::timeout(Duration::from_millis(500), changes.recv()).await;
             }
         };
-        tokio::time::timeout(Duration::from_secs(600), wait).await.expect("it never came about")
+        tokio::time::timeout(Duration::from_secs(600), wait).await.expect("it never happened")
     }
 
     pub async fn ended(&self, id: JobId) -> Job {
         self.until(id, |job| job.status.is_ended()).await
     }
 
-    /// The files that anyone could see in the artifact store, by path under it.
+    /// The visible files of the artifact store.
     pub fn visible(&self) -> Vec<PathBuf> {
         visible(&self.dir.join("artifacts"))
     }
 
-    /// Everything that workers left in scratch folders.
+    /// All files in the scratch directory.
     pub fn scratch(&self) -> Vec<PathBuf> {
         visible(&self.dir.join("scratch"))
     }
 
-    /// Checks that the job's files are there and right, byte for byte.
+    /// Checks the job's files byte for byte.
     pub async fn check_files(&self, job: &Job) {
         let names: Vec<&str> = job.files.iter().map(|file| file.name.as_str()).collect();
         assert_eq!(names, NAMES);
@@ -335,7 +348,7 @@ impl Place {
     }
 }
 
-/// Files below a folder, without those that an upload is staging and without locks.
+/// Files below a directory, without those that an upload is staging and without lock files.
 pub fn visible(folder: &Path) -> Vec<PathBuf> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {

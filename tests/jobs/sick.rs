@@ -1,4 +1,4 @@
-//! Machines that are not well: what they cannot do costs no job its attempts.
+//! Scratch directories that cannot be used: no attempt counts.
 
 use crate::scripted::Place;
 use futures_util::future::join_all;
@@ -8,7 +8,7 @@ use oviduct::worker::PoolOptions;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// The scratch folder of the one process that has one.
+/// The scratch directory of the only process.
 fn scratch(place: &Place) -> PathBuf {
     let entries = std::fs::read_dir(place.dir.join("scratch")).unwrap().flatten();
     let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
@@ -22,20 +22,20 @@ fn quick(options: &mut PoolOptions) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_scratch_folder_that_is_out_of_order_costs_no_attempts() {
+async fn without_its_scratch_directory_a_worker_claims_nothing() {
     let place = Place::fresh(|_| {}).await;
     let pool = place.start(quick);
     let folder = scratch(&place);
     let away = place.dir.join("away");
     std::fs::rename(&folder, &away).unwrap();
-    std::fs::write(&folder, "a file where a folder must be").unwrap();
+    std::fs::write(&folder, "a file instead of a directory").unwrap();
     let mut ids = Vec::new();
     for seed in 0..50 {
         ids.push(place.queue("ok", 10 + seed).await);
     }
-    // Long enough for each to use up its attempts, if that counted.
+    // Long enough for each job to use up its attempts if it were claimed.
     tokio::time::sleep(Duration::from_secs(2)).await;
-    assert_eq!(place.store.counts().await.unwrap().queued, 50, "a worker without scratch claims nothing");
+    assert_eq!(place.store.counts().await.unwrap().queued, 50, "jobs were claimed without a scratch directory");
     std::fs::remove_file(&folder).unwrap();
     std::fs::rename(&away, &folder).unwrap();
     for job in join_all(ids.iter().map(|&id| place.ended(id))).await {
@@ -44,9 +44,9 @@ async fn a_scratch_folder_that_is_out_of_order_costs_no_attempts() {
     pool.shutdown(Duration::from_secs(5)).await;
 }
 
-/// The folder of its first attempt cannot be made, however well all looks before.
+/// The directory of its first attempt cannot be created although the check before the claim passed.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn an_attempt_that_finds_no_folder_does_not_count() {
+async fn an_attempt_whose_directory_cannot_be_created_does_not_count() {
     let place = Place::fresh(|options| options.max_attempts = 1).await;
     let pool = place.start(quick);
     let folder = scratch(&place);

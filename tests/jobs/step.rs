@@ -1,4 +1,4 @@
-//! Clocks that are wrong: set back, ahead of the database, behind the files.
+//! Clocks that are wrong: set back, ahead of the database, behind the times of files.
 
 use crate::scripted::{Ground, Place, scripted};
 use crate::suite::{LEASE, finished, new_job, problem};
@@ -12,7 +12,7 @@ use std::time::Duration;
 const HOUR: Duration = Duration::from_secs(3600);
 
 fn set_back(clock: &Clock, by: Duration) {
-    let Clock::Manual(at) = clock else { panic!("a clock that nobody can set") };
+    let Clock::Manual(at) = clock else { panic!("the clock cannot be set") };
     let mut at = at.lock().unwrap();
     *at = at.saturating_sub(by).unwrap();
 }
@@ -21,18 +21,18 @@ async fn claim(store: &dyn Store) -> Option<ClaimedJob> {
     store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop()
 }
 
-async fn a_clock_that_is_set_back_holds_up_nothing(ground: Ground) {
+async fn a_clock_that_is_set_back_delays_no_job(ground: Ground) {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let options = StoreOptions { clock: clock.clone(), ..StoreOptions::default() };
     let place = Place::on(ground, options).await;
     let submit = async |digest: &str| place.store.submit(new_job(digest)).await.unwrap().job().id;
-    let (given_back, retried, queued) = (submit("a").await, submit("b").await, submit("c").await);
+    let (released, retried, queued) = (submit("a").await, submit("b").await, submit("c").await);
     let claimed = claim(&*place.store).await.unwrap();
-    assert_eq!(claimed.job().id, given_back);
+    assert_eq!(claimed.job().id, released);
     place.store.release(claimed).await.unwrap();
     let first = claim(&*place.store).await.unwrap();
     let claimed = claim(&*place.store).await.unwrap();
-    assert_eq!((first.job().id, claimed.job().id), (given_back, retried));
+    assert_eq!((first.job().id, claimed.job().id), (released, retried));
     place.store.retry(claimed, problem("io")).await.unwrap();
     place.store.release(first).await.unwrap();
     set_back(&clock, HOUR);
@@ -42,23 +42,23 @@ async fn a_clock_that_is_set_back_holds_up_nothing(ground: Ground) {
         let done = finished(&claimed);
         place.store.finish(claimed, done).await.unwrap();
     }
-    assert_eq!(order, [given_back, retried, queued]);
+    assert_eq!(order, [released, retried, queued]);
     place.store.close().await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_clock_that_is_set_back_holds_up_nothing_on_sqlite() {
-    a_clock_that_is_set_back_holds_up_nothing(Ground::Sqlite).await;
+async fn a_clock_that_is_set_back_delays_no_job_on_sqlite() {
+    a_clock_that_is_set_back_delays_no_job(Ground::Sqlite).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_clock_that_is_set_back_holds_up_nothing_on_postgres() {
-    a_clock_that_is_set_back_holds_up_nothing(Ground::Postgres).await;
+async fn a_clock_that_is_set_back_delays_no_job_on_postgres() {
+    a_clock_that_is_set_back_delays_no_job(Ground::Postgres).await;
 }
 
-/// Ages are by the store's clock, which is years behind that of this process.
+/// Ages are measured by the store's clock, which is years behind that of this process.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_is_kept_and_who_is_alive_is_by_the_clock_of_the_store() {
+async fn retention_and_live_workers_are_by_the_clock_of_the_store() {
     let clock = Clock::manual("2020-01-02T03:04:05Z".parse().unwrap());
     let place = Place::fresh(|options| options.clock = clock.clone()).await;
     let pool = place.start(|_| {});
@@ -75,9 +75,9 @@ async fn what_is_kept_and_who_is_alive_is_by_the_clock_of_the_store() {
     assert_eq!(sweep().await, 1);
 }
 
-/// Models that share files count them once, and what is taken off after each is what the store would sum.
+/// Models that share files count them once, and the size after each removal is the sum that the store would compute.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_is_removed_for_room_is_counted_off() {
+async fn removed_models_reduce_the_stored_size() {
     let place = Place::fresh(|_| {}).await;
     let pool = place.start(|_| {});
     let mut made = Vec::new();
@@ -87,7 +87,7 @@ async fn what_is_removed_for_room_is_counted_off() {
     pool.shutdown(Duration::from_secs(5)).await;
     let shared = oviduct::jobs::NewJob { reuse: true, ..scripted("ok", 10) };
     let shared = place.store.submit(shared).await.unwrap().job().id;
-    // Two files of a thousand bytes each; the first goes without its files, for another has them.
+    // Two files of a thousand bytes each; the first is removed without its files, which another model names.
     let keeps = Retention { age: None, bytes: Some(7999) };
     let swept = keeps.sweep(&*place.store, &place.artifacts).await.unwrap();
     assert_eq!((swept.removed, swept.stored_bytes), (3, Some(6000)));
@@ -96,7 +96,7 @@ async fn what_is_removed_for_room_is_counted_off() {
     assert!(place.store.get(made[3].id).await.unwrap().is_some());
 }
 
-/// Files of an attempt that runs stay, however old their times make them; once it is over they go.
+/// Files of a running attempt are kept, however old they seem; once it is over they are removed.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_sweep_leaves_the_files_of_a_running_attempt() {
     let place = Place::fresh(|_| {}).await;
@@ -110,7 +110,7 @@ async fn a_sweep_leaves_the_files_of_a_running_attempt() {
     }
     let staged = place.dir.join(format!("artifacts/{}#1", key(1)));
     std::fs::write(&staged, "half").unwrap();
-    // The clock of the files is behind: they look older than the process.
+    // The clock of the files is behind: they seem older than the process.
     let now = Clock::System.now() + Duration::from_secs(60);
     let sweep = async || place.artifacts.sweep_orphans(&*place.store, now, Duration::ZERO).await.unwrap();
     assert_eq!(sweep().await, 1, "there is no second attempt yet");
@@ -120,7 +120,7 @@ async fn a_sweep_leaves_the_files_of_a_running_attempt() {
     assert!(place.visible().is_empty() && !staged.exists());
 }
 
-/// A batch goes with its last model, and its key with it, on both databases and from several connections.
+/// A batch is removed with its last model, and its idempotency key with it.
 async fn a_key_does_not_outlive_its_batch(ground: Ground) {
     let dir = tempfile::tempdir().unwrap();
     let url = ground.url(dir.path()).await;
@@ -143,7 +143,7 @@ async fn a_key_does_not_outlive_its_batch(ground: Ground) {
         assert!(b.unwrap().is_some() && c.unwrap().is_some());
         assert_eq!(place.store.batch(taken.id).await.unwrap(), None);
     }
-    // One that an older version left without models.
+    // A batch without models that an older version left.
     let left = "INSERT INTO batches (id, created_at, idempotency_key, idempotency_body) \
                 VALUES ('01900000-0000-7000-8000-000000000000', 0, 'weekly', 'body')";
     execute(ground, &url, left).await;

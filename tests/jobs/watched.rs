@@ -1,5 +1,4 @@
-//! A store as its workers see it, under a test's eye: it counts their heartbeats. It can be one that never tells of
-//! changes, as a worker on another machine sees one whose notifications are lost, or one that is slow.
+//! A store that counts the heartbeats of its workers. It can also drop all notifications of changes, or be slow.
 
 use crate::between::{Between, Eye};
 use async_trait::async_trait;
@@ -9,7 +8,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::sync::{broadcast, watch};
 
-/// Longest wait for heartbeats that shall come.
+/// Longest wait for heartbeats.
 const DEADLINE: Duration = Duration::from_secs(600);
 
 /// A store whose heartbeats are watched.
@@ -17,11 +16,11 @@ pub type Watched = Between<Heartbeats>;
 
 pub struct Heartbeats {
     deaf: bool,
-    /// What each heartbeat takes at least.
+    /// Least time that each heartbeat takes.
     call: Duration,
     /// Heartbeats that have arrived.
     beats: watch::Sender<u32>,
-    /// Since the last heartbeat was begun, and the least time between two.
+    /// Since the start of the last heartbeat, and the least time between the starts of two.
     pace: Mutex<(Option<Stopwatch>, Duration)>,
 }
 
@@ -30,12 +29,12 @@ impl Heartbeats {
         Self::with(store, false, Duration::ZERO)
     }
 
-    /// Never tells of changes.
+    /// A store that notifies nobody of changes.
     pub fn deaf(store: &Arc<dyn Store>) -> Arc<Watched> {
         Self::with(store, true, Duration::ZERO)
     }
 
-    /// Whose heartbeats take their time.
+    /// A store whose heartbeats take at least `call`.
     pub fn slow(store: &Arc<dyn Store>, call: Duration) -> Arc<Watched> {
         Self::with(store, false, call)
     }
@@ -45,7 +44,7 @@ impl Heartbeats {
         Between::new(Arc::clone(store), Self { deaf, call, beats: watch::Sender::new(0), pace })
     }
 
-    /// Waits for so many more heartbeats to arrive. Of two of one job the later was begun after this was called.
+    /// Waits for so many more heartbeats to arrive. Of two heartbeats of one job, the second began after this call.
     pub async fn beats(&self, more: u32) {
         let mut beats = self.beats.subscribe();
         let enough = *beats.borrow() + more;
@@ -53,12 +52,12 @@ impl Heartbeats {
         waited.expect("no heartbeat came").unwrap();
     }
 
-    /// Forgets the pace of heartbeats so far.
+    /// Starts to measure the pace anew.
     pub fn forget_pace(&self) {
         *self.pace.lock().unwrap() = (None, Duration::MAX);
     }
 
-    /// The least time between the begins of two heartbeats.
+    /// The least time between the starts of two heartbeats.
     pub fn pace(&self) -> Duration {
         self.pace.lock().unwrap().1
     }

@@ -219,6 +219,10 @@ impl<E: Engine> Store for SqlStore<E> {
         self.end(&claimed, Event::Release(claimed.fence()), Record::Nothing).await.map(drop)
     }
 
+    async fn release_because(&self, claimed: ClaimedJob, problem: Problem) -> Result<(), StoreError> {
+        self.end(&claimed, Event::Release(claimed.fence()), Record::Fault(problem)).await.map(drop)
+    }
+
     async fn retry(&self, claimed: ClaimedJob, problem: Problem) -> Result<Job, StoreError> {
         self.end(&claimed, Event::Retry(claimed.fence()), Record::Fault(problem)).await
     }

@@ -1,0 +1,237 @@
+//! Generations on a GPU: a batch at a time, each member with an end of its own.
+
+use super::cpu::threads;
+use super::{GenerateFailure, Generation, Task, request, resolve};
+use crate::generate::{Backend, GenerateError, Member, Outcome, generate_batch};
+use crate::jobs::{BackendReport, Job};
+use crate::sim::Plan;
+use crate::sim::gpu::{Adapter, GpuDevice, GpuError, GpuOptions, adapters};
+use crate::worker::generator::{BatchEnds, BatchGenerator, BatchWork, Work, WorkError};
+use crate::worker::verdict;
+use rayon::ThreadPool;
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
+
+type Answer = oneshot::Sender<Result<Outcome, WorkError>>;
+
+/// The device of a GPU worker.
+pub(in crate::worker) struct Gpu {
+    generator: Arc<dyn BatchGenerator>,
+    /// One thread more than the worker has: it drives the device.
+    pool: Arc<ThreadPool>,
+    free: Arc<Semaphore>,
+}
+
+impl Gpu {
+    /// Starts the threads of a GPU worker that has `count` threads for the surfaces.
+    ///
+    /// # Errors
+    /// If threads cannot be created.
+    pub(in crate::worker) fn new(worker: &str, count: usize, generator: Arc<dyn BatchGenerator>) -> io::Result<Self> {
+        let pool = threads(&format!("{worker}-batch"), count + 1)?;
+        Ok(Self { generator, pool, free: Arc::new(Semaphore::new(1)) })
+    }
+
+    /// The description of the device.
+    pub(in crate::worker) fn device(&self) -> String {
+        self.generator.device()
+    }
+
+    /// What a record says of a job that runs here, by the backend that it asked for.
+    pub(in crate::worker) fn report(&self, requested: Backend) -> BackendReport {
+        BackendReport { requested, used: Some(Backend::Gpu), device: Some(self.device()), fallback: None }
+    }
+
+    /// Waits until no batch uses the device.
+    pub(in crate::worker) async fn free(&self) -> OwnedSemaphorePermit {
+        Arc::clone(&self.free).acquire_owned().await.expect("the semaphore is never closed")
+    }
+
+    /// Opens the device, anew if it was lost.
+    ///
+    /// # Errors
+    /// Why it cannot be opened.
+    pub(in crate::worker) async fn open(&self) -> Result<(), String> {
+        let generator = Arc::clone(&self.generator);
+        let opened = tokio::task::spawn_blocking(move || generator.open()).await;
+        opened.unwrap_or_else(|panic| Err(panic.to_string()))
+    }
+
+    /// Which of `jobs` fit on the device together; see [`BatchGenerator::admit`].
+    ///
+    /// # Errors
+    /// Why not even the first can run there.
+    pub(in crate::worker) async fn admit(&self, jobs: Vec<Job>) -> Result<Vec<bool>, String> {
+        let generator = Arc::clone(&self.generator);
+        let admitted = tokio::task::spawn_blocking(move || generator.admit(&jobs.iter().collect::<Vec<_>>())).await;
+        admitted.unwrap_or_else(|panic| Err(format!("the GPU worker panicked: {panic}")))
+    }
+
+    /// Starts a batch on a thread that may block; it keeps `permit` until the device is free again. Each task gets a
+    /// generation of its own, in the same order.
+    pub(in crate::worker) fn generate(&self, tasks: Vec<Task>, permit: OwnedSemaphorePermit) -> Vec<Generation> {
+        let (mut answers, mut generations): (Vec<Mutex<Option<Answer>>>, _) = (Vec::new(), Vec::new());
+        for task in &tasks {
+            let (answer, result) = oneshot::channel();
+            answers.push(Mutex::new(Some(answer)));
+            let result = async move {
+                match result.await {
+                    Ok(result) => Ok(result?),
+                    Err(_) => Err(GenerateFailure::Verdict(verdict::of_silence())),
+                }
+            };
+            generations.push(Generation::new(result, task.cancel.clone(), None));
+        }
+        if tasks.is_empty() {
+            return generations;
+        }
+        let (generator, pool) = (Arc::clone(&self.generator), Arc::clone(&self.pool));
+        tokio::task::spawn_blocking(move || {
+            let _permit = permit;
+            let works: Vec<BatchWork<'_>> = tasks.iter().map(member).collect();
+            let end = |place: usize, result| {
+                let answer = answers[place].lock().unwrap_or_else(PoisonError::into_inner).take();
+                // If the receiver is gone, the member was interrupted.
+                answer.map(|answer| answer.send(result).is_ok());
+            };
+            let run = || pool.install(|| generator.generate(&works, &|place, result| end(place, result)));
+            if let Err(panic) = catch_unwind(AssertUnwindSafe(run)) {
+                let detail = verdict::panic_message(panic.as_ref());
+                for place in 0..works.len() {
+                    end(place, Err(GenerateError::Panic { detail: detail.clone() }.into()));
+                }
+            }
+        });
+        generations
+    }
+}
+
+fn member(task: &Task) -> BatchWork<'_> {
+    let Task { job, dir, sink, cancel, memory_limit_bytes, .. } = task;
+    let (backend, memory_limit_bytes) = (Backend::Gpu, *memory_limit_bytes);
+    BatchWork {
+        work: Work { job, backend, dir: dir.path(), memory_limit_bytes, checkpoint: None },
+        sink: &**sink,
+        cancel,
+    }
+}
+
+/// The generator of one GPU. Opens its device when it is first needed, and anew if it was lost.
+#[derive(Debug)]
+pub struct GpuGenerator {
+    name: String,
+    /// Index among the adapters of the same name.
+    ordinal: usize,
+    options: GpuOptions,
+    device: Mutex<Option<GpuDevice>>,
+}
+
+impl GpuGenerator {
+    /// A generator for each adapter that `options` allow, best first.
+    ///
+    /// # Errors
+    /// [`GpuError`] if there is none.
+    pub fn all(options: GpuOptions) -> Result<Vec<Self>, GpuError> {
+        let found = adapters(&options)?;
+        let of = |(place, adapter): (usize, &Adapter)| Self {
+            name: adapter.name.clone(),
+            ordinal: found[..place].iter().filter(|other| other.name == adapter.name).count(),
+            options,
+            device: Mutex::new(None),
+        };
+        Ok(found.iter().enumerate().map(of).collect())
+    }
+
+    /// The open device.
+    ///
+    /// # Errors
+    /// [`GpuError`] if it cannot be opened.
+    pub fn device(&self) -> Result<GpuDevice, GpuError> {
+        let mut place = self.place();
+        if let Some(device) = place.as_ref().filter(|device| !device.is_lost()) {
+            return Ok(device.clone());
+        }
+        // A lost device is dropped before a new one is opened.
+        *place = None;
+        let found = adapters(&self.options)?;
+        let mut same = found.iter().filter(|adapter| adapter.name == self.name);
+        let gone = || GpuError::NotOpened { adapter: self.name.clone(), detail: "it is no longer there".to_owned() };
+        let device = GpuDevice::open(same.nth(self.ordinal).ok_or_else(gone)?, &self.options)?;
+        Ok(place.insert(device).clone())
+    }
+
+    /// Loses the device on purpose, whatever it is computing: for tests of the fallback.
+    pub fn lose(&self) {
+        if let Some(device) = self.place().as_ref() {
+            device.lose();
+        }
+    }
+
+    fn place(&self) -> MutexGuard<'_, Option<GpuDevice>> {
+        self.device.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl BatchGenerator for GpuGenerator {
+    fn device(&self) -> String {
+        self.name.clone()
+    }
+
+    fn open(&self) -> Result<(), String> {
+        Self::device(self).map(drop).map_err(|error| error.to_string())
+    }
+
+    fn admit(&self, jobs: &[&Job]) -> Result<Vec<bool>, String> {
+        let device = Self::device(self).map_err(|error| error.to_string())?;
+        let plan = |job: &Job| resolve(job).map(|spec| Plan::new(&spec, job.seed)).ok();
+        let mut admitted = vec![false; jobs.len()];
+        admitted[0] = true;
+        let Some(first) = plan(jobs[0]) else {
+            // It will fail with the reason.
+            return Ok(admitted);
+        };
+        device.fits(&[&first]).map_err(|error| error.to_string())?;
+        let mut plans = vec![first];
+        for (job, admitted) in jobs.iter().zip(&mut admitted).skip(1) {
+            plans.extend(plan(job));
+            let together: Vec<&Plan> = plans.iter().collect();
+            *admitted = device.fits(&together).is_ok();
+            if !*admitted {
+                plans.pop();
+            }
+        }
+        Ok(admitted)
+    }
+
+    fn generate(&self, members: &[BatchWork<'_>], ended: BatchEnds<'_>) {
+        let mut places = Vec::with_capacity(members.len());
+        let mut requests = Vec::with_capacity(members.len());
+        for (place, member) in members.iter().enumerate() {
+            match request(member.work) {
+                Ok(request) => {
+                    places.push(place);
+                    requests.push(request);
+                }
+                Err(error) => ended(place, Err(error)),
+            }
+        }
+        match Self::device(self) {
+            Ok(device) => {
+                let member = |(request, &place): (_, &usize)| Member {
+                    request,
+                    sink: members[place].sink,
+                    cancel: members[place].cancel,
+                };
+                let batch: Vec<Member<'_>> = requests.iter().zip(&places).map(member).collect();
+                generate_batch(&device, &batch, &|index, result| ended(places[index], result.map_err(WorkError::from)));
+            }
+            Err(error) => {
+                for &place in &places {
+                    ended(place, Err(GenerateError::Gpu(error.clone()).into()));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,125 @@
+//! Generations on threads of their own: what the CPU and GPU backends have in common.
+
+pub(super) mod cpu;
+pub(super) mod gpu;
+
+use super::generator::{Work, WorkError};
+use super::progress::AttemptSink;
+use super::verdict::{self, Verdict};
+use crate::generate::{CancelToken, GenerateError, Outcome, Request};
+use crate::jobs::Job;
+use crate::jobs::scratch::AttemptDir;
+use crate::spec::{self, ModelSpec};
+use bytes::Bytes;
+use std::future::Future;
+use std::pin::Pin;
+use std::sync::Arc;
+use tokio::sync::OwnedSemaphorePermit;
+
+/// What a generation needs; owned, since its thread may outlive the attempt that started it.
+pub(super) struct Task {
+    pub(super) job: Job,
+    pub(super) dir: Arc<AttemptDir>,
+    pub(super) sink: Arc<AttemptSink>,
+    pub(super) cancel: CancelToken,
+    pub(super) memory_limit_bytes: Option<u64>,
+    pub(super) checkpoint: Option<Bytes>,
+}
+
+/// Why a generation gave no model.
+pub(super) enum GenerateFailure {
+    /// For this reason the attempt ends.
+    Verdict(Verdict),
+    /// The GPU could not grow it; a CPU may.
+    Gpu(String),
+}
+
+impl From<WorkError> for GenerateFailure {
+    fn from(error: WorkError) -> Self {
+        match error {
+            WorkError::Generate(GenerateError::Gpu(error)) => Self::Gpu(error.to_string()),
+            error => Self::Verdict(verdict::of_error(&error)),
+        }
+    }
+}
+
+type Result<T> = std::result::Result<T, GenerateFailure>;
+
+/// A running generation. Dropping it tells it to stop; its thread ends by itself.
+pub(super) struct Generation {
+    result: Pin<Box<dyn Future<Output = Result<Outcome>> + Send>>,
+    cancel: CancelToken,
+    /// The right to use the threads of the CPU, if it has them.
+    _threads: Option<OwnedSemaphorePermit>,
+}
+
+impl Generation {
+    /// `result` resolves when the threads have stopped working on it, after `cancel` too.
+    fn new(
+        result: impl Future<Output = Result<Outcome>> + Send + 'static,
+        cancel: CancelToken,
+        threads: Option<OwnedSemaphorePermit>,
+    ) -> Self {
+        Self { result: Box::pin(result), cancel, _threads: threads }
+    }
+
+    /// One that a GPU could not begin.
+    pub(super) fn refused(reason: String) -> Self {
+        Self::new(async move { Err(GenerateFailure::Gpu(reason)) }, CancelToken::default(), None)
+    }
+
+    /// Its result. May be dropped and called again until it has resolved.
+    pub(super) fn result(&mut self) -> impl Future<Output = Result<Outcome>> + '_ {
+        &mut self.result
+    }
+
+    /// Tells it to stop.
+    pub(super) fn stop(&self) {
+        self.cancel.cancel();
+    }
+}
+
+impl Drop for Generation {
+    fn drop(&mut self) {
+        self.cancel.cancel();
+    }
+}
+
+/// What growing a job is predicted to take.
+pub(super) struct Prediction {
+    /// Seconds on one core.
+    pub(super) seconds: f64,
+    /// Bytes of all files.
+    pub(super) bytes: u64,
+}
+
+/// Predicts what growing a job takes; `None` if its spec is not valid for this engine.
+pub(super) fn predict(job: &Job) -> Option<Prediction> {
+    let outputs: Vec<&str> = job.outputs.iter().map(|output| output.extension()).collect();
+    let cost = resolve(job).ok()?.cost(&outputs);
+    let bytes = cost.bytes.values().fold(0_u64, |sum, bytes| sum.saturating_add(*bytes));
+    let seconds = cost.seconds.values().map(|estimate| estimate.seconds).fold(0.0, f64::max);
+    Some(Prediction { seconds, bytes })
+}
+
+fn resolve(job: &Job) -> std::result::Result<ModelSpec, WorkError> {
+    // A canonical spec names every parameter, so it resolves to the same on any preset.
+    let preset = spec::preset(&job.preset).unwrap_or(&spec::presets()[0]);
+    ModelSpec::resolve(preset, &job.spec).map_err(|faults| {
+        let faults: Vec<String> = faults.iter().map(ToString::to_string).collect();
+        WorkError::Spec { detail: faults.join("; ") }
+    })
+}
+
+fn request(work: Work<'_>) -> std::result::Result<Request, WorkError> {
+    let job = work.job;
+    Ok(Request {
+        preset: job.preset.clone(),
+        spec: resolve(job)?,
+        seed: job.seed,
+        backend: work.backend,
+        outputs: job.outputs.clone(),
+        dir: work.dir.to_owned(),
+        memory_limit_bytes: work.memory_limit_bytes,
+    })
+}

@@ -1,0 +1,35 @@
+//! What all slots and attempts of a pool share.
+
+use super::generator::Generator;
+use super::options::PoolOptions;
+use super::policy::Storage;
+use crate::clock::Clock;
+use crate::jobs::Store;
+use crate::jobs::artifacts::Artifacts;
+use crate::jobs::scratch::Scratch;
+use std::sync::Arc;
+use tokio::sync::watch;
+
+/// What all slots and attempts of a pool share.
+pub(super) struct Context {
+    pub(super) store: Arc<dyn Store>,
+    pub(super) artifacts: Artifacts,
+    /// Runs jobs on the CPU.
+    pub(super) generator: Arc<dyn Generator>,
+    pub(super) options: PoolOptions,
+    pub(super) clock: Clock,
+    pub(super) scratch: Arc<Scratch>,
+    pub(super) storage: Storage,
+    pub(super) phase: watch::Receiver<Phase>,
+}
+
+/// What the workers of a pool are to do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Phase {
+    /// Claim and run jobs.
+    Run,
+    /// Claim no more; running jobs may end.
+    Drain,
+    /// Release running jobs.
+    Release,
+}

@@ -1,0 +1,303 @@
+//! The sink of a generation: the newest progress for heartbeats, checkpoints for their mailbox, stages for traces.
+//!
+//! The generating thread only leaves the newest state here and the heartbeat fetches it at its own pace, so a generation never
+//! waits for the store.
+
+use super::checkpoint::Mailbox;
+use crate::generate::{CancelToken, Progress, Sink, Stage};
+use crate::jobs::LiveSection;
+use crate::jobs::fault::{Faults, Injected};
+use crate::model::{Ring, Section};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use tracing::Span;
+
+/// Most points of a thinned ring.
+const POINTS: usize = 512;
+
+/// The newest progress and section of an attempt.
+#[derive(Debug, Default)]
+pub(super) struct LiveProgress(Mutex<Latest>);
+
+#[derive(Debug, Default)]
+struct Latest {
+    progress: Option<Progress>,
+    /// Whether `progress` has not been fetched yet.
+    is_new: bool,
+    /// A section that has not been fetched yet.
+    section: Option<LiveSection>,
+    /// Sections recorded so far.
+    sections: u32,
+    /// Least fraction to report.
+    floor: f64,
+}
+
+/// What is new since the last heartbeat.
+#[derive(Debug, Default)]
+pub(super) struct Update {
+    pub(super) progress: Option<Progress>,
+    pub(super) section: Option<LiveSection>,
+}
+
+impl Update {
+    pub(super) fn is_empty(&self) -> bool {
+        self.progress.is_none() && self.section.is_none()
+    }
+}
+
+impl LiveProgress {
+    /// What is new since the last call.
+    pub(super) fn take(&self) -> Update {
+        let mut latest = self.latest();
+        let progress = if std::mem::take(&mut latest.is_new) { latest.progress } else { None };
+        Update { progress, section: latest.section.take() }
+    }
+
+    /// Puts back an update that could not be sent, unless something newer has come meanwhile.
+    pub(super) fn put_back(&self, update: Update) {
+        let mut latest = self.latest();
+        latest.is_new |= update.progress.is_some();
+        if latest.section.is_none() {
+            latest.section = update.section;
+        }
+    }
+
+    fn record(&self, progress: &Progress) {
+        let mut latest = self.latest();
+        latest.progress = Some(Progress { fraction: progress.fraction.max(latest.floor), ..*progress });
+        latest.is_new = true;
+    }
+
+    fn record_section(&self, section: &Section) {
+        let mut latest = self.latest();
+        let index = latest.sections;
+        latest.sections += 1;
+        latest.section = Some(LiveSection {
+            index,
+            step: section.step as u32,
+            z_um: section.z_um,
+            inner: thin(&section.inner),
+            outer: thin(&section.outer),
+        });
+    }
+
+    fn record_storing(&self) {
+        let mut latest = self.latest();
+        let mut progress = latest.progress.unwrap_or(Progress {
+            stage: Stage::Store,
+            fraction: 0.99,
+            step: 0,
+            steps: 0,
+            particles: 0,
+            sections: 0,
+            eta_seconds: None,
+        });
+        progress.stage = Stage::Store;
+        progress.fraction = progress.fraction.max(0.99);
+        progress.eta_seconds = None;
+        latest.progress = Some(progress);
+        latest.is_new = true;
+    }
+
+    /// Sections are counted from 0 again. The reported fraction stays until the new one has passed it, so that it never falls.
+    fn restart(&self) {
+        let mut latest = self.latest();
+        latest.sections = 0;
+        latest.section = None;
+        latest.floor = latest.progress.map_or(0.0, |progress| progress.fraction);
+    }
+
+    fn latest(&self) -> MutexGuard<'_, Latest> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// What the generations of one attempt write to.
+#[derive(Debug)]
+pub(super) struct AttemptSink {
+    pub(super) progress: LiveProgress,
+    pub(super) checkpoints: Mailbox,
+    /// The attempt, for logs and traces.
+    span: Span,
+    faults: Faults,
+    run: Mutex<Run>,
+}
+
+#[derive(Debug)]
+struct Run {
+    /// The current stage, for traces.
+    stage: Option<(Stage, Span)>,
+    /// Stops the current generation.
+    cancel: CancelToken,
+    injected: Option<Injected>,
+}
+
+impl AttemptSink {
+    /// The sink of an attempt that is traced by `span`. An injected fault stops the generation through `cancel`.
+    pub(super) fn new(checkpoints: Mailbox, span: Span, faults: Faults, cancel: CancelToken) -> Self {
+        let run = Mutex::new(Run { stage: None, cancel, injected: None });
+        Self { progress: LiveProgress::default(), checkpoints, span, faults, run }
+    }
+
+    /// The attempt, for logs and traces.
+    pub(super) fn span(&self) -> &Span {
+        &self.span
+    }
+
+    /// The files are being moved to the artifact store.
+    pub(super) fn storing(&self) {
+        self.enter(Stage::Store);
+        self.progress.record_storing();
+    }
+
+    /// Another generation of the same attempt starts from the beginning. An injected fault now stops it through `cancel`.
+    pub(super) fn restart(&self, cancel: CancelToken) {
+        self.run().cancel = cancel;
+        self.progress.restart();
+        self.checkpoints.restart();
+    }
+
+    /// The fault that was injected into the generation.
+    pub(super) fn injected(&self) -> Option<Injected> {
+        self.run().injected
+    }
+
+    /// Starts the span of a stage, and ends that of the stage before.
+    fn enter(&self, stage: Stage) {
+        let mut run = self.run();
+        if run.stage.as_ref().is_none_or(|(before, _)| *before != stage) {
+            run.stage = None;
+            run.stage = Some((stage, span(stage, &self.span)));
+        }
+    }
+
+    fn run(&self) -> MutexGuard<'_, Run> {
+        self.run.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Sink for AttemptSink {
+    fn progress(&self, progress: &Progress) {
+        self.enter(progress.stage);
+        self.progress.record(progress);
+        if let Err(injected) = self.faults.point_blocking(name(progress.stage)) {
+            let mut run = self.run();
+            run.injected = Some(injected);
+            run.cancel.cancel();
+        }
+    }
+
+    fn section(&self, section: &Section) {
+        if !section.added {
+            self.progress.record_section(section);
+        }
+    }
+
+    fn wants_checkpoint(&self) -> bool {
+        self.checkpoints.wants()
+    }
+
+    fn checkpoint(&self, bytes: Vec<u8>) {
+        self.checkpoints.put(bytes);
+    }
+}
+
+fn name(stage: Stage) -> &'static str {
+    match stage {
+        Stage::Simulate => "simulate",
+        Stage::Mesh => "mesh",
+        Stage::Certify => "certify",
+        Stage::Export => "export",
+        Stage::Store => "store",
+    }
+}
+
+fn span(stage: Stage, attempt: &Span) -> Span {
+    match stage {
+        Stage::Simulate => tracing::info_span!(parent: attempt, "simulate"),
+        Stage::Mesh => tracing::info_span!(parent: attempt, "mesh"),
+        Stage::Certify => tracing::info_span!(parent: attempt, "certify"),
+        Stage::Export => tracing::info_span!(parent: attempt, "export"),
+        Stage::Store => tracing::info_span!(parent: attempt, "store"),
+    }
+}
+
+/// At most [`POINTS`] points of a ring, evenly by count.
+fn thin(ring: &Ring) -> Vec<[f32; 2]> {
+    let n = ring.len();
+    let kept = n.min(POINTS);
+    (0..kept).map(|i| ring.points[i * n / kept]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ring(n: u32) -> Ring {
+        Ring { ids: (0..n).collect(), points: (0..n).map(|i| [i as f32, 0.0]).collect() }
+    }
+
+    fn sink(faults: Faults, cancel: CancelToken) -> AttemptSink {
+        AttemptSink::new(Mailbox::new(None), Span::none(), faults, cancel)
+    }
+
+    fn at(stage: Stage, step: u32, fraction: f64) -> Progress {
+        Progress { stage, fraction, step, steps: 10, particles: 3, sections: 1, eta_seconds: None }
+    }
+
+    #[test]
+    fn rings_are_thinned_evenly_and_in_order() {
+        for n in [0, 1, 511, 512, 513, 8300] {
+            let thinned = thin(&ring(n));
+            assert_eq!(thinned.len(), (n as usize).min(POINTS));
+            let gaps: Vec<f32> = thinned.windows(2).map(|w| w[1][0] - w[0][0]).collect();
+            let fair = n as f32 / thinned.len().max(1) as f32;
+            assert!(gaps.iter().all(|gap| *gap >= 1.0 && (gap - fair).abs() <= 1.0), "{n}");
+        }
+    }
+
+    #[test]
+    fn an_update_holds_what_is_newest_and_is_given_once() {
+        let sink = sink(Faults::none(), CancelToken::default());
+        let section = |step, added| Section { step, added, inner: ring(3), outer: ring(4), ..Section::default() };
+        sink.progress(&at(Stage::Simulate, 1, 0.1));
+        sink.progress(&at(Stage::Simulate, 2, 0.1));
+        sink.section(&section(0.0, false));
+        sink.section(&section(0.5, true));
+        sink.section(&section(1.0, false));
+        let update = sink.progress.take();
+        assert_eq!(update.progress.unwrap().step, 2);
+        assert_eq!(update.section.as_ref().unwrap().index, 1);
+        assert!(sink.progress.take().is_empty());
+        sink.progress.put_back(update);
+        assert_eq!(sink.progress.take().section.unwrap().index, 1);
+        sink.storing();
+        assert_eq!(sink.progress.take().progress.unwrap().stage, Stage::Store);
+    }
+
+    #[test]
+    fn a_restart_counts_sections_from_0_and_the_fraction_never_falls() {
+        let sink = sink(Faults::none(), CancelToken::default());
+        let section = Section { inner: ring(3), outer: ring(4), ..Section::default() };
+        sink.progress(&at(Stage::Simulate, 1, 0.4));
+        sink.section(&section);
+        sink.section(&section);
+        sink.restart(CancelToken::default());
+        assert!(sink.progress.take().section.is_none());
+        sink.progress(&at(Stage::Simulate, 1, 0.1));
+        sink.section(&section);
+        let update = sink.progress.take();
+        assert_eq!((update.progress.unwrap().fraction, update.section.unwrap().index), (0.4, 0));
+        sink.progress(&at(Stage::Simulate, 1, 0.5));
+        assert_eq!(sink.progress.take().progress.unwrap().fraction, 0.5);
+    }
+
+    #[test]
+    fn an_injected_fault_stops_the_generation() {
+        let cancel = CancelToken::default();
+        let sink = sink(Faults::parse("mesh:error").unwrap(), cancel.clone());
+        sink.progress(&at(Stage::Simulate, 10, 0.5));
+        assert!(sink.injected().is_none() && !cancel.is_cancelled());
+        sink.progress(&at(Stage::Mesh, 10, 0.5));
+        assert!(sink.injected() == Some(Injected("mesh")) && cancel.is_cancelled());
+    }
+}

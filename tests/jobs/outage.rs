@@ -1,0 +1,235 @@
+//! Artifact stores that are unavailable: no job fails, no attempt counts, and work goes on once they answer again.
+
+use crate::scripted::{Ground, Place};
+use async_trait::async_trait;
+use futures_util::future::join_all;
+use futures_util::stream::BoxStream;
+use object_store::memory::InMemory;
+use object_store::path::Path;
+use object_store::{
+    CopyOptions, Error, GetOptions, GetResult, ListResult, MultipartUpload, ObjectMeta, ObjectStore,
+    PutMultipartOptions, PutOptions, PutPayload, PutResult, Result,
+};
+use oviduct::generate::Stage;
+use oviduct::jobs::artifacts::Artifacts;
+use oviduct::jobs::state::AttemptEnd;
+use oviduct::jobs::{Attempt, JobId, Status, StoreOptions};
+use oviduct::status::{self, Condition};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::watch;
+
+/// How a [`Switch`] answers writes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Mode {
+    Up,
+    /// Refuses all of them.
+    Away,
+    /// Refuses uploads in parts, as a disk with a little room left does.
+    Small,
+    /// Files of models wait until the mode changes.
+    Slow,
+}
+
+/// An object store in memory whose writes can be refused.
+#[derive(Debug)]
+struct Switch {
+    store: InMemory,
+    mode: watch::Sender<Mode>,
+}
+
+impl std::fmt::Display for Switch {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("switch")
+    }
+}
+
+impl Switch {
+    fn new() -> Arc<Self> {
+        Arc::new(Self { store: InMemory::new(), mode: watch::Sender::new(Mode::Up) })
+    }
+
+    fn set(&self, mode: Mode) {
+        self.mode.send_replace(mode);
+    }
+
+    async fn write(&self, location: &Path, is_small: bool) -> Result<()> {
+        let is_model = location.as_ref().starts_with("models");
+        let mut mode = self.mode.subscribe();
+        let mode = *mode.wait_for(|mode| *mode != Mode::Slow || !is_model).await.unwrap();
+        match mode {
+            Mode::Away => Err(Error::Generic { store: "switch", source: "503 Slow Down".into() }),
+            Mode::Small if !is_small => {
+                Err(Error::Generic { store: "switch", source: "507 Insufficient Storage".into() })
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+#[async_trait]
+impl ObjectStore for Switch {
+    async fn put_opts(&self, location: &Path, payload: PutPayload, options: PutOptions) -> Result<PutResult> {
+        self.write(location, true).await?;
+        self.store.put_opts(location, payload, options).await
+    }
+
+    async fn put_multipart_opts(
+        &self,
+        location: &Path,
+        options: PutMultipartOptions,
+    ) -> Result<Box<dyn MultipartUpload>> {
+        self.write(location, false).await?;
+        self.store.put_multipart_opts(location, options).await
+    }
+
+    async fn get_opts(&self, location: &Path, options: GetOptions) -> Result<GetResult> {
+        self.store.get_opts(location, options).await
+    }
+
+    fn delete_stream(&self, locations: BoxStream<'static, Result<Path>>) -> BoxStream<'static, Result<Path>> {
+        self.store.delete_stream(locations)
+    }
+
+    fn list(&self, prefix: Option<&Path>) -> BoxStream<'static, Result<ObjectMeta>> {
+        self.store.list(prefix)
+    }
+
+    async fn list_with_delimiter(&self, prefix: Option<&Path>) -> Result<ListResult> {
+        self.store.list_with_delimiter(prefix).await
+    }
+
+    async fn copy_opts(&self, from: &Path, to: &Path, options: CopyOptions) -> Result<()> {
+        self.store.copy_opts(from, to, options).await
+    }
+}
+
+/// Jobs whose first counted attempt would be their last, over an artifact store with a switch.
+async fn place(ground: Ground) -> (Place, Arc<Switch>) {
+    let mut place = Place::on(ground, StoreOptions { max_attempts: 1, ..StoreOptions::default() }).await;
+    let switch = Switch::new();
+    place.artifacts = Artifacts::over(Arc::<Switch>::clone(&switch));
+    (place, switch)
+}
+
+/// The attempts of a job: all but the last were released for storage, the last succeeded. Returns how many were released.
+fn released(attempts: &[Attempt]) -> usize {
+    let (last, others) = attempts.split_last().unwrap();
+    assert_eq!(last.outcome, Some(AttemptEnd::Succeeded), "{attempts:?}");
+    for attempt in others {
+        assert_eq!(attempt.outcome, Some(AttemptEnd::Released), "{attempts:?}");
+        let detail = attempt.detail.as_deref().unwrap_or_default();
+        assert!(detail.starts_with("storage: ") && detail.contains("switch"), "{detail}");
+    }
+    others.len()
+}
+
+/// Ten minutes, with 10 ms for each second of the waits of workers.
+async fn ten_minutes_without_an_artifact_store(ground: Ground) {
+    const SECOND: Duration = Duration::from_millis(10);
+    const WORKERS: u32 = 3;
+    let (place, switch) = place(ground).await;
+    let status = status::Status::default();
+    let pool = place.start(|options| {
+        options.workers = WORKERS;
+        options.threads = 1;
+        options.storage_wait = SECOND;
+        options.status = status.clone();
+        options.poll = Duration::from_millis(50);
+    });
+    let mut ids: Vec<JobId> = Vec::new();
+    for seed in 100..105 {
+        ids.push(place.queue("ok", seed).await);
+    }
+    join_all(ids.iter().map(|&id| place.ended(id))).await;
+    assert!(status.not_ready().is_none() && place.artifacts.outage().is_none());
+
+    // Load goes on during the outage: ten minutes of a submission every ten seconds.
+    switch.set(Mode::Away);
+    for seed in 200..260 {
+        ids.push(place.queue("ok", seed).await);
+        tokio::time::sleep(10 * SECOND).await;
+    }
+    let counts = place.store.counts().await.unwrap();
+    assert_eq!((counts.succeeded, counts.failed, counts.queued + counts.running), (5, 0, 60));
+    let (condition, detail) = status.not_ready().unwrap();
+    assert!(condition == Condition::Storage && detail.contains("503 Slow Down"), "{detail}");
+    assert!(place.artifacts.outage().is_some(), "it is not reported");
+
+    switch.set(Mode::Up);
+    let mut releases = 0;
+    for job in join_all(ids.iter().map(|&id| place.ended(id))).await {
+        assert_eq!(job.status, Status::Succeeded, "{:?}", job.problem);
+        place.check_files(&job).await;
+        releases += released(&place.store.attempts(job.id).await.unwrap());
+    }
+    // What was claimed before the first upload failed, and nothing after.
+    assert!((1..=2 * WORKERS as usize).contains(&releases), "{releases} models were grown for nothing");
+    assert!(status.not_ready().is_none() && place.artifacts.outage().is_none());
+    pool.shutdown(Duration::from_secs(5)).await;
+    assert!(place.scratch().is_empty());
+    place.store.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn ten_minutes_without_an_artifact_store_cost_no_attempt_on_sqlite() {
+    ten_minutes_without_an_artifact_store(Ground::Sqlite).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn ten_minutes_without_an_artifact_store_cost_no_attempt_on_postgres() {
+    ten_minutes_without_an_artifact_store(Ground::Postgres).await;
+}
+
+/// The check of the artifact store passes, uploads of large files fail.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn claims_rest_for_longer_after_each_release_until_an_upload_succeeds() {
+    const UNIT: Duration = Duration::from_millis(20);
+    let (place, switch) = place(Ground::Sqlite).await;
+    switch.set(Mode::Small);
+    let pool = place.start(|options| {
+        options.storage_wait = UNIT;
+        options.poll = Duration::from_millis(10);
+    });
+    // Seed 2 has a large file.
+    let id = place.queue("ok", 2).await;
+    place.until(id, |job| job.attempts == 5).await;
+    switch.set(Mode::Up);
+    let job = place.ended(id).await;
+    assert_eq!(job.status, Status::Succeeded, "{:?}", job.problem);
+    let attempts = place.store.attempts(id).await.unwrap();
+    assert!(released(&attempts) >= 4);
+    for (n, pair) in attempts.windows(2).take(4).enumerate() {
+        let rest = pair[1].started_at.duration_since(pair[0].ended_at.unwrap());
+        let rest = Duration::try_from(rest).unwrap();
+        // A rest begins a moment before the end of the attempt is recorded.
+        assert!(rest > UNIT * (1 << n) / 2, "rest {n}: {rest:?}");
+    }
+    pool.shutdown(Duration::from_secs(5)).await;
+    place.store.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_next_model_grows_while_files_are_being_stored_and_no_more_than_that() {
+    let (place, switch) = place(Ground::Sqlite).await;
+    switch.set(Mode::Slow);
+    let pool = place.start(|_| {});
+    let mut ids = Vec::new();
+    for seed in 1..=3 {
+        ids.push(place.queue("ok", seed).await);
+    }
+    // One worker: the second model grows while the files of the first are being stored; the third is not claimed.
+    for id in &ids[..2] {
+        place.until(*id, |job| job.progress.as_ref().is_some_and(|progress| progress.stage == Stage::Store)).await;
+    }
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    assert_eq!(place.store.get(ids[2]).await.unwrap().unwrap().status, Status::Queued);
+    switch.set(Mode::Up);
+    for id in ids {
+        let job = place.ended(id).await;
+        assert_eq!((job.status, job.attempts), (Status::Succeeded, 1), "{:?}", job.problem);
+        place.check_files(&job).await;
+    }
+    pool.shutdown(Duration::from_secs(5)).await;
+    place.store.close().await;
+}
