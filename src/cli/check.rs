@@ -1,4 +1,4 @@
-//! `oviduct check`: the certificate of any surface in a file, also of one that is not ours.
+//! `oviduct check`: the certificate of the surface in any file, whether oviduct wrote it or not.
 
 use super::args::CheckArgs;
 use super::exit::{Ended, Failure};
@@ -11,7 +11,7 @@ use std::path::Path;
 
 pub(super) async fn run(args: CheckArgs) -> Ended {
     let (files, json) = (args.files.clone(), args.json);
-    // Reading and proving take threads and seconds; an interrupt need not wait for them, as nothing is written.
+    // Nothing is written, so an interrupt need not wait for the threads that read and certify.
     let task = tokio::task::spawn_blocking(move || {
         args.files.iter().map(|file| certificate(file, args.euler)).collect::<Vec<_>>()
     });
