@@ -270,12 +270,7 @@ fn the_scanner_sees_circles_however_the_path_is_written() {
             "use super::b::B; struct A;",
             "struct B; #[cfg(test)] mod tests { use super::super::a::A; }",
         ),
-        (
-            "member",
-            "mod a; mod b; pub use a::end; struct P; fn f(p: P) { p.end(); }",
-            "use super::P; fn end() {}",
-            "",
-        ),
+        ("member", "mod a; mod b; pub use a::end; struct P; fn f(p: P) { p.end(); }", "use super::P; fn end() {}", ""),
         ("external", "mod a; mod b;", "use b::B; use std::a; struct A;", "use super::a::A;"),
         ("variant", "mod a; mod b;", "enum A { B }", "use super::a::A; fn f() { A::B; } struct B;"),
     ] {
