@@ -1,4 +1,4 @@
-//! Time of a certificate at the size of the paper's models: about 790,000 vertices and 1.6 million triangles.
+//! Time of a certificate for a surface of the size of the paper's models: about 790,000 vertices, 1.6 million triangles.
 
 #[path = "common/tube.rs"]
 mod tube;
@@ -34,7 +34,7 @@ fn bench(criterion: &mut Criterion) {
         });
     }
     let positions: Vec<[f64; 3]> = mesh.positions.iter().map(|p| p.map(f64::from)).collect();
-    // In an order without any coherence.
+    // In an order without spatial coherence.
     let mut triangles = mesh.triangles.clone();
     let count = triangles.len();
     for i in 0..count {

@@ -1,17 +1,17 @@
-// Growth: edges are split at their midpoint, both halves with half the rest length; twin of src/sim/cpu/growth.rs.
+// Growth: edges are split at their midpoint, both halves with half the rest length; counterpart of src/sim/cpu/growth.rs.
 //
-// `growth` plays the tournaments (one run of edges, one winner), counts the winners of the runs before each run, and
-// grows the outer loop, with all threads at each of these. `split` copies every particle to its new place in the other
-// copy, with the new one behind it, and evaluates the thickness field. Where a particle goes follows from counting: no
-// atomics, no order of arrival.
+// `growth` holds the tournaments (one winner per run of edges), counts the winners before each run, and grows the outer
+// loop; all threads take part in each. `split` copies every particle to its new index in the other copy, followed by the
+// new one, and evaluates the thickness field. The indices follow from counts, without atomics, so that they do not depend
+// on the order of threads.
 
-// A split is put off where the clearance is under this many times the guard's least clearance.
+// A split is postponed if the clearance is below this many times the guard's least clearance.
 const ROOM: f32 = 40.0;
-// Span of particles over which the curvature of a fold tip is taken.
+// Particles over which the curvature of a fold tip is measured.
 const SPAN: u32 = 3u;
 
 var<workgroup> winners: array<u32, LOOP_THREADS>;
-// The longest edge that each thread has seen of its run of the outer loop.
+// The longest edge of the outer loop that each thread has found in its run.
 var<workgroup> longest: array<f32, LOOP_THREADS>;
 var<workgroup> longest_edge: array<u32, LOOP_THREADS>;
 
@@ -67,7 +67,7 @@ fn growth(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
     let target_count = rows[row].inner_target;
     let runs = select(0u, min(target_count - n, n), target_count > n && on);
 
-    // Each thread plays a stretch of runs, so that winners can be counted in order.
+    // Each thread takes consecutive runs, so that winners can be counted in order.
     let stretch = (runs + LOOP_THREADS - 1u) / LOOP_THREADS;
     let first = min(thread * stretch, runs);
     let end = min(first + stretch, runs);
@@ -146,7 +146,7 @@ fn count_up(thread: u32, won: u32) -> u32 {
     return sum;
 }
 
-// The run of `runs` equal ones that holds `i` of `n`, by the bounds that cut the loop into runs.
+// The one of `runs` equal runs that contains `i` of `n`, with the bounds that divide the loop.
 fn run_of(n: u32, runs: u32, i: u32) -> u32 {
     let run = i * runs / n;
     if i < run * n / runs {
@@ -155,10 +155,10 @@ fn run_of(n: u32, runs: u32, i: u32) -> u32 {
     return run + u32(i >= (run + 1u) * n / runs);
 }
 
-// Finds the longest edge of each run of the outer loop, the first of equals. Keeps it where the pulls of the wall lie,
-// which are computed anew in each step.
+// Finds the longest edge of each run of the outer loop, the first of equals. Stores it in the field of the wall's pulls,
+// which are recomputed in each step.
 fn find_longest(member: u32, n: u32, runs: u32, thread: u32) {
-    // As many threads a run as there are; where there are more runs than threads, several runs a thread.
+    // The threads are divided among the runs; with more runs than threads, each thread has several runs.
     let share = max(LOOP_THREADS / max(runs, 1u), 1u);
     let lane = thread % share;
     var edge = NONE;
@@ -180,7 +180,7 @@ fn find_longest(member: u32, n: u32, runs: u32, thread: u32) {
             wall[wall_slot(member, WALL_PULL_X, run)] = edge;
         }
     }
-    // A tree over the threads of each run.
+    // Tree reduction over the threads of each run.
     for (var step = 1u; step < LOOP_THREADS; step *= 2u) {
         workgroupBarrier();
         if edge != NONE && lane % (2u * step) == 0u && lane + step < share {
@@ -197,7 +197,7 @@ fn find_longest(member: u32, n: u32, runs: u32, thread: u32) {
     }
 }
 
-// Puts particle i of the outer loop where it belongs, and the new one behind it where the edge between them is split.
+// Copies particle i of the outer loop to its new index, followed by the new one if its edge is split.
 fn split_wall(member: u32, n: u32, runs: u32, i: u32) {
     let run = run_of(n, runs, i);
     let edge = wall[wall_slot(member, WALL_PULL_X, run)];
@@ -264,7 +264,7 @@ fn split(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     atomicMax(&states[member].widest, bitcast<u32>(widest));
 }
 
-// Which way the particle with this id is contorted: -1, 1, or 0 for most.
+// Direction in which the particle with this id is contorted: -1, 1, or 0 for most.
 fn contortion_sign(member: u32, id: u32) -> f32 {
     let seed = vec2<u32>(members[member].seed_low, members[member].seed_high);
     let w = random_words(seed, STREAM_CONTORTION, id, 0u);

@@ -1,42 +1,44 @@
-// Time integration (paper, section 3) and the guard that keeps walls apart: twin of src/sim/cpu/integrate.rs.
+// Time integration (paper, section 3) and the guard that prevents walls from crossing: counterpart of
+// src/sim/cpu/integrate.rs.
 //
-// A dispatch is one evaluation of all forces; the first of a step builds neighbour lists before, where they are stale.
-// A workgroup holds a block of 16 particles, and 16 threads a particle: thread (particle, lane) gathers from segment
+// A dispatch is one evaluation of all forces; the first of a step rebuilds neighbour lists that are no longer valid.
+// A workgroup computes a block of 16 particles with 16 threads per particle: thread (particle, lane) gathers from segment
 // `lane` of each listed block, in ascending order, so that partial sums run in lane j mod 16 and are reduced in the
-// order of the CPU. One thread a particle then adds the local forces and moves the particle to the next stage, in a
-// buffer that this dispatch does not read. A list that does not hold, or was too long, is not used: its particle visits
+// order of the CPU. One thread per particle then adds the local forces and moves the particle to the next stage, in a
+// buffer that this dispatch does not read. A list that is invalid, or was too long, is not used: its particle visits
 // all blocks, with the same sums.
 //
-// The outer loop does its step beside the first evaluation of the next one, in a workgroup of its own: no stage of the
-// inner loop reads the wall, and of what the wall reads (`reach`, rows, tables, whether the member runs) the first
-// evaluation changes nothing. Before a growth event or a record it runs alone, by the same pipeline, so that its bits
-// do not depend on how a driver compiles it twice.
+// The step of the outer loop runs in the dispatch of the first evaluation of the next step, in a workgroup of its own: no
+// stage of the inner loop reads the wall, and the first evaluation changes nothing that the wall reads (`reach`, rows,
+// tables, whether the member runs). Before a growth event or a record it runs alone, by the same pipeline, so that its
+// bits do not depend on how a driver compiles it twice.
 
-// Which evaluation of the step: 0 to 3; Euler has the first only.
+// Index of the evaluation within the step: 0 to 3; Euler has the first only.
 override EVALUATION: u32 = 0u;
 override EULER: bool = false;
 
-// Share of the free distance that one side may close.
+// Fraction of the free distance by which one side may move.
 const SHARE: f32 = 0.45;
 // Least and greatest limit of a move, µm.
 const LEAST_MOVE: f32 = 1e-5;
 const GREATEST_MOVE: f32 = 5.0;
-// Partial sums of a particle in shared memory: one word more than there are, against bank conflicts.
+// Stride of the partial sums of a particle in shared memory: one unused word, to avoid bank conflicts.
 const STRIDE: u32 = 17u;
 
 var<workgroup> lane_sum: array<vec2<f32>, LANES * STRIDE>;
 var<workgroup> lane_near: array<f32, LANES * STRIDE>;
-// Of each particle: squared displacement since the lists were built, squared elliptic radius, whether it was shortened.
+// For each particle: squared displacement since the lists were built, squared elliptic radius, whether its move was
+// shortened.
 var<workgroup> far: array<f32, LANES>;
 var<workgroup> wide: array<f32, LANES>;
 var<workgroup> shortened: array<u32, LANES>;
 // Whether each particle visited all blocks.
 var<workgroup> searched: array<u32, LANES>;
-// Of the member: its particles, or 0 where it does not run, and which of its lists hold.
+// For the member: its particles, or 0 if it is not computed, and which of its lists are valid.
 var<workgroup> member_count: u32;
 var<workgroup> member_trust: Trust;
 
-// Where the positions of this evaluation lie: x, then y, vx, vy in the next fields.
+// Field of the positions of this evaluation: x; y, vx, vy are the next fields.
 fn source() -> u32 {
     if EVALUATION == 0u {
         return current(X);
@@ -44,12 +46,12 @@ fn source() -> u32 {
     return STAGE + 4u * ((EVALUATION + 1u) % 2u);
 }
 
-// Where the greatest 1/d of a segment lies: rows take turns, so that one is cleared while the other is used.
+// Index of the greatest 1/d of a segment: rows alternate, so that one is cleared while the other is used.
 fn near_slot(member: u32, row: u32, i: u32) -> u32 {
     return (2u * member + row % 2u) * batch.capacity + i;
 }
 
-// Slot of the displacement at an evaluation. Euler, with one evaluation a step, takes turns.
+// Slot of the displacement at an evaluation. Euler, with one evaluation per step, alternates.
 fn moved_slot(evaluation: u32) -> u32 {
     if EULER {
         return (now.row + evaluation) % 2u;
@@ -57,17 +59,17 @@ fn moved_slot(evaluation: u32) -> u32 {
     return evaluation % 4u;
 }
 
-// Which lists of a member hold at this evaluation.
+// Which lists of a member are valid at this evaluation.
 struct Trust {
     // The greatest displacement of a particle since the lists were built, µm.
     moved: f32,
-    // A list holds where its own particle moved by no more than this: the two together, and what ranges have grown by,
-    // are within the skin.
+    // A list is valid if its own particle moved by no more than this: both displacements and the growth of the ranges
+    // together are within the skin.
     own: f32,
 }
 
-// Reads, for all threads of a workgroup, what they have to know of their member. That lists are stale is found by all
-// workgroups alike: what this asks at the first evaluation changes in later dispatches only.
+// Reads the state of the member for all threads of a workgroup. All workgroups decide alike whether lists are stale: the
+// state read at the first evaluation changes in later dispatches only.
 fn look_at_member(member: u32, block: u32) {
     let n = select(0u, states[member].inner, runs_on(member));
     var built = states[member].built_next;
@@ -81,7 +83,7 @@ fn look_at_member(member: u32, block: u32) {
     }
     let holds_on = lists.own - lists.moved >= SPARE - 0.01;
     if EVALUATION == 0u && !holds_on {
-        // As they are once they are built.
+        // Their state after the build.
         lists = Trust(0.0, SKIN - 0.01);
     }
     member_count = n;
@@ -89,7 +91,7 @@ fn look_at_member(member: u32, block: u32) {
     stale = u32(block * LANES < n && !holds_on);
 }
 
-// Whether the list of particle i, which is at `p`, holds.
+// Whether the list of particle i, which is at `p`, is valid.
 fn holds(member: u32, lists: Trust, i: u32, p: vec2<f32>) -> bool {
     if lists.moved <= lists.own {
         return true;
@@ -98,8 +100,8 @@ fn holds(member: u32, lists: Trust, i: u32, p: vec2<f32>) -> bool {
     return sqrt(d.x * d.x + d.y * d.y) <= lists.own;
 }
 
-// Reduces the 16 partial sums of a particle, from f on, as the CPU does: halves onto each other. Written out, so that
-// no array with a changing index is needed.
+// Reduces the 16 partial sums of a particle, from f on, in the order of the CPU: by halves. Written out, so that no array
+// is indexed dynamically.
 fn reduced(f: u32) -> vec2<f32> {
     let a = (lane_sum[f] + lane_sum[f + 8u]) + (lane_sum[f + 4u] + lane_sum[f + 12u]);
     let b = (lane_sum[f + 2u] + lane_sum[f + 10u]) + (lane_sum[f + 6u] + lane_sum[f + 14u]);
@@ -146,7 +148,7 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
         shortened[thread] = 0u;
         if i < n {
             if EVALUATION == 0u {
-                // What segment i sees in the next step; of the step before, it was read for the last time.
+                // Clears the entry of segment i for the next step; that of the previous step is not read any more.
                 atomicStore(&near[near_slot(member, now.row + 1u, i)], 0u);
             }
             advance(member, n, row, from_field, i, thread);
@@ -154,7 +156,7 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     }
     workgroupBarrier();
     if thread == 0u && block_index == 0u && n > 0u {
-        // The slot of the evaluation before was read for the last time.
+        // The slot of the previous evaluation is not read any more.
         if !EULER {
             atomicStore(&states[member].moved[(EVALUATION + 3u) % 4u], 0u);
         } else {
@@ -178,7 +180,7 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     }
 }
 
-// Euler's second half: its guard needs the clearances that all of `integrate` found.
+// Second half of an Euler step: its guard needs the clearances from all workgroups of `integrate`.
 @compute @workgroup_size(BLOCK_THREADS)
 fn guard(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let member = group.y;
@@ -232,7 +234,7 @@ fn gather(member: u32, n: u32, row: u32, from_field: u32, trusted: Trust, i: u32
             sum += force.xy;
             if EVALUATION == 0u {
                 greatest = max(greatest, force.z);
-                // What is farther makes no difference to any clearance.
+                // Segments farther away affect no clearance.
                 if force.z > 1.0 / CLEARANCE_CAP {
                     atomicMax(&near[near_slot(member, now.row, j)], bitcast<u32>(force.z));
                 }
@@ -271,7 +273,7 @@ fn advance(member: u32, n: u32, row: u32, from_field: u32, i: u32, thread: u32) 
         for (var l = 0u; l < LANES; l++) {
             greatest = max(greatest, lane_near[first + l]);
         }
-        // The clearance of the vertex; those of its segments follow when all workgroups have seen them.
+        // The clearance of the vertex; those of its segments need all workgroups.
         store(member, CLEARANCE, i, greatest);
     }
     if EULER {
@@ -308,7 +310,7 @@ fn advance(member: u32, n: u32, row: u32, from_field: u32, i: u32, thread: u32) 
     far[thread] = d.x * d.x + d.y * d.y;
 }
 
-// Joins what vertices and segments saw at the first evaluation into the clearance of particle i.
+// Combines the clearances of vertex and segments at the first evaluation into that of particle i.
 fn keep_clearance(member: u32, n: u32, i: u32) {
     let before = select(i - 1u, n - 1u, i == 0u);
     let one = atomicLoad(&near[near_slot(member, now.row, before)]);
@@ -317,7 +319,7 @@ fn keep_clearance(member: u32, n: u32, i: u32) {
     store(member, CLEARANCE, i, 1.0 / max(greatest, 1.0 / CLEARANCE_CAP));
 }
 
-// Moves particle i by `sum`, shortened where its clearance demands it, and relaxes its rest length.
+// Moves particle i by `sum`, shortened as its clearance requires, and relaxes its rest length.
 fn conclude(member: u32, row: u32, i: u32, thread: u32, sum: vec2<f32>, velocity: vec2<f32>) {
     let room = SHARE * (load(member, CLEARANCE, i) - members[member].clearance);
     let limit = clamp(room, LEAST_MOVE, GREATEST_MOVE);
@@ -334,13 +336,13 @@ fn conclude(member: u32, row: u32, i: u32, thread: u32, sum: vec2<f32>, velocity
     }
     let d = p - load2(member, BUILT_X, i);
     far[thread] = d.x * d.x + d.y * d.y;
-    // The wall asks with the squash of the step that begins.
+    // The wall uses the squash of the step that begins.
     let flat_y = p.y / rows[row_index(member, now.row + 1u)].squash;
     wide[thread] = p.x * p.x + flat_y * flat_y;
     shortened[thread] = u32(cut);
 }
 
-// Hands on what a block saw: three threads, far enough from each other not to wait for one another.
+// Writes the maxima of a block with three threads of different subgroups.
 fn summarize(member: u32, thread: u32) {
     let last = EULER || EVALUATION == 3u;
     if thread == 0u {

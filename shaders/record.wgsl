@@ -1,6 +1,6 @@
-// Recording: packs the state of each member into one stretch of the record, which the host copies to a staging buffer.
+// Recording: packs the state of each member into a contiguous part of the record, which is copied to a staging buffer.
 //
-// Of each member: a header, then the fields of its inner particles (COPIED of them, and the clearance), each `extent`
+// For each member: a header, then the fields of its inner particles (COPIED of them, and the clearance), each `extent`
 // words long, then those of its outer particles, each `outer_extent` words long.
 
 @compute @workgroup_size(THREADS)

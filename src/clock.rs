@@ -1,6 +1,6 @@
 //! Time as a parameter: the only module that reads a clock.
 //!
-//! Everything that needs the time takes a [`Clock`], so that tests can move it by hand.
+//! Code that needs the time takes a [`Clock`], so that tests can advance it.
 
 use jiff::Timestamp;
 use std::sync::{Arc, Mutex};
@@ -12,18 +12,18 @@ pub enum Clock {
     /// The operating system's clock.
     #[default]
     System,
-    /// A clock that stands still until a test moves it.
+    /// A clock that a test advances.
     Manual(Arc<Mutex<Timestamp>>),
 }
 
 impl Clock {
-    /// A clock that shows `start` until [`Clock::advance`] moves it.
+    /// A manual clock at `start`; [`Clock::advance`] moves it.
     #[must_use]
     pub fn manual(start: Timestamp) -> Self {
         Self::Manual(Arc::new(Mutex::new(start)))
     }
 
-    /// The present moment.
+    /// The current time.
     #[must_use]
     pub fn now(&self) -> Timestamp {
         match self {
@@ -33,7 +33,7 @@ impl Clock {
         }
     }
 
-    /// Moves a manual clock forward; the system clock moves by itself and is left alone.
+    /// Advances a manual clock; has no effect on the system clock.
     pub fn advance(&self, by: Duration) {
         if let Self::Manual(at) = self {
             let mut at = at.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
@@ -42,7 +42,7 @@ impl Clock {
     }
 }
 
-/// Measures how long something takes; never used for decisions that change results.
+/// Measures elapsed time; never used for decisions that change results.
 #[derive(Clone, Copy, Debug)]
 pub struct Stopwatch(Instant);
 

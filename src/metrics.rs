@@ -1,8 +1,8 @@
-//! What this process counts for operators, in the OpenMetrics text format that Prometheus reads.
+//! The metrics of this process in the OpenMetrics text format, which Prometheus reads.
 //!
-//! Each process counts what it does itself; sums over the processes are the business of the reader. Gauges that are
-//! read from the stores (`oviduct_jobs`, `oviduct_stored_bytes`) are the same from every process: take their maximum,
-//! not their sum. Label values come from the code, never from requests, so their number is bounded.
+//! Counters and histograms cover this process only: sum them over the processes. Gauges that are read from the stores
+//! (`oviduct_jobs`, `oviduct_stored_bytes`) are the same from every process: take their maximum, not their sum. Label
+//! values come from the code, never from requests, so that their number is bounded.
 
 use prometheus_client::encoding::text::encode;
 use prometheus_client::encoding::{EncodeLabelSet, EncodeLabelValue, LabelValueEncoder};
@@ -54,19 +54,19 @@ struct CauseLabel {
     cause: Word,
 }
 
-/// Why a job asked of `auto` runs on the CPU.
+/// Why a job with backend `auto` runs on the CPU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fallback {
     /// No GPU worker was alive.
     NoGpu,
-    /// The GPU workers had more to do than a CPU worker leaves them.
+    /// The GPU workers had so many queued jobs that a CPU worker took this one.
     Busy,
-    /// A GPU worker held it, but its device could not grow it: limits, lost, out of memory.
+    /// A GPU worker claimed it, but its device could not compute it: limits, lost, out of memory.
     Device,
 }
 
 impl Fallback {
-    /// The value of the label.
+    /// Value of the label.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -91,7 +91,7 @@ struct RequestLabel {
 
 type Durations<L> = Family<L, Histogram, fn() -> Histogram>;
 
-/// The counts of a process. Clones share them.
+/// The metrics of a process. Clones share them.
 #[derive(Clone, Debug)]
 pub struct Metrics(Arc<Inner>);
 
@@ -162,22 +162,26 @@ impl Default for Metrics {
             inner.wait.clone(),
         );
         registry.register("stage_seconds", "Run time of a job by stage", inner.stages.clone());
-        registry.register("models_made", "Models made by this process, by what computed them", inner.made.clone());
+        registry.register("models_made", "Models made by this process, by backend and device", inner.made.clone());
         registry.register(
             "fallbacks",
-            "Attempts of this process at jobs of auto that ran on a CPU: no-gpu (no GPU worker was alive), busy (the GPU \
-             workers had too many), device (a device could not grow it)",
+            "Attempts of this process at jobs with backend auto that ran on a CPU: no-gpu (no GPU worker was alive), busy \
+             (the GPU workers had too many jobs), device (the device could not compute the model)",
             inner.fallbacks.clone(),
         );
-        registry.register("attempts", "Attempts by how they ended in this process", inner.attempts.clone());
+        registry.register("attempts", "Attempts of this process, by end", inner.attempts.clone());
         registry.register("leases_lost", "Attempts of this process whose lease was lost", inner.leases_lost.clone());
         registry.register("artifact_bytes", "Bytes to (in) and from (out) the artifact store", inner.bytes.clone());
         registry.register("checkpoints", "Checkpoints stored", inner.checkpoints.clone());
-        registry.register("models_removed", "Models removed for their age or for room", inner.removed.clone());
+        registry.register(
+            "models_removed",
+            "Models removed because of their age or of the limit on bytes",
+            inner.removed.clone(),
+        );
         registry.register("http_requests", "Requests answered", inner.requests.clone());
         registry.register(
             "http_request_seconds",
-            "Time to the head of an answer; long polls and streams included",
+            "Time to the head of the response, including long polls and streams",
             inner.request_seconds.clone(),
         );
         Self(Arc::new(Inner { registry, ..inner }))
@@ -185,7 +189,7 @@ impl Default for Metrics {
 }
 
 impl Metrics {
-    /// How many jobs stand where.
+    /// Number of jobs by status.
     pub fn set_jobs(&self, counts: impl IntoIterator<Item = (&'static str, u64)>) {
         for (status, count) in counts {
             self.0.jobs.get_or_create(&StatusLabel { status: Word(status) }).set(gauge(count));
@@ -197,32 +201,32 @@ impl Metrics {
         self.0.stored.set(gauge(bytes));
     }
 
-    /// Event streams open.
+    /// Number of open event streams.
     pub fn set_streams(&self, open: usize) {
         self.0.streams.set(gauge(open as u64));
     }
 
-    /// A job was claimed for the first time after waiting so long.
+    /// Records the wait of a job until its first claim.
     pub fn waited(&self, time: Duration) {
         self.0.wait.observe(time.as_secs_f64());
     }
 
-    /// A stage of a job took so long.
+    /// Records the duration of a stage of a job.
     pub fn stage(&self, stage: &'static str, seconds: f64) {
         self.0.stages.get_or_create(&StageLabel { stage: Word(stage) }).observe(seconds);
     }
 
-    /// A model was made: files stored, record committed.
+    /// Counts a finished model: files stored, record committed.
     pub fn made(&self, backend: &'static str, device: String) {
         self.0.made.get_or_create(&MadeLabel { backend: Word(backend), device }).inc();
     }
 
-    /// A job asked of `auto` runs on the CPU.
+    /// Counts a job with backend `auto` that runs on the CPU.
     pub fn fallback(&self, cause: Fallback) {
         self.0.fallbacks.get_or_create(&CauseLabel { cause: Word(cause.name()) }).inc();
     }
 
-    /// An attempt ended.
+    /// Counts the end of an attempt.
     pub fn attempt(&self, end: &'static str) {
         self.0.attempts.get_or_create(&EndLabel { end: Word(end) }).inc();
         if end == "lost" {
@@ -230,34 +234,34 @@ impl Metrics {
         }
     }
 
-    /// Bytes went to the artifact store.
+    /// Counts bytes written to the artifact store.
     pub fn bytes_in(&self, bytes: u64) {
         self.0.bytes.get_or_create(&DirectionLabel { direction: Word("in") }).inc_by(bytes);
     }
 
-    /// Bytes are on their way to a client.
+    /// Counts bytes read from the artifact store for clients.
     pub fn bytes_out(&self, bytes: u64) {
         self.0.bytes.get_or_create(&DirectionLabel { direction: Word("out") }).inc_by(bytes);
     }
 
-    /// A checkpoint was stored.
+    /// Counts a stored checkpoint.
     pub fn checkpoint(&self) {
         self.0.checkpoints.inc();
     }
 
-    /// Models were removed for their age or for room.
+    /// Counts models removed because of their age or of the limit on bytes.
     pub fn removed(&self, models: u64) {
         self.0.removed.inc_by(models);
     }
 
-    /// A request was answered. `route` is the pattern of its address, not the address.
+    /// Counts an answered request. `route` is the pattern of the path, not the path.
     pub fn request(&self, method: &str, route: &str, status: u16, time: Duration) {
         let label = RequestLabel { method: method.to_owned(), route: route.to_owned(), status };
         self.0.requests.get_or_create(&label).inc();
         self.0.request_seconds.observe(time.as_secs_f64());
     }
 
-    /// All of it as text.
+    /// All metrics as text.
     #[must_use]
     pub fn text(&self) -> String {
         let mut text = String::new();
@@ -278,7 +282,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_text_says_what_was_counted() {
+    fn the_text_contains_the_counts() {
         let metrics = Metrics::default();
         metrics.set_jobs([("queued", 7), ("running", 2)]);
         metrics.waited(Duration::from_millis(300));

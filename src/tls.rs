@@ -1,7 +1,7 @@
-//! The one implementation of cryptography that all TLS connections of the process use.
+//! The cryptography provider of all TLS connections of the process.
 
-/// Makes it known; further calls change nothing. To be called before a client is made.
+/// Installs the provider; further calls have no effect. Must be called before a client is created.
 pub fn install() {
-    // An error says that one was installed before: it is the same.
+    // An error means that the provider is already installed.
     let _ = rustls::crypto::ring::default_provider().install_default();
 }

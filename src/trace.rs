@@ -1,12 +1,12 @@
-//! Traces that go on from one process to the next: the context of a span as W3C `traceparent`, which requests bring along
-//! and records keep. Where no traces are collected there is none, and nothing is done.
+//! Traces that continue across processes: the context of a span as W3C `traceparent`, from the header of a request and in
+//! the record of a job. If no traces are collected there is no context, and the functions have no effect.
 
 use opentelemetry::global;
 use opentelemetry::propagation::{Extractor, Injector};
 use tracing::Span;
 use tracing_opentelemetry::OpenTelemetrySpanExt;
 
-/// Name of the field that carries a context.
+/// Name of the header that contains a context.
 pub const TRACEPARENT: &str = "traceparent";
 
 #[derive(Default)]
@@ -39,11 +39,11 @@ pub fn current() -> Option<String> {
     carrier.0
 }
 
-/// Makes `span`, which has just been made, part of the trace that `traceparent` names; what names none is passed over.
+/// Makes the new `span` part of the trace that `traceparent` names; an invalid value is ignored.
 pub fn adopt(span: &Span, traceparent: Option<&str>) {
     let Some(traceparent) = traceparent else { return };
     let carrier = Carrier(Some(traceparent.to_owned()));
     let context = global::get_text_map_propagator(|propagator| propagator.extract(&carrier));
-    // Fails where no traces are collected.
+    // Fails if no traces are collected.
     let _ = span.set_parent(context);
 }

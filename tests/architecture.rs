@@ -1,9 +1,15 @@
-//! The direction of the arrows: which module may import which, and who may name which crate.
+//! The direction of imports: which module may import which, which may name which crate, and no circles between files.
 //!
-//! The source is scanned as text, with comments, strings and test modules taken out; see `house` in ARCHITECTURE.md.
+//! The source is scanned as text, without comments, strings and test modules; ARCHITECTURE.md lists the floors.
 
+#[path = "architecture/circles.rs"]
+mod circles;
+#[path = "architecture/source.rs"]
+mod source;
+
+use circles::{Arrows, arrows, circles};
+use source::{Source, sources, strip, words};
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
 
 /// Modules of the library by floor, lowest first. A module imports from floors below its own.
 const FLOORS: [&[&str]; 6] = [
@@ -15,7 +21,7 @@ const FLOORS: [&[&str]; 6] = [
     &["cli"],
 ];
 
-/// Imports within a floor that are meant. Floor 0 is plain data and arithmetic, and free within itself.
+/// Imports within a floor that are intended. Floor 0 is plain data and arithmetic; its modules may import each other.
 const ALLOWED: [(&str, &str); 1] = [("jobs", "generate")];
 
 /// Imports that are forbidden although the target lies on a lower floor.
@@ -32,101 +38,11 @@ const NAMES: [(&str, &[&str]); 7] = [
     ("anyhow", &["cli", "main"]),
 ];
 
-/// Words of SQL that begin a statement; only the stores may hold them.
+/// Arrows between files that may close a circle, and why each may.
+const EXCUSED: [(&str, &str, &str); 0] = [];
+
+/// Keywords that begin a statement of SQL; only the stores may contain them.
 const SQL: [&str; 6] = ["SELECT ", "INSERT INTO ", "DELETE FROM ", "UPDATE jobs", "CREATE TABLE ", "PRAGMA "];
-
-struct Source {
-    /// Path below `src`, with `/`.
-    path: String,
-    /// As it stands.
-    text: String,
-    /// Without comments, strings and test modules.
-    code: String,
-}
-
-impl Source {
-    fn new(path: &str, text: &str) -> Self {
-        let mut code = strip(text, false);
-        if path.ends_with("tests.rs") || path.contains("/tests/") {
-            code.clear();
-        } else if let Some(at) = code.find("#[cfg(test)]\nmod ") {
-            code.truncate(at);
-        }
-        Self { path: path.to_owned(), text: text.to_owned(), code }
-    }
-
-    /// The top module that the file belongs to.
-    fn module(&self) -> &str {
-        self.path.split('/').next().unwrap_or_default().trim_end_matches(".rs")
-    }
-
-    /// How many `super` lead from the file to the root of the crate.
-    fn depth(&self) -> usize {
-        let stem = self.path.trim_end_matches(".rs").trim_end_matches("/mod");
-        stem.split('/').count()
-    }
-
-    fn is_in(&self, place: &str) -> bool {
-        let rest = self.path.strip_prefix(place);
-        rest.is_some_and(|rest| rest.starts_with('/') || rest == ".rs")
-    }
-}
-
-/// Takes out comments, and the insides of strings (or everything else where `keep_strings`).
-fn strip(text: &str, keep_strings: bool) -> String {
-    let (mut out, mut rest) = (String::new(), text);
-    while let Some(c) = rest.chars().next() {
-        let skip = if rest.starts_with("//") {
-            rest.find('\n').unwrap_or(rest.len())
-        } else if rest.starts_with("/*") {
-            rest.find("*/").map_or(rest.len(), |end| end + 2)
-        } else if rest.starts_with("r#\"") {
-            let end = rest.find("\"#").map_or(rest.len(), |end| end + 2);
-            if keep_strings {
-                out.push_str(&rest[..end]);
-            }
-            end
-        } else if c == '"' {
-            let mut end = 1;
-            while end < rest.len() && !rest[end..].starts_with('"') {
-                end += if rest[end..].starts_with('\\') { 2 } else { 1 };
-                while !rest.is_char_boundary(end.min(rest.len())) {
-                    end += 1;
-                }
-            }
-            let end = (end + 1).min(rest.len());
-            if keep_strings {
-                out.push_str(&rest[..end]);
-            } else {
-                out.push_str("\"\"");
-            }
-            end
-        } else if rest.starts_with("'\"'") {
-            3
-        } else if rest.starts_with("'\\\"'") {
-            4
-        } else {
-            if !keep_strings {
-                out.push(c);
-            }
-            c.len_utf8()
-        };
-        rest = &rest[skip..];
-    }
-    out
-}
-
-/// Words of a text with where they begin.
-fn words(code: &str) -> impl Iterator<Item = (usize, &str)> {
-    let is_word = |c: char| c.is_alphanumeric() || c == '_';
-    let mut at = 0;
-    std::iter::from_fn(move || {
-        let start = at + code[at..].find(is_word)?;
-        let end = code[start..].find(|c| !is_word(c)).map_or(code.len(), |n| start + n);
-        at = end;
-        Some((start, &code[start..end]))
-    })
-}
 
 /// First parts of the paths that follow `::`: one name, or those of a group in braces.
 fn heads(after: &str) -> Vec<&str> {
@@ -165,7 +81,7 @@ fn imports(source: &Source) -> BTreeSet<String> {
             _ => 0,
         };
         chain = (supers, at + word.len());
-        let is_root = word == "crate" || (supers > 0 && supers == source.depth());
+        let is_root = word == "crate" || (supers > 0 && supers == source.module_path().len());
         if is_root {
             found.extend(heads(after).into_iter().filter(|head| floor(head).is_some()).map(str::to_owned));
         }
@@ -180,7 +96,8 @@ fn floor(module: &str) -> Option<usize> {
 /// What is wrong with the imports and names of one file.
 fn faults(source: &Source) -> Vec<String> {
     let mut faults = Vec::new();
-    let from = source.module();
+    let path = source.module_path();
+    let from = path.first().copied().unwrap_or("lib");
     if from != "lib" && from != "main" {
         match floor(from) {
             None => faults.push(format!("src/{}: `{from}` has no floor", source.path)),
@@ -214,36 +131,45 @@ fn faults(source: &Source) -> Vec<String> {
     faults
 }
 
-fn sources() -> Vec<Source> {
-    fn walk(dir: &Path, found: &mut Vec<PathBuf>) {
-        for entry in std::fs::read_dir(dir).expect("src can be read") {
-            let path = entry.expect("src can be read").path();
-            if path.is_dir() {
-                walk(&path, found);
-            } else if path.extension().is_some_and(|e| e == "rs") {
-                found.push(path);
-            }
-        }
-    }
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let mut paths = Vec::new();
-    walk(&root, &mut paths);
-    paths.sort();
-    paths
-        .iter()
-        .map(|path| {
-            let short = path.strip_prefix(&root).expect("below src").to_str().expect("UTF-8").replace('\\', "/");
-            Source::new(&short, &std::fs::read_to_string(path).expect("src can be read"))
-        })
-        .collect()
-}
-
 #[test]
 fn arrows_point_down() {
     let sources = sources();
     assert!(sources.len() > 20, "found {} files only", sources.len());
     let faults: Vec<String> = sources.iter().flat_map(faults).collect();
     assert!(faults.is_empty(), "\n{}\n", faults.join("\n"));
+}
+
+/// The circles that no excuse breaks, one arrow a line.
+fn unexcused(arrows: &Arrows, excuses: &[(&str, &str, &str)]) -> String {
+    let excused = |from: &str, to: &str| excuses.iter().any(|(a, b, _)| (*a, *b) == (from, to));
+    let left = arrows.iter().filter(|((from, to), _)| !excused(from, to));
+    let left: Arrows = left.map(|(arrow, names)| (arrow.clone(), names.clone())).collect();
+    let mut text = String::new();
+    for (i, circle) in circles(&left).iter().enumerate() {
+        text += &format!("circle {}:\n", i + 1);
+        for ((from, to), names) in circle {
+            let names: Vec<&str> = names.iter().map(String::as_str).collect();
+            text += &format!("  src/{from} -> src/{to}: {}\n", names.join(", "));
+        }
+    }
+    text
+}
+
+#[test]
+fn no_files_import_each_other_in_a_circle() {
+    let arrows = arrows(&sources());
+    assert!(arrows.len() > 200, "found {} arrows only", arrows.len());
+    let circles = unexcused(&arrows, &EXCUSED);
+    assert!(circles.is_empty(), "\n{circles}");
+}
+
+#[test]
+fn every_excuse_breaks_a_circle() {
+    let circles = circles(&arrows(&sources()));
+    for (from, to, reason) in EXCUSED {
+        let arrow = (from.to_owned(), to.to_owned());
+        assert!(circles.iter().any(|circle| circle.contains_key(&arrow)), "{from} -> {to} needs no excuse: {reason}");
+    }
 }
 
 #[test]
@@ -292,4 +218,92 @@ fn the_scanner_sees_what_it_should() {
         assert_eq!(bad(path, text), 0, "{path}: {text}");
     }
     assert_eq!(faults(&Source::new("sim/a.rs", "fn f() {}")).len(), 1, "no header");
+}
+
+#[test]
+fn the_scanner_sees_circles_however_the_path_is_written() {
+    let found = |files: &[(&str, &str)]| {
+        let sources: Vec<Source> = files.iter().map(|(path, text)| Source::new(path, text)).collect();
+        circles(&arrows(&sources)).iter().map(|circle| circle.len()).collect::<Vec<_>>()
+    };
+    let lib = ("lib.rs", "pub mod room;");
+    for (case, parent, a, b) in [
+        ("crate", "mod a; mod b;", "use crate::room::b::B; struct A;", "use crate::room::a::A; struct B;"),
+        ("super", "mod a; mod b;", "use super::b::B; struct A;", "fn f() { super::a::A::new() } struct B;"),
+        ("group", "mod a; mod b;", "use super::{b::{self, B}}; struct A;", "use super::a::{A as C}; struct B;"),
+        ("module", "mod a; mod b;", "use super::b; fn f() { b::g() }", "use super::a; fn g() { a::f() }"),
+        ("facade", "mod a; mod b; pub use a::A; pub use b::B;", "use super::B; struct A;", "use super::A; struct B;"),
+        (
+            "glob facade",
+            "mod a; mod b; pub use self::a::*; pub use b::*;",
+            "use super::B; struct A;",
+            "use super::A; struct B;",
+        ),
+        ("glob", "mod a; mod b;", "use super::b::*; struct A(B);", "use super::a::*; struct B(A);"),
+        ("parent", "mod a; mod b; struct P; fn f() { a::f() }", "use super::P; pub fn f() {}", ""),
+        ("used re-export", "mod a; mod b; pub use a::A; struct P(A);", "use super::P; pub struct A;", ""),
+        (
+            "macro",
+            "mod a; mod b;",
+            "macro_rules! m { () => { super::b::g() } } pub(super) use m;",
+            "use super::a::m; fn g() {}",
+        ),
+    ] {
+        let files = [lib, ("room/mod.rs", parent), ("room/a.rs", a), ("room/b.rs", b)];
+        assert_eq!(found(&files), [2], "{case}");
+    }
+    for (case, parent, a, b) in [
+        ("one way", "mod a; mod b;", "use super::b::B; struct A;", "struct B;"),
+        ("facade", "mod a; mod b; pub use a::A; pub use b::B;", "use super::B; struct A(B);", "struct B;"),
+        (
+            "facade above",
+            "mod a; mod b; pub use a::{A, f}; struct P;",
+            "use super::P; struct A; fn f() {}",
+            "use super::{A, P};",
+        ),
+        ("parent above", "mod a; mod b; use a::A; struct P(A);", "struct A;", "use super::a::A;"),
+        ("scope", "mod a; mod b;", "pub(in crate::room::b) struct A; use super::b::B;", "struct B;"),
+        ("comment", "mod a; mod b;", "use super::b::B; struct A; // super::b", "// use super::a::A;\nstruct B;"),
+        (
+            "tests",
+            "mod a; mod b;",
+            "use super::b::B; struct A;",
+            "struct B; #[cfg(test)] mod tests { use super::super::a::A; }",
+        ),
+        ("member", "mod a; mod b; pub use a::end; struct P; fn f(p: P) { p.end(); }", "use super::P; fn end() {}", ""),
+        ("external", "mod a; mod b;", "use b::B; use std::a; struct A;", "use super::a::A;"),
+        ("variant", "mod a; mod b;", "enum A { B }", "use super::a::A; fn f() { A::B; } struct B;"),
+    ] {
+        let files = [lib, ("room/mod.rs", parent), ("room/a.rs", a), ("room/b.rs", b)];
+        assert_eq!(found(&files), [0; 0], "{case}");
+    }
+    let three = |last: &str| {
+        let c = format!("room/{last}.rs");
+        let files = [
+            lib,
+            ("room.rs", "pub mod a; pub mod b; pub mod c;"),
+            ("room/a.rs", "use super::b::B; pub struct A;"),
+            ("room/b.rs", "use super::c; pub struct B(c::C);"),
+            (c.as_str(), "pub struct C(super::a::A);"),
+        ];
+        found(&files)
+    };
+    assert_eq!(three("c"), [3], "three files");
+    assert_eq!(three("d"), [0; 0], "no such file");
+}
+
+#[test]
+fn an_excuse_breaks_only_the_circle_that_it_names() {
+    let source = |path, text| Source::new(path, text);
+    let sources = [
+        source("lib.rs", "mod a; mod b; mod c; mod d;"),
+        source("a.rs", "use crate::b::B; struct A;"),
+        source("b.rs", "use crate::a::A; struct B;"),
+        source("c.rs", "use crate::d::D; struct C;"),
+        source("d.rs", "use crate::c::C; struct D;"),
+    ];
+    let arrows = arrows(&sources);
+    assert_eq!(unexcused(&arrows, &[]).matches("circle").count(), 2);
+    let left = unexcused(&arrows, &[("a.rs", "b.rs", "a test")]);
+    assert_eq!(left, "circle 1:\n  src/c.rs -> src/d.rs: D\n  src/d.rs -> src/c.rs: C\n");
 }

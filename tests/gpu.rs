@@ -1,11 +1,11 @@
-//! The GPU against its twin on the CPU: stage by stage within stated tolerances, whole runs by what must hold and by
-//! their shapes, whole models by their certificates; devices that are lost, missing, or out of memory.
+//! The GPU compared with the CPU: stage by stage within stated tolerances, whole runs by their invariants and their shapes,
+//! whole models by their certificates; devices that are lost, hang, are missing, or out of memory.
 //!
-//! Runs on the best adapter there is: a real GPU where there is one, else a software one (Debian packages
-//! mesa-vulkan-drivers, libvulkan1). Nothing is skipped where there is none: the tests fail and name the packages. With
-//! `OVIDUCT_TEST_NO_VULKAN=1` only what a machine without a Vulkan loader does is tested.
+//! Runs on the best adapter: a real GPU if there is one, else a software one (Debian packages mesa-vulkan-drivers,
+//! libvulkan1). Without an adapter the tests fail and name the packages. With `OVIDUCT_TEST_NO_VULKAN=1` only the behaviour
+//! of a machine without a Vulkan loader is tested.
 
-#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "a test fails by panic and tells what it measured")]
+#![expect(clippy::unwrap_used, clippy::print_stdout, reason = "a test fails by panic and prints what it measured")]
 
 #[path = "gpu/batches.rs"]
 mod batches;

@@ -1,5 +1,5 @@
-//! The shaders without any adapter: all of them parse and are valid, and every structure, constant and workgroup size
-//! that host and shaders share is the same on both sides.
+//! The shaders without an adapter: all of them parse and are valid, and every structure, constant and workgroup size shared
+//! by host and shaders is the same on both sides.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panic")]
 
@@ -51,7 +51,7 @@ fn every_stage_has_its_file_and_its_entry_points() {
     }
 }
 
-/// Names, offsets and the size of a structure as the shader lays it out.
+/// Names, offsets and size of a structure in the layout of the shader.
 fn structure(module: &Module, name: &str) -> (Vec<(String, u32)>, u32) {
     let (_, found) =
         module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name)).unwrap_or_else(|| panic!("no {name}"));
@@ -144,7 +144,7 @@ fn constant(module: &Module, name: &str) -> Literal {
     literal(module, name).unwrap_or_else(|| panic!("no constant {name}"))
 }
 
-/// Constants of the layout that the host has too.
+/// Constants of the layout that the host also has.
 const SHARED: [(&str, u32); 13] = [
     ("LANES", LANES as u32),
     ("BLOCK_THREADS", layout::BLOCK_THREADS),
@@ -180,10 +180,10 @@ const OWN_INNER_FIELDS: [(&str, u32); 13] = [
     ("BEFORE", 1),
 ];
 const OWN_OUTER_FIELDS: [(&str, u32); 3] = [("WALL_PULL_X", 1), ("WALL_PULL_Y", 1), ("WALL_OLD", 5)];
-/// … how far beyond the skin lists reach, and a stride in shared memory.
+/// … the distance of lists beyond the skin, and a stride in shared memory.
 const OWN: [&str; 2] = ["SPARE", "STRIDE"];
 
-/// Random streams that shaders draw from.
+/// Random streams used by shaders.
 const STREAMS: [(&str, Stream); 2] = [("STREAM_CONTORTION", Stream::Contortion), ("STREAM_GROWTH", Stream::Growth)];
 
 #[test]
@@ -253,13 +253,13 @@ fn no_constant_and_no_structure_is_left_out() {
             let name = constant.name.as_deref().unwrap_or_default();
             assert!(compared.contains(name), "{name} of {} is compared with nothing", shader.name);
         }
-        // Shaders keep what pair forces need, and which lists hold, in structures of their own.
+        // Structures of shaders only: inputs of pair forces, and which lists are valid.
         let known = ["StepRow", "Batch", "Member", "Status", "Now", "PairTerms", "Trust"];
         for (_, found) in module.types.iter().filter(|(_, t)| matches!(t.inner, TypeInner::Struct { .. })) {
             let name = found.name.as_deref().unwrap_or_default();
             assert!(known.contains(&name), "{name} of {} is compared with nothing", shader.name);
         }
-        // A constant that pipelines set must be there by this name, or its default would hold in silence.
+        // A constant that pipelines set must exist by this name, or its default would be used silently.
         let set: &[&str] = match shader.name {
             "integrate" => &["EVALUATION", "EULER"],
             _ => &[],

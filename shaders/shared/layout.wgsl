@@ -1,13 +1,13 @@
-// What all stages share: constants, structures, bindings, and where the fields of a particle lie. The twin of
+// Shared by all stages: constants, structures, bindings, and the layout of the fields of a particle. The counterpart of
 // src/sim/gpu/layout.rs and src/sim/layout.rs; tests/shaders.rs compares them.
 
 // Particles of a block, and partial sums of a force.
 const LANES: u32 = 16u;
-// Threads of a workgroup that work on a block: one for each particle and lane.
+// Threads of a workgroup that computes a block: one per particle and lane.
 const BLOCK_THREADS: u32 = 256u;
-// Threads of a workgroup that work on one particle each.
+// Threads of a workgroup that compute one particle each.
 const THREADS: u32 = 64u;
-// Threads of a workgroup that works on a whole loop.
+// Threads of a workgroup that computes a whole loop.
 const LOOP_THREADS: u32 = 256u;
 // Blocks that the list of a particle can hold; a particle that needs more visits all blocks.
 const LIST: u32 = 64u;
@@ -51,12 +51,12 @@ struct StepRow {
 
 // The same for all members of a batch.
 struct Batch {
-    // Particles of the inner and of the outer loop that a member has room for.
+    // Particles of the inner and of the outer loop for which a member has room.
     capacity: u32,
     outer_capacity: u32,
-    // Rows a member.
+    // Rows per member.
     rows: u32,
-    // Growth events, cosines of the thickness field, lobes a member has room for in the tables.
+    // Growth events, cosines of the thickness field, and lobes for which the tables of a member have room.
     events: u32,
     waves: u32,
     lobes: u32,
@@ -75,7 +75,7 @@ struct Member {
     clearance: f32,
 }
 
-// What changes in a member besides its particles.
+// State of a member besides its particles.
 struct Status {
     // Particles of both loops.
     inner: u32,
@@ -98,16 +98,16 @@ struct Status {
     // Row in which the lists were built: at the start of a step, and after its first evaluation.
     built: u32,
     built_next: u32,
-    // The last growth event: particles before it, and runs that it cut the loop into.
+    // The last growth event: particles before it, and runs into which it divided the loop.
     grown_from: u32,
     runs: u32,
-    // Id of the first particle that it made.
+    // Id of the first particle that it added.
     first_id: u32,
-    // Blocks that visited all others, once for each evaluation.
+    // Blocks that visited all others, counted at each evaluation.
     full_searches: atomic<u32>,
 }
 
-// What changes from dispatch to dispatch.
+// Constants of a dispatch.
 struct Now {
     // Row of the step.
     row: u32,
@@ -117,10 +117,10 @@ struct Now {
     rest: u32,
     // Ordinal of the growth event.
     event: u32,
-    // Particles of the inner and of the outer loop that a record has room for.
+    // Particles of the inner and of the outer loop for which a record has room.
     extent: u32,
     outer_extent: u32,
-    // 1 where the first workgroup of each member does the last step of its outer loop.
+    // 1 if the first workgroup of each member computes the last step of its outer loop.
     outer: u32,
 }
 
@@ -130,14 +130,14 @@ struct Now {
 @group(0) @binding(3) var<storage, read> tables: array<f32>;
 @group(0) @binding(4) var<storage, read_write> states: array<Status>;
 @group(0) @binding(5) var<storage, read_write> particles: array<u32>;
-// Bits of the greatest 1/d of each segment, of a member in even rows, then in odd ones.
+// Bits of the greatest 1/d of each segment of a member: first those of even rows, then those of odd rows.
 @group(0) @binding(6) var<storage, read_write> near: array<atomic<u32>>;
 @group(0) @binding(7) var<storage, read_write> lists: array<u32>;
 @group(0) @binding(8) var<storage, read_write> wall: array<u32>;
 @group(0) @binding(9) var<storage, read_write> record_out: array<u32>;
 var<immediate> now: Now;
 
-// Fields of an inner particle that growth moves; there are two copies of each.
+// Fields of an inner particle that growth copies; there are two copies of each.
 const ID: u32 = 0u;
 const X: u32 = 1u;
 const Y: u32 = 2u;
@@ -221,7 +221,7 @@ fn row_index(member: u32, row: u32) -> u32 {
     return member * batch.rows + min(row, batch.rows - 1u);
 }
 
-// Whether a member takes part: not stopped by the host, all its positions finite.
+// Whether a member is computed: not stopped by the host, and all its positions finite.
 fn runs_on(member: u32) -> bool {
     return states[member].halted == 0u && atomicLoad(&states[member].broken) == NONE;
 }

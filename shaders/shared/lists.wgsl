@@ -1,17 +1,18 @@
-// How long neighbour lists hold: twin of the constants and of `still_holds` in
+// How long neighbour lists are valid: counterpart of the constants and of `still_holds` in
 // src/sim/cpu/neighbours.rs.
 
-// How much further than their range lists reach, µm.
+// Distance by which lists reach beyond the range, µm.
 const SKIN: f32 = 24.0;
-// Clearances above this many µm are not told apart.
+// Larger clearances count as this one, µm.
 const CLEARANCE_CAP: f32 = 12.0;
 
-// How far every particle must see, whatever its range: the clearances that matter, and the barrier.
+// Distance within which every particle must find segments, whatever its range: for clearances and the barrier.
 fn least_sight(row: u32) -> f32 {
     return max(CLEARANCE_CAP, rows[row].barrier_distance);
 }
 
-// How much further a particle must see in row `row` than in row `built`, in which lists were built, µm.
+// Increase of the distance within which a particle must find segments from row `built`, in which lists were built, to row
+// `row`, µm.
 fn widened(member: u32, row: u32, built: u32) -> f32 {
     let now_row = row_index(member, row);
     let built_row = row_index(member, built);

@@ -1,4 +1,4 @@
-// The forces on a particle from its neighbours in the chain and from the containment region: twin of
+// The forces on a particle from its neighbours in the chain and from the containment region: counterpart of
 // src/sim/cpu/local.rs, and of the normals and tensions in src/sim/cpu/chain.rs.
 
 // Normal toward the lumen of the particle between `before` and `after`.

@@ -1,6 +1,6 @@
-// Small functions, twins of src/sim/maths.rs. The least and greatest of two numbers are the built-in ones.
+// Small functions, counterparts of src/sim/maths.rs; min and max are the built-in ones.
 
-// Nearest integer. Not by adding 1.5·2²³ as on the CPU: a compiler may undo that here.
+// Nearest integer. Not by adding 1.5·2²³ as on the CPU: a shader compiler may optimise that away.
 fn nearest_integer(x: f32) -> f32 {
     return floor(x + 0.5);
 }
@@ -25,8 +25,8 @@ fn signum(v: f32) -> f32 {
     return select(1.0, -1.0, v < 0.0);
 }
 
-// Direction cosines of the point of an ellipse nearest to p: the point is (r·cos, squash·r·sin). In units of r, since
-// there is no f64 here.
+// Direction cosines of the point of an ellipse nearest to p: the point is (r·cos, squash·r·sin). Computed in units of r,
+// as there is no f64 here.
 fn nearest_on_ellipse(p: vec2<f32>, r: f32, squash: f32) -> vec2<f32> {
     let axes = vec2<f32>(1.0, squash);
     let q = abs(p) / r;

@@ -1,23 +1,23 @@
-// Neighbour search: for each particle the blocks of segments within its range plus a skin, ascending; twin of
+// Neighbour search: for each particle the blocks of segments within its range plus a skin, ascending; counterpart of
 // src/sim/cpu/neighbours.rs (`lists`).
 //
-// The first evaluation of a step begins with it: the workgroup of a block builds the lists of its own particles where
-// those of the member hold no longer with something to spare, so that the host never asks. Should a list fail within
-// the step all the same, `integrate` sees it, and its particle visits all blocks.
+// It is the first part of the first evaluation of a step: the workgroup of a block rebuilds the lists of its particles if
+// those of the member are not valid with a margin, so that the host need not decide. If a list becomes invalid within the
+// step nevertheless, `integrate` detects it, and the particle visits all blocks.
 
-// Part of the skin kept for what the stages of one step move, µm.
+// Part of the skin reserved for the moves of the stages of one step, µm.
 const SPARE: f32 = 4.0;
 
-// Whether the lists of a member are to be built: decided by each workgroup alike.
+// Whether the lists of a member are to be built; all workgroups decide alike.
 var<workgroup> stale: u32;
-// Bounding boxes of blocks: least x, least y, greatest x, greatest y; one unused after 16, against bank conflicts.
+// Bounding boxes of blocks: least x, least y, greatest x, greatest y; one unused entry after every 16, to avoid bank conflicts.
 var<workgroup> boxes: array<vec4<f32>, LANES * STRIDE>;
-// Blocks that each thread has found for its particle.
+// Number of blocks that each thread has found for its particle.
 var<workgroup> found: array<u32, BLOCK_THREADS>;
 
 fn segment_bounds(member: u32, n: u32, block: u32) -> vec4<f32> {
     let first = block * LANES;
-    // Segments run to the next particle: one point more.
+    // Segments end at the next particle: one more point.
     let count = min(LANES, n - first) + 1u;
     var bounds = vec4<f32>(load2(member, current(X), first), load2(member, current(X), first));
     for (var k = 1u; k < count; k++) {
@@ -28,8 +28,8 @@ fn segment_bounds(member: u32, n: u32, block: u32) -> vec4<f32> {
     return bounds;
 }
 
-// Builds the lists of the particles of a block, 16 threads a particle. Reads positions, which no workgroup changes
-// meanwhile, and writes what belongs to these particles alone.
+// Builds the lists of the particles of a block with 16 threads per particle. Reads positions, which no workgroup changes
+// in this dispatch, and writes the lists of these particles only.
 fn build_lists(member: u32, n: u32, block: u32, thread: u32) {
     let lane = thread % LANES;
     let team = thread - lane;
@@ -52,7 +52,7 @@ fn build_lists(member: u32, n: u32, block: u32, thread: u32) {
             boxes[(thread / LANES) * STRIDE + lane] = segment_bounds(member, n, tile + thread);
         }
         workgroupBarrier();
-        // Sixteen blocks a thread, a bit for each that is near enough.
+        // Sixteen blocks per thread, one bit for each that is near enough.
         var near_enough = 0u;
         for (var k = 0u; k < LANES; k++) {
             if i < n && tile + lane * LANES + k < blocks {
@@ -63,7 +63,7 @@ fn build_lists(member: u32, n: u32, block: u32, thread: u32) {
         }
         found[thread] = countOneBits(near_enough);
         workgroupBarrier();
-        // Behind what the threads before it have found.
+        // After the blocks that the threads before it have found.
         var at = all;
         for (var l = 0u; l < LANES; l++) {
             at += select(0u, found[team + l], l < lane);
@@ -78,9 +78,9 @@ fn build_lists(member: u32, n: u32, block: u32, thread: u32) {
         }
     }
     if i < n && lane == 0u {
-        // More than the list holds: told by the count, and then the list is not used.
+        // A count above the capacity marks a list that is not used.
         particles[slot(member, COUNT, i)] = all;
     }
-    // The threads of this workgroup read what others of it wrote.
+    // Threads of this workgroup read what other threads of it wrote.
     storageBarrier();
 }

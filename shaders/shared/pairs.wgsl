@@ -1,9 +1,9 @@
-// The self-intersection force with side-dependent range, the barrier, and the clearance: twin of src/sim/cpu/pairs.rs.
+// The self-intersection force with side-dependent range, the barrier, and the clearance: counterpart of src/sim/cpu/pairs.rs.
 
-// Least squared distance that is told from zero.
+// Smaller squared distances count as zero.
 const TINY: f32 = 1e-12;
 
-// What the force on one particle needs besides the segments.
+// Inputs of the force on one particle besides the segments.
 struct PairTerms {
     p: vec2<f32>,
     mean: f32,

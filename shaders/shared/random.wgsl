@@ -1,4 +1,4 @@
-// Counter-based random numbers, word for word as src/random.rs: integers only, so that both give the same.
+// Counter-based random numbers with the operations of src/random.rs: integers only, so that both give the same bits.
 
 const STREAM_CONTORTION: u32 = 2u;
 const STREAM_GROWTH: u32 = 3u;

@@ -1,4 +1,4 @@
-// The thickness field: scale of the force ranges at a place; twin of src/sim/cpu/thickness.rs.
+// The thickness field: scale of the force ranges at a point; counterpart of src/sim/cpu/thickness.rs.
 
 // The field is cut off at this many standard deviations.
 const CUT: f32 = 2.0;

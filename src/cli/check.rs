@@ -1,4 +1,4 @@
-//! `oviduct check`: certifies the surface in a file from any source.
+//! `oviduct check`: the certificate of the surface in any file, whether oviduct wrote it or not.
 
 use super::args::CheckArgs;
 use super::exit::{Ended, Failure};
@@ -11,7 +11,7 @@ use std::path::Path;
 
 pub(super) async fn run(args: CheckArgs) -> Ended {
     let (files, json) = (args.files.clone(), args.json);
-    // Reading and certifying may take seconds; an interrupt does not wait for them, since nothing is written.
+    // Nothing is written, so an interrupt need not wait for the threads that read and certify.
     let task = tokio::task::spawn_blocking(move || {
         args.files.iter().map(|file| certificate(file, args.euler)).collect::<Vec<_>>()
     });

@@ -1,8 +1,8 @@
 //! Binary glTF 2.0: one file, metres, y up, z along the tube.
 //!
 //! The body (`tissue` or `lumen`) is a node without a mesh; each patch is a child node with a mesh and a
-//! material of the patch's name. Patches have vertices of their own, since a cap and a wall that meet at an edge
-//! need different normals; a reader that joins equal positions gets the closed surface back.
+//! material of the patch's name. Patches do not share vertices, since a cap and a wall that meet at an edge need
+//! different normals; a reader that merges equal positions obtains the closed surface.
 //! The binary chunk is written accessor by accessor from the mesh, in little-endian order on every host.
 
 use super::{CITATION, Metadata};
@@ -17,24 +17,24 @@ use std::io::{self, Write};
 /// Media type of the file.
 pub const MEDIA_TYPE: &str = "model/gltf-binary";
 
-/// How to write.
+/// Options of the writer.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct GlbOptions {
-    /// Triangle strips in place of single triangles: one strip a patch, its pieces joined by triangles
-    /// without area, in fewer indices. Readers that cannot drop those triangles want this off.
+    /// Writes triangle strips instead of single triangles: one strip per patch, its pieces joined by triangles without area.
+    /// This needs fewer indices; turn it off for readers that cannot drop triangles without area.
     pub strips: bool,
 }
 
-/// Most vertices whose indices fit 16 bits; 65,535 itself is reserved by glTF.
+/// Most vertices of a patch with 16-bit indices; glTF reserves 65,535 itself.
 const MAX_SHORT_VERTICES: usize = 65_535;
-/// Size of the pieces in which data is handed to the writer.
+/// Size of the pieces in which data are written.
 const CHUNK: usize = 1 << 16;
 
 /// Writes a mesh as GLB.
 ///
 /// # Errors
-/// Those of `out`; [`io::ErrorKind::InvalidInput`] where the mesh has no triangles or the file would pass 4 GiB,
-/// the most that GLB can hold.
+/// Those of `out`; [`io::ErrorKind::InvalidInput`] if the mesh has no triangles or the file would exceed 4 GiB,
+/// the limit of GLB.
 ///
 /// # Panics
 /// If the mesh's indices or patch ranges are out of bounds.
@@ -67,7 +67,7 @@ pub fn write_glb(mesh: &Mesh, meta: &Metadata, options: &GlbOptions, out: &mut i
     Ok(())
 }
 
-/// A patch as it is written.
+/// A patch in the form in which it is written.
 struct Part {
     kind: PatchKind,
     geometry: PatchGeometry,
@@ -93,7 +93,7 @@ impl Part {
         }
     }
 
-    /// Positions, normals, indices, each as long as [`document`] says.
+    /// Writes positions, normals and indices, each with the length stated by [`document`].
     fn write(&self, mesh: &Mesh, out: &mut impl Write) -> io::Result<()> {
         let mut buffer = Vec::with_capacity(CHUNK);
         write_chunks(&self.geometry.vertices, 12, &mut buffer, out, |&v, bytes| {
@@ -263,8 +263,8 @@ fn accessor(type_: json::accessor::Type, component: json::accessor::ComponentTyp
     }
 }
 
-/// Colours are linear. A wall of the tissue faces into the lumen, so the tube looks right from inside without
-/// drawing back faces; the lumen body faces outwards, so seen from inside it needs them.
+/// Colours are linear. The inner wall of the tissue faces the lumen, so that the tube is visible from inside without
+/// drawing back faces; the lumen body faces outwards, so that a view from inside needs them.
 fn material(kind: PatchKind, body: BodyKind) -> json::Material {
     let [r, g, b] = match kind {
         PatchKind::InnerWall | PatchKind::Wall => [0.694, 0.254, 0.352],

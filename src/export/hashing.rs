@@ -1,9 +1,9 @@
-//! Counts and hashes a file while it is written, so that no file is read again.
+//! Counts and hashes the bytes of a file while it is written, so that no file need be read again.
 
 use sha2::{Digest, Sha256};
 use std::io::{self, Write};
 
-/// Size and hash of what was written.
+/// Size and hash of a written file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileDigest {
     /// Bytes.
@@ -12,9 +12,9 @@ pub struct FileDigest {
     pub sha256: String,
 }
 
-/// Hands on what is written to it, counting bytes and feeding SHA-256.
+/// Passes writes on to another writer, and counts and hashes their bytes.
 ///
-/// Put any buffer around it, not inside: large writes hash fastest.
+/// Put a buffer around it, not inside: hashing is fastest for large writes.
 #[derive(Debug)]
 pub struct HashingWriter<W> {
     inner: W,
@@ -23,7 +23,7 @@ pub struct HashingWriter<W> {
 }
 
 impl<W: Write> HashingWriter<W> {
-    /// Wraps a writer of which nothing is counted yet.
+    /// Wraps a writer; the count begins at 0.
     pub fn new(inner: W) -> Self {
         Self { inner, hash: Sha256::new(), bytes: 0 }
     }
@@ -34,13 +34,13 @@ impl<W: Write> HashingWriter<W> {
         self.bytes
     }
 
-    /// SHA-256 of what was written so far.
+    /// SHA-256 of the bytes written so far.
     #[must_use]
     pub fn sha256(&self) -> [u8; 32] {
         self.hash.clone().finalize().into()
     }
 
-    /// Ends the file; gives the inner writer back. Does not flush it.
+    /// Ends the file and returns the inner writer, without flushing it.
     #[must_use]
     pub fn finish(self) -> (W, FileDigest) {
         let digest = FileDigest { bytes: self.bytes, sha256: hex::encode(self.sha256()) };
@@ -65,7 +65,7 @@ impl<W: Write> Write for HashingWriter<W> {
 mod tests {
     use super::*;
 
-    /// Takes three bytes at a time.
+    /// A writer that accepts three bytes at a time.
     struct Slow(Vec<u8>);
 
     impl Write for Slow {

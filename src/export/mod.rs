@@ -1,4 +1,4 @@
-//! Files: writers of models and sections over [`std::io::Write`], readers of surfaces in the usual formats.
+//! Files: writers of models and sections over [`std::io::Write`], and readers of surfaces in common formats.
 //!
 //! No writer reads a clock or draws a random number: the same input gives the same bytes.
 
@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 pub const CITATION: &str =
     "Burkitt, Romano, Walker, Fazeli: 3D Modelling of Complex Biological Structures: The Oviduct (2010)";
 
-/// Where a model comes from: written into every file.
+/// The origin of a model; written into every file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Metadata {
@@ -29,7 +29,7 @@ pub struct Metadata {
     pub engine: String,
     /// Length of the tube in millimetres.
     pub length_mm: f64,
-    /// Number of sections, those added to mend slabs included.
+    /// Number of sections, including those added to mend slabs.
     pub sections: usize,
 }
 

@@ -1,8 +1,8 @@
-//! Wavefront OBJ: text, metres, shared vertices, one group a patch.
+//! Wavefront OBJ: text, metres, shared vertices, one group per patch.
 //!
 //! Positions are the shortest decimals that read back as the same 32-bit floats. Normals are left out: they
-//! would double the size, and readers compute them. Material names are given (`usemtl`) without a library of
-//! materials, which readers take as labels.
+//! would double the size, and readers compute them. Material names (`usemtl`) are written without a material library;
+//! readers use them as labels.
 
 use super::{CITATION, Metadata};
 use crate::model::Mesh;
@@ -11,7 +11,7 @@ use std::io::{self, Write};
 /// Media type of the file.
 pub const MEDIA_TYPE: &str = "model/obj";
 
-/// Text is handed to the writer in pieces of about this size.
+/// Text is written in pieces of about this size.
 const CHUNK: usize = 1 << 16;
 
 /// Writes a mesh as OBJ.
@@ -60,7 +60,7 @@ fn flush_chunk(text: &mut Vec<u8>, out: &mut impl Write) -> io::Result<()> {
     Ok(())
 }
 
-/// Decimal digits, several times faster than `write!`; faces are most of the file.
+/// Appends decimal digits, several times faster than `write!`; most of the file consists of faces.
 fn push_number(text: &mut Vec<u8>, mut number: u64) {
     let mut digits = [0; 20];
     let mut start = digits.len();
@@ -75,7 +75,7 @@ fn push_number(text: &mut Vec<u8>, mut number: u64) {
     text.extend_from_slice(&digits[start..]);
 }
 
-/// Free text kept from ending a comment line.
+/// Free text without line ends, for a comment line.
 fn one_line(text: &str) -> String {
     text.replace(['\n', '\r'], " ")
 }
@@ -96,7 +96,7 @@ mod tests {
     /// Positions, triangles, and for each group its name and first triangle.
     type Parts = (Vec<[f32; 3]>, Vec<[u32; 3]>, Vec<(String, usize)>);
 
-    /// A plain reader of `v`, `f`, `g`.
+    /// A simple reader of `v`, `f` and `g`.
     fn read(text: &str) -> Parts {
         let (mut positions, mut triangles, mut groups) = (Vec::new(), Vec::new(), Vec::new());
         for line in text.lines() {

@@ -1,9 +1,9 @@
-//! `sections.bin`: all cross sections of a model, each readable alone.
+//! `sections.bin`: all cross sections of a model, each readable separately.
 //!
-//! Laid out for streams and for ranges: the writer never seeks, the index stands at the end, so a reader with the
-//! last [`TRAILER_LEN`] bytes and the index can take any section by one range. Every part carries a checksum, and
-//! the whole file a SHA-256; input that is not what was written gives an error, never a panic or wrong data.
-//! The format in full: `docs/sections-bin.md`.
+//! The layout suits streams and byte ranges: the writer never seeks, and the index is at the end, so that a reader with the
+//! last [`TRAILER_LEN`] bytes and the index can fetch any section by one range. Every part has a checksum, and the
+//! whole file a SHA-256; damaged input gives an error, never a panic or wrong data. `docs/sections-bin.md` describes the
+//! format.
 
 mod payload;
 mod reader;
@@ -41,10 +41,10 @@ pub enum SectionsError {
     /// The input could not be read.
     #[error("reading sections failed")]
     Io(#[from] io::Error),
-    /// It is some other kind of file.
+    /// The file is not a sections file.
     #[error("not a sections file")]
     NotSections,
-    /// A version that this program does not know.
+    /// The version of the format is not supported.
     #[error("sections file of version {0}; this program reads version {VERSION}")]
     Version(u32),
     /// Truncated or changed since it was written.
@@ -53,14 +53,14 @@ pub enum SectionsError {
     /// There is no such section.
     #[error("section {k} of {len} does not exist")]
     OutOfRange {
-        /// Number asked for, from 0.
+        /// Requested index, from 0.
         k: usize,
         /// Sections in the file.
         len: usize,
     },
 }
 
-/// What a sections file says about its model.
+/// The header of a sections file: the origin of its model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SectionsHeader {
     /// Unit of points and `z`: always `um`.
@@ -90,7 +90,7 @@ impl From<&Metadata> for SectionsHeader {
     }
 }
 
-/// Index entry of a section: where it lies in the file and what is known without reading it.
+/// Index entry of a section: its place in the file, and what is known without reading it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SectionEntry {
     /// First byte in the file.
@@ -144,7 +144,7 @@ impl SectionEntry {
     }
 }
 
-/// End of the file: says where the index is.
+/// End of the file: locates the index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Trailer {
     /// First byte of the index; it ends where the trailer begins.
@@ -156,14 +156,14 @@ pub struct Trailer {
 }
 
 impl Trailer {
-    /// Bytes before the hash, which covers them too.
+    /// Bytes before the hash; the hash covers them too.
     const HEAD: usize = 24;
 
     /// Reads the trailer from the last [`TRAILER_LEN`] bytes of a file of `file_len` bytes.
     ///
     /// # Errors
-    /// [`SectionsError::NotSections`] where the bytes are none, [`SectionsError::Corrupt`] where the index
-    /// would not fit the file.
+    /// [`SectionsError::NotSections`] if the bytes are no trailer, [`SectionsError::Corrupt`] if the index does not fit
+    /// the file.
     pub fn parse(bytes: &[u8; TRAILER_LEN], file_len: u64) -> Result<Self, SectionsError> {
         if bytes[56..] != END_MAGIC[..] {
             return Err(SectionsError::NotSections);
@@ -222,7 +222,7 @@ fn checksum(bytes: &[u8]) -> [u8; 8] {
     field(&Sha256::digest(bytes), 0)
 }
 
-/// `N` bytes from `at`, which the caller knows to be there.
+/// `N` bytes from `at`; they must exist.
 fn field<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     bytes[at..at + N].try_into().expect("the slice has this length")
 }

@@ -15,7 +15,7 @@ const BAR: f64 = 500.0;
 
 /// Draws a section: tissue filled, lumen outlined. Coordinates keep two decimals (10 nm).
 ///
-/// Points that are not finite are left out.
+/// Points that are not finite are omitted.
 #[must_use]
 pub fn section_svg(section: &Section) -> String {
     let frame = Frame::around(section);
@@ -54,7 +54,7 @@ pub fn section_svg(section: &Section) -> String {
     svg
 }
 
-/// Where the drawing lies, in micrometres with y down.
+/// Extent of the drawing, in micrometres with y down.
 struct Frame {
     min: [f64; 2],
     max: [f64; 2],
@@ -91,7 +91,7 @@ fn finite(ring: &Ring) -> impl Iterator<Item = [f64; 2]> + '_ {
     ring.points.iter().map(|p| p.map(f64::from)).filter(|[x, y]| x.is_finite() && y.is_finite())
 }
 
-/// Path data of a closed ring, y turned down.
+/// Path data of a closed ring, with y down.
 fn path(ring: &Ring) -> String {
     let mut data = String::with_capacity(ring.len() * 18);
     for (i, [x, y]) in finite(ring).enumerate() {
@@ -121,7 +121,7 @@ mod tests {
     fn every_point_is_drawn() {
         let section = sample::section(100, 1.0, 2.0);
         let svg = section_svg(&section);
-        // The inner ring is drawn twice: as hole of the tissue, and outlined.
+        // The inner ring is drawn twice: as a hole of the tissue, and as an outline.
         assert_eq!(svg.matches('L').count(), 3 * 99);
         assert!(svg.contains(&format!("M{:.2} 0.00L", section.outer.points[0][0])));
     }

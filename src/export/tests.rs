@@ -1,4 +1,4 @@
-//! What the tests of several formats share.
+//! Helpers for the tests of several formats.
 
 use super::Metadata;
 
@@ -13,7 +13,7 @@ pub(crate) fn meta() -> Metadata {
     }
 }
 
-/// A triangle that starts at its least corner, with the same orientation.
+/// The triangle rotated to start at its least corner, with the same orientation.
 pub(crate) fn turned<T: Ord + Copy>(t: [T; 3]) -> [T; 3] {
     let least = (0..3).min_by_key(|&k| t[k]).unwrap();
     [t[least], t[(least + 1) % 3], t[(least + 2) % 3]]

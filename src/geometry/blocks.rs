@@ -1,4 +1,4 @@
-//! A hierarchy of bounding boxes over things that are already in spatial order, such as the edges of a
+//! A hierarchy of bounding boxes over items that are already in spatial order, such as the edges of a
 //! contour: blocks of eight consecutive boxes, blocks of eight blocks, and so on. Nothing is sorted.
 //!
 //! Invariant: every pair of overlapping (or touching) boxes is reported exactly once, in an order that
@@ -16,10 +16,10 @@ pub struct Rect {
 }
 
 impl Rect {
-    /// The rectangle that holds nothing.
+    /// The empty rectangle.
     pub const EMPTY: Self = Self { min: [f32::INFINITY; 2], max: [f32::NEG_INFINITY; 2] };
 
-    /// The least rectangle around some points.
+    /// The least rectangle around `points`.
     #[must_use]
     #[inline]
     pub fn around(points: &[[f32; 2]]) -> Self {

@@ -1,11 +1,11 @@
-//! A bounding-volume hierarchy without pointers and without sorting: items in their given order, eight to a block,
-//! eight blocks to a block of the next level, and so on.
+//! A bounding-volume hierarchy without pointers and without sorting: eight items in their given order form a block, eight
+//! blocks a block of the next level, and so on.
 //!
-//! It is as good as the order is coherent, which the strips of a lofted surface are; for other surfaces the caller
-//! sorts first (see [`morton`]). A volume is bounded along five directions: x, y, z, x + y and x − y.
+//! Its quality depends on the coherence of the order, which is good for the strips of a lofted surface; for other surfaces
+//! the caller sorts first (see [`morton`]). A volume is bounded along five directions: x, y, z, x + y and x − y.
 //!
-//! Invariant: two items with a common point always overlap. Bounds are kept in f32, rounded to nearest; rounding is
-//! monotone, so what overlaps before it does after it, and no outward rounding is needed.
+//! Invariant: the bounds of two items with a common point overlap. Bounds are stored in f32, rounded to nearest; rounding
+//! is monotone, so that overlapping bounds still overlap, and no outward rounding is needed.
 
 use rayon::prelude::*;
 
@@ -63,12 +63,12 @@ impl Bounds {
         (0..3).map(|axis| self.high[axis] - self.low[axis]).sum()
     }
 
-    /// Bounds that hold every point within `reach` of these.
+    /// Bounds that contain every point within `reach` of these.
     #[must_use]
     fn grown(mut self, reach: f32) -> Self {
         if reach > 0.0 {
             for axis in 0..AXES {
-                // A margin takes up the rounding of this sum.
+                // A margin compensates for the rounding of this sum.
                 let by = if axis < 3 { reach } else { reach * 1.5 };
                 self.low[axis] -= by + self.low[axis].abs() * 1e-6;
                 self.high[axis] += by + self.high[axis].abs() * 1e-6;
@@ -106,9 +106,9 @@ impl Block {
         (0..WIDTH).fold(Bounds::EMPTY, |sum, lane| sum.with(&self.lane(lane)))
     }
 
-    /// Bit `l` is set where item `l` overlaps `query`. An empty lane is at infinity; what is not a number is apart.
+    /// Bit `l` is set where item `l` overlaps `query`. An empty lane overlaps nothing, nor do bounds that are NaN.
     #[inline]
-    #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "what cannot be compared must count as apart")]
+    #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "NaN must count as apart")]
     fn overlaps(&self, query: &Bounds) -> u32 {
         let mut apart = [0u32; WIDTH];
         for axis in 0..AXES {
@@ -189,6 +189,20 @@ impl Bvh {
         });
     }
 
+    /// Calls `visit` for every item whose bounds overlap `query`, in ascending order.
+    pub fn overlapping(&self, query: &Bounds, mut visit: impl FnMut(usize)) {
+        self.descend(self.levels.len() - 1, 0, query, 0, &mut |block| {
+            let mut mask = self.levels[0][block].overlaps(query);
+            while mask != 0 {
+                let item = block * WIDTH + mask.trailing_zeros() as usize;
+                mask &= mask - 1;
+                if item < self.len {
+                    visit(item);
+                }
+            }
+        });
+    }
+
     /// Calls `leaf` for each block of items from `first` on whose bounds overlap `query`.
     fn descend(&self, level: usize, node: usize, query: &Bounds, first: usize, leaf: &mut impl FnMut(usize)) {
         if level == 0 {
@@ -208,7 +222,7 @@ impl Bvh {
     }
 }
 
-/// Position along a space-filling curve of Morton of a point given as fractions (0 to 1) of a box, 10 bits an axis.
+/// Position along the Morton curve of a point given as fractions (0 to 1) of a box, 10 bits per axis.
 #[must_use]
 pub fn morton(fraction: [f32; 3]) -> u32 {
     let spread = |f: f32| {
@@ -254,6 +268,12 @@ mod tests {
                 }
             }
             prop_assert_eq!(found, expected);
+            for query in bounds.iter().take(20) {
+                let mut found = Vec::new();
+                bvh.overlapping(query, |i| found.push(i));
+                let expected: Vec<_> = (0..bounds.len()).filter(|&i| query.overlaps(&bounds[i])).collect();
+                prop_assert_eq!(found, expected);
+            }
         }
     }
 

@@ -1,5 +1,5 @@
 //! Exact plane and space geometry: predicates, segments, polygons, constrained triangulation,
-//! bounding-volume hierarchies and triangle contact. Knows nothing of organs.
+//! bounding-volume hierarchies and triangle contact. Independent of the model.
 
 pub mod blocks;
 pub mod bvh;

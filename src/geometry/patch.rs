@@ -1,13 +1,13 @@
-//! One patch of a mesh on its own: its vertices, its triangles in local indices, its smooth normals.
+//! One patch of a mesh by itself: its vertices, its triangles in local indices, its smooth normals.
 //!
-//! Patches share the vertices of their borders in [`Mesh`], yet are shaded apart (a cap meets a wall at a
-//! sharp edge), so each file format that carries normals needs the patch by itself. Every normal has unit
+//! Patches share the vertices of their borders in [`Mesh`], but are shaded separately (a cap meets a wall
+//! at a sharp edge), so that file formats with normals need each patch by itself. Every normal has unit
 //! length. Only additions, multiplications and square roots are used, in a fixed order: the same mesh gives
 //! the same bits on every machine.
 
 use crate::model::{Mesh, Patch};
 
-/// A patch with vertices of its own.
+/// A patch with its own vertices.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PatchGeometry {
     /// Index into [`Mesh::positions`] of each vertex, in the order of first use.
@@ -64,7 +64,7 @@ fn doubled_area_normal(corners: [[f32; 3]; 3]) -> [f64; 3] {
     [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
 }
 
-/// `v` at length 1; the z axis where `v` has none.
+/// `v` scaled to length 1; the z axis if `v` is zero.
 fn unit(v: [f64; 3]) -> [f32; 3] {
     let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
     if length.is_normal() { v.map(|x| (x / length) as f32) } else { [0.0, 0.0, 1.0] }

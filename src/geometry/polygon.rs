@@ -7,10 +7,10 @@ use super::blocks::{Blocks, Rect};
 use super::predicates::{orient2d, widen2};
 use super::segment::{on_segment, segments_meet};
 
-/// What keeps contours from being sound.
+/// Faults of contours.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum ContourError {
-    /// Fewer than three points, or a coordinate that is no finite number.
+    /// Fewer than three points, or a coordinate that is not finite.
     #[error("a contour needs at least three points, all finite")]
     Malformed,
     /// Two neighbouring points are the same.
@@ -21,7 +21,7 @@ pub enum ContourError {
         /// Place, in the unit of the contour.
         at: [f32; 2],
     },
-    /// Two edges meet that should not.
+    /// Two edges meet other than as neighbours at their common point.
     #[error("edges {} and {} meet, at ({:e}, {:e})", edges[0], edges[1], at[0], at[1])]
     Crossing {
         /// Numbers of the edges (in two contours: of the inner one, then of the outer one).
@@ -29,7 +29,7 @@ pub enum ContourError {
         /// First point of the first edge, in the unit of the contour.
         at: [f32; 2],
     },
-    /// The points run clockwise.
+    /// The contour is clockwise.
     #[error("the contour is not counter-clockwise")]
     Clockwise,
     /// One contour does not lie inside the other.
@@ -37,7 +37,7 @@ pub enum ContourError {
     NotNested,
 }
 
-/// Where a point lies with respect to a contour.
+/// Position of a point relative to a contour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
     /// Inside.
@@ -67,7 +67,7 @@ pub fn signed_area(points: &[[f32; 2]]) -> f64 {
     0.5 * doubled
 }
 
-/// Where `point` lies with respect to a simple contour; exact.
+/// Position of `point` relative to a simple contour; exact.
 #[must_use]
 pub fn locate(points: &[[f32; 2]], point: [f32; 2]) -> Place {
     let p = widen2(point);
@@ -81,7 +81,7 @@ pub fn locate(points: &[[f32; 2]], point: [f32; 2]) -> Place {
             return Place::Boundary;
         }
         if (a[1] > p[1]) != (b[1] > p[1]) {
-            // The edge passes the height of the point: right of it if the point is left of the upward edge.
+            // The edge crosses the height of the point: to its right if the point is left of the upward edge.
             let side = orient2d(a, b, p);
             if (b[1] > a[1]) == (side > 0.0) {
                 inside = !inside;
@@ -91,7 +91,7 @@ pub fn locate(points: &[[f32; 2]], point: [f32; 2]) -> Place {
     if inside { Place::Inside } else { Place::Outside }
 }
 
-/// Tests that a contour is simple: no two edges meet but neighbours at their common point. Exact.
+/// Tests that a contour is simple: no two edges meet, except neighbours at their common point. Exact.
 ///
 /// # Errors
 /// [`ContourError::Malformed`], [`ContourError::EmptyEdge`] or [`ContourError::Crossing`].

@@ -1,7 +1,8 @@
 //! Exact signs of orientations: the `robust` crate (Shewchuk's adaptive predicates) in plain arrays.
 //!
 //! Invariant: the sign returned is that of the exact real number for any finite input that does not
-//! underflow (coordinates zero or of magnitude 1e-60 to 1e60 never do); the magnitude is approximate. Every yes-or-no question about a surface rests on these.
+//! underflow (coordinates zero or of magnitude 1e-60 to 1e60 never do); the magnitude is approximate. All decisions on
+//! surfaces use these predicates.
 
 use robust::{Coord, Coord3D};
 

@@ -2,7 +2,7 @@
 
 use super::predicates::orient2d;
 
-/// Whether the closed segments `a`–`b` and `c`–`d` have a point in common. Segments of no length count
+/// Whether the closed segments `a`–`b` and `c`–`d` have a point in common. Segments of length zero count
 /// as points.
 #[must_use]
 pub fn segments_meet(a: [f64; 2], b: [f64; 2], c: [f64; 2], d: [f64; 2]) -> bool {
@@ -14,7 +14,7 @@ pub fn segments_meet(a: [f64; 2], b: [f64; 2], c: [f64; 2], d: [f64; 2]) -> bool
     if (a_side > 0.0 && b_side > 0.0) || (a_side < 0.0 && b_side < 0.0) {
         return false;
     }
-    // Either they cross, or all that touches lies on one line, where boxes decide.
+    // Either they cross, or they are collinear, in which case their boxes decide.
     (c_side != 0.0 || d_side != 0.0 || a_side != 0.0 || b_side != 0.0)
         || (overlap(a[0], b[0], c[0], d[0]) && overlap(a[1], b[1], c[1], d[1]))
 }

@@ -1,14 +1,14 @@
 //! Triangle strips: the same triangles with about one index each instead of three.
 //!
-//! A strip `v0 v1 v2 v3 …` holds the triangles (v0 v1 v2), (v2 v1 v3), (v2 v3 v4), …: every other one turned,
-//! so that all keep one orientation. Strips are joined into a single one by triangles without area (two equal
+//! A strip `v0 v1 v2 v3 …` holds the triangles (v0 v1 v2), (v2 v1 v3), (v2 v3 v4), …: every second one reversed,
+//! so that all have the same orientation. Strips are joined into a single one by triangles without area (two equal
 //! corners), which every reader of strips drops; glTF has no restart index.
 
 /// Covers each triangle exactly once by strips, with its orientation kept.
 ///
 /// Greedy: from the first triangle not yet covered, the longest of the three possible walks over shared edges
 /// is taken. Time is linear in the number of triangles for surfaces with bounded valence. The result depends
-/// on the input alone. Triangles with equal corners go into strips too, where readers drop them.
+/// on the input alone. Triangles with equal corners are included in strips too; readers drop them.
 #[must_use]
 pub fn strips(triangles: &[[u32; 3]]) -> Vec<Vec<u32>> {
     let edges = DirectedEdges::new(triangles);
@@ -62,7 +62,7 @@ pub fn triangles_of_strip(strip: &[u32]) -> impl Iterator<Item = [u32; 3]> + '_ 
         .filter(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0])
 }
 
-/// Which triangles are in a finished strip, and which in the walk under way.
+/// Which triangles are in a finished strip, and which in the current walk.
 struct Covered {
     visit: Vec<u32>,
     walk: u32,
@@ -76,7 +76,7 @@ impl Covered {
         self.visit[triangle] == Self::DONE
     }
 
-    /// Whether the walk under way may enter the triangle; marks it as entered.
+    /// Whether the current walk may enter the triangle; marks it as entered.
     fn enter(&mut self, triangle: u32) -> bool {
         let visit = &mut self.visit[triangle as usize];
         let free = *visit != Self::DONE && *visit != self.walk;
@@ -87,7 +87,7 @@ impl Covered {
     }
 }
 
-/// A strip in the making.
+/// A strip under construction.
 #[derive(Default)]
 struct Walk {
     indices: Vec<u32>,
@@ -109,7 +109,7 @@ impl Walk {
         covered: &mut Covered,
     ) {
         self.clear();
-        // At most three walks a triangle: below DONE for all meshes of fewer than 1.4e9 triangles.
+        // At most three walks per triangle: below DONE for all meshes of fewer than 1.4e9 triangles.
         covered.walk += 1;
         covered.enter(seed);
         self.triangles.push(seed);
@@ -117,7 +117,7 @@ impl Walk {
         loop {
             let n = self.indices.len();
             let (b, c) = (self.indices[n - 2], self.indices[n - 1]);
-            // After a whole number of pairs the last triangle stands as it is and its edge is b → c.
+            // After an even number of triangles the last one is not reversed, and its edge is b → c.
             let (from, to) = if n % 2 == 1 { (c, b) } else { (b, c) };
             let next = edges.from(from).iter().find(|&&(end, t)| end == to && covered.enter(t));
             let Some(&(_, triangle)) = next else { return };

@@ -1,7 +1,7 @@
 //! Whether two triangles in space meet, decided exactly.
 //!
-//! Triangles are closed sets and must not be degenerate (see [`Triangle::is_degenerate`]). A floating-point
-//! filter settles nearly every question; what it leaves open goes to [`orient3d`] and [`orient2d`].
+//! Triangles are closed sets and must not be degenerate (see [`Triangle::is_degenerate`]). A floating-point filter decides
+//! nearly all cases; [`orient3d`] and [`orient2d`] decide the others.
 //! The bounds on coordinates are those of [`crate::geometry::predicates`].
 
 use super::predicates::{orient2d, orient3d};
@@ -9,7 +9,7 @@ use super::predicates::{orient2d, orient3d};
 type P2 = [f64; 2];
 type P3 = [f64; 3];
 
-/// A triangle with what the filter needs to know of its plane.
+/// A triangle with the data of its plane for the filter.
 #[derive(Clone, Copy, Debug)]
 pub struct Triangle {
     /// Corners.
@@ -41,7 +41,7 @@ impl Triangle {
         Self { points, normal, error: 1e-14 * max_norm(u) * max_norm(v) }
     }
 
-    /// On which side of the plane of the triangle `q` lies: the sign of [`orient3d`] of the corners and `q`, exact.
+    /// The side of the plane of the triangle on which `q` lies: the sign of [`orient3d`] of the corners and `q`, exact.
     #[inline]
     #[must_use]
     pub fn side(&self, q: P3) -> f64 {
@@ -70,8 +70,8 @@ impl Triangle {
         })
     }
 
-    /// What the triangle has in common with an axis-parallel plane that it touches from one side: a corner (twice) or
-    /// an edge; none if it lies in the plane.
+    /// The intersection of the triangle with an axis-parallel plane that it touches from one side: a corner (twice) or an
+    /// edge; none if it lies in the plane.
     fn edge_in_plane(&self, axis: usize, value: f64) -> Option<[P2; 2]> {
         let mut on = self.points.into_iter().filter(|p| p[axis] == value).map(|p| flat(p, axis));
         let first = on.next()?;
@@ -106,14 +106,14 @@ impl Triangle {
             let axis = self.projection().expect("a triangle that is tested for contact is not degenerate");
             return meets_segment_2d([flat(a, axis), flat(b, axis), flat(c, axis)], flat(p, axis), flat(q, axis));
         }
-        // The line pierces the plane in one point, which lies inside where the line passes all edges on one side.
+        // The line meets the plane in one point, which is inside if the line passes all edges on the same side.
         let (s, t, u) = (orientation(p, q, a, b), orientation(p, q, b, c), orientation(p, q, c, a));
         (s >= 0.0 && t >= 0.0 && u >= 0.0) || (s <= 0.0 && t <= 0.0 && u <= 0.0)
     }
 }
 
-/// [`orient3d`], at once for four points of an axis-parallel plane: sections lie in such planes, and to find a zero is
-/// what takes exact arithmetic longest.
+/// [`orient3d`], with a shortcut for four points of an axis-parallel plane: sections lie in such planes, and zero is the
+/// most expensive result of exact arithmetic.
 #[inline]
 fn orientation(a: P3, b: P3, c: P3, d: P3) -> f64 {
     if (0..3).any(|axis| a[axis] == d[axis] && b[axis] == d[axis] && c[axis] == d[axis]) {
@@ -143,7 +143,7 @@ pub fn segments_meet(a: P2, b: P2, c: P2, d: P2) -> bool {
     if (cda > 0.0 && cdb > 0.0) || (cda < 0.0 && cdb < 0.0) {
         return false;
     }
-    // Where neither line separates the ends of the other segment, only collinear segments can still be apart.
+    // If neither line separates the ends of the other segment, only collinear segments can be disjoint.
     let overlap = |i: usize| a[i].min(b[i]) <= c[i].max(d[i]) && c[i].min(d[i]) <= a[i].max(b[i]);
     overlap(0) && overlap(1)
 }
@@ -176,7 +176,7 @@ pub fn meet(a: &Triangle, b: &Triangle) -> bool {
     if a.clears(b.points) || b.clears(a.points) {
         return false;
     }
-    // Where triangles meet, an edge of one meets the other.
+    // If triangles meet, an edge of one meets the other.
     let edges =
         |t: &Triangle, other: &Triangle| (0..3).any(|i| other.meets_segment(t.points[i], t.points[(i + 1) % 3]));
     edges(a, b) || edges(b, a)
@@ -196,7 +196,7 @@ pub fn meet_beyond_corner(a: &Triangle, i: usize, b: &Triangle, j: usize) -> boo
         if !parted {
             continue;
         }
-        // An axis-parallel plane through the corner parts them; what they share lies in it.
+        // An axis-parallel plane through the corner separates them and contains all common points.
         let on_plane = |p: P3, q: P3| match (p[axis] == v, q[axis] == v) {
             (false, false) => Some(None),
             (true, false) => Some(Some(flat(p, axis))),
@@ -216,12 +216,12 @@ pub fn meet_beyond_corner(a: &Triangle, i: usize, b: &Triangle, j: usize) -> boo
     if b.clears([a1, a2]) || a.clears([b1, b2]) {
         return false;
     }
-    // A ray from the corner within both leaves one of them through the edge opposite to the corner.
+    // A ray from the corner inside both leaves one of them through the edge opposite to the corner.
     b.meets_segment(a1, a2) || a.meets_segment(b1, b2)
 }
 
-/// Whether two triangles that share an edge have more than that edge in common, that is whether they are folded flat
-/// onto each other. `a.points[i]` and `b.points[j]` are the corners off the shared edge.
+/// Whether two triangles that share an edge have other points in common, that is, whether they are folded flat onto each
+/// other. `a.points[i]` and `b.points[j]` are the corners off the shared edge.
 #[must_use]
 pub fn overlap_across_edge(a: &Triangle, i: usize, b: &Triangle, j: usize) -> bool {
     let far = b.points[j];

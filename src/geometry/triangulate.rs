@@ -12,7 +12,7 @@ use super::predicates::{orient2d, widen2};
 /// Why a region could not be triangulated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TriangulateError {
-    /// A coordinate is not finite, or too small or large to be handled exactly.
+    /// A coordinate is not finite, or outside the range of exact arithmetic.
     #[error("a coordinate cannot be handled exactly")]
     Coordinate,
     /// Two points are the same.
@@ -21,8 +21,8 @@ pub enum TriangulateError {
     /// Two contour edges cross.
     #[error("two edges of the contours cross")]
     Crossing,
-    /// The triangles found do not fill a region of this kind: contours turned or not nested.
-    #[error("{found} triangles where the region has {expected}")]
+    /// The number of triangles is wrong for the region: a contour is clockwise, or the contours are not nested.
+    #[error("{found} triangles instead of the {expected} of the region")]
     Count {
         /// Triangles found.
         found: usize,
@@ -36,7 +36,7 @@ type Cdt = ConstrainedDelaunayTriangulation<Point2<f64>>;
 /// Triangulates the inside of a simple, counter-clockwise contour of n points into n − 2 triangles.
 ///
 /// # Errors
-/// [`TriangulateError`] where the contour is not what it should be.
+/// [`TriangulateError`] if the contour does not meet these conditions.
 pub fn disc(contour: &[[f32; 2]]) -> Result<Vec<[u32; 3]>, TriangulateError> {
     let n = contour.len();
     region(&[contour], &[true], n.saturating_sub(2))
@@ -46,7 +46,7 @@ pub fn disc(contour: &[[f32; 2]]) -> Result<Vec<[u32; 3]>, TriangulateError> {
 /// triangles as there are points. Indices count the points of `inner` first, then those of `outer`.
 ///
 /// # Errors
-/// [`TriangulateError`] where the contours are not what they should be.
+/// [`TriangulateError`] if the contours do not meet these conditions.
 pub fn annulus(inner: &[[f32; 2]], outer: &[[f32; 2]]) -> Result<Vec<[u32; 3]>, TriangulateError> {
     region(&[inner, outer], &[false, true], inner.len() + outer.len())
 }
@@ -97,7 +97,7 @@ fn flood(cdt: &Cdt, edges: &[[usize; 2]], inside_left: &[bool]) -> Result<Vec<[u
             .filter(|edge| edge.is_constraint_edge())
             .ok_or(TriangulateError::Crossing)?;
         let edge = if left { edge } else { edge.rev() };
-        // A contour the wrong way round may have no triangle there.
+        // A clockwise contour may have no triangle there.
         if let Some(face) = edge.face().as_inner()
             && !std::mem::replace(&mut inside[face.index()], true)
         {

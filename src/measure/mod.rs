@@ -1,4 +1,4 @@
-//! Measures of sections and surfaces; the proof that a surface is sound (see [`certificate`](crate::measure::certify)).
+//! Measures of sections and surfaces, and the certificate of a surface (see [`certify`](crate::measure::certify)).
 
 mod certificate;
 

@@ -1,23 +1,23 @@
 //! A mesh as a solid body: smooth shading, two lights, and flat cut faces where it is cut open.
 //!
-//! A closed surface seen from outside never shows its back. Where it does after cutting, the line of sight has
-//! entered the body through a cut: that sample is painted as cut tissue, at the plane that it passed.
+//! From outside, only the front of a closed surface is visible. If the back is visible after cutting, the line of sight
+//! entered the body through a cut: that sample is drawn as cut tissue, on the plane of the cut.
 
+use super::picture::{BACKGROUND, OUTLINE, RenderError, Rgb, TISSUE, encode, pixmap};
 use super::raster::{NONE, Sample, rasterize};
 use super::view::{Camera, View};
-use super::{BACKGROUND, OUTLINE, RenderError, Rgb, TISSUE, encode, pixmap};
 use crate::geometry::patch::patch_geometry;
 use crate::model::{Mesh, PatchKind};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-/// Samples a pixel in each direction.
+/// Samples per pixel in each direction.
 const SAMPLES: u32 = 2;
 
 /// Draws a mesh.
 ///
 /// # Errors
-/// [`RenderError::Size`] and [`RenderError::View`] where the view is out of bounds.
+/// [`RenderError::Size`] and [`RenderError::View`] if the view is out of bounds.
 ///
 /// # Panics
 /// If the mesh's indices or patch ranges are out of bounds.
@@ -57,7 +57,7 @@ fn beside(x: usize, y: usize, [width, height]: [usize; 2]) -> impl Iterator<Item
     })
 }
 
-/// What a sample looks like.
+/// Appearance of a sample.
 #[derive(Clone, Copy)]
 struct Shade {
     /// Linear light.
@@ -90,7 +90,7 @@ impl<'a> Scene<'a> {
         let scale = view.axial_scale;
         let positions: Vec<DVec3> =
             mesh.positions.par_iter().map(|p| Vec3::from(*p).as_dvec3() * DVec3::new(1.0, 1.0, scale)).collect();
-        // A normal keeps its angle to the surface if it is scaled the other way.
+        // Normals are scaled by the inverse factor to stay perpendicular to the surface.
         let inverse = DVec3::new(1.0, 1.0, 1.0 / scale);
         let mut view = view.clone();
         for plane in &mut view.cut {
@@ -154,20 +154,20 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Normal of the cut that the line of sight passes last before `depth`, where it leaves the part cut away.
+    /// Normal of the cut that the line of sight passes last before `depth`, where it leaves the removed part.
     fn cut_normal(&self, ray: DVec3, depth: f64) -> Option<DVec3> {
         let passes = self.view.cut.iter().filter_map(|plane| {
             let normal = DVec3::from(plane.normal);
-            // Into the body, out of the part cut away: from the plane's front to its back.
+            // Out of the removed part, into the body: from the plane's front to its back.
             let at = (plane.offset - normal.dot(self.camera.eye)) / normal.dot(ray);
             let leaves = normal.dot(ray) < 0.0 && at > 0.0 && at <= depth * (1.0 + 1e-6);
             leaves.then_some((at, normal))
         });
-        // The part cut away is in front of all planes, so it ends where the first of them is passed.
+        // The removed part is in front of all planes, so it ends at the first plane that is passed.
         passes.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, normal)| normal)
     }
 
-    /// Ambient light, a key light from the upper left, and a light at the camera; both sides alike.
+    /// Ambient light, a key light from the upper left, and a light at the camera; the same for both sides.
     fn light(&self, color: Vec3, normal: Vec3, ray: DVec3) -> Vec3 {
         let toward = -ray.as_vec3().normalize();
         let normal = if normal.dot(toward) < 0.0 { -normal } else { normal };
@@ -176,7 +176,7 @@ impl<'a> Scene<'a> {
     }
 }
 
-/// Weights of the corners at a point of the triangle's plane, kept to its inside.
+/// Weights of the corners at a point of the triangle's plane, clamped to the triangle.
 fn barycentric([a, b, c]: [DVec3; 3], point: DVec3, facet: DVec3) -> [f32; 3] {
     let area = facet.length_squared();
     if area == 0.0 {
@@ -227,7 +227,7 @@ mod tests {
         View { azimuth_deg: 0.0, elevation_deg: 0.0, field_of_view_deg: 5.0, ..View::whole(120, 120) }
     }
 
-    /// How much redder than green, which tells tissue from the white background.
+    /// Red minus green, which distinguishes tissue from the white background.
     fn redness(picture: &Pixmap, x: u32, y: u32) -> i32 {
         let p = picture.pixel(x, y).unwrap();
         i32::from(p.red()) - i32::from(p.green())
@@ -246,7 +246,7 @@ mod tests {
         let half = |cut| View { azimuth_deg: 90.0, elevation_deg: 0.0, cut, ..View::whole(200, 120) };
         let opened = picture(&half(vec![super::super::Plane { normal: [1.0, 0.0, 0.0], offset: 0.0 }]));
         let whole = picture(&half(Vec::new()));
-        // Near the upper edge, the cut wall has one colour all along; the closed tube is paler.
+        // Near the upper edge, the cut wall has one colour throughout; the closed tube is paler.
         let wall: Vec<_> = (60..140).map(|x| opened.pixel(x, 30).unwrap()).collect();
         assert!(wall.iter().all(|p| p.red().abs_diff(wall[0].red()) <= 6), "{wall:?}");
         assert!(redness(&opened, 100, 30) > redness(&whole, 100, 30) + 10);

@@ -1,6 +1,6 @@
-//! Which triangle each sample of a picture shows: a depth buffer, filled in horizontal bands in parallel.
+//! The visible triangle of each sample of a picture: a depth buffer, filled in horizontal bands in parallel.
 //!
-//! Shading comes later, once a sample, so that its cost does not grow with the triangles behind.
+//! Shading follows once per sample, so that its cost does not depend on hidden triangles.
 
 use super::view::{Camera, Projected, View};
 use glam::DVec3;
@@ -10,15 +10,15 @@ use std::ops::Range;
 /// No triangle.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// Rows of samples that one task fills.
+/// Rows of samples per task.
 const BAND: usize = 128;
 
-/// What a sample shows.
+/// The visible surface at a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Sample {
     /// Triangle, or [`NONE`].
     pub triangle: u32,
-    /// 1/depth of the place.
+    /// 1/depth.
     pub inverse_depth: f32,
 }
 
@@ -33,7 +33,7 @@ pub(super) fn rasterize(
     let projected: Vec<Projected> = positions.par_iter().map(|p| camera.project(*p)).collect();
     let removed: Vec<bool> = positions.par_iter().map(|p| view.is_cut(*p)).collect();
     let corners_of = |t: u32| triangles[t as usize].map(|v| projected[v as usize]);
-    // The part cut away is convex: with three corners in it, a triangle is in it.
+    // The removed part is convex: it contains a triangle if it contains its corners.
     let visible = |t: &u32| triangles[*t as usize].map(|v| removed[v as usize]) != [true; 3];
     let candidates: Vec<(u32, Range<usize>)> = (0..triangles.len() as u32)
         .into_par_iter()
@@ -48,7 +48,7 @@ pub(super) fn rasterize(
                 continue;
             }
             let Some(setup) = Setup::new(corners_of(*t), [width, height]) else { continue };
-            // A wedge can reach into a triangle without holding any of its corners.
+            // A wedge can cut a triangle without containing any of its corners.
             let straddles = match view.cut.len() {
                 0 => false,
                 1 => triangles[*t as usize].iter().any(|&v| removed[v as usize]),
@@ -72,7 +72,7 @@ pub(super) fn rasterize(
     samples
 }
 
-/// A triangle in the picture: where it may lie, and its edge functions.
+/// A triangle in the picture: its bounds and its edge functions.
 struct Setup {
     corners: [Projected; 3],
     doubled_area: f64,
@@ -81,7 +81,7 @@ struct Setup {
 }
 
 impl Setup {
-    /// None where it covers no centre of a sample, has no area or lies behind the camera.
+    /// None if it covers no centre of a sample, has no area or lies behind the camera.
     fn new(corners: [Projected; 3], [width, height]: [usize; 2]) -> Option<Self> {
         let [a, b, c] = corners;
         let rows = centres(a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y), height);
@@ -92,7 +92,7 @@ impl Setup {
         (before && covers).then_some(Self { corners, doubled_area, columns, rows })
     }
 
-    /// Calls with column, row and 1/depth of each sample covered in a band of rows, borders included.
+    /// Calls `visit` with column, row and 1/depth of each covered sample in a band of rows, including those on borders.
     fn visit(&self, band: &Range<usize>, mut found: impl FnMut(usize, usize, f32)) {
         let [a, b, c] = self.corners;
         for row in self.rows.start.max(band.start)..self.rows.end.min(band.end) {
@@ -111,7 +111,7 @@ impl Setup {
 
 /// Indices below `end` whose centres (i + ½) lie from `low` to `high`.
 fn centres(low: f32, high: f32, end: usize) -> Range<usize> {
-    // Casts of floats saturate, and take what is not a number to 0.
+    // Casts of floats saturate, and map NaN to 0.
     let first = (low - 0.5).ceil().max(0.0) as usize;
     let last = (high + 0.5).floor().max(0.0) as usize;
     first..last.min(end)
@@ -119,7 +119,7 @@ fn centres(low: f32, high: f32, end: usize) -> Range<usize> {
 
 /// Twice the signed area of a, b and (x, y).
 ///
-/// Exactly opposite for b, a, and so precise that triangles that share an edge leave no sample between them.
+/// The result for b, a is exactly the negative, and precise enough that triangles with a common edge leave no gap.
 fn edge(a: Projected, b: Projected, x: f32, y: f32) -> f64 {
     if (b.x, b.y) < (a.x, a.y) {
         return -edge(b, a, x, y);
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cut_away_shows_what_is_behind() {
+    fn surfaces_behind_the_removed_part_are_visible() {
         let positions = [square_at(0.0), square_at(0.5)].concat();
         let triangles = [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]];
         let cut = vec![
@@ -177,7 +177,7 @@ mod tests {
                 let [a, b, c] = mesh.triangles[sample.triangle as usize].map(|v| positions[v as usize]);
                 let ray = camera.ray((i % 300) as f64 + 0.5, (i / 300) as f64 + 0.5);
                 let cosine = (b - a).cross(c - a).normalize().dot(ray.normalize());
-                // At a silhouette front and back meet at one depth.
+                // At a silhouette front and back have the same depth.
                 assert!(cosine < 0.05, "the back shows through: turn {turn}, sample {i}, {cosine}");
             }
         }

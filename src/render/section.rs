@@ -1,12 +1,12 @@
 //! Sections as in a histological slide: tissue filled, lumen outlined, y up, a scale bar of 500 µm.
 
-use super::{INK, LUMEN, OUTLINE, RenderError, Rgb, TISSUE, color, encode, pixmap};
+use super::picture::{INK, LUMEN, OUTLINE, RenderError, Rgb, TISSUE, color, encode, pixmap};
 use crate::model::{Ring, Section};
 use tiny_skia::{FillRule, LineJoin, Paint, Path, PathBuilder, Pixmap, Rect, Stroke, Transform};
 
 /// Length of the scale bar, micrometres.
 const BAR_UM: f32 = 500.0;
-/// Free border of a picture, as a part of its side.
+/// Margin of a picture, as a fraction of its side.
 const MARGIN: f32 = 0.05;
 
 /// Draws one section to fill a square picture of `size` pixels.
@@ -20,7 +20,7 @@ pub fn section_png(section: &Section, size: u32) -> Result<Vec<u8>, RenderError>
 /// Draws sections side by side in rows of `columns`, each in a square of `cell` pixels, all to one scale.
 ///
 /// # Errors
-/// [`RenderError::Size`] where a side of the whole picture is not from 1 to [`MAX_SIZE`](super::MAX_SIZE).
+/// [`RenderError::Size`] unless each side of the whole picture is from 1 to [`MAX_SIZE`](super::MAX_SIZE).
 pub fn sheet_png(sections: &[&Section], columns: usize, cell: u32) -> Result<Vec<u8>, RenderError> {
     let columns = columns.clamp(1, sections.len().max(1));
     let rows = sections.len().div_ceil(columns);
@@ -37,7 +37,7 @@ pub fn sheet_png(sections: &[&Section], columns: usize, cell: u32) -> Result<Vec
     encode(&pixmap)
 }
 
-/// Draws into the cell at `corner`; `scale` is pixels a micrometre.
+/// Draws into the cell at `corner`; `scale` is in pixels per micrometre.
 fn draw(pixmap: &mut Pixmap, section: &Section, corner: [f32; 2], cell: f32, scale: f32) {
     let middle = bounds(section).map_or([0.0; 2], |b| [(b.left() + b.right()) / 2.0, (b.top() + b.bottom()) / 2.0]);
     let place = Transform::from_row(
@@ -72,7 +72,7 @@ fn paint(rgb: Rgb) -> Paint<'static> {
     paint
 }
 
-/// Bounds in micrometres with y up (`top` is the least y); none where there is no finite point.
+/// Bounds in micrometres with y up (`top` is the least y); none if no point is finite.
 fn bounds(section: &Section) -> Option<Rect> {
     let points = || finite(&section.outer).chain(finite(&section.inner));
     let range = |axis: usize| {
@@ -82,7 +82,7 @@ fn bounds(section: &Section) -> Option<Rect> {
     Rect::from_ltrb(left, top, right, bottom)
 }
 
-/// One path of several closed rings; none where fewer than three points are finite.
+/// One path of several closed rings; none if fewer than three points are finite.
 fn path(rings: &[&Ring]) -> Option<Path> {
     let mut builder = PathBuilder::new();
     for ring in rings.iter().filter(|ring| finite(ring).count() >= 3) {
@@ -104,7 +104,7 @@ fn finite(ring: &Ring) -> impl Iterator<Item = [f32; 2]> + '_ {
 
 #[cfg(test)]
 mod tests {
-    use super::super::BACKGROUND;
+    use super::super::picture::BACKGROUND;
     use super::*;
     use crate::model::sample;
 

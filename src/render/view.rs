@@ -1,14 +1,14 @@
-//! Where a model is looked at from, and what is cut away.
+//! The camera, and the planes that cut parts of a model away.
 
-use super::{MAX_SIZE, RenderError};
+use super::picture::{MAX_SIZE, RenderError};
 use glam::{DVec2, DVec3};
 
-/// Half of space: the points p with `normal · p > offset` lie in front. Metres, axes of the mesh.
+/// A half-space: the points p with `normal · p > offset` lie in front. Metres, axes of the mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
     /// Direction of the front side; need not have unit length.
     pub normal: [f64; 3],
-    /// Place along the normal.
+    /// Distance along the normal.
     pub offset: f64,
 }
 
@@ -18,7 +18,7 @@ impl Plane {
     }
 }
 
-/// How a mesh is shown. The camera stands outside of the model and frames what is left after cutting.
+/// A view of a mesh. The camera is outside of the model and frames the part that remains after cutting.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
     /// Width of the picture, pixels.
@@ -31,9 +31,9 @@ pub struct View {
     pub elevation_deg: f64,
     /// Vertical angle of view, degrees.
     pub field_of_view_deg: f64,
-    /// Factor on lengths along the tube, to fit a long thin organ into a picture; 1 is true to scale.
+    /// Factor on lengths along the tube, to fit a long thin organ into a picture; 1 keeps the proportions.
     pub axial_scale: f64,
-    /// What lies in front of all of these is cut away: one plane halves the model, two take out a wedge.
+    /// The part in front of all of these is cut away: one plane halves the model, two remove a wedge.
     pub cut: Vec<Plane>,
 }
 
@@ -52,8 +52,8 @@ impl View {
         }
     }
 
-    /// As [`whole`](Self::whole), with the quarter towards the camera taken out along the tube's axis (x = y = 0),
-    /// so that the folds show in both directions.
+    /// As [`whole`](Self::whole), with the quarter towards the camera removed along the tube's axis (x = y = 0),
+    /// so that the folds are visible in both directions.
     #[must_use]
     pub fn opened(width: u32, height: u32) -> Self {
         let plane = |normal| Plane { normal, offset: 0.0 };
@@ -90,17 +90,17 @@ pub(super) struct Camera {
     pub right: DVec3,
     pub up: DVec3,
     pub forward: DVec3,
-    /// Pixels a unit of x/depth and y/depth.
+    /// Pixels per unit of x/depth and y/depth.
     focal: f64,
     centre: DVec2,
 }
 
-/// A point as the camera sees it.
+/// A point projected by the camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Projected {
     pub x: f32,
     pub y: f32,
-    /// 1/depth: linear over the picture, greater is nearer; not positive behind the camera.
+    /// 1/depth: linear across the picture, greater is nearer; not positive behind the camera.
     pub inverse_depth: f32,
 }
 
@@ -122,7 +122,7 @@ impl Camera {
             local.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), p| (min.min(*p), max.max(*p)));
         let mut eye = if local.is_empty() { DVec3::ZERO } else { (min + max) / 2.0 };
         for round in 0..5 {
-            // Shift so that the margins on opposite sides are alike, and go back as far as needed.
+            // Shift so that the margins on opposite sides are equal, and move back as far as needed.
             let seen = local.iter().map(|p| (p.truncate() - eye.truncate()) / (p.z - eye.z).max(1e-12));
             let (low, high) =
                 seen.fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), s| (low.min(s), high.max(s)));
@@ -153,7 +153,7 @@ impl Camera {
         }
     }
 
-    /// Direction through a place of the picture, of depth 1.
+    /// Direction through a point of the picture, of depth 1.
     pub(super) fn ray(&self, x: f64, y: f64) -> DVec3 {
         self.forward + self.right * ((x - self.centre.x) / self.focal) - self.up * ((y - self.centre.y) / self.focal)
     }
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wedge_is_what_lies_before_all_planes() {
+    fn a_wedge_is_the_part_in_front_of_all_planes() {
         let view = View::opened(10, 10);
         assert!(view.is_cut(DVec3::new(1.0, 1.0, 5.0)));
         assert!(!view.is_cut(DVec3::new(1.0, -1.0, 5.0)));

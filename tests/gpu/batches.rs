@@ -1,15 +1,17 @@
-//! Whole small runs in batches: sound, repeatable, independent of each other.
+//! Whole small runs in batches: correct, repeatable, independent of each other.
 
-use crate::common::{Kept, device, no_vulkan, open, plan, short};
+use crate::common::{Kept, OPTIONS, device, no_vulkan, open, open_with, plan, short};
 use oviduct::clock::Stopwatch;
 use oviduct::geometry::polygon::{check_contour, check_nested};
 use oviduct::measure::certify;
 use oviduct::mesh::Lofter;
 use oviduct::model::Section;
-use oviduct::sim::gpu::{BatchSink, Checkpoint, GpuError, replay, run_batch};
+use oviduct::sim::cpu::CpuSimulation;
+use oviduct::sim::gpu::{BatchSink, Checkpoint, GpuError, GpuOptions, replay, run_batch};
 use oviduct::sim::{Plan, SimError, Statistics};
 use oviduct::spec::Integrator;
 use serde_json::json;
+use std::time::Duration;
 
 pub(crate) fn run(plans: &[Plan]) -> Kept {
     let mut kept = Kept::new(plans.len());
@@ -19,7 +21,7 @@ pub(crate) fn run(plans: &[Plan]) -> Kept {
     let a_step = if plan.integrator == Integrator::Rk4 { 4 } else { 2 };
     let (steps, events) = (plan.burn_in + plan.steps, plan.steps.div_ceil(plan.grow_every));
     let records = (0..=plan.steps).filter(|&t| plan.records_at(i64::from(t))).count() as u32;
-    // The outer loop catches up before each growth event and each record that a step precedes.
+    // The outer loop is one step behind until each growth event and each record that follows a step.
     let catches_up = |t: u32| t + plan.burn_in > 0 && (plan.grows_at(i64::from(t)) || plan.records_at(i64::from(t)));
     let alone = (0..=plan.steps).filter(|&t| catches_up(t)).count() as u32;
     let wanted = steps * a_step + 2 * events + records + alone;
@@ -34,7 +36,7 @@ pub(crate) fn assert_sound(section: &Section) {
     check_nested(inner, outer).unwrap_or_else(|e| panic!("step {}: {e}", section.step));
 }
 
-/// Lofts the sections as a worker does, mending with replays, and certifies the surface.
+/// Lofts the sections as a worker does, mends slabs with replays, and certifies the surface.
 pub(crate) fn certify_run(plan: &Plan, kept: &Kept, member: usize) {
     let run = &kept.sections[member];
     let mut lofter = Lofter::new(run[0].0.clone()).unwrap();
@@ -79,8 +81,8 @@ fn runs_are_sound_and_certified() {
         assert_eq!(last.particles() as u64 + statistics.splits_missing, 900);
         assert_eq!(kept.reached[member], 150);
         assert!(statistics.list_builds > 15 && statistics.list_builds < 150, "{statistics:?}");
-        assert!(statistics.moves_shortened > 0, "the guard had nothing to do: the test shows little");
-        // A particle that moves far within a step leaves its own list behind, not those of all (177 and more then).
+        assert!(statistics.moves_shortened > 0, "no move was shortened, so the guard was not tested");
+        // A particle that moves far within a step invalidates its own list, not those of all (177 and more then).
         assert!(statistics.full_searches < 100, "{statistics:?}");
         certify_run(plan, &kept, member);
     }
@@ -142,7 +144,7 @@ fn a_member_that_is_cancelled_or_fails_leaves_the_others_whole() {
         return;
     }
     let mut plans: Vec<Plan> = (1..=3).map(short).collect();
-    // Stiffness that is not a number at step 25.
+    // The stiffness is NaN at step 25.
     let at = plans[2].burn_in as usize + 25;
     plans[2].rows[at].stiffness = f32::NAN;
     let mut kept = Kept::new(3);
@@ -157,7 +159,7 @@ fn a_member_that_is_cancelled_or_fails_leaves_the_others_whole() {
 }
 
 #[test]
-fn a_lost_device_is_told_and_a_new_one_goes_on() {
+fn a_lost_device_is_reported_and_a_new_one_continues() {
     if no_vulkan() {
         return;
     }
@@ -177,7 +179,33 @@ fn a_lost_device_is_told_and_a_new_one_goes_on() {
 }
 
 #[test]
-fn only_what_fits_and_is_alike_runs_together() {
+fn a_device_that_completes_nothing_counts_as_lost() {
+    if no_vulkan() {
+        return;
+    }
+    let device = open_with(&GpuOptions { stall: Duration::from_millis(500), ..OPTIONS });
+    let plans: Vec<Plan> = (1..=2).map(short).collect();
+    let mut kept = Kept::new(2);
+    kept.hang = Some((device.clone(), 10));
+    let error = run_batch(&device, &plans, &mut kept).unwrap_err();
+    let detail = "nothing was completed for 0.5 s; the device hangs";
+    assert_eq!(error, GpuError::Lost { detail: detail.to_owned() });
+    assert!(device.is_lost());
+    assert_eq!(kept.finished, [None, None]);
+    // The next batch fails at once, without another wait.
+    assert_eq!(run_batch(&device, &plans, &mut Kept::new(2)).unwrap_err(), error);
+    let device = open_with(&GpuOptions { stall: Duration::from_millis(500), ..OPTIONS });
+    device.hang();
+    let start = CpuSimulation::new(plans[0].clone(), 1).checkpoint();
+    assert_eq!(replay(&device, &plans[0], &start).unwrap_err(), error);
+    drop(device);
+    let mut kept = Kept::new(2);
+    run_batch(&open(), &plans, &mut kept).unwrap();
+    assert!(kept.finished.iter().all(Option::is_some));
+}
+
+#[test]
+fn only_similar_models_that_fit_run_together() {
     if no_vulkan() {
         return;
     }
@@ -193,15 +221,15 @@ fn only_what_fits_and_is_alike_runs_together() {
     assert!(device().fits(&vec![&a; most]).is_ok());
 }
 
-/// Signs of life after which a batch is stopped.
+/// Progress calls after which a batch is stopped.
 const SIGNS: usize = 12;
-/// Seconds after which it is stopped in any case.
+/// Seconds after which a batch is stopped in any case.
 const DEADLINE: f64 = 120.0;
 
-/// Notes when it hears of a batch, and stops it after a while.
+/// Records the times of the calls of a batch, and stops it after a while.
 struct Pulse {
     since: Stopwatch,
-    /// When there was a sign of life of the first member, seconds.
+    /// Times of the progress calls for the first member, seconds.
     heard: Vec<f64>,
     stopped: Option<f64>,
 }
@@ -235,7 +263,7 @@ fn progress_and_cancellation_keep_within_a_second_on_a_slow_adapter_too() {
     let patch = json!({ "steps": 20_000, "particles": { "total": 1000, "outer": 90 }, "wall": { "lobing": 0 } });
     let mut plans: Vec<Plan> = (1..=3).map(|seed| plan(&patch, seed)).collect();
     for plan in &mut plans {
-        // Records are signs of life too, but come in heaps.
+        // Records cause progress calls too, but several at a time.
         plan.record_every = plan.steps;
     }
     // Other tests run at the same time, on few cores: the best round counts.
@@ -248,7 +276,7 @@ fn progress_and_cancellation_keep_within_a_second_on_a_slow_adapter_too() {
         let mut gaps: Vec<f64> = pulse.heard.windows(2).map(|w| w[1] - w[0]).collect();
         gaps.sort_by(f64::total_cmp);
         println!("round {round}: gaps {gaps:.3?}, back after {:.3} s", end - stopped);
-        assert!(gaps.len() + 1 >= SIGNS, "{} signs of life in {DEADLINE} s", pulse.heard.len());
+        assert!(gaps.len() + 1 >= SIGNS, "{} progress calls in {DEADLINE} s", pulse.heard.len());
         (usual, back) = (usual.min(gaps[gaps.len() / 2]), back.min(end - stopped));
         if usual < 1.0 && back < 1.0 {
             return;

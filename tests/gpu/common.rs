@@ -1,4 +1,4 @@
-//! The device that all tests share, plans to run on it, and a sink that keeps what it is told.
+//! The device that all tests share, plans to run on it, and a sink that stores the calls.
 
 use oviduct::model::Section;
 use oviduct::sim::gpu::{Adapter, BatchSink, Checkpoint, GpuDevice, GpuOptions, adapters};
@@ -9,31 +9,31 @@ use std::path::Path;
 use std::process::Command;
 use std::sync::OnceLock;
 
-pub(crate) const OPTIONS: GpuOptions = GpuOptions { allow_software: true, memory_bytes: None };
+pub(crate) const OPTIONS: GpuOptions = GpuOptions { allow_software: true, ..GpuOptions::DEFAULT };
 
-/// Whether this machine is said to have no Vulkan loader, so that nothing but its absence can be tested.
+/// Whether `OVIDUCT_TEST_NO_VULKAN` states that this machine has no Vulkan loader, so that only its absence can be tested.
 pub(crate) fn no_vulkan() -> bool {
     std::env::var_os("OVIDUCT_TEST_NO_VULKAN").is_some_and(|v| v == "1")
 }
 
-/// The adapters of this machine; without any the test fails.
+/// The adapters of this machine; fails without any.
 pub(crate) fn found() -> Vec<Adapter> {
     adapters(&OPTIONS).unwrap_or_else(|e| {
         panic!("{e}\nThese tests need a Vulkan adapter: apt-get install mesa-vulkan-drivers libvulkan1")
     })
 }
 
-/// A device of its own.
+/// A new device.
 pub(crate) fn open() -> GpuDevice {
     open_with(&OPTIONS)
 }
 
-/// A device of its own with other options.
+/// A new device with other options.
 pub(crate) fn open_with(options: &GpuOptions) -> GpuDevice {
     GpuDevice::open(&found()[0], options).unwrap()
 }
 
-/// Options that leave so many bytes for batches, on top of what an idle device takes.
+/// Options that leave `bytes` for batches, in addition to the memory of an idle device.
 pub(crate) fn leave(bytes: u64) -> GpuOptions {
     let idle = open().memory_in_use().expect("this backend tells what memory is in use");
     GpuOptions { memory_bytes: Some(idle + bytes), ..OPTIONS }
@@ -73,17 +73,19 @@ pub(crate) fn generate(dir: &Path) -> Command {
     command
 }
 
-/// Keeps what a batch tells.
+/// Stores the calls of a batch.
 #[derive(Debug)]
 pub(crate) struct Kept {
     pub(crate) sections: Vec<Vec<(Section, Checkpoint)>>,
     pub(crate) finished: Vec<Option<Statistics>>,
     pub(crate) failed: Vec<Option<SimError>>,
     pub(crate) reached: Vec<i64>,
-    /// A member that is cancelled once it has reached a step.
+    /// A member to cancel at a step.
     pub(crate) cancel: Option<(usize, i64)>,
-    /// A device that is given up once member 0 has reached a step.
+    /// A device to lose once member 0 has reached a step.
     pub(crate) lose: Option<(GpuDevice, i64)>,
+    /// A device to make hang once member 0 has reached a step.
+    pub(crate) hang: Option<(GpuDevice, i64)>,
 }
 
 impl Kept {
@@ -95,6 +97,7 @@ impl Kept {
             reached: vec![i64::MIN; members],
             cancel: None,
             lose: None,
+            hang: None,
         }
     }
 }
@@ -109,6 +112,9 @@ impl BatchSink for Kept {
         self.reached[member] = step;
         if member == 0 && self.lose.as_ref().is_some_and(|(_, at)| step >= *at) {
             self.lose.take().unwrap().0.lose();
+        }
+        if member == 0 && self.hang.as_ref().is_some_and(|(_, at)| step >= *at) {
+            self.hang.take().unwrap().0.hang();
         }
     }
     fn cancelled(&mut self, member: usize) -> bool {

@@ -1,10 +1,10 @@
-//! Adapters: what is offered, and what is said where there is none.
+//! Adapters: those that are listed, and the errors if there are none.
 
 use crate::common::{OPTIONS, found, generate, no_vulkan, open};
 use oviduct::sim::gpu::{AdapterKind, GpuDevice, GpuError, GpuOptions, adapters};
 
 #[test]
-fn a_missing_loader_is_told() {
+fn a_missing_loader_is_reported() {
     if !no_vulkan() {
         return;
     }
@@ -14,7 +14,7 @@ fn a_missing_loader_is_told() {
 }
 
 #[test]
-fn software_adapters_count_only_where_they_are_allowed() {
+fn software_adapters_count_only_if_they_are_allowed() {
     if no_vulkan() {
         return;
     }
@@ -34,7 +34,7 @@ fn software_adapters_count_only_where_they_are_allowed() {
 }
 
 #[test]
-fn adapters_say_what_they_are() {
+fn adapters_report_their_properties() {
     if no_vulkan() {
         return;
     }
@@ -47,10 +47,10 @@ fn adapters_say_what_they_are() {
     assert!(!open().is_lost());
 }
 
-/// Runs on any machine: the loader is hidden by one that cannot be loaded, the drivers by a list that is not there.
+/// Runs on any machine: a file that cannot be loaded hides the loader, a list that does not exist hides the drivers.
 #[cfg(target_os = "linux")]
 #[test]
-fn the_command_says_what_is_missing_and_grows_on_the_cpu() {
+fn the_command_names_what_is_missing_and_grows_on_the_cpu() {
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("libvulkan.so.1"), "no library").unwrap();
     let nowhere = dir.path().join("nowhere");

@@ -1,4 +1,4 @@
-//! Small functions of the shaders, called from a kernel of their own: random numbers bit for bit, the others against f64.
+//! Small functions of the shaders, called from a separate kernel: random numbers bit for bit, the others against f64.
 
 use crate::common::{found, no_vulkan};
 use oviduct::random::{Stream, words};
@@ -142,7 +142,7 @@ fn nearest_point_of_an_ellipse_is_nearest() {
             .map(|k| f64::from(k) * std::f64::consts::TAU / 3000.0)
             .map(|a| distance(a.cos(), a.sin()))
             .fold(f64::INFINITY, f64::min);
-        // As on the CPU; near the foci's segment six rounds leave some hundredths of a µm.
+        // As on the CPU; near the segment between the foci six iterations leave an error of some hundredths of a µm.
         assert!(distance(t[0], t[1]) < best + 0.05, "point {p:?}: {} against {best}", distance(t[0], t[1]));
     }
 }

@@ -1,18 +1,18 @@
-//! Device memory: what is not given ends in an error of its own and leaves nothing behind, and what was given comes back
-//! after every batch.
+//! Device memory: a failed allocation has its own error and leaves nothing allocated, and the memory of every batch is
+//! freed.
 
 use crate::common::{Kept, leave, no_vulkan, open_with, short};
 use oviduct::sim::Plan;
 use oviduct::sim::gpu::{GpuDevice, GpuError, run_batch};
 
-/// What a batch takes besides what [`GpuDevice::batch_bytes`] counts: constants, the clock, alignment.
+/// Bytes of a batch that [`GpuDevice::batch_bytes`] does not count: constants, timestamps, alignment.
 const MORE: u64 = 200_000;
 
 pub(crate) fn plans(members: u64) -> Vec<Plan> {
     (1..=members).map(short).collect()
 }
 
-/// Runs a batch that does not get its memory: nothing is told, and nothing is left of it.
+/// Runs a batch that does not get its memory: the sink is not called, and nothing stays allocated.
 pub(crate) fn refused(device: &GpuDevice, plans: &[Plan]) {
     let before = device.memory_in_use().unwrap();
     let mut kept = Kept::new(plans.len());
@@ -37,13 +37,13 @@ fn a_batch_beyond_the_memory_is_refused_and_smaller_ones_run() {
 }
 
 #[test]
-fn memory_is_given_back_after_every_batch() {
+fn memory_is_freed_after_every_batch() {
     if no_vulkan() {
         return;
     }
-    // Two batches at a time would not find room.
+    // There is no room for two batches at a time.
     let device = open_with(&leave(GpuDevice::batch_bytes(&short(1), 2) + MORE));
-    // Once anything was done: a device keeps a few bytes until then.
+    // After a first batch: until then a device holds a few more bytes.
     run_batch(&device, &plans(1), &mut Kept::new(1)).unwrap();
     let idle = device.memory_in_use().unwrap();
     let mut bad = plans(2);

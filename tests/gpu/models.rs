@@ -1,4 +1,5 @@
-//! Whole models grown on a device: by the library, by the command, and by a worker whose device is lost in mid-batch.
+//! Whole models grown on a device: by the library, by the command, and by a worker whose device is lost or hangs during a
+//! batch.
 
 use crate::common::{OPTIONS, device, generate, leave, no_vulkan};
 use oviduct::clock::{Clock, Stopwatch};
@@ -82,13 +83,14 @@ fn the_command_grows_on_a_gpu() {
     assert!(told["backend"]["fallback"].as_str().unwrap().contains("--gpu off"));
 }
 
-/// How long a job may take on a machine that does other things too, seconds.
+/// Longest duration of a job on a loaded machine, seconds.
 const DEADLINE: f64 = 600.0;
 
-/// Gives up its device, once, after the first steps of a batch.
+/// Calls `how` with its device, once, after the first steps of a batch.
 struct Losing {
     gpu: Arc<GpuGenerator>,
     lost: AtomicBool,
+    how: fn(&GpuDevice),
 }
 
 impl BatchGenerator for Losing {
@@ -118,9 +120,9 @@ struct LosingSink<'a> {
 impl Sink for LosingSink<'_> {
     fn progress(&self, progress: &Progress) {
         self.sink.progress(progress);
-        // The thread that drives the device tells it: nothing more is submitted meanwhile.
+        // Called by the thread that drives the device: nothing is submitted meanwhile.
         if progress.step > 0 && !self.generator.lost.swap(true, Ordering::Relaxed) {
-            self.generator.gpu.lose();
+            (self.generator.how)(&self.generator.gpu.device().expect("it is open"));
         }
     }
     fn section(&self, section: &Section) {
@@ -128,7 +130,7 @@ impl Sink for LosingSink<'_> {
     }
 }
 
-/// Jobs, and a GPU worker that takes them once it is there.
+/// A store of jobs, and the generator of a GPU worker.
 struct Place {
     store: Arc<dyn Store>,
     gpu: Arc<GpuGenerator>,
@@ -138,7 +140,7 @@ struct Place {
 impl Place {
     async fn new(options: GpuOptions) -> Self {
         let dir = tempfile::tempdir().unwrap();
-        // In a file: a store in memory is gone with its connection.
+        // In a file: a store in memory is lost with its connection.
         let store = SqliteStore::open(&dir.path().join("jobs.db"), StoreOptions::default()).await.unwrap();
         let gpu = Arc::new(GpuGenerator::all(options).unwrap().swap_remove(0));
         Self { store: Arc::new(store), gpu, dir }
@@ -193,12 +195,12 @@ impl Place {
             if done(&job) {
                 return job;
             }
-            assert!(since.seconds() < DEADLINE, "it never came about: {job:?}");
+            assert!(since.seconds() < DEADLINE, "it did not happen in time: {job:?}");
             tokio::time::sleep(Duration::from_millis(5)).await;
         }
     }
 
-    /// The job once it has succeeded.
+    /// Waits until the job has succeeded.
     async fn grown(&self, id: JobId) -> Job {
         let job = self.until(id, |job| job.status.is_ended()).await;
         assert_eq!((job.status, &job.problem), (Status::Succeeded, &None));
@@ -206,26 +208,40 @@ impl Place {
     }
 }
 
+/// Jobs whose device is lost during their batch finish on the CPU, and the next batch has a new device.
+async fn survives(options: GpuOptions, how: fn(&GpuDevice), reason: &str) {
+    let place = Place::new(options).await;
+    let mut ids = Vec::new();
+    for seed in 1..=3 {
+        ids.push(place.submit(seed, &spec(1200, 400)).await);
+    }
+    let losing = Arc::new(Losing { gpu: Arc::clone(&place.gpu), lost: AtomicBool::new(false), how });
+    let pool = place.start_with(losing);
+    for id in ids {
+        let job = place.grown(id).await;
+        assert_eq!((job.attempts, job.backend.used), (1, Some(Backend::Cpu)));
+        assert!(job.backend.fallback.as_ref().unwrap().contains(reason), "{:?}", job.backend);
+    }
+    let job = place.grown(place.submit(4, &spec(60, 400)).await).await;
+    assert_eq!((job.backend.used, job.backend.fallback), (Some(Backend::Gpu), None));
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_device_lost_in_mid_batch_harms_no_job_and_is_opened_anew() {
     if no_vulkan() {
         return;
     }
-    let place = Place::new(OPTIONS).await;
-    let mut ids = Vec::new();
-    for seed in 1..=3 {
-        ids.push(place.submit(seed, &spec(1200, 400)).await);
+    survives(OPTIONS, GpuDevice::lose, "the GPU was lost").await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_device_that_hangs_in_mid_batch_harms_no_job_and_is_opened_anew() {
+    if no_vulkan() {
+        return;
     }
-    let losing = Arc::new(Losing { gpu: Arc::clone(&place.gpu), lost: AtomicBool::new(false) });
-    let pool = place.start_with(losing);
-    for id in ids {
-        let job = place.grown(id).await;
-        assert_eq!((job.attempts, job.backend.used), (1, Some(Backend::Cpu)));
-        assert!(job.backend.fallback.as_ref().unwrap().contains("the GPU was lost"), "{:?}", job.backend);
-    }
-    let job = place.grown(place.submit(4, &spec(60, 400)).await).await;
-    assert_eq!((job.backend.used, job.backend.fallback), (Some(Backend::Gpu), None));
-    pool.shutdown(Duration::from_secs(5)).await;
+    let options = GpuOptions { stall: Duration::from_secs(3), ..OPTIONS };
+    survives(options, GpuDevice::hang, "the GPU was lost: nothing was completed for 3 s").await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -239,7 +255,7 @@ async fn a_batch_that_gets_no_memory_is_halved_and_what_does_not_fit_alone_falls
     for seed in 1..=4 {
         ids.push(place.submit(seed, &spec(60, 400)).await);
     }
-    // It needs more memory alone than there is.
+    // This model alone needs more memory than there is.
     let many = spec(60, 3000);
     assert!(GpuDevice::batch_bytes(&Plan::new(&many, 5), 1) > 2 * GpuDevice::batch_bytes(&plan, 3));
     let large = place.submit(5, &many).await;

@@ -1,5 +1,5 @@
-//! Whole runs on both backends, compared by their shapes: rounding makes the same seed part ways step by step, as chaos
-//! does, but must not change what the sections look like.
+//! Whole runs on both backends, compared by their shapes. The simulation is chaotic: with different rounding, runs of the
+//! same seed diverge step by step, but the shapes of their sections must be statistically the same.
 //!
 //! The rule: over several seeds grown on both backends, the means of each measure differ by at most half the standard
 //! deviation from seed to seed on the CPU; no model of the GPU lies outside the range of the CPU's by more than one;
@@ -16,7 +16,7 @@ use serde_json::json;
 use std::sync::OnceLock;
 
 const SEEDS: std::ops::RangeInclusive<u64> = 1..=6;
-/// Sections that are measured: the loop is folded.
+/// Sections that are measured; the loop is folded by then.
 const MEASURED: [f64; 4] = [90.0, 110.0, 130.0, 150.0];
 /// Elliptic radius, relative to the greatest, at which folds are counted.
 const FOLD_RADIUS: f64 = 0.75;
@@ -24,7 +24,7 @@ const FOLD_RADIUS: f64 = 0.75;
 /// Most standard deviations between the means.
 const MOST_OFF: f64 = 0.5;
 
-/// What is measured of a section. Lengths in µm.
+/// Measures of a section. Lengths in µm.
 const MEASURES: [&str; 10] = [
     "lumen area",
     "tissue area",
@@ -52,7 +52,7 @@ fn perimeter(ring: &Ring) -> f64 {
     edges(ring).map(|(a, b)| (b[0] - a[0]).hypot(b[1] - a[1])).sum()
 }
 
-/// How often the contour goes in through the ellipse at [`FOLD_RADIUS`].
+/// How often the contour crosses the ellipse at [`FOLD_RADIUS`] inwards.
 fn folds(ring: &Ring) -> f64 {
     let axis = |k: usize| ring.points.iter().fold(0.0f64, |m, p| m.max(f64::from(p[k]).abs()));
     let (a, b) = (axis(0), axis(1));
@@ -137,7 +137,7 @@ fn on_cpu(plan: &Plan) -> Vec<Section> {
     sections
 }
 
-/// What of the rule does not hold for models of which `found` are measured, where `twins` were expected.
+/// The violations of the rule by the measures `found`, compared with those of `twins`.
 fn differences(twins: &[Shape], found: &[Shape]) -> Vec<String> {
     let mut faults = Vec::new();
     for (k, name) in MEASURES.into_iter().enumerate() {
@@ -190,7 +190,7 @@ fn whole_runs_look_the_same() {
     assert!(faults.is_empty(), "{}", faults.join("\n"));
 }
 
-/// The rule can fail: a fifth more or less of a force is seen, here on the CPU alone.
+/// The rule can fail: it detects a force that is a fifth greater or less, here on the CPU alone.
 #[test]
 fn a_force_that_is_off_would_be_seen() {
     type Change = fn(&mut StepRow);

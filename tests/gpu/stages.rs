@@ -1,7 +1,7 @@
-//! Stage by stage: one step of both backends from the same state, with all but the stage in question switched off.
+//! Stage by stage: one step of both backends from the same state, with all other stages switched off.
 //!
-//! Forces are seen as the velocity that one Euler step gives to a loop at rest. Tolerances are relative to the size of
-//! the force (plus one, in µm a step): both sides round to f32, and a GPU may be off by a few units in the last place
+//! Forces are measured as the velocity that one Euler step gives to a loop at rest. Tolerances are relative to the size of
+//! the force (plus one, in µm per step): both sides round to f32, and a GPU may be off by a few units in the last place
 //! in division, square root and exponential, and by 7e-5 in the arc cosine.
 
 use crate::common::{device, no_vulkan, plan};
@@ -11,10 +11,10 @@ use oviduct::sim::{InnerLoop, Plan, Simulator, StepRow};
 use oviduct::spec::{Integrator, Search};
 use serde_json::{Value, json};
 
-/// Step from which stages are compared: a growth event opens it, and the loop is buckled.
+/// Step at which stages are compared: it begins with a growth event, and the loop is buckled.
 const AT: i64 = 80;
 
-/// A plan and the state that the CPU reaches with it.
+/// A plan, and the state that the CPU reaches with it.
 fn buckled(patch: &Value, seed: u64) -> (Plan, Checkpoint) {
     let plan = plan(patch, seed);
     let mut simulation = CpuSimulation::new(plan.clone(), 1);
@@ -24,7 +24,7 @@ fn buckled(patch: &Value, seed: u64) -> (Plan, Checkpoint) {
     (plan, simulation.checkpoint())
 }
 
-/// Both backends' state one step on; the CPU visits all pairs.
+/// The states of both backends after one step; the CPU visits all pairs.
 fn both(plan: &Plan, start: &Checkpoint) -> (Checkpoint, Checkpoint) {
     let mut cpu = CpuSimulation::resume(Plan { search: Search::AllPairs, ..plan.clone() }, start, 1);
     cpu.step().unwrap();
@@ -33,7 +33,7 @@ fn both(plan: &Plan, start: &Checkpoint) -> (Checkpoint, Checkpoint) {
     (cpu.checkpoint(), gpu[0][0].clone())
 }
 
-/// Switches growth off and every force but those that `keep` puts back; makes one Euler step of it, without a guard.
+/// Switches off growth and every force except those that `keep` restores; makes the step an Euler step without guard.
 fn only(plan: &mut Plan, start: &mut Checkpoint, keep: impl Fn(&StepRow, &mut StepRow)) {
     let (inner, outer) = (start.inner.len() as u32, start.outer.len() as u32);
     for row in &mut plan.rows {
@@ -56,7 +56,7 @@ fn only(plan: &mut Plan, start: &mut Checkpoint, keep: impl Fn(&StepRow, &mut St
         *row = bare;
     }
     plan.integrator = Integrator::Euler;
-    // No clearance is too small: moves are cut at 5 µm only.
+    // No clearance is too small: moves are limited to 5 µm only.
     plan.clearance = -1e3;
     start.inner.vx.fill(0.0);
     start.inner.vy.fill(0.0);
@@ -78,7 +78,7 @@ fn assert_close(what: &str, cpu: &[f32], gpu: &[f32], relative: f32) {
 }
 
 fn assert_velocities(cpu: &InnerLoop, gpu: &InnerLoop, relative: f32) {
-    assert!(cpu.vx.iter().any(|v| v.abs() > 0.01), "nothing moves: the test shows nothing");
+    assert!(cpu.vx.iter().any(|v| v.abs() > 0.01), "nothing moves, so nothing is tested");
     assert_eq!(cpu.id, gpu.id);
     assert_close("vx", &cpu.vx, &gpu.vx, relative);
     assert_close("vy", &cpu.vy, &gpu.vy, relative);
@@ -151,7 +151,7 @@ fn local_forces_match() {
         let (cpu, gpu) = both(&plan, &start);
         assert_velocities(&cpu.inner, &gpu.inner, relative);
     }
-    // Friction and damping act on what moves.
+    // Friction and damping act on moving particles.
     let (mut plan, mut moving) = (plan, start.clone());
     only(&mut plan, &mut moving, |row, bare| (bare.friction, bare.damping) = (row.friction, row.damping));
     (moving.inner.vx, moving.inner.vy) = (start.inner.vx, start.inner.vy);
@@ -183,7 +183,7 @@ fn integrate_matches_where_stages_leave_the_lists_behind() {
         return;
     }
     let (plan, mut start) = buckled(&json!({}), 7);
-    // Within the step the stages go up to 30 µm, farther than lists reach.
+    // Within the step the stages move up to 30 µm, farther than lists reach.
     for (i, (vx, vy)) in start.inner.vx.iter_mut().zip(&mut start.inner.vy).enumerate() {
         (*vx, *vy) = (30.0 * ((i / 20) as f32).sin(), 30.0 * ((i / 20) as f32).cos());
     }
@@ -205,7 +205,7 @@ fn guard_matches() {
     assert_close("clearance", &cpu.clearance, &gpu.clearance, 1e-4);
     assert_close("x", &cpu.inner.x, &gpu.inner.x, 1e-5);
     assert_close("y", &cpu.inner.y, &gpu.inner.y, 1e-5);
-    // Particles that growth has added have no place to compare with.
+    // Particles that growth added have no earlier position to compare with.
     let mut cut = 0;
     for (k, id) in start.inner.id.iter().enumerate() {
         let i = gpu.inner.id.iter().position(|other| other == id).unwrap();
@@ -214,7 +214,7 @@ fn guard_matches() {
         assert!(dx.hypot(dy) <= limit + 1e-3, "particle {id} moved {} µm, {limit} allowed", dx.hypot(dy));
         cut += usize::from(dx.hypot(dy) > limit - 1e-3);
     }
-    assert!(cut > 10, "the guard had nothing to do: the test shows nothing");
+    assert!(cut > 10, "no move was shortened, so the guard was not tested");
 }
 
 #[test]
@@ -225,7 +225,7 @@ fn growth_matches() {
     for (seed, inner, outer) in [(9, 37, 5), (10, 300, 40), (11, 0, 0), (12, 100_000, 100_000)] {
         let (mut plan, start) = buckled(&json!({ "contortion": { "fraction": 0.5 } }), seed);
         for row in &mut plan.rows {
-            // A target out of reach splits every edge there is room at.
+            // With a target that cannot be reached, every edge with enough clearance is split.
             row.inner_target = (start.inner.len() as u32 + inner).min(2000);
             row.outer_target = (start.outer.len() as u32 + outer).min(400);
         }
@@ -250,7 +250,7 @@ fn thickness_matches() {
     let (plan, start) = buckled(&json!({ "variation": { "amplitude": 0.7 } }), 13);
     let (cpu, gpu) = both(&plan, &start);
     let spread = cpu.inner.scale.iter().fold([f32::MAX, 0.0], |s, &x| [s[0].min(x), s[1].max(x)]);
-    assert!(spread[1] > 1.2 * spread[0], "{spread:?}: the test shows nothing");
+    assert!(spread[1] > 1.2 * spread[0], "{spread:?}: too little difference to test");
     assert_close("scale", &cpu.inner.scale, &gpu.inner.scale, 2e-5);
 }
 
@@ -261,7 +261,7 @@ fn outer_matches() {
     }
     let (plan, start) = buckled(&json!({ "wall": { "lobing": 0.1 } }), 14);
     let (mut cpu, mut gpu) = (start.clone(), start);
-    // Several steps, each from its own state, so that the burden of the wall changes.
+    // Several steps, each from its own state, so that the load on the wall changes.
     for _ in 0..5 {
         let mut simulation = CpuSimulation::resume(plan.clone(), &cpu, 1);
         simulation.step().unwrap();
@@ -299,7 +299,7 @@ fn lists_follow_a_barrier_that_grows_between_growth_events() {
         advance(device(), std::slice::from_ref(&plan), std::slice::from_ref(from), 12).unwrap().pop().unwrap().remove(0)
     };
     let end = run(&start);
-    assert!(end.inner.vy.iter().any(|v| v.abs() < 1.0999), "the barrier had nothing to do: the test shows nothing");
+    assert!(end.inner.vy.iter().any(|v| v.abs() < 1.0999), "the barrier did not act, so it was not tested");
     let states = advance(device(), std::slice::from_ref(&plan), std::slice::from_ref(&start), 8).unwrap();
     for k in [3, 7] {
         assert!(run(&states[k][0]) == end, "from step {}", k + 1);

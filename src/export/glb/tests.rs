@@ -1,4 +1,4 @@
-//! The writer of GLB against a reader of glTF, and its bytes.
+//! The writer of GLB, checked with a reader of glTF and by its bytes.
 
 use super::*;
 use crate::export::tests::{meta, turned};
@@ -11,7 +11,7 @@ fn glb(mesh: &Mesh, strips: bool) -> Vec<u8> {
     file
 }
 
-/// Triangles of each patch as bits of positions, turned to a canonical start, sorted.
+/// Triangles of each patch as bits of positions, rotated to a canonical start, sorted.
 type Shapes = BTreeMap<String, Vec<[[u32; 3]; 3]>>;
 
 fn expected(mesh: &Mesh) -> Shapes {
@@ -26,7 +26,7 @@ fn expected(mesh: &Mesh) -> Shapes {
     mesh.patches.iter().map(of_patch).collect()
 }
 
-/// Reads a file with the `gltf` crate, checking names, normals and bounds on the way.
+/// Reads a file with the `gltf` crate and checks names, normals and bounds.
 fn read(file: &[u8]) -> Shapes {
     let gltf = gltf::Gltf::from_slice(file).unwrap();
     let blob = gltf.blob.as_deref().unwrap();

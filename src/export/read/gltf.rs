@@ -1,51 +1,49 @@
 //! glTF 2.0: all triangles of a scene as one surface, node transforms applied.
 //!
-//! The document is parsed and validated by the `gltf` crate; the container and the data are read here, so that no
-//! length in the file is trusted. Strips, fans and lists of triangles are read; points and lines are left out. A node
-//! that mirrors turns its triangles round, as the format demands. Not read: sparse accessors, skins, morph targets.
+//! The `gltf` crate parses and validates the document; the container and the data are read here, so that no length in
+//! the file is trusted. Triangles in lists, strips and fans are read; points and lines are left out. The triangles of a
+//! mirrored node are reversed, as the format requires. Not read: sparse accessors, skins, morph targets.
+//!
+//! A few bytes can place one mesh a million times, and many primitives can share one accessor. What all nodes together
+//! place is therefore counted first, mesh by mesh, and refused if it is above the [`limits`]; only then is it read.
 
-use super::accessor::{indices, positions};
-use super::{Group, ReadError, Surface, Unit, read_bytes};
-use ::gltf::buffer::Source;
+use super::accessor::{count, indices, positions};
+use super::buffers::Buffers;
+use super::error::ReadError;
+use super::limits;
+use super::placement::Placement;
+use super::surface::{Group, Surface, Unit};
 use ::gltf::json::{Root, deserialize};
 use ::gltf::mesh::Mode;
-use ::gltf::{Document, Node, Primitive, scene::Transform};
-use std::borrow::Cow;
-use std::collections::HashMap;
-use std::path::{Component, Path};
-
-type Matrix = [[f64; 4]; 4];
-
-pub(super) fn fault(path: impl Into<String>, detail: impl Into<String>) -> ReadError {
-    ReadError::Document { path: path.into(), detail: detail.into() }
-}
+use ::gltf::{Accessor, Document, Mesh, Node, Primitive};
+use std::collections::{HashMap, HashSet};
+use std::path::Path;
+use std::sync::Arc;
 
 pub(super) fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Surface, ReadError> {
     let (json, blob) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
     if json.trim_ascii_start().first() != Some(&b'{') {
-        return Err(fault("document", "it is not a JSON object"));
+        return Err(ReadError::UnknownFormat);
     }
+    let objects = json.iter().filter(|&&byte| byte == b'{').count() as u64;
+    limits::limited("document", objects, "JSON objects", limits::OBJECTS)?;
     let root: Root = deserialize::from_slice(json).map_err(|error| refused(error.into()))?;
     check_attributes(&root)?;
     let document = Document::from_json(root).map_err(refused)?;
-    let buffers = document
-        .buffers()
-        .map(|buffer| match buffer.source() {
-            Source::Bin => {
-                blob.map(Cow::Borrowed).ok_or_else(|| fault(format!("buffers[{}]", buffer.index()), "it has no data"))
-            }
-            Source::Uri(uri) => fetch(buffer.index(), uri, folder).map(Cow::Owned),
-        })
-        .collect::<Result<Vec<_>, _>>()?;
-    let mut reader = Reader {
-        surface: Surface { unit: Unit::Stated(1.0), ..Surface::default() },
-        buffers,
-        seen: vec![false; document.nodes().count()],
-    };
     let scene = document.default_scene().or_else(|| document.scenes().next());
-    match scene {
-        Some(scene) => reader.walk(scene.nodes().collect())?,
-        None => reader.walk(roots(&document))?,
+    let roots = scene.map_or_else(|| roots(&document), |scene| scene.nodes().collect());
+    let nodes = placed(&document, roots)?;
+    let buffers = Buffers::load(&document, bytes.len() as u64, blob, folder)?;
+    let materials: Vec<Option<Arc<str>>> =
+        document.materials().map(|material| material.name().map(Arc::from)).collect();
+    let parts = document.meshes().map(|mesh| Parts::of(&mesh, &materials, &buffers)).collect::<Result<Vec<_>, _>>()?;
+    let (vertices, triangles) = total(&nodes, &parts)?;
+    let mut surface = Surface { unit: Unit::Stated(1.0), ..Surface::default() };
+    surface.positions.reserve_exact(vertices as usize);
+    surface.triangles.reserve(triangles as usize);
+    let mut reader = Reader { surface, buffers };
+    for node in &nodes {
+        reader.read(node, &parts[node.mesh])?;
     }
     Ok(reader.surface)
 }
@@ -56,7 +54,7 @@ fn check_attributes(root: &Root) -> Result<(), ReadError> {
         for (p, primitive) in mesh.primitives.iter().enumerate() {
             if let Some(index) = primitive.attributes.values().find(|i| i.value() >= root.accessors.len()) {
                 let detail = format!("an attribute names accessor {}, which does not exist", index.value());
-                return Err(fault(format!("meshes[{m}].primitives[{p}].attributes"), detail));
+                return Err(ReadError::document(format!("meshes[{m}].primitives[{p}].attributes"), detail));
             }
         }
     }
@@ -93,159 +91,157 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), ReadError> {
 fn refused(error: ::gltf::Error) -> ReadError {
     match error {
         ::gltf::Error::Validation(faults) => match faults.first() {
-            Some((path, error)) => fault(path.as_str(), format!("{error} ({} such faults in all)", faults.len())),
-            None => fault("document", "it is not valid"),
+            Some((path, error)) => {
+                ReadError::document(path.as_str(), format!("{error} ({} such faults in all)", faults.len()))
+            }
+            None => ReadError::document("document", "it is not valid"),
         },
-        other => fault("document", other.to_string()),
+        other => ReadError::document("document", other.to_string()),
     }
-}
-
-/// Loads a buffer that is named by a URI: data within it, or a file beside the document.
-fn fetch(index: usize, uri: &str, folder: Option<&Path>) -> Result<Vec<u8>, ReadError> {
-    let wrong = |detail: &str| fault(format!("buffers[{index}].uri"), detail);
-    if let Some(data) = uri.strip_prefix("data:") {
-        let (_, data) = data.split_once(";base64,").ok_or_else(|| wrong("its data are not in base64"))?;
-        return base64(data.as_bytes()).ok_or_else(|| wrong("its data are not valid base64"));
-    }
-    let name = percent_decoded(uri).ok_or_else(|| wrong("it is not a valid relative reference"))?;
-    let path = Path::new(&name);
-    if uri.contains(':') || !path.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir)) {
-        return Err(wrong("only files beside the document are read"));
-    }
-    let folder = folder.ok_or_else(|| wrong("the document stands alone, so files beside it cannot be read"))?;
-    read_bytes(&folder.join(path))
-}
-
-fn base64(text: &[u8]) -> Option<Vec<u8>> {
-    let text = text.strip_suffix(b"==").or_else(|| text.strip_suffix(b"=")).unwrap_or(text);
-    let mut bytes = Vec::with_capacity(text.len() / 4 * 3 + 3);
-    for group in text.chunks(4) {
-        let mut word = 0u32;
-        for &symbol in group {
-            let value = match symbol {
-                b'A'..=b'Z' => symbol - b'A',
-                b'a'..=b'z' => symbol - b'a' + 26,
-                b'0'..=b'9' => symbol - b'0' + 52,
-                b'+' | b'-' => 62,
-                b'/' | b'_' => 63,
-                _ => return None,
-            };
-            word = (word << 6) | u32::from(value);
-        }
-        word <<= 6 * (4 - group.len());
-        let whole = match group.len() {
-            4 => 3,
-            3 => 2,
-            2 => 1,
-            _ => return None,
-        };
-        bytes.extend(&word.to_be_bytes()[1..=whole]);
-    }
-    Some(bytes)
-}
-
-fn percent_decoded(uri: &str) -> Option<String> {
-    let (mut bytes, mut rest) = (Vec::new(), uri.as_bytes());
-    while let Some((&first, after)) = rest.split_first() {
-        if first == b'%' {
-            let digits = std::str::from_utf8(after.get(..2)?).ok()?;
-            bytes.push(u8::from_str_radix(digits, 16).ok()?);
-            rest = &after[2..];
-        } else {
-            bytes.push(first);
-            rest = after;
-        }
-    }
-    String::from_utf8(bytes).ok()
 }
 
 /// Nodes that are no other node's children, for documents without a scene.
 fn roots(document: &Document) -> Vec<Node<'_>> {
-    let children: std::collections::HashSet<usize> =
+    let children: HashSet<usize> =
         document.nodes().flat_map(|node| node.children().map(|child| child.index()).collect::<Vec<_>>()).collect();
     document.nodes().filter(|node| !children.contains(&node.index())).collect()
 }
 
-struct Reader<'a> {
-    surface: Surface,
-    buffers: Vec<Cow<'a, [u8]>>,
-    /// Nodes that were met.
-    seen: Vec<bool>,
+/// A node that places a mesh.
+struct Placed {
+    name: Option<Arc<str>>,
+    mesh: usize,
+    placement: Placement,
 }
 
-impl Reader<'_> {
-    fn walk(&mut self, roots: Vec<Node<'_>>) -> Result<(), ReadError> {
-        let mut stack: Vec<(Node<'_>, Option<Matrix>)> = roots.into_iter().rev().map(|node| (node, None)).collect();
-        while let Some((node, above)) = stack.pop() {
-            if std::mem::replace(&mut self.seen[node.index()], true) {
-                return Err(fault(format!("nodes[{}]", node.index()), "it has more than one parent"));
-            }
-            let placed = combined(above, node.transform());
-            self.read_mesh(&node, placed)?;
-            stack.extend(node.children().collect::<Vec<_>>().into_iter().rev().map(|child| (child, placed)));
+/// The nodes below `roots` that place a mesh, in the order of the tree, however deep it is.
+fn placed(document: &Document, roots: Vec<Node<'_>>) -> Result<Vec<Placed>, ReadError> {
+    let mut seen = vec![false; document.nodes().len()];
+    let mut found = Vec::new();
+    let mut stack: Vec<(Node<'_>, Placement)> = roots.into_iter().rev().map(|node| (node, Placement::AS_IS)).collect();
+    while let Some((node, above)) = stack.pop() {
+        if std::mem::replace(&mut seen[node.index()], true) {
+            return Err(ReadError::document(format!("nodes[{}]", node.index()), "it has more than one parent"));
         }
-        Ok(())
+        let placement = above.of_child(node.transform());
+        if let Some(mesh) = node.mesh() {
+            found.push(Placed { name: node.name().map(Arc::from), mesh: mesh.index(), placement });
+        }
+        let first = stack.len();
+        stack.extend(node.children().map(|child| (child, placement)));
+        stack[first..].reverse();
     }
+    Ok(found)
+}
 
-    fn read_mesh(&mut self, node: &Node<'_>, placed: Option<Matrix>) -> Result<(), ReadError> {
-        let Some(mesh) = node.mesh() else { return Ok(()) };
-        // Primitives of a mesh often share their vertices.
-        let mut bases = HashMap::new();
+/// The primitives of a mesh that have triangles, and their total size.
+struct Parts<'a> {
+    /// Name of the mesh.
+    name: Option<Arc<str>>,
+    primitives: Vec<Part<'a>>,
+    vertices: u64,
+    /// Upper bound: includes those of repeated vertices, which only stitch strips together.
+    triangles: u64,
+}
+
+struct Part<'a> {
+    primitive: Primitive<'a>,
+    positions: Accessor<'a>,
+    /// Name of its material, if the mesh has several primitives.
+    name: Option<Arc<str>>,
+    path: Arc<str>,
+}
+
+impl<'a> Parts<'a> {
+    fn of(mesh: &Mesh<'a>, materials: &[Option<Arc<str>>], buffers: &Buffers<'_>) -> Result<Self, ReadError> {
+        let name = mesh.name().map(Arc::from);
+        let mut parts = Self { name, primitives: Vec::new(), vertices: 0, triangles: 0 };
         let several = mesh.primitives().len() > 1;
+        let mut known = HashSet::new();
         for primitive in mesh.primitives() {
             if matches!(primitive.mode(), Mode::Points | Mode::Lines | Mode::LineLoop | Mode::LineStrip) {
                 continue;
             }
             let path = format!("meshes[{}].primitives[{}]", mesh.index(), primitive.index());
-            let accessor = primitive
+            let positions = primitive
                 .get(&::gltf::Semantic::Positions)
-                .ok_or_else(|| fault(path.as_str(), "it has no positions"))?;
-            let (base, count) = match bases.get(&accessor.index()) {
+                .ok_or_else(|| ReadError::document(path.as_str(), "it has no positions"))?;
+            let vertices = count(&positions, buffers)?;
+            let corners = primitive.indices().map_or(Ok(vertices), |accessor| count(&accessor, buffers))?;
+            let triangles = if primitive.mode() == Mode::Triangles { corners.div_ceil(3) } else { corners };
+            if triangles == 0 {
+                continue;
+            }
+            parts.triangles += triangles;
+            if known.insert(positions.index()) {
+                parts.vertices += vertices;
+            }
+            let material = primitive.material().index().filter(|_| several);
+            let name = material.and_then(|index| materials[index].clone());
+            parts.primitives.push(Part { primitive, positions, name, path: path.into() });
+        }
+        Ok(parts)
+    }
+}
+
+/// The number of vertices and, at most, of triangles that all nodes place.
+fn total(nodes: &[Placed], parts: &[Parts<'_>]) -> Result<(u64, u64), ReadError> {
+    let (mut vertices, mut triangles) = (0u64, 0u64);
+    for node in nodes {
+        let parts = &parts[node.mesh];
+        vertices = vertices.saturating_add(parts.vertices);
+        triangles = triangles.saturating_add(parts.triangles);
+    }
+    let path = "nodes (all instances of meshes placed)";
+    limits::triangles(path, triangles)?;
+    limits::vertices(path, vertices)?;
+    Ok((vertices, triangles))
+}
+
+struct Reader<'a> {
+    surface: Surface,
+    buffers: Buffers<'a>,
+}
+
+impl Reader<'_> {
+    fn read(&mut self, node: &Placed, parts: &Parts<'_>) -> Result<(), ReadError> {
+        // Primitives of a mesh often share their vertices.
+        let mut bases = HashMap::new();
+        for part in &parts.primitives {
+            let (base, count) = match bases.get(&part.positions.index()) {
                 Some(&known) => known,
                 None => {
                     let base = self.surface.positions.len();
-                    let points = positions(&accessor, &self.buffers)?;
-                    let added = (base, points.len());
-                    self.surface.positions.extend(points.into_iter().map(|p| moved(placed, p)));
-                    if self.surface.positions.len() > u32::MAX as usize {
-                        return Err(fault(path, "there are more vertices than 32 bits can count"));
-                    }
-                    bases.insert(accessor.index(), added);
+                    let points = positions(&part.positions, &self.buffers)?;
+                    let added = (base as u32, points.len());
+                    self.surface.positions.extend(points.map(|p| node.placement.apply(p)));
+                    bases.insert(part.positions.index(), added);
                     added
                 }
             };
             let begin = self.surface.triangles.len();
-            self.read_triangles(&primitive, &path, base as u32, count, placed)?;
-            let material = primitive.material();
-            let own = if several { material.name() } else { None };
-            let name = own.or(node.name()).or(mesh.name()).map_or_else(|| path.clone(), str::to_owned);
-            self.surface.groups.push(Group { name, triangles: begin..self.surface.triangles.len() });
+            self.read_triangles(part, base, count, node.placement.mirrors())?;
+            let name = part.name.as_ref().or(node.name.as_ref()).or(parts.name.as_ref()).unwrap_or(&part.path);
+            let triangles = begin..self.surface.triangles.len();
+            self.surface.groups.push(Group { name: Arc::clone(name), triangles });
         }
         Ok(())
     }
 
-    fn read_triangles(
-        &mut self,
-        primitive: &Primitive<'_>,
-        path: &str,
-        base: u32,
-        count: usize,
-        placed: Option<Matrix>,
-    ) -> Result<(), ReadError> {
-        let list = match primitive.indices() {
+    fn read_triangles(&mut self, part: &Part<'_>, base: u32, count: usize, mirrored: bool) -> Result<(), ReadError> {
+        let list = match part.primitive.indices() {
             Some(accessor) => indices(&accessor, &self.buffers)?,
             None => (0..count as u32).collect(),
         };
         if let Some(bad) = list.iter().find(|&&v| v as usize >= count) {
-            return Err(fault(path, format!("there is no vertex {bad}")));
+            return Err(ReadError::document(&*part.path, format!("there is no vertex {bad}")));
         }
-        let mirrored = placed.is_some_and(|m| determinant(&m) < 0.0);
         let triangles = &mut self.surface.triangles;
         let mut add = |[a, b, c]: [u32; 3]| {
             let t = if mirrored { [a, c, b] } else { [a, b, c] };
             triangles.push(t.map(|v| v + base));
         };
-        match primitive.mode() {
+        match part.primitive.mode() {
             Mode::TriangleStrip => {
                 for (i, w) in list.windows(3).enumerate() {
                     // Repeated vertices only stitch strips together.
@@ -258,33 +254,14 @@ impl Reader<'_> {
             _ => {
                 let (whole, rest) = list.as_chunks::<3>();
                 if !rest.is_empty() {
-                    return Err(fault(path, "the number of its indices is not a multiple of three"));
+                    return Err(ReadError::document(
+                        &*part.path,
+                        "the number of its indices is not a multiple of three",
+                    ));
                 }
                 whole.iter().for_each(|t| add(*t));
             }
         }
         Ok(())
     }
-}
-
-/// The transform of a node within the whole; none where nothing moves, so that coordinates stay exactly as they are.
-fn combined(above: Option<Matrix>, transform: Transform) -> Option<Matrix> {
-    let own = transform.matrix().map(|column| column.map(f64::from));
-    let identity: Matrix = std::array::from_fn(|i| std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 }));
-    match above {
-        _ if own == identity => above,
-        None => Some(own),
-        // Columns first, as in the format.
-        Some(m) => Some(own.map(|column| std::array::from_fn(|row| (0..4).map(|k| m[k][row] * column[k]).sum()))),
-    }
-}
-
-fn moved(placed: Option<Matrix>, p: [f64; 3]) -> [f64; 3] {
-    let Some(m) = placed else { return p };
-    std::array::from_fn(|row| m[0][row] * p[0] + m[1][row] * p[1] + m[2][row] * p[2] + m[3][row])
-}
-
-fn determinant(m: &Matrix) -> f64 {
-    m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1]) - m[1][0] * (m[0][1] * m[2][2] - m[0][2] * m[2][1])
-        + m[2][0] * (m[0][1] * m[1][2] - m[0][2] * m[1][1])
 }

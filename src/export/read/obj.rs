@@ -1,12 +1,19 @@
 //! Wavefront OBJ: vertices, faces (with or without texture and normal indices, counted from either end), groups.
 //!
-//! Coordinates are read as f64, but in files that oviduct wrote as f32: there they are the shortest decimals of
-//! 32-bit floats, and the surface that was certified is the one of these floats.
+//! Coordinates are read as f64, except in files that oviduct wrote: there they are the shortest decimals of f32 values, and
+//! the certified surface is that of these values.
 
-use super::text::{lines, point, point_f32, unit, wrong};
-use super::{ReadError, Surface};
+use super::error::ReadError;
+use super::surface::Surface;
+use super::text::{lines, point, point_f32, quoted, unit, wrong};
+
+/// Bytes at the beginning of a file that must not contain a zero: a file that does is not text.
+const LOOK: usize = 4096;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
+    if bytes[..bytes.len().min(LOOK)].contains(&0) {
+        return Err(ReadError::UnknownFormat);
+    }
     let mut parser = Parser::default();
     let mut continued = String::new();
     for (number, line) in lines(bytes) {
@@ -37,7 +44,7 @@ struct Parser {
     surface: Surface,
     /// Whether coordinates are 32-bit floats.
     single: bool,
-    /// Faces may name vertices that come later: the greatest number so far, from 1, and its line.
+    /// The greatest vertex number of a face so far, from 1, and its line: faces may name vertices that come later.
     greatest: usize,
     line: usize,
 }
@@ -52,14 +59,18 @@ impl Parser {
         let mut words = line.split_ascii_whitespace();
         match words.next() {
             Some("v") => {
-                if self.surface.positions.len() >= u32::MAX as usize {
-                    return Err(wrong(number, "there are more vertices than 32 bits can count"));
-                }
                 let point = if self.single { point_f32(number, &mut words)? } else { point(number, &mut words)? };
-                self.surface.positions.push(point);
+                self.surface.add_vertex(point)?;
             }
             Some("f") => self.face(number, words)?,
-            Some("g" | "o") => self.surface.begin_group(Some(&words.collect::<Vec<_>>().join(" "))),
+            Some("g" | "o") => {
+                let mut name = words.next().unwrap_or_default().to_owned();
+                for word in words {
+                    name.push(' ');
+                    name.push_str(word);
+                }
+                self.surface.begin_group(Some(&name));
+            }
             _ => {}
         }
         Ok(())
@@ -86,15 +97,14 @@ impl Parser {
         if count < 3 {
             return Err(wrong(number, "a face has fewer than three corners"));
         }
-        self.surface.add_face(if more.is_empty() { &face[..count] } else { &more });
-        Ok(())
+        self.surface.add_face(if more.is_empty() { &face[..count] } else { &more })
     }
 }
 
 /// The vertex that a corner of a face names, from 0.
 fn vertex(surface: &Surface, number: usize, word: &str) -> Result<u32, ReadError> {
     let first = word.split('/').next().unwrap_or(word);
-    let index: i64 = first.parse().map_err(|_| wrong(number, format!("{word:?} is not a corner of a face")))?;
+    let index: i64 = first.parse().map_err(|_| wrong(number, format!("{} is not a corner of a face", quoted(word))))?;
     let index = match index {
         0 => None,
         1.. => u32::try_from(index - 1).ok(),

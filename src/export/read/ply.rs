@@ -1,8 +1,9 @@
 //! PLY, text or binary of either byte order: elements `vertex` (x, y, z) and `face` (a list of vertex indices);
 //! other elements and properties are skipped.
 
-use super::text::{lines, unit};
-use super::{ReadError, Surface};
+use super::error::ReadError;
+use super::surface::Surface;
+use super::text::{lines, quoted, unit};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Encoding {
@@ -48,7 +49,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
         match element.name.as_str() {
             "vertex" => vertices(&mut body, element, &mut surface)?,
             "face" => faces(&mut body, element, &mut surface)?,
-            // Without properties an element takes no room, however often it occurs.
+            // Without properties, elements have no data, whatever their count.
             _ if element.properties.is_empty() => {}
             _ => {
                 for _ in 0..element.count {
@@ -76,7 +77,7 @@ fn header(bytes: &[u8], surface: &mut Surface) -> Result<(Encoding, Vec<Element>
                     "ascii" => Some(Encoding::Text),
                     "binary_little_endian" => Some(Encoding::Little),
                     "binary_big_endian" => Some(Encoding::Big),
-                    _ => return wrong(number, format!("the format {name:?} is not known")),
+                    _ => return wrong(number, format!("the format {} is not known", quoted(name))),
                 }
             }
             ["comment" | "obj_info", ..] => {
@@ -86,7 +87,7 @@ fn header(bytes: &[u8], surface: &mut Surface) -> Result<(Encoding, Vec<Element>
             }
             ["element", name, count] => {
                 let Ok(count) = count.parse() else {
-                    return wrong(number, format!("{count:?} is not a number of elements"));
+                    return wrong(number, format!("{} is not a number of elements", quoted(count)));
                 };
                 elements.push(Element { name: (*name).to_owned(), count, properties: Vec::new() });
             }
@@ -97,7 +98,7 @@ fn header(bytes: &[u8], surface: &mut Surface) -> Result<(Encoding, Vec<Element>
                     _ => None,
                 };
                 let Some((kind, element)) = kind.zip(elements.last_mut()) else {
-                    return wrong(number, format!("the property {name:?} has no known type or no element"));
+                    return wrong(number, format!("the property {} has no known type or no element", quoted(name)));
                 };
                 element.properties.push(Property { name: (*name).to_owned(), kind });
             }
@@ -108,7 +109,7 @@ fn header(bytes: &[u8], surface: &mut Surface) -> Result<(Encoding, Vec<Element>
                 };
             }
             [] => {}
-            _ => return wrong(number, format!("{:?} is no line of a header", line.trim())),
+            _ => return wrong(number, format!("{} is not a line of a PLY header", quoted(line.trim()))),
         }
     }
     wrong(lines(bytes).count(), "the header does not end".to_owned())
@@ -128,7 +129,7 @@ fn scalar(name: &str) -> Option<Scalar> {
     })
 }
 
-/// What follows the header.
+/// The data after the header.
 struct Body<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -167,7 +168,7 @@ impl Body<'_> {
     /// The next bytes, in little-endian order.
     fn take<const N: usize>(&mut self, little: bool) -> Result<[u8; N], ReadError> {
         let Some(bytes) = self.bytes.get(self.at..).and_then(|rest| rest.first_chunk::<N>()) else {
-            return Err(self.wrong("the file ends before all elements are there"));
+            return Err(self.wrong("the file ends before its elements do"));
         };
         self.at += N;
         let mut bytes = *bytes;
@@ -181,18 +182,19 @@ impl Body<'_> {
         let rest = &self.bytes[self.at..];
         let Some(skip) = rest.iter().position(|b| !b.is_ascii_whitespace()) else {
             self.at = self.bytes.len();
-            return Err(self.wrong("the file ends before all elements are there"));
+            return Err(self.wrong("the file ends before its elements do"));
         };
         let rest = &rest[skip..];
         let word = &rest[..rest.iter().position(u8::is_ascii_whitespace).unwrap_or(rest.len())];
         self.at += skip;
         let value = std::str::from_utf8(word).ok().and_then(|word| word.parse().ok());
-        let value = value.ok_or_else(|| self.wrong(format!("{:?} is not a number", String::from_utf8_lossy(word))))?;
+        let value =
+            value.ok_or_else(|| self.wrong(format!("{} is not a number", quoted(&String::from_utf8_lossy(word)))))?;
         self.at += word.len();
         Ok(value)
     }
 
-    /// Reads a property and hands on its value, or its values one by one; returns how many.
+    /// Reads a property, passes its value or values to `visit`, and returns their number.
     fn values(&mut self, property: &Property, mut visit: impl FnMut(f64)) -> Result<usize, ReadError> {
         match property.kind {
             Kind::Scalar(scalar) => {
@@ -218,9 +220,6 @@ fn vertices(body: &mut Body<'_>, element: &Element, surface: &mut Surface) -> Re
     if (0..3).any(|wanted| !element.properties.iter().any(|p| axis(p) == Some(wanted))) {
         return Err(body.wrong("the vertices have no x, y or z"));
     }
-    if element.count > u32::MAX as usize {
-        return Err(body.wrong("there are more vertices than 32 bits can count"));
-    }
     for _ in 0..element.count {
         let mut point = [0.0; 3];
         for property in &element.properties {
@@ -231,7 +230,7 @@ fn vertices(body: &mut Body<'_>, element: &Element, surface: &mut Surface) -> Re
                 }
             })?;
         }
-        surface.positions.push(point);
+        surface.add_vertex(point)?;
     }
     Ok(())
 }
@@ -264,7 +263,7 @@ fn faces(body: &mut Body<'_>, element: &Element, surface: &mut Surface) -> Resul
         if face.len() < 3 {
             return Err(body.wrong("a face has fewer than three corners"));
         }
-        surface.add_face(&face);
+        surface.add_face(&face)?;
     }
     Ok(())
 }

@@ -1,34 +1,35 @@
-//! STL, text or binary. The format has no shared vertices: each triangle brings its three.
+//! STL, text or binary. The format has no shared vertices: each triangle has its own three.
 
-use super::text::{unit, wrong};
-use super::{ReadError, Surface};
+use super::error::ReadError;
+use super::surface::Surface;
+use super::text::{quoted, unit, wrong};
 use std::borrow::Cow;
 
 const HEADER: usize = 80;
 const RECORD: usize = 50;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
-    if bytes.len() / RECORD > u32::MAX as usize / 3 {
-        let detail = "there are more corners than 32 bits can count".to_owned();
-        return Err(ReadError::Byte { byte: bytes.len(), detail });
-    }
     let count = bytes.get(HEADER..HEADER + 4).and_then(|b| b.try_into().ok()).map(u32::from_le_bytes);
     let expected = count.map(|count| HEADER as u64 + 4 + u64::from(count) * RECORD as u64);
-    // Binary files may begin with the word that text files begin with; their length tells them apart.
+    // Binary files may begin with the word that text files begin with; their length distinguishes them.
     if expected == Some(bytes.len() as u64) {
-        return Ok(binary(bytes));
+        return binary(bytes);
     }
     if bytes.trim_ascii_start().starts_with(b"solid") {
         return text(bytes);
     }
     let detail = match expected {
-        Some(expected) => format!("a binary file of so many triangles has {expected} bytes, not {}", bytes.len()),
+        Some(expected) => format!(
+            "this is not STL: a text file begins with `solid`, and a binary file with this header has {expected} bytes \
+             instead of {}",
+            bytes.len()
+        ),
         None => "the file is too short for the header of a binary file".to_owned(),
     };
     Err(ReadError::Byte { byte: bytes.len().min(HEADER), detail })
 }
 
-fn binary(bytes: &[u8]) -> Surface {
+fn binary(bytes: &[u8]) -> Result<Surface, ReadError> {
     let (header, records) = bytes.split_at(HEADER + 4);
     let mut surface = Surface::default();
     if let Some(unit) = unit(&String::from_utf8_lossy(&header[..HEADER])) {
@@ -37,12 +38,12 @@ fn binary(bytes: &[u8]) -> Surface {
     for record in records.chunks_exact(RECORD) {
         let (floats, _) = record[12..48].as_chunks::<4>();
         let corner = |k: usize| [0, 1, 2].map(|axis| f64::from(f32::from_le_bytes(floats[3 * k + axis])));
-        add(&mut surface, [corner(0), corner(1), corner(2)]);
+        add(&mut surface, [corner(0), corner(1), corner(2)])?;
     }
-    surface
+    Ok(surface)
 }
 
-/// A text file is a stream of words; lines count for nothing but names, which end with theirs.
+/// A text file is a sequence of words; line ends matter only to names, which extend to the end of their line.
 fn text(bytes: &[u8]) -> Result<Surface, ReadError> {
     let mut surface = Surface::default();
     let mut words = Words::new(bytes);
@@ -73,14 +74,16 @@ fn text(bytes: &[u8]) -> Result<Surface, ReadError> {
                 }
                 words.expect("endloop")?;
                 words.expect("endfacet")?;
-                add(&mut surface, corners);
+                add(&mut surface, corners)?;
                 facets += 1;
             }
-            word => return Err(wrong(words.line, format!("{word:?} where a facet or the end of the solid should be"))),
+            word => {
+                return Err(wrong(words.line, format!("{} instead of a facet or the end of the solid", quoted(word))));
+            }
         }
     }
     if !ended {
-        return Err(wrong(words.line, format!("the file ends after {facets} facets, before its solid does")));
+        return Err(wrong(words.line, format!("the file ends after {facets} facets, without the end of the solid")));
     }
     surface.begin_group(None);
     Ok(surface)
@@ -98,7 +101,7 @@ impl<'a> Words<'a> {
         Self { rest: bytes, line: 1 }
     }
 
-    /// The next word; what is not UTF-8 is no word of the format, nor a number.
+    /// The next word; a word that is not UTF-8 becomes one that no rule accepts.
     fn next(&mut self) -> Option<&'a str> {
         let begin = self.rest.iter().position(|b| !b.is_ascii_whitespace())?;
         self.line += self.rest[..begin].iter().filter(|&&b| b == b'\n').count();
@@ -118,8 +121,8 @@ impl<'a> Words<'a> {
     fn expect(&mut self, keyword: &str) -> Result<(), ReadError> {
         match self.next() {
             Some(word) if word == keyword => Ok(()),
-            Some(word) => Err(wrong(self.line, format!("{word:?} where {keyword:?} should be"))),
-            None => Err(wrong(self.line, format!("the file ends where {keyword:?} should be"))),
+            Some(word) => Err(wrong(self.line, format!("{} instead of {keyword:?}", quoted(word)))),
+            None => Err(wrong(self.line, format!("the file ends before {keyword:?}"))),
         }
     }
 
@@ -127,14 +130,16 @@ impl<'a> Words<'a> {
         let mut point = [0.0; 3];
         for x in &mut point {
             let word = self.next().ok_or_else(|| wrong(self.line, "a coordinate is missing"))?;
-            *x = word.parse().map_err(|_| wrong(self.line, format!("{word:?} is not a number")))?;
+            *x = word.parse().map_err(|_| wrong(self.line, format!("{} is not a number", quoted(word))))?;
         }
         Ok(point)
     }
 }
 
-fn add(surface: &mut Surface, corners: [[f64; 3]; 3]) {
+fn add(surface: &mut Surface, corners: [[f64; 3]; 3]) -> Result<(), ReadError> {
     let first = surface.positions.len() as u32;
-    surface.positions.extend(corners);
-    surface.triangles.push([first, first + 1, first + 2]);
+    for corner in corners {
+        surface.add_vertex(corner)?;
+    }
+    surface.add_face(&[first, first + 1, first + 2])
 }

@@ -1,4 +1,4 @@
-//! Readers on files written by hand, and on broken ones.
+//! Readers on files written by hand, on broken ones, and on ones beyond the limits.
 
 use super::*;
 use proptest::prelude::*;
@@ -62,7 +62,7 @@ fn glb_with_indices_of_every_size() {
         let bytes = glb(&document(4, 12, size, json!({ "name": "tissue" })), &data(FACES.as_flattened(), size));
         let surface = read(&bytes, Format::Gltf);
         assert_eq!((surface.positions, surface.triangles), (wide(), FACES.to_vec()));
-        assert_eq!(surface.groups, [Group { name: "tissue".to_owned(), triangles: 0..4 }]);
+        assert_eq!(surface.groups, [Group { name: "tissue".into(), triangles: 0..4 }]);
         assert_eq!(surface.unit, Unit::Stated(1.0));
     }
 }
@@ -144,7 +144,7 @@ fn obj_with_all_kinds_of_corners() {
     let surface = read(text.as_bytes(), Format::Obj);
     assert_eq!(surface.positions[3], [0.25, 0.5, 1e-7]);
     assert_eq!(surface.triangles, [[0, 2, 1], [0, 1, 3], [0, 1, 2], [0, 2, 3]]);
-    let groups: Vec<_> = surface.groups.iter().map(|g| (g.name.as_str(), g.triangles.clone())).collect();
+    let groups: Vec<_> = surface.groups.iter().map(|g| (&*g.name, g.triangles.clone())).collect();
     assert_eq!(groups, [("side one", 0..2), ("rest", 2..4)]);
     assert_eq!(surface.unit, Unit::Stated(1e-3));
 }
@@ -154,6 +154,7 @@ fn broken_obj_is_refused_with_the_line_named() {
     for (text, message) in [
         ("v 0 0\n", "line 1: a coordinate is missing"),
         ("v 0 0 x\n", "line 1: \"x\" is not a number"),
+        (&format!("v 0 0 {}\n", "x".repeat(99)), &format!("line 1: \"{}\"… is not a number", "x".repeat(40))),
         ("v 0 0 0\nf 1 1\n", "line 2: a face has fewer than three corners"),
         ("v 0 0 0\nf 1 1 2\nf 1 1 1\n", "line 2: there is no vertex 2"),
         ("v 0 0 0\nf 1 1 0\n", "line 2: there is no vertex 0"),
@@ -195,7 +196,7 @@ fn stl_in_both_forms() {
     assert_eq!(binary.positions[1], wide()[2]);
     let text = read(text_stl().as_bytes(), Format::Stl);
     assert_eq!((&text.positions, &text.triangles), (&binary.positions, &binary.triangles));
-    assert_eq!(text.groups, [Group { name: "body".to_owned(), triangles: 0..4 }]);
+    assert_eq!(text.groups, [Group { name: "body".into(), triangles: 0..4 }]);
     let bytes = binary_stl();
     assert!(refusal(&bytes[..bytes.len() - 1], Format::Stl).starts_with("line 1:"));
     assert!(refusal(b"", Format::Stl).starts_with("byte 0:"));
@@ -203,17 +204,17 @@ fn stl_in_both_forms() {
     for (rest, message) in [
         (" 1 2", "line 2: a coordinate is missing"),
         (" 1 2 x", "line 2: \"x\" is not a number"),
-        (" 1 2 3 vertex", "line 2: \"vertex\" where \"endloop\" should be"),
-        (" 1 2 3 endloop\n", "line 2: the file ends where \"endfacet\" should be"),
-        (" 1 2 3 endloop endfacet\n", "line 2: the file ends after 1 facets, before its solid does"),
-        (" 1 2 3 endloop endfacet\nvertex 1 2 3", "line 3: \"vertex\" where a facet or the end of the solid should be"),
+        (" 1 2 3 vertex", "line 2: \"vertex\" instead of \"endloop\""),
+        (" 1 2 3 endloop\n", "line 2: the file ends before \"endfacet\""),
+        (" 1 2 3 endloop endfacet\n", "line 2: the file ends after 1 facets, without the end of the solid"),
+        (" 1 2 3 endloop endfacet\nvertex 1 2 3", "line 3: \"vertex\" instead of a facet or the end of the solid"),
     ] {
         assert_eq!(refusal(format!("solid\n{facet}{rest}").as_bytes(), Format::Stl), message);
     }
 }
 
 #[test]
-fn lines_count_for_nothing_in_stl() {
+fn line_ends_do_not_matter_in_stl() {
     let text = text_stl();
     let (first, rest) = text.split_once('\n').unwrap();
     let joined = format!("{first}\n{}\nendsolid", rest.replace("endsolid body", "").replace('\n', " "));
@@ -266,6 +267,202 @@ fn ply_in_all_forms() {
     assert_eq!(refusal(text.replace("3 0 2 1", "3 0 2 4").as_bytes(), Format::Ply), "line 16: there is no vertex 4");
     assert!(refusal(text.replace("property float z\n", "").as_bytes(), Format::Ply).contains("x, y or z"));
     assert!(refusal(b"ply\nformat ascii 1.0\nelement vertex many\n", Format::Ply).starts_with("line 3:"));
+}
+
+/// A document of one mesh, whose primitive is that of [`document`] `primitives` times, placed by `nodes` nodes.
+fn instanced(nodes: usize, primitives: usize, indices: usize) -> (Value, Vec<u8>) {
+    let list = [0, 1, 2].repeat(indices / 3);
+    let mut document = document(4, list.len(), 1, json!({}));
+    document["scenes"][0]["nodes"] = (0..nodes).collect();
+    document["nodes"] = json!(vec![json!({ "mesh": 0, "translation": [1, 0, 0] }); nodes]);
+    document["meshes"][0]["primitives"] = json!(vec![document["meshes"][0]["primitives"][0].clone(); primitives]);
+    (document, data(&list, 1))
+}
+
+#[test]
+fn instances_are_read_once_each() {
+    let (document, data) = instanced(3, 2, 6);
+    let surface = read(&glb(&document, &data), Format::Gltf);
+    // Primitives of one mesh share their vertices.
+    assert_eq!((surface.positions.len(), surface.triangles.len(), surface.groups.len()), (3 * 4, 3 * 2 * 2, 3 * 2));
+    assert_eq!(surface.positions[1], [2.0, 0.0, 0.0]);
+    assert_eq!(surface.triangles[11], [8, 9, 10]);
+}
+
+#[test]
+fn instances_beyond_the_limit_are_refused_before_they_are_placed() {
+    // 65 million triangles from 400 kB; the same from repeated primitives that share their accessors.
+    for (nodes, primitives, indices) in [(5_000, 1, 39_000), (1, 5_000, 39_000), (70, 70, 39_900)] {
+        let (document, data) = instanced(nodes, primitives, indices);
+        let refused = refusal(&glb(&document, &data), Format::Gltf);
+        let triangles = nodes * primitives * indices / 3;
+        let expected = format!(
+            "nodes (all instances of meshes placed): there are {triangles} triangles, and at most 64000000 are read"
+        );
+        assert_eq!(refused, expected);
+    }
+}
+
+#[test]
+fn vertices_that_no_triangle_uses_are_counted_too() {
+    let (mut document, _) = instanced(20_000, 1, 3);
+    let count = 10_000;
+    document["accessors"][0]["count"] = json!(count);
+    document["bufferViews"][0]["byteLength"] = json!(12 * count);
+    document["bufferViews"][1]["byteOffset"] = json!(12 * count);
+    document["buffers"][0]["byteLength"] = json!(12 * count + 3);
+    let mut data = vec![0; 12 * count];
+    data.extend([0, 1, 2]);
+    let refused = refusal(&glb(&document, &data), Format::Gltf);
+    assert!(refused.ends_with("there are 200000000 vertices, and at most 192000000 are read"), "{refused}");
+}
+
+#[test]
+fn strips_of_repeated_vertices_are_counted_by_their_indices() {
+    // Such a strip has no triangle, but takes the time to read its indices.
+    let (mut document, data) = instanced(5_000, 1, 39_000);
+    document["meshes"][0]["primitives"][0]["mode"] = json!(5);
+    let refused = refusal(&glb(&document, &data), Format::Gltf);
+    assert!(refused.contains("195000000 triangles"), "{refused}");
+}
+
+#[test]
+fn a_count_without_data_is_refused_however_large() {
+    let (mut document, data) = instanced(2, 1, 6);
+    document["accessors"][1]["count"] = json!(4_000_000_000u32);
+    let refused = refusal(&glb(&document, &data), Format::Gltf);
+    assert_eq!(refused, "accessors[1]: it reaches beyond its buffer view");
+}
+
+#[test]
+fn overlapping_buffer_views_are_counted_each() {
+    // A thousand accessors over a thousand views of the same bytes.
+    let (mut document, data) = instanced(100, 1_000, 39_000);
+    for k in 0..1_000 {
+        let view = document["bufferViews"][1].clone();
+        document["bufferViews"].as_array_mut().unwrap().push(view);
+        let mut accessor = document["accessors"][1].clone();
+        accessor["bufferView"] = json!(k + 2);
+        document["accessors"].as_array_mut().unwrap().push(accessor);
+        document["meshes"][0]["primitives"][k]["indices"] = json!(k + 2);
+    }
+    let refused = refusal(&glb(&document, &data), Format::Gltf);
+    assert!(refused.contains("there are 1300000000 triangles"), "{refused}");
+}
+
+#[test]
+fn a_long_name_is_kept_once_for_all_instances() {
+    let (mut document, data) = instanced(20_000, 1, 3);
+    document["meshes"][0]["name"] = json!("x".repeat(1 << 20));
+    let shared = |document: &Value| {
+        let surface = read(&glb(document, &data), Format::Gltf);
+        assert_eq!((surface.groups.len(), surface.groups[0].name.len()), (20_000, 1 << 20));
+        assert!(surface.groups.iter().all(|group| std::sync::Arc::ptr_eq(&group.name, &surface.groups[0].name)));
+    };
+    shared(&document);
+    let mut document = instanced(1, 20_000, 3).0;
+    document["materials"] = json!([{ "name": "x".repeat(1 << 20) }]);
+    for primitive in document["meshes"][0]["primitives"].as_array_mut().unwrap() {
+        primitive["material"] = json!(0);
+    }
+    shared(&document);
+}
+
+#[test]
+fn a_deep_tree_of_nodes_is_walked() {
+    let depth = 200_000;
+    let mut document = document(4, 12, 1, json!({}));
+    let chain = (0..depth).map(|i| json!({ "children": [i + 1], "translation": [1, 0, 0] }));
+    document["nodes"] = chain.chain([json!({ "mesh": 0 })]).collect();
+    let surface = read(&glb(&document, &data(FACES.as_flattened(), 1)), Format::Gltf);
+    assert_eq!(surface.positions[0], [f64::from(depth), 0.0, 0.0]);
+}
+
+#[test]
+fn a_document_of_too_many_objects_is_refused_before_it_is_parsed() {
+    let text = format!("{{\"asset\":{{\"version\":\"2.0\"}},\"nodes\":[{}{{}}]}}", "{},".repeat(2_000_000));
+    let refused = refusal(text.as_bytes(), Format::Gltf);
+    assert_eq!(refused, "document: there are 2000003 JSON objects, and at most 2000000 are read");
+}
+
+#[test]
+fn a_file_that_many_buffers_name_is_read_once() {
+    let folder = tempfile::tempdir().unwrap();
+    // Read once per buffer, 10,000 buffers would take 160 GB.
+    let part = folder.path().join("data.bin");
+    std::fs::File::create(&part).unwrap().set_len(16 << 20).unwrap();
+    let (mut document, _) = instanced(1, 1, 6);
+    let names = ["data.bin", "./data.bin", "././data.bin", "dat%61.bin"];
+    let buffer = |i: usize| json!({ "uri": names[i % names.len()], "byteLength": 16 << 20 });
+    document["buffers"] = (0..10_000).map(buffer).collect();
+    let path = folder.path().join("model.gltf");
+    std::fs::write(&path, document.to_string()).unwrap();
+    let surface = read_surface(&path).unwrap();
+    assert_eq!(surface.triangles.len(), 2);
+}
+
+#[test]
+fn files_beyond_the_limit_are_refused_by_their_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let large = |name: &str, bytes: u64| {
+        let path = folder.path().join(name);
+        std::fs::File::create(&path).unwrap().set_len(bytes).unwrap();
+        path
+    };
+    let refused = read_surface(&large("large.stl", (4 << 30) + 1)).unwrap_err();
+    assert!(matches!(refused, ReadError::TooLarge { most: 4_294_967_296, .. }), "{refused}");
+    // Just below, but not together with the document.
+    large("large.bin", (4 << 30) - 100);
+    let (mut document, _) = instanced(1, 1, 6);
+    document["buffers"][0]["uri"] = json!("large.bin");
+    let path = folder.path().join("model.gltf");
+    std::fs::write(&path, document.to_string()).unwrap();
+    let refused = read_surface(&path).unwrap_err().to_string();
+    assert!(refused.contains("large.bin: the file, with those it refers to, has more bytes"), "{refused}");
+}
+
+#[cfg(unix)]
+#[test]
+fn what_is_no_regular_file_is_refused_without_waiting() {
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("pipe.stl");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let _socket = std::os::unix::net::UnixListener::bind(folder.path().join("socket.stl")).unwrap();
+    for (path, kind) in [
+        (pipe.as_path(), "a pipe (FIFO)"),
+        (folder.path(), "a directory"),
+        (Path::new("/dev/zero"), "a device"),
+        (&folder.path().join("socket.stl"), "a socket"),
+    ] {
+        let refused = read_surface(path).unwrap_err().to_string();
+        assert_eq!(refused, format!("{} is {kind}, not a regular file", path.display()));
+    }
+    // The same for a file that a document names.
+    let (mut document, _) = instanced(1, 1, 6);
+    document["buffers"][0]["uri"] = json!("pipe.stl");
+    let path = folder.path().join("model.gltf");
+    std::fs::write(&path, document.to_string()).unwrap();
+    assert!(matches!(read_surface(&path), Err(ReadError::NotAFile { kind: "a pipe (FIFO)", .. })));
+}
+
+#[test]
+fn bytes_of_no_format_are_called_so_and_the_formats_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes: Vec<u8> = (0..5_000u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+    for name in ["random.glb", "random.gltf", "random.obj", "random", "random.bin"] {
+        let path = folder.path().join(name);
+        std::fs::write(&path, &bytes).unwrap();
+        let refused = read_surface(&path).unwrap_err().to_string();
+        assert!(refused.starts_with("the format is not recognised"), "{name}: {refused}");
+        assert!(["glTF", "PLY", "STL", "OBJ", ".glb"].iter().all(|known| refused.contains(known)), "{refused}");
+    }
+    for (name, start) in [("random.stl", "byte 80: this is not STL"), ("random.ply", "line 1: the file does not begin")]
+    {
+        let path = folder.path().join(name);
+        std::fs::write(&path, &bytes).unwrap();
+        let refused = read_surface(&path).unwrap_err().to_string();
+        assert!(refused.starts_with(start), "{name}: {refused}");
+    }
 }
 
 #[test]

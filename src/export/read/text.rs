@@ -1,15 +1,25 @@
-//! What the text formats have in common: lines, numbers, units in comments.
+//! Shared by the text formats: lines, numbers, units in comments.
 
-use super::{ReadError, Unit};
+use super::error::ReadError;
+use super::surface::Unit;
 use std::borrow::Cow;
 use std::str::FromStr;
 
-/// The lines of a file with their numbers from 1, without line ends, bytes that are not UTF-8 replaced.
+/// The lines of a file with their numbers from 1, without line ends; bytes that are not UTF-8 are replaced.
 pub(super) fn lines(bytes: &[u8]) -> impl Iterator<Item = (usize, Cow<'_, str>)> {
     bytes.split(|&b| b == b'\n').enumerate().map(|(i, line)| {
         let line = line.strip_suffix(b"\r").unwrap_or(line);
         (i + 1, String::from_utf8_lossy(line))
     })
+}
+
+/// A word of the file for a message, in quotes and shortened.
+pub(super) fn quoted(word: &str) -> String {
+    const LONGEST: usize = 40;
+    match word.char_indices().nth(LONGEST) {
+        Some((end, _)) => format!("{:?}…", &word[..end]),
+        None => format!("{word:?}"),
+    }
 }
 
 pub(super) fn wrong(line: usize, detail: impl Into<String>) -> ReadError {
@@ -19,7 +29,7 @@ pub(super) fn wrong(line: usize, detail: impl Into<String>) -> ReadError {
 /// The next word as a coordinate.
 fn coordinate<'a, T: FromStr>(line: usize, words: &mut impl Iterator<Item = &'a str>) -> Result<T, ReadError> {
     let word = words.next().ok_or_else(|| wrong(line, "a coordinate is missing"))?;
-    word.parse().map_err(|_| wrong(line, format!("{word:?} is not a number")))
+    word.parse().map_err(|_| wrong(line, format!("{} is not a number", quoted(word))))
 }
 
 /// The next three words as a point.
@@ -33,7 +43,7 @@ pub(super) fn point_f32<'a>(line: usize, words: &mut impl Iterator<Item = &'a st
     Ok(point.map(f64::from))
 }
 
-/// The unit that a comment states, as `unit: mm`, `units = metres` or `UNITS=um`.
+/// The unit that a comment states, for example `unit: mm`, `units = metres` or `UNITS=um`.
 pub(super) fn unit(comment: &str) -> Option<Unit> {
     let mut words = comment.split(|c: char| c.is_whitespace() || "=:,;()".contains(c)).filter(|w| !w.is_empty());
     words.find(|word| word.eq_ignore_ascii_case("unit") || word.eq_ignore_ascii_case("units"))?;

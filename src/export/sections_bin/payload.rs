@@ -11,7 +11,7 @@ use crate::model::{Ring, Section};
 const POINT_LEN: usize = 12;
 const PLANE_BYTES: usize = 4;
 
-/// Puts both rings into `raw`, which is cleared first.
+/// Encodes both rings into `raw`, which is cleared first.
 pub(super) fn encode(section: &Section, raw: &mut Vec<u8>) {
     raw.clear();
     for ring in [&section.inner, &section.outer] {
@@ -51,7 +51,7 @@ fn plane_values(plane: &[u8], n: usize) -> impl Iterator<Item = u32> + '_ {
 /// Reads one section from its bytes: those from [`SectionEntry::offset`], [`SectionEntry::length`] many.
 ///
 /// # Errors
-/// [`SectionsError::Corrupt`] where they are not the bytes that the entry was made for.
+/// [`SectionsError::Corrupt`] if they are not the bytes of the entry.
 pub fn read_section_from_bytes(entry: &SectionEntry, bytes: &[u8]) -> Result<Section, SectionsError> {
     if bytes.len() as u64 != u64::from(entry.length) || checksum(bytes) != entry.checksum {
         return Err(SectionsError::Corrupt("a section"));

@@ -8,7 +8,7 @@ use crate::model::Section;
 use sha2::{Digest, Sha256};
 use std::io::{self, Read, Seek, SeekFrom};
 
-/// An open sections file. Holds the index; sections are read when asked for.
+/// An open sections file. Holds the index; sections are read on request.
 pub struct SectionsReader<R> {
     input: R,
     header: SectionsHeader,
@@ -21,7 +21,7 @@ impl<R: Read + Seek> SectionsReader<R> {
     /// Reads header, trailer and index.
     ///
     /// # Errors
-    /// [`SectionsError`]. Damage to a section shows when that section is read, or in [`verify`](Self::verify).
+    /// [`SectionsError`]. Damage to a section is detected when it is read, or by [`verify`](Self::verify).
     pub fn open(mut input: R) -> Result<Self, SectionsError> {
         let file_len = input.seek(SeekFrom::End(0))?;
         input.seek(SeekFrom::Start(0))?;
@@ -52,7 +52,7 @@ impl<R: Read + Seek> SectionsReader<R> {
             SectionsError::NotSections => SectionsError::Corrupt("the file is cut off"),
             other => other,
         })?;
-        // The trailer's length was checked against the file's, so this allocates no more than the file has.
+        // The trailer was checked against the length of the file, so this allocates no more than the file has.
         let mut index = vec![0; (trailer_start - trailer.index_offset) as usize];
         input.seek(SeekFrom::Start(trailer.index_offset))?;
         read_or(&mut input, &mut index, SectionsError::Corrupt("the index"))?;
@@ -64,7 +64,7 @@ impl<R: Read + Seek> SectionsReader<R> {
         Ok(Self { input, header, entries, trailer, file_len })
     }
 
-    /// What the file says about its model.
+    /// The header.
     #[must_use]
     pub fn header(&self) -> &SectionsHeader {
         &self.header
@@ -103,7 +103,7 @@ impl<R: Read + Seek> SectionsReader<R> {
     /// Reads the whole file and compares its SHA-256.
     ///
     /// # Errors
-    /// [`SectionsError::Corrupt`] where any byte differs from what was written.
+    /// [`SectionsError::Corrupt`] if any byte differs from those written.
     pub fn verify(&mut self) -> Result<(), SectionsError> {
         self.input.seek(SeekFrom::Start(0))?;
         let mut left = self.file_len - (TRAILER_LEN - Trailer::HEAD) as u64;
@@ -120,7 +120,7 @@ impl<R: Read + Seek> SectionsReader<R> {
     }
 }
 
-/// Fills `bytes`; `short` where the input ends before.
+/// Fills `bytes`; fails with `short` if the input ends before.
 fn read_or(input: &mut impl Read, bytes: &mut [u8], short: SectionsError) -> Result<(), SectionsError> {
     input.read_exact(bytes).map_err(|error| match error.kind() {
         io::ErrorKind::UnexpectedEof => short,

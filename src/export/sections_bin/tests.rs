@@ -20,7 +20,7 @@ fn read_all(file: &[u8]) -> Result<Vec<Section>, SectionsError> {
     Ok(sections)
 }
 
-/// Bits, so that values that are not numbers compare too.
+/// Bits, so that NaNs compare too.
 fn bits(section: &Section) -> (u64, u64, bool, Vec<u32>) {
     let rings = [&section.inner, &section.outer];
     let words = rings.iter().flat_map(|ring| {
@@ -150,7 +150,7 @@ proptest! {
 
     #[test]
     fn a_forged_index_never_panics(at in 0usize..ENTRY_LEN * 3 + 24, value: u8, point: prop::sample::Index) {
-        // Checksums are made to fit, so that what lies behind them is reached.
+        // The checksums are recomputed, so that the checks after them are reached.
         let mut forged = file(&samples());
         let head = forged.len() - TRAILER_LEN;
         let index = head - 3 * ENTRY_LEN;

@@ -10,7 +10,7 @@ const ZSTD_LEVEL: i32 = 3;
 
 /// Writes a sections file as a stream: [`push`](Self::push) each section, then [`finish`](Self::finish).
 ///
-/// Dropped before that, it leaves a file that no reader accepts.
+/// If it is dropped before that, no reader accepts the file.
 pub struct SectionsWriter<W: Write> {
     out: HashingWriter<W>,
     entries: Vec<SectionEntry>,
@@ -19,7 +19,7 @@ pub struct SectionsWriter<W: Write> {
 }
 
 impl<W: Write> SectionsWriter<W> {
-    /// Begins a file. The count in `meta` is not used: sections are counted as they come.
+    /// Begins a file. The number of sections in `meta` is not used: they are counted as they are written.
     ///
     /// # Errors
     /// Those of `out`.
@@ -38,8 +38,8 @@ impl<W: Write> SectionsWriter<W> {
     /// Appends a section.
     ///
     /// # Errors
-    /// Those of the output; [`io::ErrorKind::InvalidInput`] where a ring has not one id a point, or more points
-    /// than the format allows (16,777,216).
+    /// Those of the output; [`io::ErrorKind::InvalidInput`] if a ring has more or fewer ids than points, or more
+    /// points than the format allows (16,777,216).
     pub fn push(&mut self, section: &Section) -> io::Result<()> {
         let count = |ring: &crate::model::Ring| match u32::try_from(ring.len()) {
             Ok(n) if n <= MAX_POINTS && ring.ids.len() == ring.points.len() => Ok(n),
@@ -62,7 +62,7 @@ impl<W: Write> SectionsWriter<W> {
         self.out.write_all(&bytes)
     }
 
-    /// Writes index and trailer, flushes, and gives the output back.
+    /// Writes index and trailer, flushes, and returns the output.
     ///
     /// # Errors
     /// Those of the output.

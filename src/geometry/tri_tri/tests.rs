@@ -1,4 +1,4 @@
-//! Contact of triangles against the theorem of separating axes in integer arithmetic, which shares no step with it.
+//! Contact of triangles, compared with the separating axis theorem in integer arithmetic, an independent method.
 
 use super::*;
 use proptest::prelude::*;
@@ -13,7 +13,7 @@ fn icross(a: I3, b: I3) -> I3 {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// Whether two convex polygons (or segments) meet: no axis normal to a facet of their difference parts them.
+/// Whether two convex polygons (or segments) meet: no axis normal to a facet of their difference separates them.
 fn reference(a: &[I3], b: &[I3]) -> bool {
     let edges = |p: &[I3]| (0..p.len()).map(|i| isub(p[(i + 1) % p.len()], p[i])).collect::<Vec<_>>();
     let (ea, eb) = (edges(a), edges(b));

@@ -1,15 +1,19 @@
 //! Triangles that meet other than at the vertices and edges they share.
 //!
-//! Candidates come from a hierarchy over the triangles in their given order where that is coherent (strips of a lofted
-//! surface are); stretches that are not, such as the ends, are put in the order of a space-filling curve first.
-//! Triangles that share vertices by index are tested for what lies beyond those; two vertices at the same position that
-//! are not one therefore count as a meeting. Degenerate triangles are left out (they fail on their own).
+//! Candidates come from a hierarchy over the triangles in their given order, which is coherent for the strips of a lofted
+//! surface; stretches that are not coherent, such as the ends, are first sorted along a space-filling curve. Triangles that
+//! share vertices by index are tested for other common points; two vertices at the same position with different indices
+//! therefore count as a meeting. Degenerate triangles are left out (they are failures by themselves). Triangles with the
+//! same vertices are counted separately and searched as one, and the search stops after [`MOST`] meetings, so that its time
+//! is bounded for surfaces with very many faults.
 
-use super::types::{FailureKind, Failures};
-use super::{Coordinate, Surface, few};
+use super::surface::{Coordinate, Surface, few};
+use super::topology::Copies;
+use super::types::{FailureKind, Failures, PLACES};
 use crate::geometry::bvh::{Bounds, Bvh, WIDTH, morton};
 use crate::geometry::tri_tri::{Triangle, meet, meet_beyond_corner, overlap_across_edge};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Pairs of triangles that meet.
 pub(super) struct Meetings {
@@ -17,78 +21,126 @@ pub(super) struct Meetings {
     pub(super) duplicates: u64,
 }
 
-#[derive(Clone, Copy, PartialEq)]
-enum Contact {
-    None,
-    Meet,
-    Duplicate,
-}
-
-/// Triangles in a stretch whose coherence is judged as a whole.
+/// Triangles of a stretch, which is either coherent or sorted as a whole.
 const STRETCH: usize = 64 * WIDTH;
+/// Blocks per task.
+const TASK: usize = 256;
+/// Meetings after which the search stops.
+const MOST: u64 = 100_000;
 
 pub(super) fn examine<C: Coordinate>(
     surface: &Surface<'_, C>,
     degenerate: &[u32],
+    copies: &Copies,
     failures: &mut Failures,
 ) -> Meetings {
+    let (count, stopped, first) = meetings(surface, degenerate, copies);
+    let what = "pairs of triangles meet where they share neither vertex nor edge";
+    let detail = match stopped {
+        false => format!("{count} {what}"),
+        true => format!("at least {count} {what} (the search stopped after {MOST})"),
+    };
+    let places = few(&first, |pair| surface.place_of_triangles(pair));
+    failures.add(FailureKind::TriangleIntersections, count, detail, places);
+    let (duplicates, first) = duplicates(degenerate, copies);
+    let detail = format!("{duplicates} pairs of triangles have the same three vertices");
+    let places = few(&first, |pair| surface.place_of_triangles(pair));
+    failures.add(FailureKind::DuplicateTriangles, duplicates, detail, places);
+    Meetings { count, duplicates }
+}
+
+/// The number of pairs with the same three vertices, and the least pairs in order.
+fn duplicates(degenerate: &[u32], copies: &Copies) -> (u64, Vec<[u32; 2]>) {
+    let (mut count, mut first) = (0, Vec::new());
+    for group in copies.groups().filter(|group| degenerate.binary_search(&group[0][0]).is_err()) {
+        let size = group.len() as u64;
+        count += size * (size - 1) / 2;
+        // The least pairs of a group are those of its least triangle.
+        let pairs = (0..group.len()).flat_map(|i| group[i + 1..].iter().map(move |other| [group[i][1], other[1]]));
+        first.extend(pairs.take(PLACES));
+    }
+    first.sort_unstable();
+    (count, first)
+}
+
+/// The number of pairs that meet, whether the search stopped early, and the least pairs in order. Of triangles with the
+/// same vertices only the least is searched.
+fn meetings<C: Coordinate>(
+    surface: &Surface<'_, C>,
+    degenerate: &[u32],
+    copies: &Copies,
+) -> (u64, bool, Vec<[u32; 2]>) {
     let order = Order::of(surface);
-    let bvh = Bvh::build(surface.triangles.len(), |i| Bounds::of(surface.corners(order.triangle(i))));
+    let left_out = left_out(surface.triangles.len(), degenerate, copies);
+    let bvh = Bvh::build(surface.triangles.len(), |i| {
+        let triangle = order.triangle(i);
+        let is_out = left_out.as_ref().is_some_and(|out| out[triangle]);
+        if is_out { Bounds::EMPTY } else { Bounds::of(surface.corners(triangle)) }
+    });
     let blocks: Vec<usize> = (0..bvh.blocks()).collect();
+    // The first task that alone exceeds the limit: results of later tasks are not used.
+    let full = AtomicUsize::new(usize::MAX);
     let found: Vec<Found> = blocks
-        .par_chunks(256)
-        .map(|blocks| {
+        .par_chunks(TASK)
+        .enumerate()
+        .map(|(task, blocks)| {
             let mut found = Found::default();
             for &block in blocks {
-                collide_block(surface, &order, degenerate, &bvh, block, &mut found);
+                if found.met > MOST || task > full.load(Ordering::Relaxed) {
+                    break;
+                }
+                collide_block(surface, &order, copies, &bvh, block, &mut found);
+            }
+            if found.met > MOST {
+                full.fetch_min(task, Ordering::Relaxed);
             }
             found
         })
         .collect();
     let mut all = Found::default();
     for part in found {
+        all.met += part.met;
         all.count += part.count;
-        all.duplicates += part.duplicates;
         all.first.extend(part.first);
-        all.first_duplicates.extend(part.first_duplicates);
+        if all.met > MOST {
+            break;
+        }
     }
     all.first.sort_unstable();
-    all.first_duplicates.sort_unstable();
-    let detail = format!("{} pairs of triangles meet where they share neither vertex nor edge", all.count);
-    let places = few(&all.first, |pair| surface.place_of_triangles(pair));
-    failures.add(FailureKind::TriangleIntersections, all.count, detail, places);
-    let detail = format!("{} pairs of triangles have the same three vertices", all.duplicates);
-    let places = few(&all.first_duplicates, |pair| surface.place_of_triangles(pair));
-    failures.add(FailureKind::DuplicateTriangles, all.duplicates, detail, places);
-    Meetings { count: all.count, duplicates: all.duplicates }
+    (all.count, all.met > MOST, all.first)
+}
+
+/// Marks the triangles that are not searched: degenerate ones, and all of a group of copies but the least.
+fn left_out(triangles: usize, degenerate: &[u32], copies: &Copies) -> Option<Vec<bool>> {
+    if degenerate.is_empty() && copies.is_empty() {
+        return None;
+    }
+    let mut out = vec![false; triangles];
+    let others = copies.groups().flat_map(|group| group[1..].iter().map(|pair| &pair[1]));
+    for &triangle in degenerate.iter().chain(others) {
+        out[triangle as usize] = true;
+    }
+    Some(out)
 }
 
 #[derive(Default)]
 struct Found {
+    /// Meetings found, each pair of groups of copies once.
+    met: u64,
+    /// Meetings including all copies.
     count: u64,
-    duplicates: u64,
-    /// The least pairs, not in order.
+    /// The least pairs, unsorted.
     first: Vec<[u32; 2]>,
-    first_duplicates: Vec<[u32; 2]>,
 }
 
 impl Found {
-    fn add(&mut self, contact: Contact, pair: [u32; 2]) {
-        let list = match contact {
-            Contact::None => return,
-            Contact::Meet => {
-                self.count += 1;
-                &mut self.first
-            }
-            Contact::Duplicate => {
-                self.duplicates += 1;
-                &mut self.first_duplicates
-            }
-        };
-        list.push(pair);
-        if list.len() >= 4 * super::PLACES {
-            list.sort_unstable();
-            list.truncate(super::PLACES);
+    fn add(&mut self, copies: &Copies, pair: [u32; 2]) {
+        self.met += 1;
+        self.count += if copies.is_empty() { 1 } else { copies.of(pair[0]) * copies.of(pair[1]) };
+        self.first.push(pair);
+        if self.first.len() >= 4 * PLACES {
+            self.first.sort_unstable();
+            self.first.truncate(PLACES);
         }
     }
 }
@@ -96,27 +148,26 @@ impl Found {
 fn collide_block<C: Coordinate>(
     surface: &Surface<'_, C>,
     order: &Order,
-    degenerate: &[u32],
+    copies: &Copies,
     bvh: &Bvh,
     block: usize,
     found: &mut Found,
 ) {
     let mut own: [Option<Triangle>; WIDTH] = [None; WIDTH];
     bvh.pairs(block, 0.0, |i, j| {
-        let (first, second) = (order.triangle(i), order.triangle(j));
-        if !degenerate.is_empty() && [first, second].iter().any(|&t| degenerate.binary_search(&(t as u32)).is_ok()) {
+        if found.met > MOST {
             return;
         }
+        let (first, second) = (order.triangle(i), order.triangle(j));
         let a = own[i % WIDTH].get_or_insert_with(|| Triangle::new(surface.corners(first)));
-        let contact = contact(surface, a, first, second);
-        if contact != Contact::None {
-            found.add(contact, [first.min(second) as u32, first.max(second) as u32]);
+        if in_contact(surface, a, first, second) {
+            found.add(copies, [first.min(second) as u32, first.max(second) as u32]);
         }
     });
 }
 
 #[inline]
-fn contact<C: Coordinate>(surface: &Surface<'_, C>, a: &Triangle, first: usize, second: usize) -> Contact {
+fn in_contact<C: Coordinate>(surface: &Surface<'_, C>, a: &Triangle, first: usize, second: usize) -> bool {
     let (ta, tb) = (surface.triangles[first], surface.triangles[second]);
     // Bit 3i + j: corner i of the first is corner j of the second.
     let mut same = 0u32;
@@ -126,7 +177,7 @@ fn contact<C: Coordinate>(surface: &Surface<'_, C>, a: &Triangle, first: usize, 
         }
     }
     let b = Triangle::new(surface.corners(second));
-    let met = match same.count_ones() {
+    match same.count_ones() {
         0 => meet(a, &b),
         1 => {
             let bit = same.trailing_zeros() as usize;
@@ -136,12 +187,12 @@ fn contact<C: Coordinate>(surface: &Surface<'_, C>, a: &Triangle, first: usize, 
             let apart = |mask: u32, step: u32| (0..3).find(|i| same & (mask << (step * i)) == 0).unwrap_or(0) as usize;
             overlap_across_edge(a, apart(0b111, 3), &b, apart(0b1_001_001, 1))
         }
-        _ => return Contact::Duplicate,
-    };
-    if met { Contact::Meet } else { Contact::None }
+        // Copies and degenerate triangles are left out.
+        _ => false,
+    }
 }
 
-/// The order in which triangles stand in the hierarchy.
+/// The order of the triangles in the hierarchy.
 struct Order(Option<Vec<u32>>);
 
 impl Order {
@@ -149,7 +200,7 @@ impl Order {
         self.0.as_ref().map_or(item, |order| order[item] as usize)
     }
 
-    /// Keeps the given order but for runs of stretches in which successive triangles do not lie together.
+    /// Keeps the given order except in runs of stretches that are not coherent.
     fn of<C: Coordinate>(surface: &Surface<'_, C>) -> Self {
         let count = surface.triangles.len();
         let starts: Vec<usize> = (0..count).step_by(STRETCH).collect();
@@ -172,7 +223,7 @@ impl Order {
     }
 }
 
-/// Whether blocks of successive triangles are not much larger than their triangles; one block in four is looked at.
+/// Whether blocks of successive triangles are not much larger than their triangles; examines one block in four.
 fn is_coherent<C: Coordinate>(surface: &Surface<'_, C>, stretch: std::ops::Range<usize>) -> bool {
     let (mut singles, mut together, mut count, mut blocks) = (0.0, 0.0, 0.0, 0.0);
     for start in stretch.clone().step_by(4 * WIDTH) {

@@ -1,13 +1,14 @@
-//! The certificate of a model: made for every one, from the surface exactly as it is exported.
+//! The certificate of a model: made for every model, from exactly the surface that is exported.
 //!
 //! Every decision (does it cross, is it closed, is it degenerate) is exact; measures (areas, distances, angles) are
-//! floating-point. The paper names self-intersection as what spoils such models (section 3); nothing that fails here
-//! is delivered as good. Results depend neither on the number of threads nor on timing.
+//! floating-point. The paper names self-intersection as the main defect of such models (section 3); a model that fails
+//! here is not delivered as good. Results depend neither on the number of threads nor on timing.
 
 mod collide;
 mod nesting;
 mod sections;
 mod shape;
+mod surface;
 mod topology;
 mod types;
 
@@ -15,44 +16,11 @@ pub use types::{Certificate, CheckOptions, Component, Failure, FailureKind, Plac
 
 use crate::model::{Mesh, Section};
 use rayon::prelude::*;
-use types::{Failures, METRE_UM, PLACES};
+use surface::{Coordinate, Surface};
+use types::{Failures, METRE_UM};
 
-/// A coordinate of a surface: f32 or f64.
-trait Coordinate: Copy + Send + Sync + Into<f64> {}
-impl<T: Copy + Send + Sync + Into<f64>> Coordinate for T {}
-
-/// A surface under test; all triangle indices are in range and all coordinates within the bounds of the predicates.
-struct Surface<'a, C> {
-    positions: &'a [[C; 3]],
-    triangles: &'a [[u32; 3]],
-    /// Micrometres in a unit of the positions.
-    unit_um: f64,
-}
-
-impl<C: Coordinate> Surface<'_, C> {
-    #[inline]
-    fn point(&self, vertex: u32) -> [f64; 3] {
-        self.positions[vertex as usize].map(Into::into)
-    }
-
-    #[inline]
-    fn corners(&self, triangle: usize) -> [[f64; 3]; 3] {
-        self.triangles[triangle].map(|v| self.point(v))
-    }
-
-    fn place_of_vertex(&self, vertex: u32) -> Place {
-        Place::at(self.point(vertex).map(|x| x * self.unit_um))
-    }
-
-    fn place_of_triangles(&self, triangles: &[u32]) -> Place {
-        let corners = self.corners(triangles[0] as usize);
-        let centre = std::array::from_fn(|axis| corners.iter().map(|p| p[axis]).sum::<f64>() / 3.0 * self.unit_um);
-        Place { triangles: triangles.to_vec(), ..Place::at(centre) }
-    }
-}
-
-/// Proves a generated model sound, or says where it is not: the sections it was made from, and its surface, which must
-/// be one component with the Euler number of its body.
+/// Proves that a generated model is sound, or lists its faults: those of the sections it was made from, and of its surface,
+/// which must be one component with the Euler number of its body.
 #[must_use]
 pub fn certify(mesh: &Mesh, sections: &[Section]) -> Certificate {
     let mut failures = Failures::default();
@@ -69,14 +37,14 @@ pub fn certify(mesh: &Mesh, sections: &[Section]) -> Certificate {
     certificate.conclude(failures)
 }
 
-/// The certificate of a surface from elsewhere, as lists of positions (metres) and triangles. Vertices at exactly the
+/// The certificate of any surface, given as lists of positions (metres) and triangles. Vertices at exactly the
 /// same position count as one. The surface may have several components.
 #[must_use]
 pub fn certify_soup(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Certificate {
     check_surface(positions, triangles, &CheckOptions::default())
 }
 
-/// The certificate of a file as `oviduct check` gives it: as [`certify_soup`], with what the options demand besides.
+/// The certificate of a file by `oviduct check`: as [`certify_soup`], with the additional requirements of the options.
 #[must_use]
 pub fn check_surface(positions: &[[f64; 3]], triangles: &[[u32; 3]], options: &CheckOptions) -> Certificate {
     let unit_um = options.unit_metres * METRE_UM;
@@ -97,10 +65,10 @@ fn demand_euler(certificate: &Certificate, euler: i64, failures: &mut Failures) 
     }
 }
 
-/// The triangles with each vertex replaced by the least one at exactly the same position; none where nothing is to
-/// be replaced or an index is out of range.
+/// The triangles with each vertex replaced by the least one at exactly the same position; none if no vertex is replaced or
+/// an index is out of range.
 fn weld(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Option<Vec<[u32; 3]>> {
-    // Adding zero makes one of the two zeros.
+    // Adding zero turns −0 into 0.
     let key = |v: u32| positions[v as usize].map(|x| (x + 0.0).to_bits());
     let mut order: Vec<u32> = (0..u32::try_from(positions.len()).ok()?).collect();
     order.par_sort_unstable_by_key(|&v| (key(v), v));
@@ -131,7 +99,7 @@ fn surface<C: Coordinate>(
     let surface = Surface { positions, triangles, unit_um };
     let topology = topology::examine(&surface, &mut failures);
     let shape = shape::examine(&surface, &topology, &mut failures);
-    let meetings = collide::examine(&surface, &shape.degenerate, &mut failures);
+    let meetings = collide::examine(&surface, &shape.degenerate, &topology.copies, &mut failures);
     nesting::examine(&surface, &topology, &shape.volumes, meetings.count == 0, &mut failures);
     let volume: f64 = shape.volumes.iter().sum();
     let unit_mm = unit_um / 1e3;
@@ -165,7 +133,7 @@ fn surface<C: Coordinate>(
     .conclude(failures)
 }
 
-/// Refuses surfaces that no further test can be run on.
+/// Refuses surfaces to which the other tests cannot be applied.
 fn admissible<C: Coordinate>(positions: &[[C; 3]], triangles: &[[u32; 3]]) -> Result<(), Failure> {
     let failure = |kind, count: usize, detail, places| Failure { kind, count: count as u64, detail, places };
     if triangles.is_empty() {
@@ -190,11 +158,6 @@ fn admissible<C: Coordinate>(positions: &[[C; 3]], triangles: &[[u32; 3]]) -> Re
         return Err(failure(FailureKind::Coordinates, count, detail, Vec::new()));
     }
     Ok(())
-}
-
-/// Keeps the first few of a list of places.
-fn few<T>(items: impl IntoIterator<Item = T>, place: impl FnMut(T) -> Place) -> Vec<Place> {
-    items.into_iter().take(PLACES).map(place).collect()
 }
 
 #[cfg(test)]

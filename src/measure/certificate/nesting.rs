@@ -1,13 +1,14 @@
-//! What lies within what. A component of negative volume is a cavity where it lies within the material of another body,
-//! else it is turned inside out; one of positive volume must not lie within the material of another, where the same
-//! volume would be counted twice. Only surfaces that are closed and oriented enclose anything.
+//! Which component lies within which. A component of negative volume is a cavity if it lies within the material of another
+//! body, else it is inside out; one of positive volume must not lie within the material of another, as the common volume
+//! would be counted twice. Only surfaces that are closed and oriented enclose a volume.
 
+use super::surface::{Coordinate, Surface, few};
 use super::topology::Topology;
 use super::types::{FailureKind, Failures};
-use super::{Coordinate, Surface, few};
+use crate::geometry::bvh::{Bounds, Bvh, morton};
 use rayon::prelude::*;
 
-/// Judges the volumes of the components; `apart` says that no triangles meet.
+/// Examines the volumes of the components; `apart` states that no triangles meet.
 pub(super) fn examine<C: Coordinate>(
     surface: &Surface<'_, C>,
     topology: &Topology,
@@ -28,7 +29,7 @@ pub(super) fn examine<C: Coordinate>(
     let count = inverted.len() as u64;
     let detail = format!("{count} components enclose no volume or are inside out");
     failures.add(FailureKind::Volume, count, detail, few(&inverted, place));
-    // Where surfaces cross, what lies within what has no answer, and the crossing is reported.
+    // If surfaces cross, nesting is undefined, and the crossing is reported instead.
     let within = if apart { of(&|volume, winding| volume > 0.0 && winding > 0) } else { Vec::new() };
     let count = within.len() as u64;
     let detail = format!("{count} components lie within the material of others, whose volume so counts twice");
@@ -42,8 +43,9 @@ struct Bodies {
     /// Where those of each component begin; one more entry than components.
     starts: Vec<usize>,
     boxes: Vec<[[f64; 3]; 2]>,
-    /// Components in ascending order of the least x of their boxes.
+    /// Components along a space-filling curve, and the hierarchy of their boxes in this order; none for a single one.
     order: Vec<usize>,
+    hierarchy: Option<Bvh>,
     /// A vertex of each.
     vertices: Vec<u32>,
 }
@@ -57,9 +59,10 @@ impl Bodies {
             starts: Vec::new(),
             boxes: Vec::new(),
             order: (0..count).collect(),
+            hierarchy: None,
             vertices,
         };
-        // One alone is within nothing.
+        // A single component lies within no other.
         if count < 2 {
             return bodies;
         }
@@ -85,24 +88,43 @@ impl Bodies {
                 }
             }
         }
-        let boxes = &bodies.boxes;
-        bodies.order.sort_by(|&i, &j| boxes[i][0][0].total_cmp(&boxes[j][0][0]));
+        bodies.arrange();
         bodies
     }
 
-    /// How often the others wind around a vertex of `body`, from the solid angles of their triangles (van Oosterom and
-    /// Strackee, 1983). What has the vertex outside of its box does not.
-    fn winding<C: Coordinate>(&self, surface: &Surface<'_, C>, body: usize) -> i64 {
-        let eye = surface.point(self.vertices[body]);
-        let around = |&&other: &&usize| {
-            let [low, high] = &self.boxes[other];
-            other != body && (0..3).all(|axis| low[axis] <= eye[axis] && eye[axis] <= high[axis])
-        };
-        if self.boxes.is_empty() {
-            return 0;
+    /// Builds the hierarchy of the boxes.
+    fn arrange(&mut self) {
+        let boxes = &self.boxes;
+        let mut whole = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+        for [low, high] in boxes {
+            for axis in 0..3 {
+                whole[0][axis] = whole[0][axis].min(low[axis]);
+                whole[1][axis] = whole[1][axis].max(high[axis]);
+            }
         }
-        let before = self.order.partition_point(|&other| self.boxes[other][0][0] <= eye[0]);
-        let angle: f64 = self.order[..before].iter().filter(around).map(|&other| self.angle(surface, other, eye)).sum();
+        let size = (0..3).map(|axis| whole[1][axis] - whole[0][axis]).fold(f64::MIN_POSITIVE, f64::max);
+        let [corner, _] = whole;
+        self.order.par_sort_by_cached_key(|&body| {
+            let [low, high] = boxes[body];
+            let fraction = |axis: usize| ((low[axis] / 2.0 + high[axis] / 2.0 - corner[axis]) / size) as f32;
+            (morton([0, 1, 2].map(fraction)), body)
+        });
+        self.hierarchy = Some(Bvh::build(self.order.len(), |item| Bounds::of(boxes[self.order[item]])));
+    }
+
+    /// How often the others wind around a vertex of `body`, from the solid angles of their triangles (van Oosterom and
+    /// Strackee, 1983). A component does not wind around a point outside of its box.
+    fn winding<C: Coordinate>(&self, surface: &Surface<'_, C>, body: usize) -> i64 {
+        let Some(hierarchy) = &self.hierarchy else { return 0 };
+        let eye = surface.point(self.vertices[body]);
+        let mut angle = 0.0;
+        hierarchy.overlapping(&Bounds::of([eye]), |item| {
+            let other = self.order[item];
+            let [low, high] = &self.boxes[other];
+            if other != body && (0..3).all(|axis| low[axis] <= eye[axis] && eye[axis] <= high[axis]) {
+                angle += self.angle(surface, other, eye);
+            }
+        });
         (angle / (4.0 * std::f64::consts::PI)).round() as i64
     }
 

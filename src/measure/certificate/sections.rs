@@ -1,7 +1,7 @@
 //! Sections: each ring simple, the inner one strictly inside the outer one, and the least gap.
 //!
-//! The edges of both rings of a section stand in one hierarchy in their order, so that the work is nearly linear.
-//! Contours are judged as recorded, in micrometres.
+//! The edges of both rings of a section are in one hierarchy, in their order, so that the time is nearly linear. Contours
+//! are examined as recorded, in micrometres.
 
 use super::types::{FailureKind, Failures, PLACES, Place};
 use crate::geometry::bvh::{Bounds, Bvh};
@@ -89,7 +89,7 @@ fn examine_section(section: &Section) -> Found {
         Bounds::of([[a[0], a[1], 0.0], [b[0], b[1], 0.0]])
     };
     let bvh = Bvh::build(edges.points.len(), bounds);
-    // Squares. As the gap shrinks, so does what can still lessen it.
+    // Squared. As the gap shrinks, so does the distance to search.
     let mut gap = f64::INFINITY;
     for block in 0..bvh.blocks() {
         let reach = (gap.sqrt() * 1.001).min(1e30) as f32;
@@ -104,7 +104,7 @@ fn examine_section(section: &Section) -> Found {
         });
     }
     found.gap = gap.is_finite().then(|| gap.sqrt());
-    // Where nothing crosses, one point decides for its whole ring.
+    // If nothing crosses, one point decides for its whole ring.
     found.outside = !is_inside(edges.points[0], &edges.points[edges.inner..]);
     found
 }
@@ -125,7 +125,7 @@ fn cross(edges: &Edges, i: usize, j: usize) -> bool {
     }
 }
 
-/// Square of the least distance between an end of one edge and the other edge, where that does not end there.
+/// Square of the least distance between an end of one edge and the other edge, unless the edges share this end.
 fn gap_squared(edges: &Edges, i: usize, j: usize) -> f64 {
     let ([a, b], [c, d]) = (edges.segment(i), edges.segment(j));
     let (i_next, j_next) = (edges.next(i), edges.next(j));
@@ -158,7 +158,7 @@ fn is_inside(p: P2, polygon: &[P2]) -> bool {
     for &b in polygon {
         if (a[1] > p[1]) != (b[1] > p[1]) {
             let side = orient2d(a, b, p);
-            // The edge crosses the height of the point: to its right where the point is left of an upward edge.
+            // The edge crosses the height of the point: to its right if the point is left of an upward edge.
             if (b[1] > a[1] && side > 0.0) || (b[1] < a[1] && side < 0.0) {
                 inside = !inside;
             }

@@ -1,8 +1,8 @@
 //! Measures of the triangles: area, enclosed volume, least edge and angle; and which are degenerate, exactly.
 
+use super::surface::{Coordinate, Surface, few};
 use super::topology::Topology;
 use super::types::{FailureKind, Failures};
-use super::{Coordinate, Surface, few};
 use crate::geometry::tri_tri::Triangle;
 use rayon::prelude::*;
 

@@ -1,4 +1,4 @@
-//! What the certificate finds, and what it passes.
+//! Surfaces that pass and surfaces that fail.
 
 use super::samples::{Soup, cube, flipped, folded_tube, tetrahedron, together, torus};
 use super::*;
@@ -67,12 +67,22 @@ fn separate_and_nested_bodies() {
     assert_fails(&flipped(cube(4.0, [0.0; 3])), FailureKind::Volume, 1);
     let within = together([cube(4.0, [0.0; 3]), cube(1.0, [1.5; 3])]);
     assert_fails(&within, FailureKind::Overlap, 1);
-    // A body in a cavity, a cavity in that, and two bodies where one cavity is.
+    // A body in a cavity and a cavity in that body; then a body instead of the inner cavity.
     let shells = [4.0, 3.0, 2.0, 1.0].map(|side| cube(side, [-0.5 * side; 3]));
     let [a, b, c, d] = shells;
     let onion = together([a.clone(), flipped(b.clone()), c.clone(), flipped(d.clone())]);
     assert!((assert_passes(&onion).volume_mm3 / 1e9 - 44.0).abs() < 1e-9);
     assert_fails(&together([a, flipped(b), c, d]), FailureKind::Overlap, 1);
+}
+
+#[test]
+fn many_components_take_time_for_each_and_not_for_each_pair() {
+    // 200,000 bodies apart from each other, and one cavity within one of them.
+    let at = |i: u32| [i % 60, i / 60 % 60, i / 3_600].map(|x| 2.0 * f64::from(x));
+    let bodies =
+        (0..200_000).map(|i| tetrahedron(1.0, at(i))).chain([flipped(tetrahedron(0.1, at(7).map(|x| x + 0.1)))]);
+    let found = assert_passes(&together(bodies));
+    assert_eq!((found.components, found.bodies.len()), (200_001, 256));
 }
 
 #[test]
@@ -153,6 +163,68 @@ fn degenerate_and_duplicate_triangles_are_found() {
     assert_fails(&twice, FailureKind::DuplicateTriangles, 1);
     let pillow = (vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2], [0, 2, 1]]);
     assert_fails(&pillow, FailureKind::DuplicateTriangles, 1);
+}
+
+#[test]
+fn copies_are_counted_as_pairs_and_the_first_are_named() {
+    let mut thrice = cube(1.0, [0.0; 3]);
+    let [a, b, c] = thrice.1[4];
+    thrice.1.extend([[b, c, a], [a, c, b], thrice.1[2]]);
+    let found = assert_fails(&thrice, FailureKind::DuplicateTriangles, 4);
+    assert_eq!((found.duplicate_triangles, found.triangle_intersections), (4, 0));
+    let duplicates = found.failures.iter().find(|f| f.kind == FailureKind::DuplicateTriangles).expect("asserted above");
+    let named: Vec<_> = duplicates.places.iter().map(|place| place.triangles.clone()).collect();
+    assert_eq!(named, [[2, 14], [4, 12], [4, 13], [12, 13]]);
+}
+
+#[test]
+fn meetings_of_copies_count_for_each_copy() {
+    let copies = |n: usize, at: [f64; 3]| together(vec![tetrahedron(2.0, at); n]);
+    let once = judge(&together([copies(1, [0.0; 3]), copies(1, [0.3, 0.2, 0.1])])).triangle_intersections;
+    let found = judge(&together([copies(2, [0.0; 3]), copies(3, [0.3, 0.2, 0.1])]));
+    assert_eq!(found.triangle_intersections, 6 * once);
+    assert_eq!(found.duplicate_triangles, 4 + 4 * 3);
+}
+
+#[test]
+fn many_copies_take_time_for_each_and_not_for_each_pair() {
+    let n = 200_000;
+    let one = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+    let pairs = n * (n - 1) / 2;
+    let apart = (one.repeat(n as usize), (0..n as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect());
+    for soup in [(one, vec![[0, 1, 2]; n as usize]), apart] {
+        let found = assert_fails(&soup, FailureKind::DuplicateTriangles, pairs);
+        let duplicates =
+            found.failures.iter().find(|f| f.kind == FailureKind::DuplicateTriangles).expect("asserted above");
+        assert_eq!(duplicates.places.len(), 16);
+        assert_eq!((found.triangle_intersections, found.components), (0, 1));
+    }
+    // Triangles without area are not compared at all.
+    let line = vec![[0.0; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]];
+    assert_fails(&(line, vec![[0, 1, 2]; n as usize]), FailureKind::DegenerateTriangles, n);
+}
+
+#[test]
+fn the_search_for_meetings_stops_when_it_found_enough_with_any_number_of_threads() {
+    // Triangles that all cross each other: 5 million pairs.
+    let n = 3_200u32;
+    let corner = |i: u32, k: u32| {
+        let angle = std::f64::consts::TAU * (f64::from(i) / f64::from(n) + f64::from(k)) / 3.0;
+        [angle.cos(), angle.sin(), f64::from((i * 7 + k * 1_009) % 97) / 97.0 - 0.5]
+    };
+    let positions = (0..n).flat_map(|i| [0, 1, 2].map(|k| corner(i, k))).collect();
+    let soup = (positions, (0..n).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect());
+    let run = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        pool.install(|| judge(&soup))
+    };
+    let found = run(1);
+    assert!(found.triangle_intersections > 100_000 && found.triangle_intersections < 1_000_000);
+    let failure = found.failures.iter().find(|f| f.kind == FailureKind::TriangleIntersections).expect("they meet");
+    assert!(failure.detail.starts_with("at least ") && failure.detail.ends_with("(the search stopped after 100000)"));
+    assert_eq!(failure.places.len(), 16);
+    assert_eq!(found, run(3));
+    assert_eq!(found, run(4));
 }
 
 #[test]

@@ -1,10 +1,10 @@
-//! How the triangles hang together: edges, fans around vertices, components and their Euler numbers.
+//! The topology of the triangles: edges, fans around vertices, components and their Euler numbers.
 //!
-//! Edges are not stored. The triangles at each vertex are listed by a counting sort, and each edge is judged at the
-//! lesser of its two vertices.
+//! Edges are not stored. A counting sort lists the triangles at each vertex, and each edge is examined at the lesser of its
+//! two vertices.
 
+use super::surface::{Coordinate, Surface, few};
 use super::types::{Component, FailureKind, Failures};
-use super::{Coordinate, Surface, few};
 use rayon::prelude::*;
 
 /// Findings on the topology.
@@ -15,8 +15,36 @@ pub(super) struct Topology {
     pub(super) disoriented_edges: u64,
     /// Components in the order of their least vertices.
     pub(super) bodies: Vec<Body>,
+    /// Triangles with the same three vertices.
+    pub(super) copies: Copies,
     /// Component of each vertex; unspecified for vertices without triangles.
     label: Vec<u32>,
+}
+
+/// Triangles that have the same three vertices as another one, in either orientation; not those of which two vertices are
+/// the same.
+#[derive(Default)]
+pub(super) struct Copies {
+    /// For each such triangle the least one of its group and itself, sorted: a group is a run of equal first items.
+    pairs: Vec<[u32; 2]>,
+}
+
+impl Copies {
+    /// The groups in ascending order, each as (least triangle, triangle) for all its triangles in ascending order.
+    pub(super) fn groups(&self) -> impl Iterator<Item = &[[u32; 2]]> {
+        self.pairs.chunk_by(|a, b| a[0] == b[0])
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.pairs.is_empty()
+    }
+
+    /// How many triangles have the vertices of `triangle`, which must be the least of its group or have no copies.
+    pub(super) fn of(&self, triangle: u32) -> u64 {
+        let begin = self.pairs.partition_point(|pair| pair[0] < triangle);
+        let count = self.pairs[begin..].partition_point(|pair| pair[0] == triangle);
+        count.max(1) as u64
+    }
 }
 
 /// A component.
@@ -47,15 +75,16 @@ impl Body {
     }
 }
 
-/// What was found around a run of vertices.
+/// Findings at a run of vertices.
 #[derive(Default)]
 struct Found {
-    /// Edges whose lesser vertex is in the run, by component where there are several.
+    /// Edges whose lesser vertex is in the run, by component.
     edges: Vec<(u32, u64)>,
     open: Vec<[u32; 2]>,
     bad: Vec<[u32; 2]>,
     disoriented: Vec<[u32; 2]>,
     bad_vertices: Vec<u32>,
+    copies: Vec<[u32; 2]>,
 }
 
 pub(super) fn examine<C: Coordinate>(surface: &Surface<'_, C>, failures: &mut Failures) -> Topology {
@@ -85,12 +114,15 @@ pub(super) fn examine<C: Coordinate>(surface: &Surface<'_, C>, failures: &mut Fa
         bodies[*body as usize].edges += edges;
     }
     let count = |list: fn(&Found) -> usize| found.iter().map(|f| list(f) as u64).sum::<u64>();
+    let mut pairs: Vec<[u32; 2]> = found.iter().flat_map(|f| &f.copies).copied().collect();
+    pairs.par_sort_unstable();
     let topology = Topology {
         open_edges: count(|f| f.open.len()),
         bad_edges: count(|f| f.bad.len()),
         bad_vertices: count(|f| f.bad_vertices.len()),
         disoriented_edges: count(|f| f.disoriented.len()),
         bodies,
+        copies: Copies { pairs },
         label,
     };
     let mut edges = |kind, count: u64, what: &str, list: fn(&Found) -> &Vec<[u32; 2]>| {
@@ -144,17 +176,19 @@ impl Stars {
     }
 }
 
-/// Room for the examination of one vertex after the other.
+/// Buffers for the examination of vertices, one after the other.
 #[derive(Default)]
 struct Fan {
     /// For each triangle at the vertex, its next and its last corner after it.
     spokes: Vec<[u32; 2]>,
+    /// The other two corners of each triangle, the lesser first, and the triangle.
+    others: Vec<([u32; 2], u32)>,
     ends: Vec<(u32, u32, bool)>,
     group: Vec<u32>,
 }
 
 impl Fan {
-    /// Judges a vertex and the edges to greater vertices; returns the number of these.
+    /// Examines a vertex and the edges to greater vertices; returns the number of these edges.
     fn examine<C>(&mut self, surface: &Surface<'_, C>, vertex: u32, star: &[u32], found: &mut Found) -> u64 {
         self.spokes.clear();
         for &t in star {
@@ -167,13 +201,18 @@ impl Fan {
                 [a, b]
             });
         }
-        if self.is_cycle() {
+        // In a cycle of three and more triangles no two have the same vertices.
+        let is_cycle = self.is_cycle();
+        if !is_cycle || star.len() == 2 {
+            self.find_copies(vertex, star, &mut found.copies);
+        }
+        if is_cycle {
             return self.spokes.iter().filter(|spoke| spoke[0] > vertex).count() as u64;
         }
         self.examine_closely(vertex, found)
     }
 
-    /// Whether the fan is one closed cycle, all triangles alike in orientation.
+    /// Whether the fan is one closed cycle of triangles with the same orientation.
     fn is_cycle(&self) -> bool {
         let spokes = &self.spokes;
         if spokes.len() < 2 || spokes.len() > 24 {
@@ -191,8 +230,20 @@ impl Fan {
         at == spokes[0][0]
     }
 
+    /// Finds triangles with the same vertices, the least of which is `vertex`.
+    fn find_copies(&mut self, vertex: u32, star: &[u32], copies: &mut Vec<[u32; 2]>) {
+        let Self { spokes, others, .. } = self;
+        others.clear();
+        let proper = spokes.iter().zip(star).filter(|([b, c], _)| *b > vertex && *c > vertex && b != c);
+        others.extend(proper.map(|([b, c], &t)| ([*b.min(c), *b.max(c)], t)));
+        others.sort_unstable();
+        for same in others.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() > 1) {
+            copies.extend(same.iter().map(|(_, triangle)| [same[0].1, *triangle]));
+        }
+    }
+
     fn examine_closely(&mut self, vertex: u32, found: &mut Found) -> u64 {
-        let Self { spokes, ends, group } = self;
+        let Self { spokes, ends, group, .. } = self;
         ends.clear();
         for (i, spoke) in (0u32..).zip(spokes.iter()) {
             ends.push((spoke[0], i, true));

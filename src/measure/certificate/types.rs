@@ -1,4 +1,4 @@
-//! What a certificate says.
+//! The contents of a certificate.
 
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 /// Micrometres in a metre.
 pub(super) const METRE_UM: f64 = 1e6;
 
-/// Places kept for a kind of failure.
+/// Places listed per kind of failure.
 pub(super) const PLACES: usize = 16;
 
 /// Components listed one by one.
@@ -47,7 +47,8 @@ pub struct Certificate {
     pub duplicate_triangles: u64,
     /// Pairs of edges of one section that meet other than as neighbours, and inner rings not inside the outer one.
     pub section_crossings: u64,
-    /// Pairs of triangles that have a point in common other than vertices and edges they share.
+    /// Pairs of triangles that have a point in common other than vertices and edges they share. The search stops after
+    /// 100,000 that are found one by one; the number is then a lower bound, and the failure states it.
     pub triangle_intersections: u64,
     /// Least distance between a vertex and an edge of the same section that does not end there, over both rings;
     /// null without sections.
@@ -56,13 +57,13 @@ pub struct Certificate {
     pub min_edge_um: f64,
     /// Smallest angle of a triangle.
     pub min_angle_deg: f64,
-    /// Enclosed volume; components turned inside out, such as cavities, count negative.
+    /// Enclosed volume; components that are inside out, such as cavities, count as negative.
     pub volume_mm3: f64,
     /// Area of the surface.
     pub area_mm2: f64,
     /// Least and greatest coordinates.
     pub bounds_um: [[f64; 3]; 2],
-    /// What is wrong, at most one entry a kind.
+    /// The failures, at most one entry per kind.
     pub failures: Vec<Failure>,
 }
 
@@ -79,7 +80,7 @@ impl Certificate {
         self
     }
 
-    /// The certificate of what is no surface.
+    /// The certificate of data that form no surface.
     pub(super) fn without_surface(failures: Failures) -> Self {
         Self {
             passed: false,
@@ -119,11 +120,11 @@ pub struct Component {
     pub triangles: u64,
     /// Vertices − edges + triangles: 2 for a ball, 0 for a ring.
     pub euler: i64,
-    /// Enclosed volume, negative where it is turned inside out.
+    /// Enclosed volume, negative if the component is inside out.
     pub volume_mm3: f64,
 }
 
-/// What a surface can fail on.
+/// Kinds of failure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum FailureKind {
@@ -131,7 +132,7 @@ pub enum FailureKind {
     Empty,
     /// A triangle names a vertex that does not exist.
     Indices,
-    /// A coordinate is not finite or beyond what exact tests can take.
+    /// A coordinate is not finite or outside the range of the exact tests.
     Coordinates,
     /// A ring of a section has fewer than three points.
     SectionRing,
@@ -147,7 +148,7 @@ pub enum FailureKind {
     NonManifoldVertices,
     /// Neighbouring triangles of opposite orientation.
     Orientation,
-    /// A body that is turned inside out.
+    /// A body that is inside out.
     Volume,
     /// A body within the material of another.
     Overlap,
@@ -159,20 +160,20 @@ pub enum FailureKind {
     TriangleIntersections,
     /// More components than the body may have.
     Components,
-    /// Another Euler number than demanded.
+    /// An Euler number other than the required one.
     Euler,
 }
 
-/// One thing that is wrong.
+/// A failure.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Failure {
-    /// What kind.
+    /// Kind.
     pub kind: FailureKind,
-    /// How many times.
+    /// Number of occurrences.
     pub count: u64,
-    /// In words.
+    /// Description.
     pub detail: String,
-    /// Where: the first 16.
+    /// The first 16 places.
     pub places: Vec<Place>,
 }
 
@@ -193,7 +194,7 @@ impl std::fmt::Display for Failure {
     }
 }
 
-/// Where something is wrong.
+/// The place of a failure.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, ToSchema)]
 pub struct Place {
     /// Position; `z` is the place along the tube.
@@ -210,12 +211,12 @@ impl Place {
     }
 }
 
-/// What `oviduct check` demands besides soundness.
+/// Additional requirements of `oviduct check`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CheckOptions {
     /// The Euler number that each component must have.
     pub euler: Option<i64>,
-    /// Metres in a unit of the positions; for measures only, decisions are taken on the positions as they are.
+    /// Metres per unit of the positions; used for measures only, not for decisions.
     pub unit_metres: f64,
 }
 

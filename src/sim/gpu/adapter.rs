@@ -1,36 +1,51 @@
-//! The adapters of this machine. Software adapters (Mesa's llvmpipe, WARP) count only where they are asked for:
-//! a default request would silently hand one out.
+//! The adapters of this machine. Software adapters (Mesa's llvmpipe, WARP) are listed only on request: a default request of
+//! wgpu would return one silently.
 
 use super::error::GpuError;
 use std::future::Future;
 use std::pin::pin;
 use std::task::{Context, Poll, Waker};
+use std::time::Duration;
 
 /// Which adapters may be used.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GpuOptions {
     /// Whether adapters that compute on the CPU may be used (tests, machines without a GPU).
     pub allow_software: bool,
-    /// Most bytes of device memory that batches may have at a time, for a GPU that others use too; `None`: whatever the
-    /// driver gives.
+    /// Most bytes of device memory of all batches together, for a GPU shared with other programs; `None`: no limit but that
+    /// of the driver.
     pub memory_bytes: Option<u64>,
+    /// Time without a completed submission after which a device counts as lost. A submission takes about 50 ms, or one
+    /// step of the batch if that takes longer.
+    pub stall: Duration,
+}
+
+impl GpuOptions {
+    /// Hardware only, no bound on memory, lost after 30 s without progress.
+    pub const DEFAULT: Self = Self { allow_software: false, memory_bytes: None, stall: Duration::from_secs(30) };
+}
+
+impl Default for GpuOptions {
+    fn default() -> Self {
+        Self::DEFAULT
+    }
 }
 
 /// What kind of hardware an adapter is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum AdapterKind {
-    /// A card of its own with its own memory.
+    /// A separate card with its own memory.
     Discrete,
     /// Part of the processor, with shared memory.
     Integrated,
-    /// A share of a card, given to a virtual machine.
+    /// Part of a card, assigned to a virtual machine.
     Virtual,
-    /// A program on the CPU.
+    /// An implementation on the CPU.
     Software,
 }
 
 impl AdapterKind {
-    /// In one word, lower case.
+    /// The name of the kind in lower case.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -53,19 +68,19 @@ pub struct Adapter {
     pub backend: String,
     /// Name and version of the driver.
     pub driver: String,
-    /// The largest array that a shader can see, bytes.
+    /// The largest storage binding of a shader, bytes.
     pub max_binding_bytes: u64,
     /// The largest single buffer, bytes.
     pub max_buffer_bytes: u64,
-    /// Whether the device can take time itself.
+    /// Whether the device has timestamp queries.
     pub timestamps: bool,
-    /// Maker and model.
+    /// Vendor and device identifiers.
     hardware: (u32, u32),
     pub(super) handle: wgpu::Adapter,
 }
 
-/// Which of (hardware, backend) to keep where several backends show the same hardware, as Vulkan and DX12 do: what the
-/// first of these backends shows. Two cards of a kind stay two.
+/// Which of (hardware, backend) to keep if several backends list the same hardware, as Vulkan and DX12 do: the entries of
+/// the first of these backends. Two equal cards stay two entries.
 fn shown_first(found: &[((u32, u32), &str)]) -> Vec<bool> {
     let first = |hardware| found.iter().find(|(other, _)| *other == hardware).map(|(_, backend)| *backend);
     found.iter().map(|&(hardware, backend)| first(hardware) == Some(backend)).collect()
@@ -74,12 +89,12 @@ fn shown_first(found: &[((u32, u32), &str)]) -> Vec<bool> {
 /// The adapters that `options` allow, best first (discrete, integrated, virtual, software).
 ///
 /// # Errors
-/// [`GpuError::NoLoader`] where no graphics interface is installed, [`GpuError::NoAdapter`] where none is left to use.
+/// [`GpuError::NoLoader`] if no graphics interface is installed, [`GpuError::NoAdapter`] if no allowed adapter exists.
 pub fn adapters(options: &GpuOptions) -> Result<Vec<Adapter>, GpuError> {
     let mut description = wgpu::InstanceDescriptor::new_without_display_handle();
     description.backends = wgpu::Backends::PRIMARY;
     description.flags = wgpu::InstanceFlags::empty();
-    // Refuse an allocation rather than bring the machine down.
+    // An allocation beyond this share of the memory is refused instead of exhausting the machine.
     description.memory_budget_thresholds.for_resource_creation = Some(95);
     let instance = wgpu::Instance::new(description);
     let handles = ready(instance.enumerate_adapters(wgpu::Backends::PRIMARY)).unwrap_or_default();
@@ -101,7 +116,7 @@ pub fn adapters(options: &GpuOptions) -> Result<Vec<Adapter>, GpuError> {
     Err(GpuError::NoAdapter { software: found > 0 })
 }
 
-/// Whether any graphics interface was loaded; asked only where no adapter was found.
+/// Whether any graphics interface was loaded; called only if no adapter was found.
 fn has_interface(instance: &wgpu::Instance) -> bool {
     let options = wgpu::RequestAdapterOptions::default();
     match ready(instance.request_adapter(&options)) {
@@ -117,7 +132,7 @@ fn describe(handle: wgpu::Adapter) -> Option<Adapter> {
         wgpu::DeviceType::IntegratedGpu => AdapterKind::Integrated,
         wgpu::DeviceType::VirtualGpu => AdapterKind::Virtual,
         wgpu::DeviceType::Cpu => AdapterKind::Software,
-        // An adapter that does not say what it is is not trusted to be hardware.
+        // An adapter that does not report its kind may not be hardware.
         wgpu::DeviceType::Other => return None,
     };
     let limits = handle.limits();
@@ -134,7 +149,7 @@ fn describe(handle: wgpu::Adapter) -> Option<Adapter> {
     })
 }
 
-/// The value of a future that is ready at once, as those of native backends are.
+/// The value of a future that is ready at once, as those of native backends are; none otherwise.
 pub(super) fn ready<F: Future>(future: F) -> Option<F::Output> {
     match pin!(future).poll(&mut Context::from_waker(Waker::noop())) {
         Poll::Ready(value) => Some(value),

@@ -1,16 +1,17 @@
-//! Runs a batch of simulations of like size together, one dispatch for all of them.
+//! Runs a batch of simulations of similar size together: each dispatch covers all members.
 //!
-//! Only recorded sections come back, as checkpoints: a slab hardly ever needs the steps in between, and where it does
-//! [`replay`] repeats them from the checkpoint below, bit for bit (results depend neither on the other members nor
-//! on when lists were built).
+//! Only recorded sections are read back, as checkpoints. Few slabs need the steps between two sections; for these,
+//! [`replay`] repeats the steps from the checkpoint below with identical bits (results depend neither on the other members
+//! nor on when neighbour lists were built).
 
 use super::course::Course;
 use super::device::GpuDevice;
 use super::error::GpuError;
-use super::memory::{Memory, Sizes};
-use super::pace::Pace;
+use super::memory::Memory;
+use super::pace::{Pace, Patience};
 use super::record::Record;
 use super::ring::Ring;
+use super::sizes::Sizes;
 use crate::clock::Stopwatch;
 use crate::model::Section;
 use crate::sim::cpu::CpuSimulation;
@@ -26,42 +27,43 @@ pub struct BatchReport {
     pub dispatches: u64,
     /// Submissions to the queue.
     pub submissions: u64,
-    /// Bytes that came back.
+    /// Bytes read back.
     pub bytes_back: u64,
-    /// Seconds that compute passes took by the device's own clock; `None` where it has none.
+    /// Seconds in compute passes by the device's timestamps; `None` if it has none.
     pub device_seconds: Option<f64>,
-    /// Seconds that the host took to read records and to hand them on, while the device went on as far as the ring of
-    /// staging buffers allows.
+    /// Seconds that the host spent reading records and passing them to the sink. The device computes meanwhile, as far as
+    /// the ring of staging buffers has room.
     pub host_seconds: f64,
     /// Seconds from the first submission to the last section.
     pub seconds: f64,
 }
 
-/// Who takes what a batch yields. All methods are called on the thread of [`run_batch`]; while one of them works, the
-/// device goes on with what is queued, and stands still when the ring of staging buffers is full.
+/// Receives the results of a batch. All methods are called on the thread of [`run_batch`]. While one of them runs, the
+/// device executes what is queued, and idles once the ring of staging buffers is full.
 pub trait BatchSink {
     /// The next recorded section of a member, in order: at step 0, at each multiple of `record_every` and at the
-    /// last step. `checkpoint` is the state at that section. Where the slab up to the *next* section cannot be
-    /// lofted as it stands, [`replay`] from this checkpoint gives the sections of all steps in between; keep
-    /// a checkpoint until the slab above it is accepted, then drop it.
+    /// last step. `checkpoint` is the state at that section. If the slab up to the *next* section cannot be lofted
+    /// directly, [`replay`] from this checkpoint gives the sections of all steps in between. Keep a checkpoint until the
+    /// slab above it is accepted.
     fn section(&mut self, member: usize, section: Section, checkpoint: Checkpoint);
-    /// How far a member is; after each submission (about 50 ms of work).
+    /// The step that a member has reached; called after each submission (about 50 ms of work).
     fn progress(&mut self, member: usize, step: i64, particles: u32);
-    /// Whether a member shall stop; asked at least every 0.2 s while the sink itself is quick. The others go on;
-    /// nothing more is told of this one.
+    /// Whether a member is to stop; called at least every 0.2 s unless the sink itself takes longer. The other members
+    /// continue; no further call concerns this one.
     fn cancelled(&mut self, member: usize) -> bool;
-    /// A member cannot go on; the others do.
+    /// A member cannot continue; the others do.
     fn failed(&mut self, member: usize, error: SimError);
-    /// A member reached its last step; its last section was told before.
+    /// A member reached its last step, after the call for its last section.
     fn finished(&mut self, member: usize, statistics: Statistics);
 }
 
 /// Runs `plans` together to their ends. Sections of a member do not depend on what else is in the batch.
 ///
 /// # Errors
-/// [`GpuError::Unfit`] before anything is told to the sink; [`GpuError::OutOfMemory`] too where the batch was not given
-/// its memory: a smaller one may go, for nothing of it is left. [`GpuError::Lost`] and [`GpuError::Refused`] at any time: members without `finished` or `failed` are then to be run elsewhere from
-/// their beginning. The memory of the batch is given back in every case.
+/// [`GpuError::Unfit`], and [`GpuError::OutOfMemory`] if the memory of the batch cannot be allocated, before any call of the
+/// sink; nothing stays allocated, so a smaller batch may succeed. [`GpuError::Lost`] (also after [`super::GpuOptions::stall`]
+/// without a completed submission) and [`GpuError::Refused`] at any time: members without a call of `finished` or `failed`
+/// must then be run elsewhere from their beginning. The memory of the batch is freed in every case.
 pub fn run_batch(device: &GpuDevice, plans: &[Plan], sink: &mut dyn BatchSink) -> Result<BatchReport, GpuError> {
     device.fits(&plans.iter().collect::<Vec<_>>())?;
     let starts: Vec<Checkpoint> = plans.iter().map(|plan| CpuSimulation::new(plan.clone(), 1).checkpoint()).collect();
@@ -71,16 +73,16 @@ pub fn run_batch(device: &GpuDevice, plans: &[Plan], sink: &mut dyn BatchSink) -
 }
 
 /// Sections of every step after `checkpoint` up to and including the next recorded one, which is the last of them:
-/// what [`crate::mesh::Lofter::advance`] wants as history. Bit for bit what the batch computed, on the same device.
+/// the history that [`crate::mesh::Lofter::advance`] takes. On the same device the bits are those of the batch.
 ///
 /// # Errors
-/// As [`run_batch`]; [`GpuError::Unfit`] also for a checkpoint that no plan reaches a section from.
+/// As [`run_batch`]; [`GpuError::Unfit`] also for a checkpoint with no recorded section after it.
 pub fn replay(device: &GpuDevice, plan: &Plan, checkpoint: &Checkpoint) -> Result<Vec<Section>, GpuError> {
     let last = (checkpoint.time + 1..=i64::from(plan.steps)).find(|&t| plan.records_at(t));
     let last = last.ok_or_else(|| GpuError::Unfit { detail: "the checkpoint is at the end".to_owned() })?;
     let mut sections = Vec::new();
     let (plans, checkpoints) = (std::slice::from_ref(plan), std::slice::from_ref(checkpoint));
-    // States are dropped as they come: a slab may have many steps.
+    // States are dropped at once: a slab may have many steps.
     repeat(
         device,
         plans,
@@ -91,8 +93,8 @@ pub fn replay(device: &GpuDevice, plan: &Plan, checkpoint: &Checkpoint) -> Resul
     Ok(sections)
 }
 
-/// Advances the members from their checkpoints, which must be at the same step, to step `last`. Returns the states
-/// after every step, one a member.
+/// Advances the members from their checkpoints, which must be at the same step, to step `last`. Returns the states after
+/// every step, one per member.
 ///
 /// # Errors
 /// As [`run_batch`].
@@ -115,7 +117,7 @@ pub fn advance(
     Ok(states)
 }
 
-/// Runs members from their checkpoints to step `last`, every state recorded.
+/// Runs members from their checkpoints to step `last` and records every state.
 fn repeat(
     device: &GpuDevice,
     plans: &[Plan],
@@ -132,7 +134,7 @@ fn repeat(
     Run::new(device, plans, checkpoints, course)?.drive(sink).map(drop)
 }
 
-/// Hands on every section and state.
+/// Passes on every section and state.
 struct Every<F>(F);
 
 impl<F: FnMut(usize, Section, Checkpoint)> BatchSink for Every<F> {
@@ -147,35 +149,36 @@ impl<F: FnMut(usize, Section, Checkpoint)> BatchSink for Every<F> {
     fn finished(&mut self, _: usize, _: Statistics) {}
 }
 
-/// Chunks that wait on the device at most: one runs while the next is prepared.
+/// Chunks in flight at most: one runs while the next is prepared.
 const IN_FLIGHT: usize = 2;
-/// How long to wait before the sink is asked again whether to go on.
+/// Longest wait before the sink is asked again which members to cancel.
 const ASK: Duration = Duration::from_millis(100);
 
-/// A batch on its way.
+/// A running batch.
 struct Run<'a> {
     device: &'a GpuDevice,
     plans: &'a [Plan],
     course: Course,
     memory: Memory,
     ring: Ring,
-    /// Members that still run, and the particles that each had last.
+    /// Members that still run, and the last known number of particles of each.
     running: Vec<bool>,
     particles: Vec<u32>,
     in_flight: VecDeque<Chunk>,
     pace: Pace,
+    patience: Patience,
     watch: Stopwatch,
     report: BatchReport,
 }
 
-/// What was submitted at once.
+/// The steps of one submission.
 struct Chunk {
     submission: wgpu::SubmissionIndex,
-    /// The step reached, and how many it has.
+    /// The step that it reaches, and its number of steps.
     time: i64,
     steps: i64,
     submitted: f64,
-    /// Records that it holds.
+    /// Records that it copies.
     records: usize,
 }
 
@@ -206,6 +209,7 @@ impl<'a> Run<'a> {
             particles,
             in_flight: VecDeque::new(),
             pace: Pace::new(),
+            patience: Patience::new(device.stall()),
             watch: Stopwatch::start(),
             report: BatchReport::default(),
         })
@@ -219,9 +223,14 @@ impl<'a> Run<'a> {
             }
             while self.in_flight.len() < IN_FLIGHT && self.submit()? {}
             let Some(chunk) = self.in_flight.front() else { break };
-            if !self.device.wait(&chunk.submission, ASK)? {
+            let wait = self.patience.wait(ASK);
+            if !self.device.wait(&chunk.submission, wait)? {
+                if self.patience.exhausted_by(wait) {
+                    return Err(self.device.abandon());
+                }
                 continue;
             }
+            self.patience.progress();
             if let Some(chunk) = self.in_flight.pop_front() {
                 self.pace.chunk(chunk.steps, chunk.submitted, self.watch.seconds());
                 self.ring.collect();
@@ -244,7 +253,7 @@ impl<'a> Run<'a> {
         Ok(self.report)
     }
 
-    /// Stops what was cancelled.
+    /// Stops the members that the sink cancels.
     fn ask(&mut self, sink: &mut dyn BatchSink) {
         for member in 0..self.plans.len() {
             if self.running[member] && sink.cancelled(member) {
@@ -260,7 +269,7 @@ impl<'a> Run<'a> {
         self.device.queue.write_buffer(&self.memory.states, at as u64, bytemuck::bytes_of(&1u32));
     }
 
-    /// Submits the next chunk; `false` where there is nothing left or no staging buffer is free.
+    /// Submits the next chunk; `false` if no steps are left or no staging buffer is free.
     fn submit(&mut self) -> Result<bool, GpuError> {
         let begin = self.course.time();
         let mut encoder = self.device.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());

@@ -1,4 +1,4 @@
-//! The course of a batch: which dispatches make a step, in which order, with how many workgroups.
+//! The sequence of dispatches of a batch: those of each step, their order and their workgroups.
 
 use super::layout::{Now, THREADS};
 use super::pipelines::Pipelines;
@@ -6,7 +6,7 @@ use crate::sim::layout::LANES;
 use crate::sim::{Checkpoint, Plan};
 use crate::spec::Integrator;
 
-/// Where a batch stands, and what comes next.
+/// The step that a batch has reached, and the dispatches that follow.
 #[derive(Debug)]
 pub(super) struct Course {
     members: u32,
@@ -14,7 +14,7 @@ pub(super) struct Course {
     grow_every: i64,
     record_every: i64,
     integrator: Integrator,
-    /// Greatest numbers of particles that a member can have after the growth event of each row.
+    /// Greatest numbers of particles of a member after the growth event of each row.
     most: Vec<[u32; 2]>,
     /// The same at the start.
     most_at_start: [u32; 2],
@@ -22,16 +22,17 @@ pub(super) struct Course {
     last: i64,
     /// Whether every step is recorded.
     every_step: bool,
-    /// Whether the first record, that of the start itself, is still to come.
+    /// Whether the record of the start is still to be made.
     opening: bool,
     copy: u32,
     rest: u32,
-    /// Whether the outer loop has its last step still to do: it runs beside the next step of the inner one.
+    /// Whether the outer loop is one step behind: its step runs in the same dispatch as the next step of the inner loop.
     outer_due: bool,
 }
 
 impl Course {
-    /// From `starts` (all at the same step) to step `last`. With `every_step` every state after the first is recorded.
+    /// The course from `starts` (all at the same step) to step `last`. With `every_step`, every state after the first is
+    /// recorded.
     pub(super) fn new(plans: &[Plan], starts: &[Checkpoint], last: i64, every_step: bool) -> Self {
         let (plan, start) = (&plans[0], &starts[0]);
         let most_at_start = starts
@@ -67,7 +68,7 @@ impl Course {
         }
     }
 
-    /// The step reached by what was encoded.
+    /// The step reached by the dispatches encoded so far.
     pub(super) fn time(&self) -> i64 {
         self.time
     }
@@ -77,7 +78,7 @@ impl Course {
         self.last
     }
 
-    /// Particles of both loops that a record of the step reached has room for.
+    /// Particles of both loops for which a record of the current step has room.
     pub(super) fn extents(&self) -> (u32, u32) {
         let [inner, outer] = self.most_before(self.time);
         (inner, outer)
@@ -93,7 +94,7 @@ impl Course {
         self.every_step || time >= 0 && (time % self.record_every == 0 || time == self.last)
     }
 
-    /// The step that the next stretch without a record inside reaches, at most `end`, and whether it ends with one.
+    /// The end of the next stretch of steps without a record inside, at most `end`, and whether a record follows it.
     pub(super) fn next_stretch(&self, end: i64) -> Option<(i64, bool)> {
         if self.opening {
             return Some((self.time, true));
@@ -106,7 +107,7 @@ impl Course {
         Some((recorded.unwrap_or(end), recorded.is_some()))
     }
 
-    /// Encodes the steps up to `next` as one pass, with the packing of a record behind them. Returns the number of dispatches.
+    /// Encodes the steps up to `next` as one pass, followed by a record if `recorded`. Returns the number of dispatches.
     pub(super) fn encode(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
@@ -161,15 +162,15 @@ impl Course {
         self.time += 1;
     }
 
-    /// Has the outer loop catch up, where growth or a record comes before the next step. By the pipeline that runs it
-    /// otherwise: a driver might compile another one to other bits.
+    /// Advances the outer loop by the step that it is behind, before growth or a record. Uses the pipeline of the other steps:
+    /// a driver might compile another pipeline to code with other rounding.
     fn finish_outer(&mut self, pass: &mut Pass<'_>, pipelines: &Pipelines) {
         if std::mem::take(&mut self.outer_due) {
             pass.dispatch(self.stages(pipelines).0, &Now { outer: 1, ..self.now() }, 1, self.members);
         }
     }
 
-    /// The evaluations of a step: the first, and the others.
+    /// The pipelines of the evaluations of a step: the first, and the others.
     fn stages<'a>(&self, pipelines: &'a Pipelines) -> (&'a wgpu::ComputePipeline, &'a [wgpu::ComputePipeline]) {
         let (first, others) = match self.integrator {
             Integrator::Euler => pipelines.euler.split_at(1),

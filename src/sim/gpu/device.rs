@@ -1,21 +1,21 @@
-//! An open device: knows whether it is lost, what fits it, and holds its compiled pipelines.
+//! An open device: its compiled pipelines, its limits, and whether it is lost.
 
 use super::adapter::{Adapter, GpuOptions, ready};
 use super::error::GpuError;
-use super::memory::Sizes;
 use super::pipelines::{IMMEDIATES, Pipelines, STORAGE_BUFFERS};
+use super::sizes::Sizes;
 use crate::sim::Plan;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// Most members of a batch: more would only wait for each other.
+/// Most members of a batch; more would not raise the throughput.
 const MAX_BATCH: usize = 256;
-/// How long the end of a batch waits for what it had submitted.
+/// Longest wait at the end of a batch for its submissions.
 const TIDY: Duration = Duration::from_secs(5);
 
-/// An open device. Cheap to clone, may be used from several threads.
+/// An open device. Cheap to clone; may be used from several threads.
 #[derive(Clone, Debug)]
 pub struct GpuDevice {
     adapter: Arc<Adapter>,
@@ -23,18 +23,20 @@ pub struct GpuDevice {
     pub(super) queue: wgpu::Queue,
     pub(super) pipelines: Arc<Pipelines>,
     health: Arc<Health>,
-    memory_bytes: Option<u64>,
+    options: GpuOptions,
 }
 
-/// What the driver told outside of calls.
+/// What the driver reported outside of calls.
 #[derive(Debug, Default)]
 struct Health {
     lost: AtomicBool,
+    /// Set by [`GpuDevice::hang`].
+    hung: AtomicBool,
     told: Mutex<Option<GpuError>>,
 }
 
 impl Health {
-    /// Keeps the first error, but a loss over all others.
+    /// Stores the first error; a loss replaces any other.
     fn note(&self, error: GpuError) {
         let mut told = self.told.lock().unwrap_or_else(PoisonError::into_inner);
         if matches!(error, GpuError::Lost { .. }) {
@@ -87,7 +89,7 @@ impl GpuDevice {
             queue,
             pipelines: Arc::new(pipelines),
             health,
-            memory_bytes: options.memory_bytes,
+            options: *options,
         })
     }
 
@@ -103,41 +105,63 @@ impl GpuDevice {
         &self.adapter
     }
 
-    /// Whether the device is gone; it does not come back, open a new one.
+    /// Whether the device is lost. It stays lost: open a new one.
     #[must_use]
     pub fn is_lost(&self) -> bool {
         self.health.lost.load(Ordering::SeqCst)
     }
 
-    /// Gives the device up as if it had been lost; batches that run on it end with [`GpuError::Lost`].
+    /// Destroys the device, as if it had been lost; batches that run on it end with [`GpuError::Lost`].
     pub fn lose(&self) {
         self.device.destroy();
         self.health.note(GpuError::Lost { detail: "the device was destroyed".to_owned() });
+    }
+
+    /// From now on no submission completes, as on a device that hangs; for tests.
+    pub fn hang(&self) {
+        self.health.hung.store(true, Ordering::SeqCst);
+    }
+
+    /// Time without a completed submission after which the device counts as lost.
+    pub(super) fn stall(&self) -> Duration {
+        self.options.stall
+    }
+
+    /// Counts the device as lost because it completes nothing; returns the error.
+    pub(super) fn abandon(&self) -> GpuError {
+        let seconds = self.options.stall.as_secs_f64();
+        let error = GpuError::Lost { detail: format!("nothing was completed for {seconds} s; the device hangs") };
+        if !self.is_lost() {
+            self.health.note(error.clone());
+            // Dropping the last handle of a queue waits without limit for its submissions; this handle is never dropped.
+            std::mem::forget(self.clone());
+        }
+        error
     }
 
     /// Whether `plans` can run together as one batch: they must agree on `steps`, `burn_in`, `grow_every`,
     /// `record_every` and the integrator, and fit the limits of the device.
     ///
     /// # Errors
-    /// [`GpuError::Unfit`] with what does not fit.
+    /// [`GpuError::Unfit`] with the reason.
     pub fn fits(&self, plans: &[&Plan]) -> Result<(), GpuError> {
         let Some(first) = plans.first() else {
             return Err(GpuError::Unfit { detail: "a batch needs a plan".to_owned() });
         };
         if let Some(other) = plans.iter().find(|p| !alike(p, first)) {
-            let detail = format!("simulations of different course in a batch (seeds {}, {})", first.seed, other.seed);
+            let detail = format!("simulations with different steps in a batch (seeds {}, {})", first.seed, other.seed);
             return Err(GpuError::Unfit { detail });
         }
         Sizes::new(plans, plans.len()).check(&self.device.limits())
     }
 
-    /// How many simulations like `plan` one batch can hold by the limits of the device (0: not even one). How much
-    /// memory is free is not known beforehand: a batch of this size may still end with [`GpuError::OutOfMemory`].
+    /// How many simulations like `plan` one batch can hold within the limits of the device (0: none). The free memory is not
+    /// known beforehand: a batch of this size may still fail with [`GpuError::OutOfMemory`].
     #[must_use]
     pub fn max_batch(&self, plan: &Plan) -> usize {
         let limits = self.device.limits();
         let fits = |members: usize| Sizes::new(&[plan], members).check(&limits).is_ok();
-        // The greatest size that fits: sizes that fit are an interval from 1 on.
+        // Bisection: if a size fits, all smaller ones do.
         let (mut low, mut high) = (0, MAX_BATCH);
         while low < high {
             let middle = (low + high).div_ceil(2);
@@ -150,34 +174,34 @@ impl GpuDevice {
         low
     }
 
-    /// Bytes of device memory that a batch of `members` simulations like `plan` takes, staging buffers included.
+    /// Bytes of device memory of a batch of `members` simulations like `plan`, including staging buffers.
     #[must_use]
     pub fn batch_bytes(plan: &Plan, members: usize) -> u64 {
         Sizes::new(&[plan], members).total_bytes()
     }
 
-    /// Bytes of device memory that batches and what outlives them have now; `None` where the backend does not tell.
+    /// Bytes of device memory that are allocated now; `None` if the backend does not report it.
     #[must_use]
     pub fn memory_in_use(&self) -> Option<u64> {
         self.device.generate_allocator_report().map(|report| report.total_allocated_bytes)
     }
 
-    /// Fails where `bytes` more are more than was allowed.
+    /// Fails if `bytes` more would exceed [`GpuOptions::memory_bytes`].
     pub(super) fn room_for(&self, bytes: u64) -> Result<(), GpuError> {
-        match self.memory_bytes {
+        match self.options.memory_bytes {
             Some(most) if self.memory_in_use().unwrap_or(0) + bytes > most => Err(GpuError::OutOfMemory),
             _ => Ok(()),
         }
     }
 
-    /// Runs `what` on the device; tells an error that it caused, or that the device is gone.
+    /// Runs `what` on the device; fails with an error that it caused, or if the device is lost.
     pub(super) fn attempt<R>(&self, what: impl FnOnce(&wgpu::Device) -> R) -> Result<R, GpuError> {
         let result = attempt(&self.device, what)?;
         self.check()?;
         Ok(result)
     }
 
-    /// Fails with what the driver told outside of calls since the last time.
+    /// Fails with the error that the driver reported outside of calls since the last check, if any.
     pub(super) fn check(&self) -> Result<(), GpuError> {
         let mut told = self.health.told.lock().unwrap_or_else(PoisonError::into_inner);
         // A loss stays.
@@ -185,8 +209,12 @@ impl GpuDevice {
         error.map_or(Ok(()), Err)
     }
 
-    /// Waits until a submission is done, at most `timeout`. Returns whether it is.
+    /// Waits at most `timeout` for a submission to complete. Returns whether it did.
     pub(super) fn wait(&self, submission: &wgpu::SubmissionIndex, timeout: Duration) -> Result<bool, GpuError> {
+        if self.health.hung.load(Ordering::SeqCst) {
+            std::thread::sleep(timeout);
+            return self.check().map(|()| false);
+        }
         let poll = wgpu::PollType::Wait { submission_index: Some(submission.clone()), timeout: Some(timeout) };
         let result = self.poll(poll);
         self.check()?;
@@ -197,28 +225,27 @@ impl GpuDevice {
         }
     }
 
-    /// Lets the device clean up once everything is done that was submitted, and written since: until then the memory
-    /// that it uses is not given back.
+    /// Lets the device clean up once all submissions and later writes are complete: only then is their memory freed.
     pub(super) fn tidy(&self) {
         if self.is_lost() {
             return;
         }
         let submission_index = Some(self.queue.submit([]));
-        // Whatever is wrong is told to the next batch.
+        // An error is reported to the next batch.
         let _ = self.poll(wgpu::PollType::Wait { submission_index, timeout: Some(TIDY) });
     }
 
     fn poll(&self, poll: wgpu::PollType) -> Result<Result<wgpu::PollStatus, wgpu::PollError>, GpuError> {
-        // wgpu panics where the driver reports the loss in the middle of a poll.
+        // wgpu panics if the driver reports the loss during a poll.
         catch_unwind(AssertUnwindSafe(|| self.device.poll(poll))).map_err(|_| {
-            let error = GpuError::Lost { detail: "the driver gave the device up".to_owned() };
+            let error = GpuError::Lost { detail: "the driver reported it during a poll".to_owned() };
             self.health.note(error.clone());
             error
         })
     }
 }
 
-/// Whether two plans give the same course of dispatches.
+/// Whether two plans give the same sequence of dispatches.
 fn alike(a: &Plan, b: &Plan) -> bool {
     let course = |p: &Plan| (p.steps, p.burn_in, p.grow_every, p.record_every, p.integrator);
     course(a) == course(b)

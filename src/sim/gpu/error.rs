@@ -1,6 +1,6 @@
-//! Why a simulation did not run on a GPU, in words for a job's record.
+//! Why a simulation did not run on a GPU; the messages go into the record of a job.
 
-/// What may go wrong with an adapter or a batch. None of these is the model's fault: the same plans run on the CPU.
+/// Faults of an adapter or a batch. None is a fault of the model: the same plans run on the CPU.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum GpuError {
     /// No graphics interface could be loaded: no loader, or none that found a driver.
@@ -9,9 +9,9 @@ pub enum GpuError {
     )]
     NoLoader,
     /// There is no adapter that may be used.
-    #[error("no GPU was found{}", if *.software { "; a software adapter is there but not allowed" } else { "" })]
+    #[error("no GPU was found{}", if *.software { "; a software adapter exists but is not allowed" } else { "" })]
     NoAdapter {
-        /// Whether software adapters were passed over.
+        /// Whether software adapters exist that are not allowed.
         software: bool,
     },
     /// The driver did not open the adapter.
@@ -19,7 +19,7 @@ pub enum GpuError {
     NotOpened {
         /// Name of the adapter.
         adapter: String,
-        /// What the driver said.
+        /// The message of the driver.
         detail: String,
     },
     /// The plans do not fit the device or each other.
@@ -28,19 +28,19 @@ pub enum GpuError {
         /// What does not fit.
         detail: String,
     },
-    /// The device has no memory left for the batch.
+    /// The device has too little free memory for the batch.
     #[error("the GPU ran out of memory")]
     OutOfMemory,
-    /// The device was lost; a new one must be opened.
+    /// The device was lost, or completed nothing for [`super::GpuOptions::stall`]; a new one must be opened.
     #[error("the GPU was lost: {detail}")]
     Lost {
-        /// What the driver said.
+        /// The message of the driver.
         detail: String,
     },
     /// The device refused a command: a fault of this program or of the driver.
     #[error("the GPU refused a command: {detail}")]
     Refused {
-        /// What was said.
+        /// The message.
         detail: String,
     },
 }

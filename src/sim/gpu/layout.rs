@@ -1,12 +1,13 @@
-//! What shaders and host share: the twin of `shaders/shared/layout.wgsl`. `tests/shaders.rs` compares them.
+//! Data structures shared by shaders and host: the counterpart of `shaders/shared/layout.wgsl`. `tests/shaders.rs` compares
+//! them.
 
 use bytemuck::{Pod, Zeroable};
 
-/// Threads of a workgroup that work on a block of [`crate::sim::LANES`] particles, one for each particle and lane.
+/// Threads of a workgroup that computes a block of [`crate::sim::LANES`] particles, one per particle and lane.
 pub const BLOCK_THREADS: u32 = 256;
-/// Threads of a workgroup that work on one particle each.
+/// Threads of a workgroup that compute one particle each.
 pub const THREADS: u32 = 64;
-/// Threads of a workgroup that works on a whole loop.
+/// Threads of a workgroup that computes a whole loop.
 pub const LOOP_THREADS: u32 = 256;
 /// Blocks that the neighbour list of a particle can hold; a particle that needs more visits all blocks.
 pub const LIST: u32 = 64;
@@ -18,7 +19,7 @@ pub const HEADER: u32 = 8;
 pub const RECORDED_INNER: u32 = 11;
 /// Fields of an outer particle in a record.
 pub const RECORDED_OUTER: u32 = 5;
-/// Fields of an inner particle that growth moves.
+/// Fields of an inner particle that growth copies.
 pub const COPIED: u32 = 10;
 /// Field of the clearance.
 pub const CLEARANCE: u32 = 34;
@@ -31,17 +32,17 @@ pub const WALL_FIELDS: u32 = 12;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Batch {
-    /// Inner particles that a member has room for.
+    /// Inner particles for which a member has room.
     pub capacity: u32,
-    /// Outer particles that a member has room for.
+    /// Outer particles for which a member has room.
     pub outer_capacity: u32,
-    /// Rows a member.
+    /// Rows per member.
     pub rows: u32,
     /// Growth events.
     pub events: u32,
     /// Cosines of the thickness field.
     pub waves: u32,
-    /// Lobes that a member has room for.
+    /// Lobes for which a member has room.
     pub lobes: u32,
     /// Words of a member's tables.
     pub tables: u32,
@@ -67,7 +68,7 @@ pub struct Member {
     pub clearance: f32,
 }
 
-/// What changes in a member besides its particles.
+/// State of a member besides its particles.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Status {
@@ -77,9 +78,9 @@ pub struct Status {
     pub outer: u32,
     /// The next id.
     pub next_id: u32,
-    /// Splits put off.
+    /// Splits postponed to a later growth event.
     pub deferred: u32,
-    /// List builds.
+    /// Builds of the neighbour lists.
     pub builds: u32,
     /// Moves shortened by the guard.
     pub shortened: u32,
@@ -101,13 +102,13 @@ pub struct Status {
     pub grown_from: u32,
     /// Runs of the last growth event.
     pub runs: u32,
-    /// Id of the first particle that it made.
+    /// Id of the first particle that it added.
     pub first_id: u32,
-    /// Blocks that visited all others, once for each evaluation.
+    /// Blocks that visited all others, counted at each evaluation.
     pub full_searches: u32,
 }
 
-/// What changes from dispatch to dispatch.
+/// Constants of a dispatch.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Now {
@@ -119,10 +120,10 @@ pub struct Now {
     pub rest: u32,
     /// Ordinal of the growth event.
     pub event: u32,
-    /// Inner particles that a record has room for.
+    /// Inner particles for which a record has room.
     pub extent: u32,
-    /// Outer particles that a record has room for.
+    /// Outer particles for which a record has room.
     pub outer_extent: u32,
-    /// 1 where the first workgroup of each member does the last step of its outer loop.
+    /// 1 if the first workgroup of each member computes the last step of its outer loop.
     pub outer: u32,
 }

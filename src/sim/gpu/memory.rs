@@ -1,118 +1,15 @@
-//! The buffers of a batch: how large they are, and what they hold at the start.
+//! The buffers of a batch, and their contents at the start.
 
 use super::device::GpuDevice;
 use super::error::GpuError;
-use super::layout::{
-    Batch, CLEARANCE, COPIED, FIELDS, HEADER, LIST, Member, NONE, RECORDED_INNER, RECORDED_OUTER, Status, WALL_FIELDS,
-};
-use crate::sim::layout::LANES;
+use super::layout::{Batch, CLEARANCE, COPIED, FIELDS, Member, NONE, RECORDED_OUTER, Status, WALL_FIELDS};
+use super::sizes::Sizes;
 use crate::sim::{Checkpoint, Plan, StepRow};
 use std::f64::consts::TAU;
 use std::mem::size_of;
 
-/// Bytes that the staging buffers of a batch may take together, where fewer than [`LEAST_RING`] do not take more.
-const RING_BYTES: u64 = 256 << 20;
-/// Least and greatest number of staging buffers: half of them are filled by the device while half are read.
-const LEAST_RING: u64 = 4;
-const GREATEST_RING: u64 = 32;
-/// Clearance of particles of which none is known, µm: room for everything.
+/// Clearance of a particle for which none is known, µm; permits every move.
 const UNKNOWN_CLEARANCE: f32 = 1e9;
-
-/// Sizes of a batch.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Sizes {
-    pub(super) members: usize,
-    pub(super) batch: Batch,
-}
-
-impl Sizes {
-    /// The sizes of a batch of `members` of which `plans` are the largest.
-    pub(super) fn new(plans: &[&Plan], members: usize) -> Self {
-        let most = |of: &dyn Fn(&Plan) -> usize| plans.iter().map(|p| of(p)).max().unwrap_or(0);
-        let target = |p: &Plan, loop_: usize| {
-            let targets = p.rows.iter().map(|r| [r.inner_target, r.outer_target][loop_]);
-            targets.max().unwrap_or(0).max(p.start[loop_]) as usize
-        };
-        let capacity = most(&|p| target(p, 0)).next_multiple_of(LANES);
-        let outer_capacity = most(&|p| target(p, 1)).next_multiple_of(LANES);
-        let (rows, events) = (most(&|p| p.rows.len()), most(&|p| (p.steps / p.grow_every) as usize + 1));
-        let (waves, lobes) = (most(&|p| p.waves.len()), most(&|p| p.lobes.len()));
-        let tables = (waves * (2 + events) + 2 * lobes * (1 + rows)).max(1);
-        let word = |x: usize| u32::try_from(x).unwrap_or(u32::MAX);
-        Self {
-            members,
-            batch: Batch {
-                capacity: word(capacity),
-                outer_capacity: word(outer_capacity),
-                rows: word(rows),
-                events: word(events),
-                waves: word(waves),
-                lobes: word(lobes),
-                tables: word(tables),
-                padding: 0,
-            },
-        }
-    }
-
-    /// Words of a record with room for `extent` inner and `outer_extent` outer particles a member.
-    pub(super) fn record_words(&self, extent: u32, outer_extent: u32) -> u64 {
-        let words = HEADER + RECORDED_INNER * extent + RECORDED_OUTER * outer_extent;
-        self.members as u64 * u64::from(words)
-    }
-
-    /// Number of staging buffers.
-    pub(super) fn ring(&self) -> usize {
-        (RING_BYTES / self.record_bytes().max(1)).clamp(LEAST_RING, GREATEST_RING) as usize
-    }
-
-    /// Bytes of the largest record.
-    fn record_bytes(&self) -> u64 {
-        4 * self.record_words(self.batch.capacity, self.batch.outer_capacity)
-    }
-
-    /// Bytes of all buffers together.
-    pub(super) fn total_bytes(&self) -> u64 {
-        self.bytes().iter().map(|(_, bytes)| bytes).sum::<u64>() + self.ring() as u64 * self.record_bytes()
-    }
-
-    /// Bytes of each storage buffer, in the order of their bindings from 1 on.
-    pub(super) fn bytes(&self) -> [(&'static str, u64); 9] {
-        let b = &self.batch;
-        let each = |words: u64| 4 * words * self.members as u64;
-        let [capacity, outer] = [b.capacity, b.outer_capacity].map(u64::from);
-        [
-            ("rows", each(u64::from(b.rows) * (size_of::<StepRow>() / 4) as u64)),
-            ("members", each((size_of::<Member>() / 4) as u64)),
-            ("tables", each(u64::from(b.tables))),
-            ("states", each((size_of::<Status>() / 4) as u64)),
-            ("particles", each(u64::from(FIELDS) * capacity)),
-            ("near", each(2 * capacity)),
-            ("lists", each(u64::from(LIST) * capacity)),
-            ("wall", each(u64::from(WALL_FIELDS) * outer)),
-            ("record", self.record_bytes()),
-        ]
-    }
-
-    /// Whether shaders can address it all and the limits of the device hold.
-    pub(super) fn check(&self, limits: &wgpu::Limits) -> Result<(), GpuError> {
-        let unfit = |detail: String| Err(GpuError::Unfit { detail });
-        // Runs of the tournaments are cut with products of two counts.
-        if self.batch.capacity > 65_520 || self.batch.outer_capacity > 65_520 {
-            return unfit("more than 65,520 particles in a loop".to_owned());
-        }
-        if self.members > limits.max_compute_workgroups_per_dimension as usize {
-            return unfit(format!("{} simulations are more than one dispatch can hold", self.members));
-        }
-        let most = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
-        for (name, bytes) in self.bytes() {
-            // Words are counted with 32 bits.
-            if bytes > most || bytes / 4 > u64::from(u32::MAX) {
-                return unfit(format!("{bytes} bytes of {name}; the adapter can bind {most}"));
-            }
-        }
-        Ok(())
-    }
-}
 
 /// The buffers of a batch.
 #[derive(Debug)]
@@ -126,11 +23,11 @@ pub(super) struct Memory {
 }
 
 impl Memory {
-    /// Allocates the buffers. Nothing is written yet: what has been written to stays with the queue until the next
-    /// submission, so that a batch of half the size would not find the memory that this one did not get.
+    /// Allocates the buffers. Nothing is written yet: the queue holds a written buffer until the next submission, and a
+    /// batch of half the size would not get the memory of a failed one.
     ///
     /// # Errors
-    /// [`GpuError::OutOfMemory`]; what was allocated by then is given back.
+    /// [`GpuError::OutOfMemory`]; nothing stays allocated.
     pub(super) fn new(device: &GpuDevice, sizes: &Sizes) -> Result<Self, GpuError> {
         device.room_for(sizes.total_bytes())?;
         device.attempt(|gpu| Self::allocate(gpu, device, sizes))
@@ -201,7 +98,7 @@ impl Memory {
         }
     }
 
-    /// Gives the memory back, whatever still refers to it.
+    /// Frees the memory, even if other handles to the buffers exist.
     pub(super) fn free(&self) {
         self.buffers.iter().chain(&self.staging).for_each(wgpu::Buffer::destroy);
     }
@@ -243,7 +140,7 @@ fn inner_fields(start: &Checkpoint, capacity: usize) -> Vec<u32> {
     words
 }
 
-/// As many clearances as there are particles; those that are not known let everything happen.
+/// One clearance per particle; unknown ones permit every move.
 fn clearances(start: &Checkpoint) -> Vec<f32> {
     let mut known = start.clearance.clone();
     known.resize(start.inner.len(), UNKNOWN_CLEARANCE);

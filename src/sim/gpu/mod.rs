@@ -1,6 +1,6 @@
-//! The simulation on a GPU (Vulkan, Metal, DX12 through wgpu): the twin of [`super::cpu`], many members at a time.
+//! The simulation on a GPU (Vulkan, Metal, DX12 through wgpu): the counterpart of [`super::cpu`] for batches of models.
 //!
-//! Shaders lie in `shaders/`, one file a stage, named as the CPU's stage. Only this module and `render` name wgpu.
+//! Shaders are in `shaders/`, one file per stage, named like the stage on the CPU. Only this module and `render` name wgpu.
 
 mod adapter;
 mod batch;
@@ -14,6 +14,7 @@ mod pipelines;
 mod record;
 mod ring;
 pub mod shaders;
+mod sizes;
 
 pub use crate::sim::Checkpoint;
 pub use adapter::{Adapter, AdapterKind, GpuOptions, adapters};

@@ -1,20 +1,22 @@
-//! How many steps a chunk of work has: as many as take about 50 ms on the device at hand, so that no watchdog bites, and
-//! progress and cancellation keep within a second.
+//! How many steps a submission has: as many as take about 50 ms on the device, so that no watchdog of the driver resets it,
+//! and progress and cancellation take less than a second. And how long to wait for a device that completes nothing.
 
-/// What a chunk is to take, seconds.
+use std::time::Duration;
+
+/// Intended duration of a chunk, seconds.
 const CHUNK_SECONDS: f64 = 0.05;
 /// Most steps of a chunk.
 const MOST_STEPS: i64 = 512;
-/// Steps of the first chunks, of which nothing is known yet.
+/// Steps of the first chunks, before any was measured.
 const FIRST_STEPS: i64 = 2;
 
-/// Sets the length of the next chunks by how long the last one took.
+/// Sets the number of steps of the next chunks from the duration of the last one.
 #[derive(Debug)]
 pub(super) struct Pace {
     steps: i64,
-    /// When the last chunk was seen to end.
+    /// When the end of the last chunk was observed.
     ended: f64,
-    /// Seconds that the host was busy with other things since.
+    /// Seconds that the host was busy since.
     busy: f64,
 }
 
@@ -28,21 +30,51 @@ impl Pace {
         self.steps
     }
 
-    /// The host was busy for so many seconds.
+    /// Notes that the host was busy for `seconds`.
     pub(super) fn busy(&mut self, seconds: f64) {
         self.busy = seconds;
     }
 
-    /// A chunk of `steps` that was submitted at `submitted` was seen to end `now`; chunks run one after another.
+    /// Notes that a chunk of `steps`, submitted at `submitted`, was observed to end `now`. Chunks run one after another.
     pub(super) fn chunk(&mut self, steps: i64, submitted: f64, now: f64) {
         let seconds = (now - submitted.max(self.ended)).max(1e-6);
         self.ended = now;
-        // Where the host was busy most of the time, nothing is known of the device.
+        // If the host was busy most of the time, the end was observed too late to measure the device.
         if steps > 0 && self.busy < 0.5 * seconds.max(CHUNK_SECONDS) {
             let wanted = steps as f64 * CHUNK_SECONDS / seconds;
-            // Grows gently: the next steps may be dearer.
+            // Grows at most twofold: the next steps may take longer.
             self.steps = (wanted as i64).clamp(1, (2 * self.steps).min(MOST_STEPS));
         }
+    }
+}
+
+/// How long to wait for a device that completes nothing.
+#[derive(Debug)]
+pub(super) struct Patience {
+    stall: Duration,
+    waited: Duration,
+}
+
+impl Patience {
+    pub(super) fn new(stall: Duration) -> Self {
+        Self { stall, waited: Duration::ZERO }
+    }
+
+    /// Duration of the next wait: at most `most`, and at most the rest of the limit.
+    pub(super) fn wait(&self, most: Duration) -> Duration {
+        most.min(self.stall.saturating_sub(self.waited))
+    }
+
+    /// A submission was completed.
+    pub(super) fn progress(&mut self) {
+        self.waited = Duration::ZERO;
+    }
+
+    /// Notes that a wait of `waited` ended without a completion; returns whether the limit is reached. Only the waits are
+    /// summed, not the time that passed, as the process may have been stopped meanwhile.
+    pub(super) fn exhausted_by(&mut self, waited: Duration) -> bool {
+        self.waited += waited;
+        self.waited >= self.stall
     }
 }
 
@@ -51,18 +83,18 @@ mod tests {
     use super::*;
     use std::collections::VecDeque;
 
-    /// Seconds of each chunk of a run on a device of which step `i` takes `cost(i)`, with two chunks on their way.
+    /// Steps and seconds of each chunk on a device whose step `i` takes `cost(i)` seconds, with two chunks in flight.
     fn chunks(steps: i64, cost: impl Fn(i64) -> f64) -> Vec<(i64, f64)> {
         let (mut pace, mut now, mut next) = (Pace::new(), 0.0, 0);
-        let mut on_their_way: VecDeque<(i64, i64, f64)> = VecDeque::new();
+        let mut in_flight: VecDeque<(i64, i64, f64)> = VecDeque::new();
         let mut taken = Vec::new();
         loop {
-            while on_their_way.len() < 2 && next < steps {
+            while in_flight.len() < 2 && next < steps {
                 let end = (next + pace.steps()).min(steps);
-                on_their_way.push_back((next, end, now));
+                in_flight.push_back((next, end, now));
                 next = end;
             }
-            let Some((begin, end, submitted)) = on_their_way.pop_front() else { return taken };
+            let Some((begin, end, submitted)) = in_flight.pop_front() else { return taken };
             let seconds: f64 = (begin..end).map(&cost).sum();
             now += seconds;
             taken.push((end - begin, seconds));
@@ -77,15 +109,15 @@ mod tests {
             for &(steps, seconds) in &found[2..] {
                 assert!(steps == 1 || seconds <= 1.1 * CHUNK_SECONDS, "{steps} steps of {cost} s");
             }
-            // Nor are they so short that submitting them would count.
+            // They are long enough for the cost of a submission not to matter.
             let most = found.iter().map(|&(steps, _)| steps).max().unwrap();
             assert!(most >= (0.4 * CHUNK_SECONDS / cost).min(MOST_STEPS as f64) as i64, "{most} steps of {cost} s");
         }
     }
 
     #[test]
-    fn chunks_stay_short_while_steps_become_dearer() {
-        // A hundred times as dear at the end as at the start, and every tenth one five times as dear as the others.
+    fn chunks_stay_short_while_steps_take_longer() {
+        // Steps take a hundred times as long at the end as at the start; every tenth takes five times as long.
         for cheapest in [1e-5, 1e-3] {
             let cost = |i: i64| cheapest * 100f64.powf(i as f64 / 2300.0) * if i % 10 == 0 { 5.0 } else { 1.0 };
             for (steps, seconds) in chunks(2300, cost) {
@@ -95,7 +127,18 @@ mod tests {
     }
 
     #[test]
-    fn a_busy_host_says_nothing_of_the_device() {
+    fn a_device_is_given_up_only_after_waits_without_any_completion() {
+        let [wait, stall] = [100, 250].map(Duration::from_millis);
+        let mut patience = Patience::new(stall);
+        assert!(!patience.exhausted_by(patience.wait(wait)) && !patience.exhausted_by(patience.wait(wait)));
+        patience.progress();
+        assert!(!patience.exhausted_by(patience.wait(wait)) && !patience.exhausted_by(patience.wait(wait)));
+        assert_eq!(patience.wait(wait), Duration::from_millis(50));
+        assert!(patience.exhausted_by(patience.wait(wait)));
+    }
+
+    #[test]
+    fn a_chunk_is_not_measured_while_the_host_is_busy() {
         let mut pace = Pace::new();
         pace.busy(2.0);
         pace.chunk(2, 0.0, 2.1);

@@ -4,12 +4,12 @@ use super::layout::Now;
 use super::shaders::{self, Shader};
 use std::mem::size_of;
 
-/// Storage buffers that a stage may see.
+/// Storage buffers of a stage.
 pub(super) const STORAGE_BUFFERS: u32 = 9;
 /// Bytes of the immediates.
 pub(super) const IMMEDIATES: u32 = size_of::<Now>() as u32;
 
-/// One pipeline a stage, or a stage and evaluation.
+/// One pipeline per stage, or per stage and evaluation.
 #[derive(Debug)]
 pub(super) struct Pipelines {
     pub(super) layout: wgpu::BindGroupLayout,

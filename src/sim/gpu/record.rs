@@ -1,4 +1,4 @@
-//! Reading a record as `record.wgsl` packs it.
+//! Reads a record as packed by `record.wgsl`.
 
 use super::layout::{HEADER, NONE, RECORDED_INNER, RECORDED_OUTER};
 use crate::sim::{Checkpoint, InnerLoop, OuterLoop, Plan, SimError, Statistics};
@@ -7,13 +7,13 @@ use crate::sim::{Checkpoint, InnerLoop, OuterLoop, Plan, SimError, Statistics};
 #[derive(Debug)]
 pub(super) struct Record {
     pub(super) time: i64,
-    /// Particles of each loop that it has room for.
+    /// Particles of each loop for which it has room.
     pub(super) extent: u32,
     pub(super) outer_extent: u32,
     pub(super) words: Vec<u32>,
 }
 
-/// What a record says of one member.
+/// The part of a record for one member.
 pub(super) struct Entry<'a> {
     time: i64,
     header: &'a [u32],
@@ -40,7 +40,7 @@ impl Entry<'_> {
         self.header[0] + self.header[1]
     }
 
-    /// Whether a position was no longer finite.
+    /// The error of a member with a position that is not finite.
     pub(super) fn fault(&self, plan: &Plan) -> Option<SimError> {
         let row = self.header[6];
         (row != NONE).then(|| SimError::NotFinite { step: i64::from(row) - i64::from(plan.burn_in) + 1 })

@@ -1,26 +1,28 @@
-//! The ring of staging buffers through which records come back, and the device's own clock.
+//! The ring of staging buffers through which records are read back, and the timestamps of the device.
 
 use super::device::GpuDevice;
 use super::error::GpuError;
-use super::memory::{Memory, Sizes};
+use super::memory::Memory;
 use super::record::Record;
+use super::sizes::Sizes;
 use std::collections::VecDeque;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
-/// How long the answer to a mapping may be behind the end of its submission.
+/// Longest delay of a mapping after its submission completed.
 const ANSWER: Duration = Duration::from_secs(5);
 /// Passes of a chunk that can be timed.
 const PASSES: u32 = 64;
 
-/// Staging buffers in turn. A record is copied into the next free one, mapped when it was submitted, and read in order.
+/// Staging buffers in turn. A record is copied into the next free one, which is mapped after the submission and read in
+/// order.
 #[derive(Debug)]
 pub(super) struct Ring {
     sizes: Sizes,
     free: Vec<wgpu::Buffer>,
     /// Copied to, not yet submitted.
     copied: VecDeque<Slot>,
-    /// Submitted and asked to be mapped.
+    /// Submitted, with the mapping requested.
     mapped: VecDeque<(Slot, Receiver<bool>)>,
     clock: Option<Clock>,
     /// Passes of the chunk that is being encoded.
@@ -36,7 +38,7 @@ struct Slot {
     bytes: u64,
 }
 
-/// Takes the time of passes on the device.
+/// Measures the time of passes on the device.
 #[derive(Debug)]
 struct Clock {
     queries: wgpu::QuerySet,
@@ -63,18 +65,18 @@ impl Ring {
         })
     }
 
-    /// Whether the chunk that is being encoded can have another record: a chunk fills half of the ring at most, so that
-    /// the device has another half while this one is read.
+    /// Whether the chunk that is being encoded can have another record. A chunk fills at most half of the ring, so that the
+    /// device can use the other half while this one is read.
     pub(super) fn is_free(&self) -> bool {
         !self.free.is_empty() && self.copied.len() < self.sizes.ring() / 2
     }
 
-    /// Passes that the chunk can still have.
+    /// How many more passes the chunk can have.
     pub(super) fn passes_left(&self) -> u32 {
         PASSES - self.passes
     }
 
-    /// Has the next pass timed.
+    /// Timestamp queries for the next pass.
     pub(super) fn timestamps(&mut self) -> Option<wgpu::ComputePassTimestampWrites<'_>> {
         let pass = self.passes;
         self.passes += 1;
@@ -110,7 +112,7 @@ impl Ring {
         clock.copied = Some((buffer, passes));
     }
 
-    /// Asks for what was submitted.
+    /// Requests the mapping of what was submitted.
     pub(super) fn map(&mut self) {
         while let Some(slot) = self.copied.pop_front() {
             let receiver = request(&slot.buffer, slot.bytes);
@@ -126,8 +128,8 @@ impl Ring {
 
     /// The next record; its submission must be done.
     pub(super) fn take(&mut self) -> Result<Record, GpuError> {
-        let (slot, receiver) = self.mapped.pop_front().ok_or_else(|| lost("no record is due"))?;
-        // The submission is done; another thread that polls the device may still be about to say so.
+        let (slot, receiver) = self.mapped.pop_front().ok_or_else(|| lost("no record is expected"))?;
+        // The submission is complete, but another thread that polls the device may not have run the callback yet.
         if receiver.recv_timeout(ANSWER) != Ok(true) {
             return Err(lost("a staging buffer could not be mapped"));
         }
@@ -136,21 +138,21 @@ impl Ring {
         Ok(Record { time: slot.time, extent: slot.extent, outer_extent: slot.outer_extent, words })
     }
 
-    /// Seconds in compute passes so far, as far as they are known.
+    /// Seconds in compute passes, of those timestamps that were read back so far.
     pub(super) fn device_seconds(&mut self) -> Option<f64> {
         let clock = self.clock.as_mut()?;
         clock.collect();
         Some(clock.seconds)
     }
 
-    /// Collects times that came back.
+    /// Collects timestamps that were read back.
     pub(super) fn collect(&mut self) {
         if let Some(clock) = &mut self.clock {
             clock.collect();
         }
     }
 
-    /// Gives the clock's memory back; the staging buffers belong to [`Memory`].
+    /// Frees the memory of the timestamps; the staging buffers belong to [`Memory`].
     pub(super) fn free(&self) {
         if let Some(clock) = &self.clock {
             clock.resolved.destroy();
@@ -186,7 +188,7 @@ impl Clock {
     fn collect(&mut self) {
         while let Some((buffer, passes, receiver)) = self.mapped.pop_front() {
             if receiver.try_recv() != Ok(true) {
-                // Not there yet, or never: time is not worth a failure.
+                // Not mapped yet, or never; the batch does not fail for a missing time.
                 self.mapped.push_front((buffer, passes, receiver));
                 return;
             }
@@ -203,17 +205,17 @@ fn lost(detail: &str) -> GpuError {
     GpuError::Lost { detail: detail.to_owned() }
 }
 
-/// Asks for a buffer to be mapped; the answer comes with a poll.
+/// Requests the mapping of a buffer; a later poll sends the result.
 fn request(buffer: &wgpu::Buffer, bytes: u64) -> Receiver<bool> {
     let (sender, receiver) = channel();
     buffer.map_async(wgpu::MapMode::Read, 0..bytes, move |result| {
-        // Nobody waits for it where the batch is over.
+        // The receiver is dropped at the end of the batch.
         let _ = sender.send(result.is_ok());
     });
     receiver
 }
 
-/// The words of a mapped buffer, which is unmapped again.
+/// The words of a mapped buffer, which is then unmapped.
 fn read(buffer: &wgpu::Buffer, bytes: u64) -> Result<Vec<u32>, GpuError> {
     let words = match buffer.get_mapped_range(0..bytes) {
         Ok(view) => bytemuck::pod_collect_to_vec(&view[..]),

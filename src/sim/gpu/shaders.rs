@@ -1,11 +1,11 @@
-//! The shaders as they are compiled: each stage's file behind what it shares with others. No preprocessor.
+//! The source of the shaders: for each stage the shared files that it needs, followed by its own; there is no preprocessor.
 
 /// The shader of a stage.
 #[derive(Clone, Copy, Debug)]
 pub struct Shader {
     /// Name of the stage and of its file.
     pub name: &'static str,
-    /// The whole text.
+    /// The complete source.
     pub source: &'static str,
     /// Entry points with the threads of their workgroups.
     pub entries: &'static [(&'static str, u32)],

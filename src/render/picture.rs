@@ -1,0 +1,54 @@
+//! A picture: size, colours, encoding, and errors.
+
+/// Greatest width and height of a picture, pixels.
+pub const MAX_SIZE: u32 = 8192;
+
+/// Why a picture could not be made.
+#[derive(Debug, thiserror::Error)]
+pub enum RenderError {
+    /// A side is 0 or over [`MAX_SIZE`].
+    #[error("a picture of {width} × {height} pixels is out of bounds (1 to {MAX_SIZE} each)")]
+    Size {
+        /// Requested width.
+        width: u32,
+        /// Requested height.
+        height: u32,
+    },
+    /// An angle or a scale of the view is out of bounds.
+    #[error("the view is out of bounds: {0}")]
+    View(&'static str),
+    /// The picture could not be encoded.
+    #[error("encoding the picture failed: {0}")]
+    Encode(String),
+}
+
+/// A colour as in CSS: red, green, blue of sRGB.
+pub(super) type Rgb = [u8; 3];
+
+/// Cut tissue.
+pub(super) const TISSUE: Rgb = [0xde, 0x95, 0xa9];
+/// Boundary of the lumen.
+pub(super) const OUTLINE: Rgb = [0x7d, 0x3a, 0x78];
+/// Inside of the lumen in a section.
+pub(super) const LUMEN: Rgb = [0xff, 0xfa, 0xf8];
+pub(super) const BACKGROUND: Rgb = [0xff, 0xff, 0xff];
+/// Scale bars.
+pub(super) const INK: Rgb = [0x3b, 0x2a, 0x38];
+
+/// A white picture of valid size.
+pub(super) fn pixmap(width: u32, height: u32) -> Result<tiny_skia::Pixmap, RenderError> {
+    let sides = 1..=MAX_SIZE;
+    let valid = sides.contains(&width) && sides.contains(&height);
+    let mut pixmap =
+        valid.then(|| tiny_skia::Pixmap::new(width, height)).flatten().ok_or(RenderError::Size { width, height })?;
+    pixmap.fill(color(BACKGROUND));
+    Ok(pixmap)
+}
+
+pub(super) fn color([r, g, b]: Rgb) -> tiny_skia::Color {
+    tiny_skia::Color::from_rgba8(r, g, b, 255)
+}
+
+pub(super) fn encode(pixmap: &tiny_skia::Pixmap) -> Result<Vec<u8>, RenderError> {
+    pixmap.encode_png().map_err(|error| RenderError::Encode(error.to_string()))
+}
