@@ -1,8 +1,8 @@
-//! What a claim, a heartbeat, a submission, a look at a job and the counts cost with 10^2 to 10^6 jobs queued and as many
+//! The cost of a claim, a heartbeat, a submission, a read of a job and the counts with 10^2 to 10^6 jobs queued and as many
 //! ended, on both stores.
 //!
 //! `cargo bench --bench claim [-- LONGEST [ROUNDS]]`. PostgreSQL is started from Debian's package, as in the tests. Each
-//! cell is the median of the rounds, and in brackets their least and greatest.
+//! cell is the median of the rounds, with their least and greatest in brackets.
 #![allow(missing_docs, unreachable_pub, clippy::print_stdout, reason = "a bench prints its results")]
 
 #[path = "../tests/common/postgres.rs"]
@@ -15,7 +15,7 @@ use cluster::Cluster;
 use oviduct::jobs::{Database, Store, open};
 use queue::{Costs, costs, fill_postgres, fill_sqlite, options};
 
-/// Measures a store over and over, and prints a row of the table.
+/// Measures a store in several rounds, and prints a row of the table.
 async fn measure(name: &str, rows: u64, rounds: usize, store: &dyn Store) {
     let mut all: Vec<Costs> = Vec::new();
     for _ in 0..rounds {
@@ -31,10 +31,12 @@ async fn measure(name: &str, rows: u64, rounds: usize, store: &dyn Store) {
 }
 
 async fn run(longest: u64, rounds: usize) {
-    println!("| store | queued | claim, ms | claim of 4, ms | heartbeat, ms | submit, ms | look, ms | counts, ms |");
-    println!("|---|---|---|---|---|---|---|---|");
+    println!(
+        "| store | queued | claim, ms | claim of 4, ms | GPU claim of 4, ms | heartbeat, ms | submit, ms | look, ms | counts, ms |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|");
     let sizes: Vec<u64> = (1..=3).map(|n| 100u64.pow(n)).filter(|rows| *rows <= longest).collect();
-    // The jobs that are claimed come on top.
+    // In addition, the jobs that are claimed.
     let taken = 100 * rounds as u64;
     for &rows in &sizes {
         let dir = tempfile::tempdir().expect("a folder");

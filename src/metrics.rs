@@ -34,6 +34,11 @@ struct StatusLabel {
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash, EncodeLabelSet)]
+struct BackendLabel {
+    backend: Word,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash, EncodeLabelSet)]
 struct StageLabel {
     stage: Word,
 }
@@ -99,6 +104,8 @@ pub struct Metrics(Arc<Inner>);
 struct Inner {
     registry: Registry,
     jobs: Family<StatusLabel, Gauge>,
+    queued: Family<BackendLabel, Gauge>,
+    artifact_store_up: Gauge,
     stored: Gauge,
     streams: Gauge,
     wait: Histogram,
@@ -134,6 +141,8 @@ impl Default for Metrics {
         let mut registry = Registry::with_prefix("oviduct");
         let inner = Inner {
             jobs: Family::default(),
+            queued: Family::default(),
+            artifact_store_up: Gauge::default(),
             stored: Gauge::default(),
             streams: Gauge::default(),
             wait: long(),
@@ -154,6 +163,13 @@ impl Default for Metrics {
             "Jobs by status, from the store; queued is the depth of the queue",
             inner.jobs.clone(),
         );
+        registry.register("queued_jobs", "Queued jobs by the backend asked for, from the store", inner.queued.clone());
+        registry.register(
+            "artifact_store_up",
+            "1 unless this process's latest write to the artifact store failed",
+            inner.artifact_store_up.clone(),
+        );
+        inner.artifact_store_up.set(1);
         registry.register("stored_bytes", "Bytes of all files of models, from the store", inner.stored.clone());
         registry.register("event_streams", "Event streams open in this process", inner.streams.clone());
         registry.register(
@@ -194,6 +210,18 @@ impl Metrics {
         for (status, count) in counts {
             self.0.jobs.get_or_create(&StatusLabel { status: Word(status) }).set(gauge(count));
         }
+    }
+
+    /// Queued jobs by the backend asked for.
+    pub fn set_queued(&self, queued: impl IntoIterator<Item = (&'static str, u64)>) {
+        for (backend, count) in queued {
+            self.0.queued.get_or_create(&BackendLabel { backend: Word(backend) }).set(gauge(count));
+        }
+    }
+
+    /// Whether the latest write of this process to the artifact store succeeded.
+    pub fn set_artifact_store_up(&self, up: bool) {
+        self.0.artifact_store_up.set(i64::from(up));
     }
 
     /// Bytes of all files of models.
@@ -285,6 +313,9 @@ mod tests {
     fn the_text_contains_the_counts() {
         let metrics = Metrics::default();
         metrics.set_jobs([("queued", 7), ("running", 2)]);
+        metrics.set_queued([("auto", 4), ("gpu", 3)]);
+        assert!(metrics.text().contains("oviduct_artifact_store_up 1\n"), "before the first write");
+        metrics.set_artifact_store_up(false);
         metrics.waited(Duration::from_millis(300));
         metrics.stage("simulate", 1.5);
         metrics.attempt("succeeded");
@@ -297,6 +328,8 @@ mod tests {
         let text = metrics.text();
         for line in [
             "oviduct_jobs{status=\"queued\"} 7",
+            "oviduct_queued_jobs{backend=\"gpu\"} 3",
+            "oviduct_artifact_store_up 0",
             "oviduct_queue_wait_seconds_count 1",
             "oviduct_stage_seconds_sum{stage=\"simulate\"} 1.5",
             "oviduct_attempts_total{end=\"lost\"} 1",

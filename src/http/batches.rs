@@ -12,7 +12,9 @@ use super::json::JsonBody;
 use super::openapi::{BatchMissing, BatchRequest as BatchRequestDoc, BodyProblems, QueueFull, StoreAway};
 use super::problem::Problem;
 use super::request::{BatchRequest, Seeds};
+use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{self, NewBatch, NewJob, StoreError, SubmittedBatch};
+use crate::spec::batch_key;
 use crate::trace;
 use axum::Json;
 use axum::extract::State;
@@ -80,7 +82,7 @@ async fn submit(
     idempotency: Option<(String, String)>,
 ) -> Result<SubmittedBatch, StoreError> {
     let canonical_spec = spec.to_json();
-    let trace = trace::current();
+    let (key, trace) = (batch_key(&spec), trace::current());
     let job = |seed: u64| NewJob {
         preset: request.preset.clone(),
         seed,
@@ -92,6 +94,8 @@ async fn submit(
         digest: spec.digest(seed),
         engine: crate::ENGINE_VERSION.to_owned(),
         reuse: request.reuse,
+        missing: Vec::new(),
+        batch_key: Some(key.clone()),
         idempotency: None,
         submitter: None,
         trace: trace.clone(),
@@ -100,7 +104,8 @@ async fn submit(
         Seeds::These(seeds) => seeds,
         Seeds::Count(count) => draw(count),
     };
-    let jobs = seeds.into_iter().map(job).collect();
+    let mut jobs: Vec<NewJob> = seeds.into_iter().map(job).collect();
+    exclude_missing_files(&*state.store, &state.artifacts, &mut jobs).await?;
     state.store.submit_batch(NewBatch { jobs, priority: request.priority, idempotency }).await
 }
 

@@ -12,8 +12,9 @@ use super::openapi::{BodyProblems, ModelRequest as ModelRequestDoc, QueueFull, S
 use super::problem::{Fault, Kind, Problem};
 use super::request::{ModelRequest, SEED_MAX};
 use crate::generate::Backend;
+use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{Job, NewJob, StoreError, Submitted};
-use crate::spec::{Cost, ModelSpec, OverLimit, preset, presets};
+use crate::spec::{Cost, ModelSpec, OverLimit, batch_key, preset, presets};
 use crate::trace;
 use axum::Json;
 use axum::extract::State;
@@ -164,7 +165,7 @@ async fn submit(
     idempotency: Option<(String, String)>,
 ) -> Result<Submitted, StoreError> {
     let seed = request.seed.unwrap_or_else(draw_seed);
-    let new = NewJob {
+    let mut new = NewJob {
         preset: request.preset,
         seed,
         spec: spec.to_json(),
@@ -175,10 +176,13 @@ async fn submit(
         digest: spec.digest(seed),
         engine: crate::ENGINE_VERSION.to_owned(),
         reuse: request.reuse,
+        missing: Vec::new(),
+        batch_key: Some(batch_key(&spec)),
         idempotency,
         submitter: None,
         trace: trace::current(),
     };
+    exclude_missing_files(&*state.store, &state.artifacts, std::slice::from_mut(&mut new)).await?;
     state.store.submit(new).await
 }
 

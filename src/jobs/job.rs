@@ -5,7 +5,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Identity of a job and of the model that it makes: a UUIDv7.
+/// Identity of a job and of its model: a UUIDv7.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct JobId(pub uuid::Uuid);
@@ -27,7 +27,7 @@ impl std::fmt::Display for BatchId {
     }
 }
 
-/// Where a job stands.
+/// The state of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Status {
@@ -39,12 +39,12 @@ pub enum Status {
     Succeeded,
     /// Ended with a problem.
     Failed,
-    /// Ended by request.
+    /// Cancelled by a client.
     Cancelled,
 }
 
 impl Status {
-    /// Whether it can still change.
+    /// Whether it is final: the job never changes again.
     #[must_use]
     pub fn is_ended(self) -> bool {
         !matches!(self, Self::Queued | Self::Running)
@@ -58,20 +58,20 @@ pub struct Problem {
     pub kind: String,
     /// One line.
     pub title: String,
-    /// What happened and where.
+    /// What happened, and where.
     pub detail: String,
 }
 
-/// What computed, or computes, a model.
+/// What computes or computed a model.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct BackendReport {
-    /// As asked for.
+    /// The backend asked for.
     pub requested: Backend,
-    /// What runs or ran it; null while queued.
+    /// The backend that runs or ran it; null while queued.
     pub used: Option<Backend>,
-    /// Device in words.
+    /// Name of the device.
     pub device: Option<String>,
-    /// Why it is not what one would expect; null where it is.
+    /// Why it is not the backend that one would expect; null if it is.
     pub fallback: Option<String>,
 }
 
@@ -90,14 +90,14 @@ pub struct File {
     pub key: String,
 }
 
-/// A thinned contour of the last section, at most 512 points a ring, so that a page can draw the growing tube.
+/// The last section, thinned to at most 512 points per ring, so that a page can draw the growing tube.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct LiveSection {
     /// Index among the recorded sections.
     pub index: u32,
     /// Time step.
     pub step: u32,
-    /// Place along the tube, micrometres.
+    /// Position along the tube, micrometres.
     pub z_um: f64,
     /// Inner contour, micrometres.
     pub inner: Vec<[f32; 2]>,
@@ -105,7 +105,7 @@ pub struct LiveSection {
     pub outer: Vec<[f32; 2]>,
 }
 
-/// How urgent a job is, from −100 to 100: the higher is claimed first. 0 where nothing is said.
+/// How urgent a job is, from −100 to 100: the higher is claimed first. The default is 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(transparent)]
 pub struct Priority(i8);
@@ -123,7 +123,7 @@ impl Priority {
     }
 }
 
-/// A number that is no priority.
+/// A number outside the range of priorities.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("a priority is an integer from {} to {}, not {}", Priority::MIN, Priority::MAX, .0)]
 pub struct NoPriority(i64);
@@ -152,18 +152,24 @@ pub struct NewJob {
     pub backend: Backend,
     /// Labels.
     pub labels: BTreeMap<String, String>,
-    /// How urgent it is. No part of the digest: a finished model is reused whatever its priority was.
+    /// How urgent it is. Not part of the digest: a finished model is reused whatever its priority was.
     pub priority: Priority,
     /// Digest of spec, seed and engine version.
     pub digest: String,
-    /// The engine version that the digest is of.
+    /// The engine version of the digest.
     pub engine: String,
     /// Whether a finished model with the same digest may be reused (it must have all `outputs`, and have been
-    /// made by the backend asked for: `cpu` and `cpu-single` give the same bytes; `auto` takes either).
+    /// made by the backend asked for: `cpu` and `cpu-single` give the same bytes; `auto` accepts any).
     pub reuse: bool,
+    /// Keys of files that were found missing in the artifact store: no model that names one of them is reused. See
+    /// [`exclude_missing_files`](super::reuse::exclude_missing_files).
+    pub missing: Vec<String>,
+    /// Which jobs a GPU may run together with it: those of the same key, see [`crate::spec::batch_key`]. `None`: a GPU runs
+    /// it alone.
+    pub batch_key: Option<String>,
     /// Idempotency key, with a hash of the canonical request body.
     pub idempotency: Option<(String, String)>,
-    /// Who submits, for a fair share of the workers; all that are not known are one.
+    /// Who submits it, for a fair share of the workers; all unknown submitters are one.
     pub submitter: Option<String>,
     /// The trace that its attempts belong to, as W3C `traceparent`.
     pub trace: Option<String>,
@@ -194,8 +200,8 @@ pub struct Job {
     pub trace: Option<String>,
     /// What computes it.
     pub backend: BackendReport,
-    /// Position in the queue from 0, while queued, among the jobs that ask for the same backend. Exact up to 1000; a
-    /// job further back says 1000.
+    /// Position in the queue from 0, while queued, among the jobs that ask for the same backend. Exact up to 1000; jobs
+    /// further back report 1000.
     pub queue_position: Option<u64>,
     /// Last progress, once it has started.
     pub progress: Option<Progress>,
@@ -203,7 +209,7 @@ pub struct Job {
     pub section: Option<LiveSection>,
     /// Attempts so far.
     pub attempts: u32,
-    /// Whether a running job was asked to stop.
+    /// Whether a client has cancelled it while it was running.
     pub cancel_requested: bool,
     /// When it was accepted.
     pub created_at: Timestamp,
@@ -219,13 +225,13 @@ pub struct Job {
     pub problem: Option<Problem>,
     /// Digest of spec, seed and engine version.
     pub digest: String,
-    /// The engine version that the digest is of. A worker of another version may run the job; then its files are
-    /// not taken for others of this digest.
+    /// The engine version of the digest. If a worker of another version runs the job, its files are not reused for
+    /// other jobs of this digest.
     pub engine: String,
-    /// The batch that it was asked for in.
+    /// The batch that it belongs to.
     pub batch: Option<BatchId>,
-    /// Artifact key of the newest checkpoint, while it has not ended.
+    /// Key of the newest checkpoint in the artifact store, until the job ends.
     pub checkpoint: Option<String>,
-    /// The model whose files it shares.
+    /// The model whose files it reuses.
     pub reused_from: Option<JobId>,
 }

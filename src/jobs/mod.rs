@@ -1,14 +1,15 @@
-//! Jobs: what was asked for, how far it is, what came of it; and where the records and files are kept.
+//! Jobs: the record of each request for a model, the queue, the job stores, and the artifact store.
 //!
-//! HTTP and workers meet only here. A job's states are `queued → running → succeeded | failed |
-//! cancelled`; an ended job never changes. Every write of a worker is fenced with the attempt number that
-//! it claimed, so that a worker that lost its lease cannot change a job that another has taken.
+//! HTTP and workers communicate only through this module. A job's states are `queued → running → succeeded | failed |
+//! cancelled`; an ended job never changes. Every write of a worker is fenced with the number of the attempt that
+//! it claimed, so that a worker that lost its lease cannot change a job that another worker holds.
 
 pub mod artifacts;
 pub mod fault;
 mod job;
 mod open;
 pub mod postgres;
+pub mod reuse;
 pub mod scratch;
 mod sql;
 pub mod sqlite;
@@ -21,5 +22,5 @@ pub use open::{Database, open};
 pub use sql::SqlStore;
 pub use store::{
     Attempt, Batch, Change, ClaimedJob, Counts, Directive, Finished, ListFilter, NewBatch, Page, Store, StoreError,
-    StoreOptions, Submitted, SubmittedBatch, WorkerInfo,
+    StoreOptions, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo,
 };

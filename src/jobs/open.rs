@@ -1,4 +1,4 @@
-//! Which database, by its URL.
+//! Opens the job store that a URL names.
 
 use super::postgres::{self, PostgresStore};
 use super::sqlite::SqliteStore;
@@ -6,12 +6,12 @@ use super::store::{Store, StoreError, StoreOptions};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Where jobs are kept.
+/// A database of jobs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Database {
-    /// A file of one process.
+    /// A file, opened by one process at a time.
     Sqlite(PathBuf),
-    /// A server that any number of processes share, by its whole URL.
+    /// The URL of a server that any number of processes share.
     Postgres(String),
 }
 
@@ -19,7 +19,7 @@ impl Database {
     /// Reads `sqlite:PATH`, a plain path, or `postgres://…`.
     ///
     /// # Errors
-    /// What is wrong with it, in words that do not repeat the URL (it may hold a password).
+    /// What is wrong, without the URL (it may contain a password).
     pub fn parse(url: &str) -> Result<Self, String> {
         let path = match url.split_once(':') {
             Some(("sqlite", rest)) => rest.strip_prefix("//").unwrap_or(rest),
@@ -28,21 +28,21 @@ impl Database {
             }
             // One letter is a drive, not a scheme.
             Some((scheme, _)) if scheme.len() > 1 && scheme.bytes().all(|b| b.is_ascii_alphanumeric()) => {
-                return Err(format!("only sqlite:PATH and postgres://… are known, not {scheme}:"));
+                return Err(format!("unsupported scheme {scheme}: — use sqlite:PATH or postgres://…"));
             }
             _ => url,
         };
-        if path.is_empty() { Err("names no path".to_owned()) } else { Ok(Self::Sqlite(path.into())) }
+        if path.is_empty() { Err("the path is empty".to_owned()) } else { Ok(Self::Sqlite(path.into())) }
     }
 
-    /// Whether several processes may use it at a time.
+    /// Whether several processes may use it at the same time.
     #[must_use]
     pub fn is_shared(&self) -> bool {
         matches!(self, Self::Postgres(_))
     }
 
-    /// Opens the store, which brings its tables up to date. What a process before left running in a file is taken
-    /// over at once, for it is this process's alone; on a server leases tell who is alive.
+    /// Opens the store and brings its tables up to date. Attempts that an earlier process left running in a file end at once,
+    /// because no other process has it open; on a server their leases must expire.
     ///
     /// # Errors
     /// [`StoreError::Database`].
@@ -52,7 +52,7 @@ impl Database {
                 let store = SqliteStore::open(path, options).await?;
                 let left = store.recover().await?;
                 if !left.is_empty() {
-                    tracing::warn!(jobs = left.len(), "jobs of a process that ended without notice were taken over");
+                    tracing::warn!(jobs = left.len(), "attempts that an earlier process left running were ended");
                 }
                 Ok(Arc::new(store))
             }
@@ -60,7 +60,7 @@ impl Database {
         }
     }
 
-    /// Brings the tables up to date, and nothing else.
+    /// Only brings the tables up to date.
     ///
     /// # Errors
     /// [`StoreError::Database`].

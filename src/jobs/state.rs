@@ -1,59 +1,59 @@
 //! The state machine of a job, as a pure function: what each event does in each state.
 //!
-//! Every store applies [`State::on`] inside its transaction and writes down what comes out, so that all
+//! Every store applies [`State::on`] inside its transaction and writes the result, so that all
 //! stores agree. Invariants, property-tested below: an ended job never changes; an event of a worker is
-//! refused unless it carries the number and the holder of the present attempt; attempt numbers only grow;
-//! a job that is not cancelled ends after at most `max_attempts` attempts that counted.
+//! refused unless it carries the number and the holder of the current attempt; attempt numbers only grow;
+//! a job that is not cancelled ends after at most `max_attempts` counted attempts.
 
 use super::job::Status;
 use crate::generate::Backend;
 use std::time::Duration;
 
-/// The part of a job's record that decides what may happen to it.
+/// The part of a job's record that decides which events are allowed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct State {
-    /// Where it stands.
+    /// Status.
     pub status: Status,
     /// Number of the last attempt, from 1; 0 before the first.
     pub attempts: u32,
-    /// Attempts that count against the limit: those whose worker vanished or that met a passing fault. An
-    /// attempt given back by a worker that shuts down does not count.
+    /// Attempts that count against the limit: those whose worker vanished, or that ended with a fault that may pass.
+    /// Released attempts do not count.
     pub spent: u32,
-    /// Whether it was asked to stop while running.
+    /// Whether it was cancelled while running.
     pub cancel_requested: bool,
     /// The worker that holds the lease, while running.
     pub holder: Option<String>,
 }
 
-/// What a worker proves its right to write with.
+/// What each write of a worker carries, to prove that it still holds the lease.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Fence {
-    /// Attempt number that it was given by its claim.
+    /// Number of the attempt that it claimed.
     pub attempt: u32,
-    /// Its name.
+    /// Name of the worker.
     pub worker: String,
 }
 
 /// Something that happens to a job.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Event {
-    /// A client asks it to stop.
+    /// A client cancels the job.
     Cancel,
-    /// This worker takes it from the queue.
+    /// This worker claims it.
     Claim(String),
-    /// Its lease has run out.
+    /// Its lease has expired.
     Expire,
     /// The holder renews its lease.
     Renew(Fence),
-    /// The holder has a model.
+    /// The holder has finished the model.
     Finish(Fence),
-    /// The holder met a fault that another attempt would meet again.
+    /// The holder met a fault that would occur in every attempt.
     Fail(Fence),
-    /// The holder stopped because it was asked to.
+    /// The holder stopped because the job was cancelled.
     Stopped(Fence),
-    /// The holder gives the job back, through no fault of the job.
+    /// The holder gives the job back, not counted.
     Release(Fence),
-    /// The holder met a fault that may pass.
+    /// The holder gives the job back after a fault that may pass, counted.
     Retry(Fence),
 }
 
@@ -63,26 +63,26 @@ pub enum Event {
 pub enum AttemptEnd {
     /// With a model.
     Succeeded,
-    /// With a fault that another attempt would meet again.
+    /// With a fault that would occur in every attempt.
     Failed,
-    /// By request.
+    /// By cancelling.
     Cancelled,
-    /// Given back by a worker that shut down.
+    /// Given back, not counted.
     Released,
-    /// With a fault that may pass.
+    /// With a fault that may pass; counted.
     Retried,
-    /// Its worker let the lease run out.
+    /// By the expiry of its lease; counted.
     Vanished,
 }
 
-/// What an event leads to.
+/// The result of an event.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Next {
     /// The state after it.
     pub state: State,
-    /// How the attempt that ran before ended, where it did.
+    /// How the attempt ended, if one did.
     pub ended: Option<AttemptEnd>,
-    /// Whether the job failed because its attempts are used up.
+    /// Whether the job failed because no attempts are left.
     pub exhausted: bool,
 }
 
@@ -93,7 +93,7 @@ pub enum Refused {
     Ended,
     /// Not in this state: a claim of a running job, an expiry of a queued one.
     NotNow,
-    /// The writer does not hold the present attempt.
+    /// The writer does not hold the current attempt.
     Fenced,
 }
 
@@ -104,7 +104,7 @@ impl State {
         Self { status: Status::Queued, attempts: 0, spent: 0, cancel_requested: false, holder: None }
     }
 
-    /// What `event` leads to, or why it changes nothing.
+    /// The result of `event`, or why it is refused.
     ///
     /// # Errors
     /// [`Refused`]; the state stays as it was.
@@ -151,7 +151,7 @@ impl State {
         Next { state: Self { status, holder: None, ..self.clone() }, ended: Some(how), exhausted: false }
     }
 
-    /// The attempt is over without a result: back to the queue, unless it was asked to stop or was the last one.
+    /// The attempt ended without a result: back to the queue, unless the job was cancelled or no attempts are left.
     fn again(&self, how: AttemptEnd, max_attempts: u32) -> Next {
         let spent = self.spent + u32::from(how != AttemptEnd::Released);
         let exhausted = !self.cancel_requested && spent >= max_attempts && how != AttemptEnd::Released;
@@ -166,16 +166,15 @@ impl State {
     }
 }
 
-/// How long a job waits after a fault that may pass before it can be claimed again, by the attempts that counted:
+/// How long a job waits after a fault that may pass before it can be claimed again, by the number of counted attempts:
 /// 1 s, doubled each time, at most a minute.
 #[must_use]
 pub fn retry_delay(spent: u32) -> Duration {
     Duration::from_secs(1 << spent.saturating_sub(1).min(6)).min(Duration::from_secs(60))
 }
 
-/// Which requests a worker may run, by what it computes with. `Auto` stands for one that can do everything, `Cpu` for
-/// a CPU where no GPU is at hand, `CpuSingle` for one that leaves `auto` to a GPU and takes what was asked of a CPU by
-/// name.
+/// Which requests a worker may run, by its backend. `Auto` is a worker that can run everything, `Cpu` a CPU worker without
+/// a GPU worker beside it, `CpuSingle` a CPU worker that leaves `auto` to a GPU worker.
 #[must_use]
 pub fn accepted(worker: Backend) -> &'static [Backend] {
     match worker {
@@ -186,7 +185,7 @@ pub fn accepted(worker: Backend) -> &'static [Backend] {
     }
 }
 
-/// Whether a model made by `used` may stand for one asked of `requested`: `cpu` and `cpu-single` give the same bytes.
+/// Whether a model made by `used` may be reused for a request of `requested`: `cpu` and `cpu-single` give the same bytes.
 #[must_use]
 pub fn same_bytes(requested: Backend, used: Backend) -> bool {
     match requested {

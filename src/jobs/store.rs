@@ -6,15 +6,19 @@ use crate::clock::Clock;
 use crate::generate::{Backend, Progress};
 use async_trait::async_trait;
 use jiff::Timestamp;
+use std::collections::BTreeSet;
 use std::time::Duration;
 use tokio::sync::broadcast;
 
-/// Settings that every store has.
+/// The backends that a request may ask for; each has a lane of the queue.
+pub(super) const LANES: [Backend; 4] = [Backend::Auto, Backend::Gpu, Backend::Cpu, Backend::CpuSingle];
+
+/// Settings of every store.
 #[derive(Clone, Debug)]
 pub struct StoreOptions {
     /// Time of leases and records.
     pub clock: Clock,
-    /// Attempts that may be lost to vanished workers and passing faults before a job fails; at least 1.
+    /// Counted attempts (vanished workers, faults that may pass) after which a job fails; at least 1.
     pub max_attempts: u32,
     /// Most jobs queued at a time.
     pub queue_limit: u64,
@@ -28,14 +32,14 @@ impl Default for StoreOptions {
     }
 }
 
-/// What became of a submission.
+/// The result of a submission.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Submitted {
     /// Queued.
     Queued(Job),
-    /// Already succeeded, with the files of a finished model of the same digest.
+    /// Succeeded at once, with the files of a finished model of the same digest.
     Reused(Job),
-    /// The same idempotency key and body were seen before: the job made then.
+    /// The job that was made before with the same idempotency key and body.
     Replayed(Job),
 }
 
@@ -49,18 +53,18 @@ impl Submitted {
     }
 }
 
-/// Jobs to be queued together: all or none.
+/// Jobs to be queued together, all or none.
 #[derive(Clone, Debug)]
 pub struct NewBatch {
-    /// The jobs, in order; their own `idempotency` and `priority` are not looked at.
+    /// The jobs, in order; their own `idempotency` and `priority` are ignored.
     pub jobs: Vec<NewJob>,
     /// How urgent all of them are.
     pub priority: Priority,
-    /// Idempotency key, with a hash of the canonical request body. Keys of batches and of jobs are apart.
+    /// Idempotency key, with a hash of the canonical request body. Keys of batches and of jobs are separate.
     pub idempotency: Option<(String, String)>,
 }
 
-/// How many jobs stand where.
+/// Numbers of jobs by status.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Waiting.
@@ -71,7 +75,7 @@ pub struct Counts {
     pub succeeded: u64,
     /// Ended with a problem.
     pub failed: u64,
-    /// Ended by request.
+    /// Cancelled.
     pub cancelled: u64,
 }
 
@@ -87,14 +91,14 @@ impl Counts {
         }
     }
 
-    /// All of them.
+    /// All jobs.
     #[must_use]
     pub fn total(&self) -> u64 {
         self.queued + self.running + self.succeeded + self.failed + self.cancelled
     }
 }
 
-/// A batch as it stands. Jobs deleted one by one are missing from it; it goes with the last of them, and its key too.
+/// A batch. Jobs that were deleted one by one are missing; the batch and its idempotency key are deleted with the last job.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Batch {
     /// Identity.
@@ -105,16 +109,16 @@ pub struct Batch {
     pub priority: Priority,
     /// Its jobs by status.
     pub counts: Counts,
-    /// Its jobs, in the order in which they were asked for.
+    /// Its jobs, in the order of the request.
     pub jobs: Vec<JobId>,
 }
 
-/// What became of a batch.
+/// The result of a batch submission.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SubmittedBatch {
-    /// Taken; some jobs may be reused models and have ended already.
+    /// Queued; some jobs may have succeeded at once as reused models.
     Accepted(Batch),
-    /// The same idempotency key and body were seen before: the batch made then.
+    /// The batch that was made before with the same idempotency key and body.
     Replayed(Batch),
 }
 
@@ -139,7 +143,7 @@ pub struct ListFilter {
     pub labels: Vec<(String, String)>,
     /// Only those older than this one (the cursor).
     pub before: Option<JobId>,
-    /// At most so many.
+    /// At most this many.
     pub limit: u32,
 }
 
@@ -174,7 +178,7 @@ impl ClaimedJob {
         self.attempt
     }
 
-    /// What its writes are fenced with.
+    /// The fence of its writes.
     pub(super) fn fence(&self) -> Fence {
         Fence { attempt: self.attempt, worker: self.worker.clone() }
     }
@@ -193,7 +197,7 @@ pub struct Attempt {
     pub ended_at: Option<Timestamp>,
     /// How it ended.
     pub outcome: Option<AttemptEnd>,
-    /// The fault in one line, where there was one.
+    /// The fault in one line, if there was one.
     pub detail: Option<String>,
 }
 
@@ -207,7 +211,7 @@ impl Attempt {
             let how = match attempt.outcome {
                 Some(AttemptEnd::Vanished) => "the worker vanished",
                 Some(AttemptEnd::Retried) => "failed",
-                Some(AttemptEnd::Released) => "given back",
+                Some(AttemptEnd::Released) => "released",
                 Some(AttemptEnd::Succeeded | AttemptEnd::Failed | AttemptEnd::Cancelled) | None => "ended",
             };
             let gap = if detail.is_empty() { "" } else { "; " };
@@ -224,55 +228,55 @@ impl Attempt {
     }
 }
 
-/// What a heartbeat tells the worker.
+/// The answer to a heartbeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Directive {
-    /// Go on; the lease was renewed.
+    /// Continue; the lease was renewed.
     Continue,
-    /// The job was asked to stop.
+    /// A client has cancelled the job: stop.
     Cancel,
-    /// The lease is another's, or the job has ended or gone: stop, write nothing.
+    /// The lease is held by another worker, or the job has ended or was deleted: stop, write nothing.
     Lost,
 }
 
-/// A success to be recorded.
+/// The result of a job that succeeded.
 #[derive(Clone, Debug)]
 pub struct Finished {
     /// What computed it.
     pub backend: BackendReport,
-    /// Files, already in the artifact store.
+    /// Its files, already in the artifact store.
     pub files: Vec<File>,
     /// Counts and measures in short.
     pub summary: serde_json::Value,
-    /// The engine version that made them. Where it is not that of the job's digest, the model is never reused.
+    /// The engine version that made them. If it is not that of the job's digest, the model is never reused.
     pub engine: String,
 }
 
-/// A worker as others see it.
+/// A worker, as listed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WorkerInfo {
     /// Name, unique in the installation: host, process and ordinal.
     pub id: String,
     /// Host name.
     pub host: String,
-    /// What it computes with.
+    /// Its backend.
     pub backend: Backend,
-    /// Device in words.
+    /// Name of the device.
     pub device: String,
-    /// The jobs whose leases it holds, the oldest first. The store knows; what [`Store::worker_seen`] says is not asked.
+    /// The jobs whose leases it holds, the oldest first. Filled in by the store; ignored by [`Store::worker_seen`].
     pub jobs: Vec<JobId>,
     /// Jobs it has ended.
     pub jobs_done: u64,
-    /// Last sign of life.
+    /// Last heartbeat.
     pub heartbeat_at: Timestamp,
 }
 
-/// Something about a job changed.
+/// A change of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Change {
     /// Which job.
     pub id: JobId,
-    /// Its version now; `None` where it was deleted.
+    /// Its version now; `None` if it was deleted.
     pub version: Option<u64>,
 }
 
@@ -282,7 +286,7 @@ pub enum StoreError {
     /// The idempotency key was used with another body.
     #[error("the idempotency key was used before with another request body")]
     IdempotencyConflict,
-    /// No more jobs are taken until the queue is shorter.
+    /// No jobs are accepted until the queue is shorter.
     #[error("the queue is full ({limit} jobs)")]
     QueueFull {
         /// The limit.
@@ -291,46 +295,70 @@ pub enum StoreError {
     /// The worker's lease was lost; nothing was written.
     #[error("the lease was lost to another attempt")]
     Fenced,
-    /// The database is away or failed.
+    /// The database failed or is unavailable.
     #[error("the job store failed: {0}")]
     Database(String),
 }
 
-/// Where jobs are kept. All calls are atomic and durable when they return.
+/// A periodic task that one process at a time does for all that share the stores.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum UpkeepTask {
+    /// Removing models by age and size.
+    Retention,
+    /// Removing files that no record names.
+    Orphans,
+}
+
+impl UpkeepTask {
+    /// The name of its lock.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Retention => "retention",
+            Self::Orphans => "orphans",
+        }
+    }
+}
+
+/// A job store. Every call is atomic, and durable when it returns.
 #[async_trait]
 pub trait Store: Send + Sync + 'static {
     /// Queues a job, or answers with an earlier one.
     async fn submit(&self, new: NewJob) -> Result<Submitted, StoreError>;
-    /// The job that this idempotency key made with this body, where there is one; see [`NewJob::idempotency`].
+    /// The job that was made with this idempotency key and body, if any; see [`NewJob::idempotency`].
     async fn replayed(&self, key: &str, body: &str) -> Result<Option<Job>, StoreError>;
+    /// The finished model that [`Store::submit`] would reuse for `new`, if any.
+    async fn reusable(&self, new: &NewJob) -> Result<Option<Job>, StoreError>;
     /// A job by id.
     async fn get(&self, id: JobId) -> Result<Option<Job>, StoreError>;
     /// A page of jobs, newest first.
     async fn list(&self, filter: &ListFilter) -> Result<Page, StoreError>;
-    /// Cancels: a queued job ends at once, a running one is asked to stop; an ended one stays as it is. One that ends by it
-    /// is given with the key of its checkpoint, which the record names no more, for removal from the artifact store.
+    /// Cancels: a queued job ends at once; a running one is asked to stop; an ended one stays unchanged. If the job ends by
+    /// this call, [`Job::checkpoint`] is the key that its record named until now, for removal from the artifact store.
     async fn cancel(&self, id: JobId) -> Result<Option<Job>, StoreError>;
-    /// Removes the record (a running attempt is thereby fenced out). Returns the keys of files that no
-    /// other job names any more, and that of its checkpoint, for removal from the artifact store; `None` where there
-    /// is no such job.
+    /// Removes the record, which fences out a running attempt. Returns the keys for removal from the artifact store: that of
+    /// its checkpoint, and those of files that no other job names. `None` if there is no such job.
     async fn delete(&self, id: JobId) -> Result<Option<Vec<String>>, StoreError>;
 
-    /// Queues all jobs of a batch in one transaction, or none ([`StoreError::QueueFull`] where not all find room).
-    /// Each is a job like any other; finished models are reused as [`Store::submit`] does. Ids ascend in the order
-    /// of the jobs.
+    /// Queues all jobs of a batch in one transaction, or none ([`StoreError::QueueFull`] if there is no room for all).
+    /// Each is an ordinary job; finished models are reused as by [`Store::submit`]. Ids ascend in the order of the jobs.
     async fn submit_batch(&self, new: NewBatch) -> Result<SubmittedBatch, StoreError>;
-    /// The batch that this idempotency key made with this body, where there is one.
+    /// The batch that was made with this idempotency key and body, if any.
     async fn replayed_batch(&self, key: &str, body: &str) -> Result<Option<Batch>, StoreError>;
     /// A batch by id.
     async fn batch(&self, id: BatchId) -> Result<Option<Batch>, StoreError>;
     /// Removes a batch with all its jobs, in one transaction; returns as [`Store::delete`] does.
     async fn delete_batch(&self, id: BatchId) -> Result<Option<Vec<String>>, StoreError>;
 
-    /// Claims up to `limit` jobs that `backend` may run, in the order in which they are due: the higher
-    /// priority first; within one, submitters take turns, and the jobs of each go oldest first. Jobs whose lease has expired go back to
-    /// their place in the queue before, so that a long queue cannot hold them up; those whose attempts are used
-    /// up fail instead (`attempts-exhausted`, with the history), those asked to stop end as cancelled. A job that this
-    /// version cannot read fails (`spec`), and holds up no other.
+    /// Claims up to `limit` jobs that `backend` may run, in the order in which they are due: the higher priority first;
+    /// within a priority, submitters take turns, and the jobs of each go oldest first. For [`Backend::Gpu`], the jobs after
+    /// the first are due jobs with the first one's [`NewJob::batch_key`], by priority, turn and age; without a key, there are
+    /// none.
+    ///
+    /// Jobs whose lease has expired are put back to their place in the queue before, unless the database has been available
+    /// to this process for less than `lease`: then their holders may not have been able to renew. Jobs without attempts left
+    /// fail instead (`attempts-exhausted`, with the history), cancelled ones end as cancelled. A job that this version cannot
+    /// read fails (`spec`).
     async fn claim(
         &self,
         worker: &str,
@@ -338,9 +366,9 @@ pub trait Store: Send + Sync + 'static {
         lease: Duration,
         limit: u32,
     ) -> Result<Vec<ClaimedJob>, StoreError>;
-    /// How many jobs wait that `backend` may run, counted up to 1000 for each backend asked for.
+    /// How many jobs are queued that `backend` may run, counted up to 1000 for each backend asked for.
     async fn waiting(&self, backend: Backend) -> Result<u64, StoreError>;
-    /// Renews the lease and records progress. The version grows, and others are told, only where something is new.
+    /// Renews the lease and records progress. Only if something is new does the version grow, and are others notified.
     async fn heartbeat(
         &self,
         claimed: &ClaimedJob,
@@ -349,10 +377,9 @@ pub trait Store: Send + Sync + 'static {
         progress: Option<&Progress>,
         section: Option<&LiveSection>,
     ) -> Result<Directive, StoreError>;
-    /// Names `key` as the newest checkpoint of the job: the next attempt begins there. Returns the key that it
-    /// replaces, for removal from the artifact store. Fails as [`StoreError::Fenced`] where the lease was lost. The
-    /// version does not grow. The name outlives the attempt; it goes when the job ends, and with it the right of the
-    /// file to be kept.
+    /// Records `key` as the newest checkpoint of the job, from which the next attempt continues. Returns the key that it
+    /// replaces, for removal from the artifact store. Fails with [`StoreError::Fenced`] if the lease was lost. The version
+    /// does not grow. The key outlives the attempt; it is removed from the record when the job ends.
     async fn set_checkpoint(&self, claimed: &ClaimedJob, key: &str) -> Result<Option<String>, StoreError>;
     /// Ends the job as succeeded. Files and state become visible together.
     async fn finish(&self, claimed: ClaimedJob, finished: Finished) -> Result<Job, StoreError>;
@@ -360,39 +387,42 @@ pub trait Store: Send + Sync + 'static {
     async fn fail(&self, claimed: ClaimedJob, backend: BackendReport, problem: Problem) -> Result<Job, StoreError>;
     /// Ends the job as cancelled.
     async fn cancelled(&self, claimed: ClaimedJob) -> Result<Job, StoreError>;
-    /// Gives the job back to the queue, at the same place; the attempt does not count. A job that was asked to
-    /// stop ends as cancelled instead.
+    /// Gives the job back to its place in the queue; the attempt does not count. A job that was cancelled meanwhile ends as
+    /// cancelled.
     async fn release(&self, claimed: ClaimedJob) -> Result<(), StoreError>;
     /// As [`Store::release`]; the attempt's row records why, as `kind: detail`.
     async fn release_because(&self, claimed: ClaimedJob, problem: Problem) -> Result<(), StoreError>;
-    /// Gives the job back after a fault that may pass; the attempt counts. It waits a little before it can be
-    /// claimed again (1 s, doubled for each attempt that counted); the last attempt ends it as failed
-    /// (`attempts-exhausted`, with the history).
+    /// Gives the job back after a fault that may pass; the attempt counts. The job is due again after a delay (1 s, doubled
+    /// for each counted attempt); after the last attempt it fails (`attempts-exhausted`, with the history).
     async fn retry(&self, claimed: ClaimedJob, problem: Problem) -> Result<Job, StoreError>;
-    /// The history of a job's attempts, oldest first; empty where there is no such job.
+    /// The attempts of a job, oldest first; empty if there is no such job.
     async fn attempts(&self, id: JobId) -> Result<Vec<Attempt>, StoreError>;
 
-    /// Records a worker's sign of life.
+    /// Records a worker's heartbeat.
     async fn worker_seen(&self, worker: &WorkerInfo) -> Result<(), StoreError>;
-    /// Workers seen in the last minutes.
+    /// Workers seen in the last five minutes.
     async fn workers(&self) -> Result<Vec<WorkerInfo>, StoreError>;
-    /// How many workers that compute with `backend` were seen within this time, by the store's clock.
+    /// How many workers of `backend` were seen within this time, by the store's clock.
     async fn alive(&self, backend: Backend, within: Duration) -> Result<u64, StoreError>;
-    /// Whether an artifact key is named by any job, as a file or as a checkpoint (for the sweep of orphans).
-    async fn names_key(&self, key: &str) -> Result<bool, StoreError>;
 
-    /// Jobs that ended longer than `age` ago by the store's clock (all that have ended, for [`Duration::ZERO`]), the first to
-    /// end first, at most `limit`.
-    async fn ended_before(&self, age: Duration, limit: u32) -> Result<Vec<JobId>, StoreError>;
+    /// Takes the lock of an upkeep task for `lease`, or renews it. Returns whether `owner` now holds it.
+    async fn acquire_upkeep(&self, task: UpkeepTask, owner: &str, lease: Duration) -> Result<bool, StoreError>;
+    /// Those of `keys` that any job names, as a file or as a checkpoint, or that belong to a running attempt.
+    async fn keys_in_use(&self, keys: &[String]) -> Result<BTreeSet<String>, StoreError>;
+    /// Jobs that ended more than `age` ago by the store's clock, or all that have ended, ordered by their end; at most
+    /// `limit`.
+    async fn ended(&self, age: Option<Duration>, limit: u32) -> Result<Vec<JobId>, StoreError>;
     /// Bytes of all files that jobs name, each key counted once.
     async fn stored_bytes(&self) -> Result<u64, StoreError>;
-    /// All jobs by status, of one moment. Costs the same however many there are.
+    /// All jobs by status, at one moment. The cost does not depend on their number.
     async fn counts(&self) -> Result<Counts, StoreError>;
+    /// Queued jobs by the backend asked for. The cost does not depend on their number.
+    async fn queued_by_backend(&self) -> Result<[(Backend, u64); 4], StoreError>;
 
-    /// Changes as they happen; a receiver that lags is told so and reads the records again.
+    /// Changes as they happen. A receiver that lags gets an error and must read the records again.
     fn changes(&self) -> broadcast::Receiver<Change>;
-    /// Fails where the store is away.
+    /// Fails if the store is unavailable.
     async fn ready(&self) -> Result<(), StoreError>;
-    /// Closes it in good order; it cannot be used afterwards.
+    /// Closes the store, which cannot be used afterwards.
     async fn close(&self) {}
 }

@@ -10,8 +10,10 @@
 //! | `merge`, `check` | the patch, what must hold between parameters |
 //! | `preset`, `schema` | data files with sources, JSON Schema |
 //! | `canonical` | one text for one specification, for the digest |
+//! | `batch_key` | which models a GPU may grow together |
 //! | `cost`, `limits` | what growing it takes, and what is too much |
 
+mod batch_key;
 mod canonical;
 mod check;
 mod cost;
@@ -29,6 +31,7 @@ mod table;
 #[cfg(test)]
 mod tests;
 
+pub use batch_key::batch_key;
 pub use canonical::canonical_json;
 pub use cost::{Cost, Estimate};
 pub use fault::Fault;

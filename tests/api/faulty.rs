@@ -4,8 +4,9 @@ use async_trait::async_trait;
 use oviduct::generate::{Backend, Progress};
 use oviduct::jobs::{
     Attempt, BackendReport, Batch, BatchId, Change, ClaimedJob, Counts, Directive, Finished, Job, JobId, ListFilter,
-    LiveSection, NewBatch, NewJob, Page, Problem, Store, StoreError, Submitted, SubmittedBatch, WorkerInfo,
+    LiveSection, NewBatch, NewJob, Page, Problem, Store, StoreError, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo,
 };
+use std::collections::BTreeSet;
 use std::time::Duration;
 use tokio::sync::broadcast;
 
@@ -90,7 +91,16 @@ impl Store for Faulty {
     async fn workers(&self) -> Result<Vec<WorkerInfo>, StoreError> {
         away()
     }
-    async fn names_key(&self, _: &str) -> Result<bool, StoreError> {
+    async fn reusable(&self, _: &NewJob) -> Result<Option<Job>, StoreError> {
+        away()
+    }
+    async fn acquire_upkeep(&self, _: UpkeepTask, _: &str, _: Duration) -> Result<bool, StoreError> {
+        away()
+    }
+    async fn queued_by_backend(&self) -> Result<[(Backend, u64); 4], StoreError> {
+        away()
+    }
+    async fn keys_in_use(&self, _: &[String]) -> Result<BTreeSet<String>, StoreError> {
         away()
     }
     fn changes(&self) -> broadcast::Receiver<Change> {
@@ -111,7 +121,7 @@ impl Store for Faulty {
     async fn set_checkpoint(&self, _: &ClaimedJob, _: &str) -> Result<Option<String>, StoreError> {
         away()
     }
-    async fn ended_before(&self, _: Duration, _: u32) -> Result<Vec<JobId>, StoreError> {
+    async fn ended(&self, _: Option<Duration>, _: u32) -> Result<Vec<JobId>, StoreError> {
         away()
     }
     async fn alive(&self, _: Backend, _: Duration) -> Result<u64, StoreError> {

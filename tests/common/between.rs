@@ -1,38 +1,38 @@
-//! A store between a test and the one that does the work: all is handed on, and an [`Eye`] sees what matters to the test, or
-//! steps in.
+//! A store that forwards every call to another one; an [`Eye`] observes the calls that matter to a test, or interferes.
 
 use async_trait::async_trait;
 use oviduct::generate::{Backend, Progress};
 use oviduct::jobs::{
     Attempt, BackendReport, Batch, BatchId, Change, ClaimedJob, Counts, Directive, Finished, Job, JobId, ListFilter,
-    LiveSection, NewBatch, NewJob, Page, Problem, Store, StoreError, Submitted, SubmittedBatch, WorkerInfo,
+    LiveSection, NewBatch, NewJob, Page, Problem, Store, StoreError, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo,
 };
+use std::collections::BTreeSet;
 use std::ops::Deref;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::broadcast;
 
-/// What a test sees of a store, and where it steps in.
+/// What a test observes of a store, and where it interferes.
 #[async_trait]
 pub(crate) trait Eye: Send + Sync + 'static {
-    /// Where changes are told.
+    /// The changes that subscribers get.
     fn changes(&self, store: &dyn Store) -> broadcast::Receiver<Change> {
         store.changes()
     }
 
-    /// A job is about to be read; an error is what the reader gets instead.
+    /// A job is about to be read; on an error the reader gets that instead.
     fn before_get(&self) -> Result<(), StoreError> {
         Ok(())
     }
 
-    /// A heartbeat has begun.
+    /// A heartbeat begins.
     async fn before_heartbeat(&self) {}
 
-    /// A heartbeat has arrived.
+    /// A heartbeat has been answered.
     fn after_heartbeat(&self) {}
 }
 
-/// A store under an eye, which it stands for.
+/// A store observed by an [`Eye`], to which it dereferences.
 pub(crate) struct Between<E> {
     store: Arc<dyn Store>,
     eye: E,
@@ -110,9 +110,9 @@ impl<E: Eye> Store for Between<E> {
         section: Option<&LiveSection>,
     ) -> Result<Directive, StoreError> {
         self.eye.before_heartbeat().await;
-        let told = self.store.heartbeat(claimed, lease, backend, progress, section).await;
+        let answer = self.store.heartbeat(claimed, lease, backend, progress, section).await;
         self.eye.after_heartbeat();
-        told
+        answer
     }
 
     async fn finish(&self, claimed: ClaimedJob, finished: Finished) -> Result<Job, StoreError> {
@@ -151,8 +151,20 @@ impl<E: Eye> Store for Between<E> {
         self.store.workers().await
     }
 
-    async fn names_key(&self, key: &str) -> Result<bool, StoreError> {
-        self.store.names_key(key).await
+    async fn reusable(&self, new: &NewJob) -> Result<Option<Job>, StoreError> {
+        self.store.reusable(new).await
+    }
+
+    async fn acquire_upkeep(&self, task: UpkeepTask, owner: &str, lease: Duration) -> Result<bool, StoreError> {
+        self.store.acquire_upkeep(task, owner, lease).await
+    }
+
+    async fn queued_by_backend(&self) -> Result<[(Backend, u64); 4], StoreError> {
+        self.store.queued_by_backend().await
+    }
+
+    async fn keys_in_use(&self, keys: &[String]) -> Result<BTreeSet<String>, StoreError> {
+        self.store.keys_in_use(keys).await
     }
 
     async fn ready(&self) -> Result<(), StoreError> {
@@ -175,8 +187,8 @@ impl<E: Eye> Store for Between<E> {
         self.store.set_checkpoint(claimed, key).await
     }
 
-    async fn ended_before(&self, age: Duration, limit: u32) -> Result<Vec<JobId>, StoreError> {
-        self.store.ended_before(age, limit).await
+    async fn ended(&self, age: Option<Duration>, limit: u32) -> Result<Vec<JobId>, StoreError> {
+        self.store.ended(age, limit).await
     }
 
     async fn alive(&self, backend: Backend, within: Duration) -> Result<u64, StoreError> {

@@ -1,7 +1,7 @@
-//! PostgreSQL for tests: a cluster of Debian's package in a temporary folder, on a free port of loopback.
+//! PostgreSQL for tests: a cluster of Debian's package in a temporary folder, on a free port of the loopback interface.
 //!
-//! A shell of its own holds the cluster: when the process that started it ends, in whatever way, the pipe to
-//! the shell closes, and it stops the server and removes the folder. As root everything runs as user `postgres`.
+//! A shell supervises the cluster: when the process that started it ends, for whatever reason, the pipe to
+//! the shell closes, and the shell stops the server and removes the folder. As root everything runs as user `postgres`.
 #![allow(clippy::unwrap_used, reason = "a test: what fails, fails here")]
 
 use std::hash::{BuildHasher, RandomState};
@@ -13,9 +13,9 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
-/// Makes a cluster in the folder `$1` and says `made`; reads a port, tries to start the server there and says `ready`, or
-/// `busy` and reads another; then waits for its input to end and clears up.
-/// fsync stays on: what is tested is what is used.
+/// Makes a cluster in the folder `$1` and prints `made`; reads a port, tries to start the server there and prints `ready`, or
+/// `busy` and reads another; then waits for the end of its input and cleans up.
+/// fsync stays on, as in production.
 const HOLD: &str = r#"
 set -e
 trap '' INT TERM HUP
@@ -30,7 +30,7 @@ log_min_messages = warning
 END
 echo made
 while read -r port; do
-  # The last word counts; a crash starts it there again.
+  # The last setting counts; after a crash the server starts there again.
   echo "port = $port" >>"$1/data/postgresql.conf"
   if pg_ctl -D "$1/data" -l "$1/log" -w start >/dev/null 2>&1; then
     echo ready
@@ -43,10 +43,10 @@ cat "$1/log" >&2
 exit 1
 "#;
 
-/// Ports that are tried.
+/// Number of ports to try.
 const PORTS: u32 = 5;
 
-/// A port that nobody listens on now. It is below those that the system gives to connections that go out.
+/// A free port, below the range of ephemeral ports.
 fn free_port() -> u16 {
     loop {
         let port = 15_000 + (RandomState::new().hash_one(0) % 15_000) as u16;
@@ -66,7 +66,7 @@ pub struct Cluster {
     _pipe: ChildStdin,
 }
 
-/// The folder of PostgreSQL's programs, that of the newest version.
+/// The folder of PostgreSQL's programs, of the newest version.
 fn programs() -> PathBuf {
     let mut found: Vec<PathBuf> = std::fs::read_dir("/usr/lib/postgresql")
         .into_iter()
@@ -87,7 +87,7 @@ fn is_root() -> bool {
     Command::new("id").arg("-u").output().is_ok_and(|out| out.stdout.trim_ascii() == b"0")
 }
 
-/// A program of PostgreSQL, to be run as a user that it accepts.
+/// A program of PostgreSQL, run as a user that it accepts.
 fn program(bin: &Path, name: &str) -> Command {
     let path = format!("{}:{}", bin.display(), std::env::var("PATH").unwrap_or_default());
     let mut command = if is_root() {
@@ -102,16 +102,16 @@ fn program(bin: &Path, name: &str) -> Command {
 }
 
 impl Cluster {
-    /// The one of this process, made when it is first asked for.
+    /// The cluster of this process, started at the first call.
     pub fn shared() -> &'static Self {
         static SHARED: OnceLock<Cluster> = OnceLock::new();
         SHARED.get_or_init(Self::start)
     }
 
-    /// Starts one for a test that needs it for itself.
+    /// Starts a cluster for one test alone.
     pub fn start() -> Self {
         let bin = programs();
-        // The user of the server must be able to enter: a folder of its own making below the temporary one.
+        // Made by the user of the server, who must have access to it.
         let made = program(&bin, "mktemp").args(["-d", "-p", "/tmp", "oviduct-postgres-XXXXXX"]).output().unwrap();
         assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
         let folder = PathBuf::from(String::from_utf8(made.stdout).unwrap().trim());
@@ -146,7 +146,7 @@ impl Cluster {
         self.url(&name)
     }
 
-    /// Runs statements in the database of that name or URL; gives what they say, without headings.
+    /// Runs statements in the database of that name or URL; returns their output, without headings.
     pub fn psql(&self, database: &str, sql: &str) -> String {
         let url = if database.contains("://") { database.to_owned() } else { self.url(database) };
         let mut child = program(&self.bin, "psql")
@@ -162,12 +162,12 @@ impl Cluster {
         String::from_utf8(output.stdout).unwrap()
     }
 
-    /// Kills the server as a crash would, keeps it away for `pause`, starts it again.
+    /// Stops the server as a crash would, and starts it again after `pause`.
     pub fn crash(&self, pause: Duration) {
         assert!(self.control(&["-m", "immediate", "stop"]), "it was not stopped");
         std::thread::sleep(pause);
         let log = self.folder.join("log");
-        // A connection that goes out may have its port for a moment.
+        // An outgoing connection may occupy its port for a moment.
         let start = |_| {
             let started = self.control(&["-l", log.to_str().expect("UTF-8"), "-w", "start"]);
             if !started {

@@ -1,4 +1,4 @@
-//! Long queues by SQL, and what claims, submissions and looks cost on them.
+//! Long queues made by SQL, and the cost of claims, submissions and reads on them.
 
 use oviduct::clock::Stopwatch;
 use oviduct::generate::{Backend, Output, Progress, Stage};
@@ -9,17 +9,17 @@ use std::time::Duration;
 /// Claims and submissions that are timed on a queue.
 pub const SAMPLES: usize = 40;
 
-/// Queues `rows` jobs of seven submitters and three priorities, one in ten for GPUs, in the SQLite file at `path`, which
-/// has its tables; and as many that have ended.
+/// Queues `rows` jobs of seven submitters, three priorities and three batch keys, one in ten for GPUs, in the SQLite file at
+/// `path`, which has its tables; and as many that have ended.
 pub async fn fill_sqlite(path: &std::path::Path, rows: u64) {
     let pool = sqlx::SqlitePool::connect(&format!("sqlite://{}", path.display())).await.expect("the file opens");
     sqlx::query(
         "WITH RECURSIVE n (i) AS (SELECT 0 UNION ALL SELECT i + 1 FROM n WHERE i + 1 < 2 * $1) \
          INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, available_at, created_at, \
-         finished_at, spec, submitter, rank, turn) \
+         finished_at, spec, submitter, rank, turn, batch_key) \
          SELECT '01900000-0000-7000-8000-' || printf('%012x', i), CASE WHEN i < $1 THEN 'queued' ELSE 'failed' END, \
          'pig', i, printf('%x', i), '[\"glb\"]', CASE WHEN i % 10 = 0 THEN 'gpu' ELSE 'auto' END, 0, 0, \
-         CASE WHEN i < $1 THEN NULL ELSE i END, '{}', 'key ' || (i % 7), i / 7 % 3 - 1, i / 21 FROM n",
+         CASE WHEN i < $1 THEN NULL ELSE i END, '{}', 'key ' || (i % 7), i / 7 % 3 - 1, i / 21, 'size ' || (i % 3) FROM n",
     )
     .bind(rows as i64)
     .execute(&pool)
@@ -31,27 +31,26 @@ pub async fn fill_sqlite(path: &std::path::Path, rows: u64) {
 /// The same in PostgreSQL, as SQL.
 pub fn fill_postgres(rows: u64) -> String {
     format!(
-        // As submissions and ends leave the counts, had the jobs come one by one.
+        // The counts are as if the jobs had been submitted and ended one by one.
         "SET session_replication_role = replica; \
          INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, available_at, created_at, \
-         finished_at, spec, submitter, rank, turn, engine) \
+         finished_at, spec, submitter, rank, turn, engine, batch_key) \
          SELECT '01900000-0000-7000-8000-' || lpad(to_hex(i), 12, '0'), \
          CASE WHEN i < {rows} THEN 'queued' ELSE 'failed' END, 'pig', i, to_hex(i), '[\"glb\"]', \
          CASE WHEN i % 10 = 0 THEN 'gpu' ELSE 'auto' END, 0, 0, CASE WHEN i < {rows} THEN NULL ELSE i END, '{{}}', \
-         'key ' || (i % 7), i / 7 % 3 - 1, i / 21, '0.1.0' FROM generate_series(0, 2 * {rows} - 1) AS i; \
-         INSERT INTO queue_length (jobs) VALUES ({rows}); \
+         'key ' || (i % 7), i / 7 % 3 - 1, i / 21, '0.1.0', 'size ' || (i % 3) FROM generate_series(0, 2 * {rows} - 1) AS i; \
+         INSERT INTO queue_length (backend, jobs) VALUES ('gpu', ({rows} + 9) / 10), ('auto', {rows} - ({rows} + 9) / 10); \
          INSERT INTO ended_jobs (status, jobs) VALUES ('failed', {rows}); \
          SET session_replication_role = DEFAULT"
     )
 }
 
-/// Room for every queue here.
+/// A limit beyond every queue here.
 pub fn options() -> StoreOptions {
     StoreOptions { queue_limit: 10_000_000, ..StoreOptions::default() }
 }
 
-/// Seconds that things take: of each many samples, a quarter being faster, so that what else the machine does is kept
-/// out.
+/// Seconds by operation: the lower quartile of many samples, which excludes most of the machine's other load.
 #[derive(Clone, Debug)]
 pub struct Costs(pub Vec<(&'static str, f64)>);
 
@@ -72,28 +71,33 @@ fn new_job(n: usize) -> NewJob {
         digest: format!("new {n}"),
         engine: oviduct::ENGINE_VERSION.into(),
         reuse: true,
+        missing: Vec::new(),
+        batch_key: Some("size 1".into()),
         idempotency: Some((format!("key {n}"), String::new())),
         submitter: Some("key 3".into()),
         trace: None,
     }
 }
 
-/// What a claim of one job and of four, a heartbeat, a submission, a look at the last of its priority (with its
-/// position) and the counts cost. Removes what it submits, and gives back what it claims.
+/// The cost of a claim of one job and of four, of four by a GPU, of a heartbeat, a submission, a read of the last job of its
+/// priority (with its position), and the counts. Removes the jobs that it submits, and releases those that it claims.
 pub async fn costs(store: &dyn Store) -> Costs {
     const LEASE: Duration = Duration::from_secs(600);
-    let claim = async |limit: u32, samples: usize| {
+    let claim = async |backend, limit: u32, samples: usize| {
         let (mut seconds, mut held) = (Vec::new(), Vec::new());
         for _ in 0..samples {
             let since = Stopwatch::start();
-            let claimed = store.claim("w", Backend::Cpu, LEASE, limit).await.expect("a claim");
+            let claimed = store.claim("w", backend, LEASE, limit).await.expect("a claim");
             seconds.push(since.seconds());
             assert_eq!(claimed.len(), limit as usize, "the queue is too short");
             held.extend(claimed);
         }
         (lower_quartile(seconds), held)
     };
-    let ((one, held), (four, more)) = (claim(1, SAMPLES).await, claim(4, SAMPLES / 4).await);
+    let (one, held) = claim(Backend::Cpu, 1, SAMPLES).await;
+    let (four, mut more) = claim(Backend::Cpu, 4, SAMPLES / 4).await;
+    let (gpu, batches) = claim(Backend::Gpu, 4, SAMPLES / 4).await;
+    more.extend(batches);
     let mut beats = Vec::new();
     for claimed in &held {
         beats.push(beat(store, claimed).await);
@@ -110,6 +114,7 @@ pub async fn costs(store: &dyn Store) -> Costs {
         looks.push(since.seconds());
         let since = Stopwatch::start();
         store.counts().await.expect("counts");
+        store.queued_by_backend().await.expect("counts");
         counts.push(since.seconds());
         ids.push(id);
     }
@@ -117,15 +122,15 @@ pub async fn costs(store: &dyn Store) -> Costs {
         store.delete(id).await.expect("it is removed");
     }
     for claimed in held.into_iter().chain(more) {
-        store.release(claimed).await.expect("it is given back");
+        store.release(claimed).await.expect("it is released");
     }
-    let names = ["claim", "claim of 4", "heartbeat", "submit", "look", "counts"];
+    let names = ["claim", "claim of 4", "GPU claim of 4", "heartbeat", "submit", "look", "counts"];
     let seconds =
-        [one, four, lower_quartile(beats), lower_quartile(submits), lower_quartile(looks), lower_quartile(counts)];
+        [one, four, gpu, lower_quartile(beats), lower_quartile(submits), lower_quartile(looks), lower_quartile(counts)];
     Costs(names.into_iter().zip(seconds).collect())
 }
 
-/// Seconds of a heartbeat that has something to tell.
+/// Seconds of a heartbeat with progress.
 async fn beat(store: &dyn Store, claimed: &ClaimedJob) -> f64 {
     let (stage, eta_seconds) = (Stage::Simulate, None);
     let progress = Progress { stage, fraction: 0.5, step: 1, steps: 2, particles: 8, sections: 1, eta_seconds };

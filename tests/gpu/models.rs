@@ -160,6 +160,8 @@ impl Place {
             submitter: None,
             trace: None,
             reuse: false,
+            missing: Vec::new(),
+            batch_key: Some(oviduct::spec::batch_key(spec)),
             idempotency: None,
         };
         self.store.submit(new).await.unwrap().job().id

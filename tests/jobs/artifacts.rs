@@ -1,12 +1,13 @@
-//! One suite over both kinds of artifact stores: a folder, and a bucket of S3.
+//! One suite over both kinds of artifact stores: a local folder, and an S3 bucket.
 
 use crate::bucket::Bucket;
-use crate::scripted::{Place, content};
+use crate::scripted::{Place, content, scripted};
 use bytes::Bytes;
 use futures_util::TryStreamExt;
 use oviduct::clock::{Clock, Stopwatch};
-use oviduct::jobs::Status;
 use oviduct::jobs::artifacts::{ArtifactError, Artifacts};
+use oviduct::jobs::reuse::exclude_missing_files;
+use oviduct::jobs::{NewBatch, NewJob, Priority, Status, Submitted};
 use sha2::{Digest, Sha256};
 use std::path::Path;
 use std::time::Duration;
@@ -34,7 +35,7 @@ async fn files_come_back_whole_and_in_ranges(artifacts: &Artifacts, dir: &Path) 
     }
     artifacts.put_bytes("models/a/1/checkpoint-1", Bytes::from_static(b"state")).await.unwrap();
     assert_eq!(artifacts.read_all("models/a/1/checkpoint-1").await.unwrap(), "state");
-    artifacts.ready().await.unwrap();
+    artifacts.check().await.unwrap();
     let keys = [key.to_owned(), "models/a/1/checkpoint-1".to_owned(), "models/a/1/never".to_owned()];
     for _ in 0..2 {
         artifacts.delete(&keys).await.unwrap();
@@ -139,4 +140,40 @@ async fn a_bucket_that_stays_away_releases_the_job_until_it_is_back() {
     assert_eq!(job.status, Status::Succeeded, "{:?}", job.problem);
     assert!(place.artifacts.read_all(&job.files[0].key).await.unwrap() == content(2, &job.files[0].name));
     pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_model_whose_files_are_gone_is_grown_again() {
+    let bucket = Bucket::start().await;
+    let mut place = Place::fresh(|_| {}).await;
+    place.artifacts = bucket.artifacts();
+    let pool = place.start(|_| {});
+    let wish = || NewJob { reuse: true, ..scripted("ok", 1) };
+    let submit = async || {
+        let mut new = wish();
+        exclude_missing_files(&*place.store, &place.artifacts, std::slice::from_mut(&mut new)).await.unwrap();
+        place.store.submit(new).await.unwrap()
+    };
+    let first = place.ended(submit().await.job().id).await;
+    let shared = submit().await;
+    assert!(matches!(&shared, Submitted::Reused(job) if job.reused_from == Some(first.id)), "{shared:?}");
+
+    // Removed behind the store's back: neither the model nor the one that shares its files is reused.
+    place.artifacts.delete(&[first.files[1].key.clone()]).await.unwrap();
+    let again = submit().await;
+    assert!(matches!(again, Submitted::Queued(_)), "{again:?}");
+    let whole = place.ended(again.job().id).await;
+    place.check_files(&whole).await;
+    let mut jobs = vec![wish(), scripted("ok", 1)];
+    exclude_missing_files(&*place.store, &place.artifacts, &mut jobs).await.unwrap();
+    let batch = NewBatch { jobs, priority: Priority::default(), idempotency: None };
+    let batch = place.store.submit_batch(batch).await.unwrap().batch().clone();
+    let sources = [place.ended(batch.jobs[0]).await.reused_from, place.ended(batch.jobs[1]).await.reused_from];
+    assert_eq!(sources, [Some(whole.id), None]);
+    pool.shutdown(Duration::from_secs(5)).await;
+
+    // If the files cannot be looked for, nothing is reused.
+    bucket.set_up(false);
+    let unknown = submit().await;
+    assert!(matches!(unknown, Submitted::Queued(_)), "{unknown:?}");
 }

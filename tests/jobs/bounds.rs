@@ -1,9 +1,9 @@
-//! Bounds on time that the product promises, on a machine that may be busy with other things.
+//! Promised bounds on time, tested on a machine that may have other load.
 
 use oviduct::clock::Stopwatch;
 
-/// Does `round` up to five times, each with a job of its own, until it keeps what is promised. What is broken is slow in
-/// every round; a machine that has other things to do is not.
+/// Runs `round` up to five times, each with a new job, until it keeps the bound. A fault is slow in every round, other load
+/// of the machine is not.
 pub async fn best_of_five(mut round: impl AsyncFnMut(u64) -> Result<(), String>) {
     let mut faults = Vec::new();
     for number in 1..=5 {
@@ -12,10 +12,10 @@ pub async fn best_of_five(mut round: impl AsyncFnMut(u64) -> Result<(), String>)
             Err(fault) => faults.push(fault),
         }
     }
-    panic!("no round kept it: {faults:#?}");
+    panic!("no round kept the bound: {faults:#?}");
 }
 
-/// Whether that took less than so many seconds.
+/// Whether less than `seconds` have elapsed.
 pub fn within(seconds: f64, since: Stopwatch) -> Result<(), String> {
     let took = since.seconds();
     if took < seconds { Ok(()) } else { Err(format!("{took} s, not {seconds} s")) }

@@ -1,4 +1,4 @@
-//! An S3 server in process that can be taken away and brought back.
+//! An S3 server in the process of the test, which can be made unavailable and available again.
 
 use hyper_util::rt::{TokioExecutor, TokioIo};
 use hyper_util::server::conn::auto::Builder;
@@ -13,7 +13,7 @@ use tokio::sync::watch;
 const KEY: &str = "test-key";
 const SECRET: &str = "test-secret";
 
-/// A server with one bucket, in a folder of its own.
+/// A server with one bucket, in a temporary folder.
 pub struct Bucket {
     address: SocketAddr,
     up: watch::Sender<bool>,
@@ -50,15 +50,15 @@ impl Bucket {
         Self { address, up, server, _root: root }
     }
 
-    /// Breaks off all connections and takes no more, or serves again.
+    /// Closes all connections and accepts no more, or serves again.
     pub fn set_up(&self, up: bool) {
         self.up.send_replace(up);
     }
 
-    /// Its URL as an option says it.
+    /// Its URL, as given to `--artifacts`.
     pub const URL: &str = "s3://models/of/tests";
 
-    /// Where it is and who may enter, as the usual variables.
+    /// Endpoint and credentials, as the usual environment variables.
     pub fn variables(&self) -> [(String, String); 3] {
         [
             ("AWS_ACCESS_KEY_ID", KEY.to_owned()),

@@ -80,7 +80,7 @@ async fn kill_at(ground: Ground, point: &str) {
     }
     // Jobs that were held for their renewals may end now.
     std::fs::write(gate::file(dir.path()), "").unwrap();
-    let status = start_child_with(dir.path(), &url, "", 2, Duration::from_secs(600)).wait().unwrap();
+    let status = start_child_with(dir.path(), &url, "", 2, Duration::from_secs(5)).wait().unwrap();
     assert!(status.success(), "{point}: {status}");
 
     let place = Place::at(dir.path(), &url).await;

@@ -1,5 +1,5 @@
-//! The suite over PostgreSQL, and what only several processes over one server can show. Two stores on one database
-//! are to each other as those of two processes: they share nothing but the server.
+//! The suite over PostgreSQL, and tests of several processes over one server. Two stores on one database share nothing but
+//! the server, as those of two processes do.
 
 use crate::bounds::{best_of_five, within};
 use crate::cluster::Cluster;
@@ -8,19 +8,19 @@ use crate::scripted::{Ground, Place, scripted};
 use crate::suite::{Factory, finished, new_job};
 use futures_util::FutureExt;
 use futures_util::future::join_all;
-use oviduct::clock::Stopwatch;
+use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::Backend;
 use oviduct::jobs::postgres::PostgresStore;
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{Job, JobId, NewJob, Status, Store, StoreError, StoreOptions, Submitted};
+use oviduct::jobs::{Directive, Job, JobId, NewJob, Status, Store, StoreError, StoreOptions, Submitted};
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-/// No lease of these runs out.
+/// A lease that does not expire during a test.
 const LEASE: Duration = Duration::from_secs(600);
-/// Longest wait for something that shall come.
+/// Longest wait for an expected event.
 const DEADLINE: Duration = Duration::from_secs(600);
 
 const SERVER: Factory = |options| {
@@ -43,12 +43,12 @@ async fn open(url: &str) -> Arc<dyn Store> {
 /// Two stores on one new database.
 async fn two() -> (Arc<dyn Store>, Arc<dyn Store>) {
     let url = Ground::Postgres.url("".as_ref()).await;
-    // Both bring the tables up to date at a time.
+    // Both bring the tables up to date concurrently.
     tokio::join!(open(&url), open(&url))
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_change_in_one_process_is_told_in_the_other() {
+async fn a_change_in_one_process_is_notified_in_the_other() {
     let (one, other) = two().await;
     let mut changes = other.changes();
     let job = one.submit(new_job("1")).await.unwrap().job().clone();
@@ -65,7 +65,7 @@ async fn a_cancel_in_one_process_stops_a_job_in_the_other_within_a_second() {
     let dir = tempfile::tempdir().unwrap();
     let url = Ground::Postgres.url(dir.path()).await;
     let (service, worker) = (Place::at(dir.path(), &url).await, Place::at(dir.path(), &url).await);
-    // Neither a heartbeat nor a look at the queue would come in time.
+    // Neither a heartbeat nor polling would be in time.
     let pool = worker.start(|options| {
         options.heartbeat = Duration::from_secs(60);
         options.lease = Duration::from_secs(240);
@@ -73,7 +73,7 @@ async fn a_cancel_in_one_process_stops_a_job_in_the_other_within_a_second() {
     });
     tokio::time::sleep(Duration::from_millis(300)).await;
     best_of_five(async |seed| {
-        // The worker is woken: it would not look before an hour has passed.
+        // The worker is notified: it would not poll within an hour.
         let id = service.queue("wait", seed).await;
         service.until(id, |job| job.progress.is_some()).await;
         let since = Stopwatch::start();
@@ -103,7 +103,7 @@ async fn racing_processes_make_one_job_of_a_key() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
-async fn files_that_are_being_reused_are_not_given_up() {
+async fn files_that_are_being_reused_are_not_removed() {
     let (one, other) = two().await;
     let mut reused = 0;
     for round in 0..40 {
@@ -117,7 +117,7 @@ async fn files_that_are_being_reused_are_not_given_up() {
         match &again {
             Submitted::Reused(job) => {
                 reused += 1;
-                assert_eq!((&job.files, gone.len()), (&made.files, 0), "round {round}: files in use were given up");
+                assert_eq!((&job.files, gone.len()), (&made.files, 0), "round {round}: files in use were removed");
             }
             Submitted::Queued(job) => {
                 assert_eq!(gone.len(), made.files.len(), "round {round}");
@@ -140,7 +140,7 @@ async fn claimers_of_several_processes_end_each_job_once() {
         let store = if n % 2 == 0 { Arc::clone(&one) } else { Arc::clone(&other) };
         let ended = Arc::clone(&ended);
         tokio::spawn(async move {
-            // Another claim may hold the last rows for a moment.
+            // Another claim may have locked the last rows.
             while store.counts().await.unwrap().queued > 0 {
                 for claimed in store.claim(&format!("w{n}"), Backend::Cpu, LEASE, 1 + n % 4).await.unwrap() {
                     let done = finished(&claimed);
@@ -157,7 +157,7 @@ async fn claimers_of_several_processes_end_each_job_once() {
     assert!(ended.iter().all(|job| job.attempts == 1));
 }
 
-/// The counts are sums of rows that every transaction adds to; they are put together on the way, whoever does what.
+/// The counts are sums of rows that every transaction adds to; the rows are merged now and then.
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn counts_of_several_processes_are_right_and_stay_few_rows() {
     let url = Ground::Postgres.url("".as_ref()).await;
@@ -219,20 +219,23 @@ async fn a_stopped_worker_cannot_change_what_another_has_taken() {
     place.until(id, |job| job.progress.is_some()).await;
     signal(child.id(), "STOP");
     place.open_gate();
-    // Its lease runs out; this process takes the job and ends it.
-    let pool = place.start(|options| options.poll = Duration::from_millis(50));
+    // Its lease expires; this process claims the job and ends it.
+    let pool = place.start(|options| {
+        options.poll = Duration::from_millis(50);
+        options.lease = Duration::from_secs(5);
+    });
     let ended = place.ended(id).await;
     assert_eq!((ended.status, ended.attempts), (Status::Succeeded, 2));
     pool.shutdown(Duration::from_secs(5)).await;
     signal(child.id(), "CONT");
-    // It goes on with its work, learns that it lost the job, and ends because the job has.
+    // It continues, learns that it lost the job, and ends because the job has ended.
     let status = tokio::task::spawn_blocking(move || child.wait()).await.unwrap().unwrap();
     assert!(status.success(), "{status}");
     assert_eq!(place.store.get(id).await.unwrap().unwrap(), ended, "the record was changed");
     place.check_files(&ended).await;
     let outcomes: Vec<_> = place.store.attempts(id).await.unwrap().iter().map(|a| a.outcome).collect();
     assert_eq!(outcomes, [Some(AttemptEnd::Vanished), Some(AttemptEnd::Succeeded)]);
-    // Where it was stopped in the middle of an upload, that may have come to its end; no record names it.
+    // If it was stopped during an upload, that may have completed; no record names the file.
     let far = "2200-01-01T00:00:00Z".parse().unwrap();
     place.artifacts.sweep_orphans(&*place.store, far, Duration::ZERO).await.unwrap();
     assert_eq!(place.visible().len(), 2, "it left files");
@@ -248,7 +251,7 @@ async fn watch(store: Arc<dyn Store>, ids: Arc<Mutex<Vec<JobId>>>) -> (usize, us
         for id in known {
             match store.get(id).await {
                 Ok(job) => {
-                    let job = job.expect("an accepted job is gone");
+                    let job = job.expect("an accepted job is missing");
                     assert!(!matches!(job.status, Status::Failed | Status::Cancelled), "{:?}", job.problem);
                     if let Some(before) = last.get(&id) {
                         assert!(job.version >= before.version && job.attempts >= before.attempts);
@@ -279,7 +282,7 @@ async fn a_server_that_crashes_under_load_loses_nothing() {
     let cluster = Arc::new(tokio::task::spawn_blocking(Cluster::start).await.unwrap());
     let url = cluster.database();
     let dir = tempfile::tempdir().unwrap();
-    // Leases are short; a slow machine may lose some more of them.
+    // Leases are short; a slow machine may lose further ones.
     let options = StoreOptions { max_attempts: 100, ..StoreOptions::default() };
     let place = Place::with(dir.path(), &url, options).await;
     let client = open(&url).await;
@@ -299,7 +302,7 @@ async fn a_server_that_crashes_under_load_loses_nothing() {
                 let script = if seed % 4 == 0 { "slow" } else { "ok" };
                 let keyed =
                     || NewJob { idempotency: Some((seed.to_string(), String::new())), ..scripted(script, 100 + seed) };
-                // As a client does: again under the same key, until there is an answer.
+                // As a client does: again with the same key, until there is an answer.
                 let submitted = loop {
                     match client.submit(keyed()).await {
                         Ok(submitted) => break submitted,
@@ -320,7 +323,7 @@ async fn a_server_that_crashes_under_load_loses_nothing() {
     submitting.await.unwrap();
     let watched = tokio::time::timeout(DEADLINE, watcher).await.expect("jobs did not end");
     let (seen, away) = watched.unwrap();
-    // Changes elsewhere are heard again.
+    // Notifications from other processes are received again.
     let mut changes = place.store.changes();
     let other = open(&url).await;
     let last = other.submit(scripted("ok", 999)).await.unwrap().job().id;
@@ -340,4 +343,96 @@ async fn a_server_that_crashes_under_load_loses_nothing() {
         attempts += history.len();
     }
     eprintln!("{JOBS} jobs over two crashes: {attempts} attempts, {seen} looks, {away} of them while it was away");
+}
+
+/// The database is unavailable for three leases while four models grow and clients submit. Leases are by a manual clock; the
+/// outage is real, long enough for every claim and heartbeat to fail.
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn an_outage_longer_than_three_leases_costs_no_attempt() {
+    const LEASE: Duration = Duration::from_secs(8);
+    let cluster = tokio::task::spawn_blocking(Cluster::start).await.unwrap();
+    let cluster = Arc::new(cluster);
+    let url = {
+        let cluster = Arc::clone(&cluster);
+        tokio::task::spawn_blocking(move || cluster.database()).await.unwrap()
+    };
+    let dir = tempfile::tempdir().unwrap();
+    let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
+    let options = || StoreOptions { clock: clock.clone(), ..StoreOptions::default() };
+    let (place, other) =
+        (Place::with(dir.path(), &url, options()).await, Place::with(dir.path(), &url, options()).await);
+    // The holders of the leases: after the outage their heartbeats come later than the polls of the idle ones.
+    let holders = place.start(|options| {
+        options.workers = 4;
+        options.threads = 1;
+        options.heartbeat = Duration::from_secs(2);
+        options.lease = LEASE;
+    });
+    let mut ids = Vec::new();
+    for seed in 0..4 {
+        let id = place.queue("hold", seed).await;
+        place.until(id, |job| job.progress.is_some()).await;
+        ids.push(id);
+    }
+    let idle = other.start(|options| {
+        options.workers = 2;
+        options.threads = 1;
+        options.poll = Duration::from_millis(20);
+        options.lease = LEASE;
+    });
+    let warm_up = other.queue("ok", 99).await;
+    other.ended(warm_up).await;
+    clock.advance(LEASE / 2);
+    let submitting = tokio::spawn({
+        let store = Arc::clone(&other.store);
+        async move {
+            let mut ids = Vec::new();
+            for seed in 100..140 {
+                let keyed = || NewJob { idempotency: Some((seed.to_string(), String::new())), ..scripted("ok", seed) };
+                loop {
+                    match store.submit(keyed()).await {
+                        Ok(submitted) => break ids.push(submitted.job().id),
+                        Err(StoreError::Database(_)) => tokio::time::sleep(Duration::from_millis(100)).await,
+                        Err(error) => panic!("{error}"),
+                    }
+                }
+                tokio::time::sleep(Duration::from_millis(50)).await;
+            }
+            ids
+        }
+    });
+    let crash = {
+        let cluster = Arc::clone(&cluster);
+        tokio::task::spawn_blocking(move || cluster.crash(Duration::from_secs(3)))
+    };
+    tokio::time::sleep(Duration::from_millis(1500)).await;
+    clock.advance(3 * LEASE);
+    crash.await.unwrap();
+    ids.extend(submitting.await.unwrap());
+    place.open_gate();
+    for id in ids {
+        let job = place.ended(id).await;
+        assert_eq!((job.status, job.attempts), (Status::Succeeded, 1), "{:?}", place.store.attempts(id).await);
+    }
+    tokio::join!(holders.shutdown(Duration::from_secs(5)), idle.shutdown(Duration::from_secs(5)));
+}
+
+/// A process that starts after an outage knows nothing of it, and leaves leases alone for as long as a lease.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_process_that_has_just_started_expires_no_lease() {
+    const LEASE: Duration = Duration::from_secs(8);
+    let url = Ground::Postgres.url("".as_ref()).await;
+    let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
+    let options = || StoreOptions { clock: clock.clone(), ..StoreOptions::default() };
+    let holder = PostgresStore::open(&url, options()).await.unwrap();
+    let id = holder.submit(new_job("1")).await.unwrap().job().id;
+    let claimed = holder.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+    clock.advance(3 * LEASE);
+    let started = PostgresStore::open(&url, options()).await.unwrap();
+    assert!(started.claim("new", Backend::Cpu, LEASE, 1).await.unwrap().is_empty());
+    let backend = &claimed.job().backend;
+    assert_eq!(holder.heartbeat(&claimed, LEASE, backend, None, None).await.unwrap(), Directive::Continue);
+    clock.advance(LEASE);
+    let taken = started.claim("new", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
+    assert_eq!((taken.job().id, taken.attempt()), (id, 2));
 }

@@ -1,4 +1,4 @@
-//! Downloads that the service sends on to S3 (`--redirect-downloads`), from the program itself to a plain client.
+//! Downloads that the service redirects to S3 (`--redirect-downloads`), from the program itself to a plain client.
 
 use crate::bucket::Bucket;
 use reqwest::header::{
@@ -12,7 +12,7 @@ use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
-/// `oviduct serve` over a bucket, ended with the test.
+/// `oviduct serve` over a bucket; killed at the end of the test.
 struct Server {
     child: Child,
     url: String,
@@ -64,7 +64,7 @@ async fn model(client: &Client, url: &str) -> Value {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn downloads_are_sent_on_to_the_bucket() {
+async fn downloads_are_redirected_to_the_bucket() {
     oviduct::tls::install();
     let bucket = Bucket::start().await;
     let data = tempfile::tempdir().unwrap();
@@ -77,12 +77,12 @@ async fn downloads_are_sent_on_to_the_bucket() {
             (format!("{}{}", server.url, file["href"].as_str().unwrap()), file["bytes"].as_u64().unwrap());
         let answer = asks.get(&address).send().await.unwrap();
         assert_eq!(answer.status(), 307);
-        assert_eq!(header(&answer, &CACHE_CONTROL), "no-store", "the address is good for minutes");
+        assert_eq!(header(&answer, &CACHE_CONTROL), "no-store", "the URL is valid for minutes");
         let signed = header(&answer, &LOCATION);
         let endpoint = &bucket.variables()[2].1;
         assert!(signed.starts_with(endpoint), "{signed} is not at {endpoint}");
 
-        // Whoever has the address needs no key.
+        // The signed URL needs no credentials.
         let whole = asks.get(&signed).send().await.unwrap();
         assert_eq!(whole.status(), 200);
         assert_eq!(header(&whole, &CONTENT_TYPE), file["media_type"].as_str().unwrap());
@@ -92,7 +92,7 @@ async fn downloads_are_sent_on_to_the_bucket() {
         assert_eq!(hex::encode(Sha256::digest(&whole)), file["sha256"].as_str().unwrap());
         assert_eq!(whole.len() as u64, bytes);
 
-        // A range goes along, and a client that follows sees no difference.
+        // Ranges work too, and a client that follows redirects sees no difference.
         let some = asks.get(&signed).header(RANGE, "bytes=10-109").send().await.unwrap();
         assert_eq!((some.status().as_u16(), header(&some, &CONTENT_RANGE)), (206, format!("bytes 10-109/{bytes}")));
         assert_eq!(some.bytes().await.unwrap(), whole[10..110]);
@@ -101,13 +101,13 @@ async fn downloads_are_sent_on_to_the_bucket() {
         assert_eq!(some.bytes().await.unwrap(), whole[whole.len() - 20..]);
         assert_eq!(follows.get(&address).send().await.unwrap().bytes().await.unwrap(), whole);
 
-        // What needs no bytes is answered at once.
+        // Requests that need no content are not redirected.
         let head = asks.head(&address).send().await.unwrap();
         assert_eq!(head.status(), 200);
         let known = asks.get(&address).header(IF_NONE_MATCH, header(&head, &ETAG)).send().await.unwrap();
         assert_eq!(known.status(), 304);
 
-        // Nobody else's address, and none that is longer than it was signed for.
+        // The signature is valid neither for another file nor for a longer time.
         let other = signed.replacen("/models/of/tests/", "/models/of/others/", 1);
         assert!(!asks.get(&other).send().await.unwrap().status().is_success());
         assert!(

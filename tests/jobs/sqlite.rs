@@ -1,4 +1,4 @@
-//! The suite over SQLite, in memory and in a file, and what only a file can show.
+//! The suite over SQLite, in memory and in a file, and tests of files alone.
 
 use crate::suite::{Factory, LEASE, new_job};
 use futures_util::FutureExt;
@@ -7,6 +7,9 @@ use oviduct::generate::Backend;
 use oviduct::jobs::sqlite::SqliteStore;
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{Job, Status, Store, StoreOptions};
+use std::io::{Seek, SeekFrom, Write};
+use std::path::Path;
+use std::process::{Command, Output};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -42,7 +45,7 @@ async fn a_restart_keeps_jobs_and_takes_over_their_leases_at_once() {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let options = StoreOptions { clock: clock.clone(), max_attempts: 2, ..StoreOptions::default() };
     let open = || SqliteStore::open(&path, options.clone());
-    // A store that was dropped lets go of its file when its last connection has closed, a moment later.
+    // A dropped store releases its file when its last connection has closed, a moment later.
     let open_again = || async {
         for _ in 0..6000 {
             match open().await {
@@ -63,14 +66,14 @@ async fn a_restart_keeps_jobs_and_takes_over_their_leases_at_once() {
     let claimed = store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     drop(store);
 
-    // The lease has not run out: only recovery gives the job free.
+    // The lease has not expired: only recovery ends the attempt.
     let store = open_again().await.unwrap();
     let kept = store.get(queued.id).await.unwrap().unwrap();
     assert_eq!(kept, Job { queue_position: Some(0), ..queued });
     assert_eq!(store.recover().await.unwrap(), [running]);
     assert_eq!(store.recover().await.unwrap(), []);
-    let told = store.heartbeat(&claimed, LEASE, &claimed.job().backend, None, None).await.unwrap();
-    assert_eq!(told, oviduct::jobs::Directive::Lost);
+    let answer = store.heartbeat(&claimed, LEASE, &claimed.job().backend, None, None).await.unwrap();
+    assert_eq!(answer, oviduct::jobs::Directive::Lost);
     let again = store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     assert_eq!((again.job().id, again.attempt()), (running, 2));
     drop(store);
@@ -107,23 +110,65 @@ async fn readers_do_not_wait_for_a_writer() {
 }
 
 #[tokio::test]
-async fn a_broken_off_call_still_runs_to_its_end_and_is_told() {
+async fn a_call_whose_caller_is_dropped_runs_to_its_end_and_notifies() {
     let store = SqliteStore::open_in_memory(StoreOptions::default()).await.unwrap();
     let mut changes = store.changes();
-    // Polled once, then dropped: a client that hangs up.
+    // Polled once, then dropped: a client that disconnects.
     assert!(store.submit(new_job("1")).now_or_never().is_none());
     let change = tokio::time::timeout(Duration::from_secs(60), changes.recv()).await.unwrap().unwrap();
     assert_eq!(store.get(change.id).await.unwrap().unwrap().status, Status::Queued);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_broken_off_look_does_not_cost_the_connection() {
+async fn a_read_whose_caller_is_dropped_does_not_cost_the_connection() {
     let store = SqliteStore::open_in_memory(StoreOptions::default()).await.unwrap();
     let id = store.submit(new_job("1")).await.unwrap().job().id;
     for _ in 0..100 {
-        // Polled once, then dropped, as when a job ends while its worker looks at it. What is in memory is in this one
-        // connection.
+        // Polled once, then dropped, as when a job ends while its worker reads it. A store in memory has this one connection.
         let _ = store.get(id).now_or_never();
         assert!(store.get(id).await.unwrap().is_some());
+    }
+}
+
+/// `oviduct serve` over the data in `dir`, which must not start.
+fn refused_start(dir: &Path) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_oviduct"))
+        .args(["serve", "--addr", "127.0.0.1:0", "--gpu", "off", "--data", "."])
+        .current_dir(dir)
+        .output()
+        .unwrap()
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_damaged_file_is_refused_at_start_with_its_name_and_the_remedy() {
+    const PAGE: u64 = 4096;
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("oviduct.db");
+    let store = SqliteStore::open(&path, StoreOptions::default()).await.unwrap();
+    for n in 0..60 {
+        store.submit(new_job(&n.to_string())).await.unwrap();
+    }
+    store.close().await;
+    let store = SqliteStore::open(&path, StoreOptions::default()).await.unwrap();
+    assert_eq!(store.counts().await.unwrap().queued, 60, "a whole file is opened");
+    store.close().await;
+    drop(store);
+
+    let mut file = std::fs::File::options().write(true).open(&path).unwrap();
+    let pages = file.metadata().unwrap().len() / PAGE;
+    assert!(pages > 20, "{pages} pages");
+    for page in (6..pages).step_by(7) {
+        file.seek(SeekFrom::Start(page * PAGE)).unwrap();
+        file.write_all(&[0xa5; PAGE as usize]).unwrap();
+    }
+    let no_database = tempfile::tempdir().unwrap();
+    std::fs::write(no_database.path().join("oviduct.db"), "x".repeat(10_000)).unwrap();
+    for dir in [dir.path(), no_database.path()] {
+        let output = refused_start(dir);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{said}");
+        for part in ["oviduct.db is damaged", "docs/operations.md", "Backup and restore"] {
+            assert!(said.contains(part), "{part} in {said}");
+        }
     }
 }

@@ -16,7 +16,7 @@ use std::time::Duration;
 use tokio_util::sync::CancellationToken;
 use tower::ServiceExt;
 
-/// Steps of the job, and the time between them: slower than the pace of progress events.
+/// Steps of the job, and the time between them: longer than the interval of progress events.
 const STEPS: u32 = 8;
 const STEP: Duration = Duration::from_millis(400);
 
@@ -27,10 +27,10 @@ async fn a_stream_shows_what_another_process_does_within_half_a_second() {
     let (service, worker) = (Place::at(dir.path(), &url).await, Place::at(dir.path(), &url).await);
     let since = Stopwatch::start();
     let done: Arc<Mutex<BTreeMap<u32, f64>>> = Arc::default();
-    let told = Arc::clone(&done);
+    let reported = Arc::clone(&done);
     let stepping = move |work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken| -> Result<Outcome, WorkError> {
         for step in 1..=STEPS {
-            told.lock().unwrap().insert(step, since.seconds());
+            reported.lock().unwrap().insert(step, since.seconds());
             let fraction = f64::from(step) / 100.0;
             let (stage, eta_seconds) = (Stage::Simulate, None);
             sink.progress(&Progress { stage, fraction, step, steps: 2000, particles: 8, sections: 1, eta_seconds });
@@ -38,7 +38,7 @@ async fn a_stream_shows_what_another_process_does_within_half_a_second() {
         }
         generate(work, sink, cancel)
     };
-    // Only what is told arrives in time: looks at the queue and heartbeats are far apart, progress is written at once.
+    // Only notifications are in time: polls and heartbeats are far apart, progress is written at once.
     let pool = worker.start_with(Arc::clone(&worker.store), Clock::System, Arc::new(stepping), |options| {
         options.heartbeat = Duration::from_secs(60);
         options.lease = Duration::from_secs(240);
@@ -62,9 +62,9 @@ async fn a_stream_shows_what_another_process_does_within_half_a_second() {
         let mut delays: Vec<f64> = (1..=STEPS).filter_map(|step| Some(arrived.get(&step)? - done[&step])).collect();
         delays.sort_by(f64::total_cmp);
         eprintln!("delays of progress from one process to the stream of another: {delays:.3?} s");
-        // One straggler is the load of the machine, not the way.
+        // A single late one is due to the load of the machine.
         if delays.len() < STEPS as usize - 1 {
-            Err(format!("steps were passed over: {arrived:?}"))
+            Err(format!("steps are missing: {arrived:?}"))
         } else if delays[delays.len() - 2] >= 0.5 {
             Err(format!("{delays:?}"))
         } else {
@@ -76,7 +76,7 @@ async fn a_stream_shows_what_another_process_does_within_half_a_second() {
     pool.shutdown(Duration::from_secs(5)).await;
 }
 
-/// Reads a stream to its end, that of a model that succeeds: when each step was first told of.
+/// Reads the stream of a model that succeeds to its end: when each step was first reported.
 async fn arrivals(mut body: Body, since: Stopwatch) -> BTreeMap<u32, f64> {
     let (mut text, mut read, mut arrived) = (String::new(), 0, BTreeMap::new());
     while let Some(frame) = body.frame().await {

@@ -1,4 +1,4 @@
-//! Records of a later version, of which this one knows a part: after an upgrade there is a way back.
+//! Records of a later version, which this one understands in part: a downgrade is possible.
 
 use crate::cluster::Cluster;
 use crate::scripted::{Ground, Place};
@@ -24,7 +24,7 @@ pub async fn execute(ground: Ground, url: &str, sql: &str) {
     }
 }
 
-async fn what_a_later_version_wrote_holds_up_nothing(ground: Ground) {
+async fn records_of_a_later_version_block_no_others(ground: Ground) {
     let dir = tempfile::tempdir().unwrap();
     let url = ground.url(dir.path()).await;
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
@@ -34,7 +34,7 @@ async fn what_a_later_version_wrote_holds_up_nothing(ground: Ground) {
     let submit = async |digest: &str| store.submit(new_job(digest)).await.unwrap().job().id;
     let claim = async |limit| store.claim("w", Backend::Cpu, LEASE, limit).await.unwrap();
 
-    // The worker of the first one is gone; the next three are beyond this version, in three ways.
+    // The worker of the first job has vanished; this version cannot read the next three, for three reasons.
     let expired = submit("expired").await;
     claim(1).await;
     let outputs = [submit("all new").await, submit("partly new").await];
@@ -56,7 +56,7 @@ async fn what_a_later_version_wrote_holds_up_nothing(ground: Ground) {
     execute(ground, &url, &change).await;
     clock.advance(LEASE);
 
-    // What can be shown is.
+    // They are shown as far as they are understood.
     let page = store.list(&ListFilter { limit: 10, ..ListFilter::default() }).await.unwrap();
     assert_eq!(page.jobs.len(), 6);
     assert_eq!(store.get(outputs[0]).await.unwrap().unwrap().outputs, []);
@@ -65,7 +65,7 @@ async fn what_a_later_version_wrote_holds_up_nothing(ground: Ground) {
     assert_eq!((shown.progress, shown.section, shown.problem, shown.backend.used), (None, None, None, None));
     assert_eq!(store.workers().await.unwrap(), []);
 
-    // The job of the worker that is gone comes first; then one of several, past those that fail.
+    // The job of the vanished worker comes first; a claim of several skips those that fail.
     let first = claim(1).await.pop().unwrap();
     assert_eq!((first.job().id, first.attempt()), (expired, 2));
     let mut claimed = claim(2).await;
@@ -86,22 +86,22 @@ async fn what_a_later_version_wrote_holds_up_nothing(ground: Ground) {
     let counts = store.counts().await.unwrap();
     assert_eq!(counts, Counts { running: 2, succeeded: 1, failed: 3, ..Counts::default() });
 
-    // With nothing else to claim, and held by a worker that is gone.
+    // With nothing else to claim, and with expired leases.
     let alone = submit("alone").await;
     execute(ground, &url, &format!("UPDATE jobs SET outputs = '[\"stl\"]' WHERE id = '{alone}'")).await;
     clock.advance(LEASE + Duration::from_secs(1));
     let again = claim(9).await;
-    assert_eq!(again.len(), 2, "leases that ran out come back");
+    assert_eq!(again.len(), 2, "jobs with expired leases are claimed");
     assert_eq!(store.get(alone).await.unwrap().unwrap().status, Status::Failed);
     store.close().await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_a_later_version_wrote_holds_up_nothing_on_sqlite() {
-    what_a_later_version_wrote_holds_up_nothing(Ground::Sqlite).await;
+async fn records_of_a_later_version_block_no_others_on_sqlite() {
+    records_of_a_later_version_block_no_others(Ground::Sqlite).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_a_later_version_wrote_holds_up_nothing_on_postgres() {
-    what_a_later_version_wrote_holds_up_nothing(Ground::Postgres).await;
+async fn records_of_a_later_version_block_no_others_on_postgres() {
+    records_of_a_later_version_block_no_others(Ground::Postgres).await;
 }

@@ -1,4 +1,4 @@
-//! Tables of the versions before priorities, brought up to date with the jobs in them.
+//! Tables of the version before priorities, migrated with the jobs in them.
 
 use crate::scripted::Ground;
 use crate::suite::{LEASE, finished, new_job};
@@ -21,7 +21,7 @@ fn first(n: usize, migrations: &str) -> tempfile::TempDir {
     dir
 }
 
-/// Three that wait, of two submitters, one that runs, and three that have ended.
+/// Three queued jobs of two submitters, one running, and three that have ended.
 const JOBS: &str = "INSERT INTO batches (id, created_at) VALUES ('01900000-0000-7000-8000-000000000000', 0); \
     INSERT INTO jobs (id, status, holder, lease_until, finished_at, preset, seed, digest, outputs, backend_requested, \
     available_at, created_at, spec, submitter, turn, engine, batch) VALUES \
@@ -43,6 +43,12 @@ const JOBS: &str = "INSERT INTO batches (id, created_at) VALUES ('01900000-0000-
 async fn goes_on(store: &dyn Store) {
     let counts = Counts { queued: 3, running: 1, failed: 1, cancelled: 2, ..Counts::default() };
     assert_eq!(store.counts().await.unwrap(), counts);
+    let queued = store.queued_by_backend().await.unwrap().map(|(backend, jobs)| (backend.name(), jobs));
+    assert_eq!(queued, [("auto", 3), ("gpu", 0), ("cpu", 0), ("cpu-single", 0)]);
+    // Without a batch key, a GPU runs them one by one.
+    let alone = store.claim("gpu", Backend::Gpu, LEASE, 16).await.unwrap().pop().unwrap();
+    assert_eq!(alone.job().digest, "d5");
+    store.release(alone).await.unwrap();
     let submit = async |digest: &str, priority: i64| {
         let priority = priority.try_into().unwrap();
         let new = NewJob { priority, submitter: Some("b".into()), ..new_job(digest) };
@@ -50,7 +56,7 @@ async fn goes_on(store: &dyn Store) {
     };
     assert_eq!(submit("urgent", 1).await.queue_position, Some(0));
     assert_eq!(submit("low", -1).await.queue_position, Some(4));
-    // A turn after the last of its submitter, and younger than the other of that turn.
+    // One turn after the last of its submitter, and younger than the other job of that turn.
     assert_eq!(submit("plain", 0).await.queue_position, Some(4));
     let mut order = Vec::new();
     while let Some(claimed) = store.claim("new", Backend::Cpu, LEASE, 1).await.unwrap().pop() {
@@ -75,7 +81,7 @@ async fn jobs_of_an_older_version_go_on_on_sqlite() {
     Migrator::new(first(3, "sqlite").path()).await.unwrap().run(&before).await.unwrap();
     sqlx::raw_sql(JOBS).execute(&before).await.unwrap();
     before.close().await;
-    // Not by `open`, which takes over what runs: what is shown is the same on both.
+    // Not by `jobs::open`, which ends running attempts on SQLite: this test is the same on both databases.
     goes_on(&SqliteStore::open(dir.path().join("jobs.db"), StoreOptions::default()).await.unwrap()).await;
 }
 

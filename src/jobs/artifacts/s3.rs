@@ -1,11 +1,11 @@
-//! Files of models in a bucket of S3, or of anything that speaks its protocol.
+//! Files of models in an S3 bucket, or in any store that implements the protocol.
 //!
-//! An upload is visible once it is whole: small files go in one request, greater ones in parts that the store joins at
-//! the end. Every request carries a SHA-256 of its bytes, which the store compares before it accepts them; afterwards
-//! the size of what is there is compared with what was sent, so that a wrong join cannot pass. The SHA-256 of the
-//! whole file stands in the job's record and is the file's tag.
+//! An upload is visible when it is complete: small files are uploaded in one request, larger ones in parts that the store
+//! joins at the end. Every request carries a SHA-256 of its bytes, which the store verifies; afterwards
+//! the size of the object is compared with the bytes sent, which detects a wrong join. The SHA-256 of the
+//! whole file is part of the job's record and serves as the file's ETag.
 
-use super::{ArtifactError, Artifacts};
+use super::error::ArtifactError;
 use object_store::aws::{AmazonS3Builder, AmazonS3ConfigKey, Checksum};
 use object_store::path::Path as Key;
 use object_store::prefix::PrefixStore;
@@ -14,88 +14,77 @@ use object_store::{BackoffConfig, ClientOptions, ObjectStore, RetryConfig};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// How long one request may be tried again before its caller is told. Workers try again on top of that.
+/// How long one request is tried again before it fails. Workers try again on top of that.
 const RETRY: Duration = Duration::from_secs(8);
-/// Silence after which a request is given up. There is no limit to how long a download takes.
+/// Silence after which a request fails. The duration of a download is not limited.
 const SILENCE: Duration = Duration::from_secs(20);
 
-/// Makes addresses at which a file can be fetched without further rights.
+/// Makes URLs at which a file can be downloaded without credentials.
 #[derive(Clone, Debug)]
 pub(super) struct Signing {
     signer: Arc<dyn Signer>,
     prefix: Key,
 }
 
-impl Artifacts {
-    /// Files in the bucket of `url`, `s3://BUCKET` or `s3://BUCKET/PREFIX`, with the settings that `variables` give
-    /// under the usual names: `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_SESSION_TOKEN`, `AWS_REGION`,
-    /// `AWS_ENDPOINT_URL`, `AWS_ALLOW_HTTP`, `AWS_CHECKSUM_ALGORITHM` (sha256) and the others of object_store. Plain
-    /// HTTP is allowed to a loopback address, and elsewhere with `AWS_ALLOW_HTTP=true`.
-    ///
-    /// # Errors
-    /// [`ArtifactError::Store`] where the address or a setting is wrong. The bucket is not asked yet.
-    pub fn s3(url: &str, variables: impl IntoIterator<Item = (String, String)>) -> Result<Self, ArtifactError> {
-        crate::tls::install();
-        let wrong = || ArtifactError::Store(format!("{url} is not s3://BUCKET or s3://BUCKET/PREFIX"));
-        let path = url.strip_prefix("s3://").ok_or_else(wrong)?;
-        let (bucket, prefix) = path.split_once('/').unwrap_or((path, ""));
-        if bucket.is_empty() {
-            return Err(wrong());
-        }
-        let prefix = Key::parse(prefix.trim_end_matches('/')).map_err(|_| wrong())?;
-        let client = ClientOptions::new()
-            .with_timeout_disabled()
-            .with_connect_timeout(Duration::from_secs(3))
-            .with_read_timeout(SILENCE);
-        let backoff =
-            BackoffConfig { init_backoff: Duration::from_millis(100), max_backoff: Duration::from_secs(2), base: 2.0 };
-        let mut builder = AmazonS3Builder::new()
-            .with_client_options(client)
-            .with_retry(RetryConfig { backoff, max_retries: 6, retry_timeout: RETRY })
-            .with_checksum_algorithm(Checksum::SHA256)
-            .with_region("us-east-1");
-        for (name, value) in variables {
-            let key = name.starts_with("AWS_").then(|| name.to_ascii_lowercase().parse::<AmazonS3ConfigKey>());
-            if let Some(Ok(key)) = key {
-                builder = builder.with_config(key, value);
-            }
-        }
-        if builder.get_config_value(&AmazonS3ConfigKey::Endpoint).is_some_and(|endpoint| is_loopback(&endpoint)) {
-            builder = builder.with_allow_http(true);
-        }
-        let store = Arc::new(builder.with_bucket_name(bucket).build()?);
-        let signing = Signing { signer: Arc::clone(&store) as Arc<dyn Signer>, prefix: prefix.clone() };
-        let store: Arc<dyn ObjectStore> =
-            if prefix.as_ref().is_empty() { store } else { Arc::new(PrefixStore::new(store, prefix)) };
-        Ok(Self { store, local: None, signing: Some(signing), outage: Arc::default() })
-    }
-
-    /// An address at which the file under `key` can be fetched for `time`, saved as `name`; `None` where the store
-    /// has no such addresses.
-    ///
-    /// # Errors
-    /// [`ArtifactError::Store`].
-    pub async fn signed_url(
+impl Signing {
+    /// A URL for the file under `key`, valid for `time`.
+    pub(super) async fn url(
         &self,
         key: &str,
         name: &str,
         media_type: &str,
         time: Duration,
-    ) -> Result<Option<String>, ArtifactError> {
-        let Some(signing) = &self.signing else {
-            return Ok(None);
-        };
-        let location: Key = signing.prefix.parts().chain(Key::from(key).parts()).collect();
+    ) -> Result<String, ArtifactError> {
+        let location: Key = self.prefix.parts().chain(Key::from(key).parts()).collect();
         let options = SignedUrlOptions::default().with_query([
             ("response-content-disposition", format!("attachment; filename=\"{name}\"")),
             ("response-content-type", media_type.to_owned()),
         ]);
-        let url = signing.signer.signed_url_opts(Method::GET, &location, time, &options).await?;
-        Ok(Some(url.into()))
+        Ok(self.signer.signed_url_opts(Method::GET, &location, time, &options).await?.into())
     }
 }
 
-/// Whether an address is one of this machine itself.
+/// Opens the bucket of `url`; see [`Artifacts::s3`](super::Artifacts::s3).
+pub(super) fn open(
+    url: &str,
+    variables: impl IntoIterator<Item = (String, String)>,
+) -> Result<(Arc<dyn ObjectStore>, Signing), ArtifactError> {
+    crate::tls::install();
+    let wrong = || ArtifactError::Store(format!("{url} is not s3://BUCKET or s3://BUCKET/PREFIX"));
+    let path = url.strip_prefix("s3://").ok_or_else(wrong)?;
+    let (bucket, prefix) = path.split_once('/').unwrap_or((path, ""));
+    if bucket.is_empty() {
+        return Err(wrong());
+    }
+    let prefix = Key::parse(prefix.trim_end_matches('/')).map_err(|_| wrong())?;
+    let client = ClientOptions::new()
+        .with_timeout_disabled()
+        .with_connect_timeout(Duration::from_secs(3))
+        .with_read_timeout(SILENCE);
+    let backoff =
+        BackoffConfig { init_backoff: Duration::from_millis(100), max_backoff: Duration::from_secs(2), base: 2.0 };
+    let mut builder = AmazonS3Builder::new()
+        .with_client_options(client)
+        .with_retry(RetryConfig { backoff, max_retries: 6, retry_timeout: RETRY })
+        .with_checksum_algorithm(Checksum::SHA256)
+        .with_region("us-east-1");
+    for (name, value) in variables {
+        let key = name.starts_with("AWS_").then(|| name.to_ascii_lowercase().parse::<AmazonS3ConfigKey>());
+        if let Some(Ok(key)) = key {
+            builder = builder.with_config(key, value);
+        }
+    }
+    if builder.get_config_value(&AmazonS3ConfigKey::Endpoint).is_some_and(|endpoint| is_loopback(&endpoint)) {
+        builder = builder.with_allow_http(true);
+    }
+    let store = Arc::new(builder.with_bucket_name(bucket).build()?);
+    let signing = Signing { signer: Arc::clone(&store) as Arc<dyn Signer>, prefix: prefix.clone() };
+    let store: Arc<dyn ObjectStore> =
+        if prefix.as_ref().is_empty() { store } else { Arc::new(PrefixStore::new(store, prefix)) };
+    Ok((store, signing))
+}
+
+/// Whether a URL is one of this machine.
 fn is_loopback(endpoint: &str) -> bool {
     let Ok(url) = Url::parse(endpoint) else { return false };
     let host = url.host_str().unwrap_or_default().trim_matches(['[', ']']);
@@ -104,6 +93,7 @@ fn is_loopback(endpoint: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Artifacts;
     use super::*;
 
     fn settings(endpoint: &str) -> Vec<(String, String)> {

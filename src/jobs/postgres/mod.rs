@@ -1,37 +1,33 @@
-//! The job store on PostgreSQL, shared by any number of processes. What it does is in `jobs::sql`.
+//! The job store on PostgreSQL, shared by any number of processes. Its operations are in `jobs::sql`.
 //!
 //! - **Leases do not depend on the clocks of workers**: the time of every lease and record is that of the database
-//!   (`clock_timestamp()`), asked for within the transaction. Only where the store's [`Clock`] is set by hand, as in
-//!   tests, is that one the time.
-//! - **Claims** take several rows in one statement and pass over those that another is just taking
+//!   (`clock_timestamp()`), read within the transaction. Only a store with a manual [`Clock`], as in tests, uses that.
+//! - **Claims** take several rows in one statement and skip those that another claim has locked
 //!   (`FOR UPDATE SKIP LOCKED`). No transaction is open while a job runs.
-//! - **Changes** are told to other processes by `NOTIFY` once they stand, see `notify`.
-//! - **A database that goes away** (a restart, a failover) is waited for: what was rolled back is done again, and
-//!   after a commit whose answer got lost the records are asked whether it stands. An end of an attempt is tried for a
-//!   minute, all else for some seconds.
-//! - **A process that stalls** inside a transaction loses it after `IDLE_IN_TRANSACTION`, so that no lock outlives it.
+//! - **Changes** are sent to other processes by `NOTIFY` after the commit, see `notify`.
+//! - **Outages** (a restart, a failover): a transaction that was rolled back is run again; if the answer to a commit was
+//!   lost, the records are read to find out whether it succeeded.
+//! - **A process that stalls** inside a transaction loses it after `IDLE_IN_TRANSACTION`, so that its locks are released.
 
 mod notify;
 
-use super::sql::{Connection, Done, Engine, Link, Operation, Reader, SqlError, SqlStore, Time};
+use super::sql::{Connection, Done, Engine, Operation, Reader, SqlError, SqlStore, Time, Trouble, Tx, run_or_find};
 use super::store::{Change, StoreError, StoreOptions};
-use crate::clock::{Clock, Stopwatch};
+use crate::clock::Clock;
 use notify::Notifier;
 use sqlx::postgres::{PgConnectOptions, PgPool, PgPoolOptions};
 use std::str::FromStr;
 use std::time::Duration;
 
-/// How long a connection is waited for.
+/// Longest wait for a connection.
 const ACQUIRE: Duration = Duration::from_secs(5);
-/// First and longest wait before a transaction is tried again.
-const WAITS: (Duration, Duration) = (Duration::from_millis(20), Duration::from_secs(1));
-/// How long a transaction may wait for its process before the database breaks it off.
+/// How long a transaction may wait for its process before the database aborts it.
 const IDLE_IN_TRANSACTION: &str = "5s";
-/// How long a statement may wait for another's lock, and run.
+/// How long a statement may wait for a lock, and how long it may run.
 const LOCK: &str = "10s";
 const STATEMENT: &str = "30s";
-/// Every query is kept to its index, whatever the statistics say of a queue that was short a minute ago.
-/// Processes that help with one cost more than any query here takes alone.
+/// Every query uses its index, whatever the statistics say about a queue that was short a minute ago. Parallel workers cost
+/// more than any of these queries.
 const PLANS: [(&str, &str); 5] = [
     ("enable_seqscan", "off"),
     ("enable_hashjoin", "off"),
@@ -56,7 +52,7 @@ impl PostgresStore {
     /// to date; several processes may do so at a time.
     ///
     /// # Errors
-    /// [`StoreError::Database`] where the URL cannot be read or the database not be reached.
+    /// [`StoreError::Database`] if the URL is invalid or the database cannot be reached.
     pub async fn open(url: &str, options: StoreOptions) -> Result<Self, StoreError> {
         migrate(url).await?;
         let connect = connect_options(url)?;
@@ -72,7 +68,7 @@ impl PostgresStore {
             .map_err(SqlError::from)?;
         let time = match &options.clock {
             Clock::System => Time::Database,
-            by_hand @ Clock::Manual(_) => Time::of(by_hand.clone()),
+            manual @ Clock::Manual(_) => Time::of(manual.clone()),
         };
         let changes = Self::channel();
         let notifier = Notifier::start(connect, pool.clone(), changes.clone()).await.map_err(SqlError::from)?;
@@ -102,79 +98,60 @@ fn connect_options(url: &str) -> Result<PgConnectOptions, StoreError> {
     Ok(options.application_name("oviduct"))
 }
 
-/// Whether a transaction that ended in this way may fare better another time.
-fn may_pass(error: &SqlError) -> bool {
-    let SqlError::Database(error) = error else { return false };
-    match error {
-        sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut | sqlx::Error::WorkerCrashed => true,
-        // A connection that ended in the middle of an answer.
-        sqlx::Error::Protocol(_) => true,
-        sqlx::Error::Database(error) => {
-            let code = error.code().unwrap_or_default();
-            // Two with the same idempotency key at a time, or a try after one whose commit came through after all: the
-            // second finds the first when it looks again.
-            let is_key = |name: &str| name.contains("idempotency_key") || name.ends_with("_pkey");
-            let same_key = code == "23505" && error.constraint().is_some_and(is_key);
-            // Connection lost; serialization, deadlock; no lock, no connection left; shutting down or starting up;
-            // broken off for stalling.
-            let passing = ["08", "40", "57P"].iter().any(|class| code.starts_with(class))
-                || ["55P03", "53300", "25P03"].contains(&code.as_ref());
-            same_key || passing
-        }
-        _ => false,
-    }
-}
-
-impl Postgres {
-    /// Tries `operation` once. `unknown` is set where it may have been committed although there was an error; where
-    /// it was set before, what was done then is looked for first.
+impl Engine for Postgres {
     async fn once<O: Operation>(
         &self,
         operation: &O,
         options: &StoreOptions,
         unknown: &mut bool,
     ) -> Result<Done<O::Output>, SqlError> {
-        let mut tx = self.pool.begin().await?;
-        let mut link = Link::new(Connection::Postgres(&mut tx), &self.time);
-        let before = if *unknown { operation.done_before(&mut link).await } else { Ok(None) };
-        let done = match before {
-            Ok(Some(done)) => Ok(done),
-            Ok(None) => operation.run(&mut link, options).await,
-            Err(error) => Err(error),
-        };
-        match done {
+        let mut transaction = self.pool.begin().await?;
+        let mut tx = Tx::new(Connection::Postgres(&mut transaction), &self.time);
+        match run_or_find(operation, &mut tx, options, *unknown).await {
             Ok(done) => {
                 *unknown = true;
-                tx.commit().await?;
+                transaction.commit().await?;
                 Ok(done)
             }
             Err(error) => {
-                // Here, not some time after the answer: the next claim would pass over rows that are still locked. If
-                // it fails, the connection is lost, and the locks with it.
-                let _ = tx.rollback().await;
+                // Awaited, because the next claim would skip rows that are still locked. If it fails, the connection is
+                // lost, and its locks with it.
+                let _ = transaction.rollback().await;
                 Err(error)
             }
         }
     }
-}
 
-impl Engine for Postgres {
-    async fn transact<O: Operation>(&self, operation: &O, options: &StoreOptions) -> Result<Done<O::Output>, SqlError> {
-        let since = Stopwatch::start();
-        let mut unknown = false;
-        let mut wait = WAITS.0;
-        loop {
-            let error = match self.once(operation, options, &mut unknown).await {
-                Ok(done) => return Ok(done),
-                Err(error) => error,
-            };
-            if !may_pass(&error) || since.elapsed() > operation.patience() || self.pool.is_closed() {
-                return Err(error);
+    fn trouble(&self, error: &SqlError) -> Trouble {
+        let SqlError::Database(error) = error else { return Trouble::Lasting };
+        match error {
+            sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut | sqlx::Error::WorkerCrashed => Trouble::Outage,
+            // A connection that was closed in the middle of an answer.
+            sqlx::Error::Protocol(_) => Trouble::Outage,
+            sqlx::Error::Database(error) => {
+                let code = error.code().unwrap_or_default();
+                let class = |classes: &[&str]| classes.iter().any(|class| code.starts_with(class));
+                // Two submissions with the same idempotency key, or a second try after a commit that succeeded after all:
+                // the next try finds the other's record.
+                let is_key = |name: &str| name.contains("idempotency_key") || name.ends_with("_pkey");
+                let same_key = code == "23505" && error.constraint().is_some_and(is_key);
+                if class(&["08", "53", "57P", "58"]) || code == "25006" {
+                    // Connection lost; no connection, disk space or memory left; shutting down or starting up; I/O error;
+                    // a standby after a failover.
+                    Trouble::Outage
+                } else if same_key || class(&["40"]) || ["55P03", "25P03", "57014"].contains(&code.as_ref()) {
+                    // Serialization, deadlock; lock timeout, transaction timeout, statement timeout.
+                    Trouble::Passing
+                } else {
+                    Trouble::Lasting
+                }
             }
-            tracing::warn!(%error, "a transaction is tried again");
-            tokio::time::sleep(wait).await;
-            wait = (wait * 2).min(WAITS.1);
+            _ => Trouble::Lasting,
         }
+    }
+
+    fn is_closed(&self) -> bool {
+        self.pool.is_closed()
     }
 
     async fn reader(&self) -> Result<Reader, SqlError> {
@@ -185,8 +162,8 @@ impl Engine for Postgres {
         &self.time
     }
 
-    fn tell(&self, changes: &[Change]) {
-        self.notifier.tell(changes);
+    fn notify(&self, changes: &[Change]) {
+        self.notifier.send(changes);
     }
 
     async fn close(&self) {

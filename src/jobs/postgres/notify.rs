@@ -1,10 +1,10 @@
-//! Changes told to other processes, and heard from them, by `NOTIFY` and `LISTEN`.
+//! Changes sent to other processes, and received from them, by `NOTIFY` and `LISTEN`.
 //!
-//! A notification is sent after the commit, not within it: PostgreSQL lets transactions that notify commit one after
-//! the other only, which would bind submissions and heartbeats to one fsync at a time. A task sends what has
-//! gathered, many changes in one notification. So a process that dies between commit and notification leaves others
-//! untold, and a connection that breaks loses what was said meanwhile; the net below is polling, by workers and by
-//! event streams. Once a lost connection is back, the jobs that may have changed meanwhile are told as changed.
+//! A notification is sent after the commit, not within it: PostgreSQL serializes the commits of transactions that notify,
+//! which would limit submissions and heartbeats to one fsync at a time. A task sends the changes that have accumulated,
+//! many in one notification. A process that dies between commit and notification leaves others uninformed, and a lost
+//! connection loses notifications; polling by workers and event streams covers both. When a lost connection is
+//! re-established, the jobs that may have changed meanwhile are reported as changed.
 
 use crate::clock::Stopwatch;
 use crate::jobs::job::JobId;
@@ -22,16 +22,16 @@ use tokio::time::{sleep, timeout};
 const CHANNEL: &str = "oviduct_changes";
 /// Most changes in a notification, which may have 8000 bytes.
 const MOST: usize = 120;
-/// Silence after which the connection is tried.
+/// Silence after which the connection is tested.
 const SILENCE: Duration = Duration::from_secs(15);
-/// How long a connection is waited for, to be opened or to answer.
+/// Longest wait for a connection to open or to answer.
 const PATIENCE: Duration = Duration::from_secs(5);
 /// Wait before a lost connection is opened again.
 const WAIT: Duration = Duration::from_millis(250);
-/// Most jobs told as changed after a connection was lost.
+/// Most jobs of each status reported as changed after a connection was lost.
 const CAUGHT_UP: i64 = 2000;
 
-/// The two tasks; they end with it.
+/// The sending and the listening task; they end when it is dropped.
 #[derive(Debug)]
 pub(super) struct Notifier {
     outbox: Mutex<Option<mpsc::UnboundedSender<Change>>>,
@@ -40,24 +40,24 @@ pub(super) struct Notifier {
 }
 
 impl Notifier {
-    /// Starts to send over `pool`, and to listen over a connection of its own; what is heard goes to `changes`.
+    /// Starts to send over `pool`, and to listen on a connection of its own; received changes go to `changes`.
     pub(super) async fn start(
         connect: PgConnectOptions,
         pool: PgPool,
         changes: broadcast::Sender<Change>,
     ) -> Result<Self, sqlx::Error> {
-        // Names this process, which needs not hear itself.
+        // Identifies this process, which ignores its own notifications.
         let own = uuid::Uuid::now_v7().simple().to_string();
-        let heard = listen(&connect).await?;
+        let connection = listen(&connect).await?;
         let (outbox, inbox) = mpsc::unbounded_channel();
         let mut sender = JoinSet::new();
-        sender.spawn(send(pool.clone(), own.clone(), inbox));
+        sender.spawn(send_all(pool.clone(), own.clone(), inbox));
         let mut listener = JoinSet::new();
-        listener.spawn(hear(connect, heard, pool, own, changes));
+        listener.spawn(receive(connect, connection, pool, own, changes));
         Ok(Self { outbox: Mutex::new(Some(outbox)), sender: Mutex::new(sender), _listener: listener })
     }
 
-    pub(super) fn tell(&self, changes: &[Change]) {
+    pub(super) fn send(&self, changes: &[Change]) {
         if let Some(outbox) = self.outbox.lock().unwrap_or_else(PoisonError::into_inner).as_ref() {
             for change in changes {
                 // The sender ends only with the store.
@@ -66,30 +66,30 @@ impl Notifier {
         }
     }
 
-    /// Sends what is left.
+    /// Sends the remaining changes.
     pub(super) async fn close(&self) {
         self.outbox.lock().unwrap_or_else(PoisonError::into_inner).take();
         let mut sender = std::mem::take(&mut *self.sender.lock().unwrap_or_else(PoisonError::into_inner));
         if timeout(PATIENCE, sender.join_next()).await.is_err() {
-            tracing::warn!("other processes were not told of the last changes");
+            tracing::warn!("the last changes were not sent to other processes");
         }
     }
 }
 
-/// Sends what gathers until the outbox is dropped.
-async fn send(pool: PgPool, own: String, mut inbox: mpsc::UnboundedReceiver<Change>) {
+/// Sends changes until the outbox is dropped.
+async fn send_all(pool: PgPool, own: String, mut inbox: mpsc::UnboundedReceiver<Change>) {
     let mut gathered = Vec::new();
     while inbox.recv_many(&mut gathered, MOST).await > 0 {
         let payload = write(&own, &gathered);
         gathered.clear();
         let sent = sqlx::query("SELECT pg_notify($1, $2)").bind(CHANNEL).bind(payload).execute(&pool).await;
         if let Err(error) = sent {
-            tracing::warn!(%error, "other processes were not told of a change; they will find it by polling");
+            tracing::warn!(%error, "a change was not sent to other processes; they will find it by polling");
         }
     }
 }
 
-/// The newest of what is to be told of each job: `sender id version id version …`, `-` for one that was deleted.
+/// A notification of the newest change of each job: `sender id version id version …`, `-` for a deleted job.
 fn write(own: &str, changes: &[Change]) -> String {
     let newest: BTreeMap<JobId, Option<u64>> = changes.iter().map(|change| (change.id, change.version)).collect();
     let mut payload = own.to_owned();
@@ -103,7 +103,7 @@ fn write(own: &str, changes: &[Change]) -> String {
     payload
 }
 
-/// What another process told; nothing where it was this one, or not of this kind.
+/// The changes in a notification; none if this process sent it, or if it is malformed.
 fn read<'p>(own: &str, payload: &'p str) -> impl Iterator<Item = Change> + use<'p> {
     let mut words = payload.split(' ');
     let words = if words.next() == Some(own) { "".split(' ') } else { words };
@@ -132,8 +132,8 @@ async fn listen(connect: &PgConnectOptions) -> Result<PgListener, sqlx::Error> {
     Ok(listener)
 }
 
-/// Hears until it is broken off; opens a lost connection again and catches up.
-async fn hear(
+/// Receives until it is dropped; re-establishes a lost connection and catches up.
+async fn receive(
     connect: PgConnectOptions,
     mut listener: PgListener,
     pool: PgPool,
@@ -144,9 +144,9 @@ async fn hear(
         let mut since = Stopwatch::start();
         loop {
             match timeout(SILENCE, listener.try_recv()).await {
-                Ok(Ok(Some(told))) => {
-                    for change in read(&own, told.payload()) {
-                        // Nobody listens: nobody needs to be told.
+                Ok(Ok(Some(notification))) => {
+                    for change in read(&own, notification.payload()) {
+                        // Fails if nobody subscribes.
                         let _ = changes.send(change);
                     }
                 }
@@ -159,28 +159,28 @@ async fn hear(
             }
             since = Stopwatch::start();
         }
-        tracing::warn!("the connection that tells of changes was lost");
+        tracing::warn!("the connection for notifications of changes was lost");
         listener = loop {
             match listen(&connect).await {
                 Ok(listener) => break listener,
-                Err(error) => tracing::warn!(%error, "changes elsewhere are found by polling alone"),
+                Err(error) => tracing::warn!(%error, "changes by other processes are found by polling alone"),
             }
             sleep(WAIT).await;
         };
         match catch_up(&pool, since.elapsed() + SILENCE + PATIENCE).await {
             Ok(missed) => {
-                tracing::info!(jobs = missed.len(), "changes elsewhere are heard again");
+                tracing::info!(jobs = missed.len(), "notifications of changes are received again");
                 for change in missed {
                     let _ = changes.send(change);
                 }
             }
-            Err(error) => tracing::warn!(%error, "changes that were missed are found by polling"),
+            Err(error) => tracing::warn!(%error, "missed changes are found by polling"),
         }
     }
 }
 
-/// What may have changed within the time `past`: all that runs, what ended lately, and the newest that wait. Those
-/// that were deleted are found by who asks for them.
+/// Jobs that may have changed within the time `past`: those that run, those that ended lately, and the newest queued ones.
+/// Deleted jobs are noticed when they are read.
 async fn catch_up(pool: &PgPool, past: Duration) -> Result<Vec<Change>, sqlx::Error> {
     let now: i64 = sqlx::query_scalar("SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000 AS BIGINT)")
         .fetch_one(pool)
@@ -207,11 +207,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_written_is_read_but_by_its_writer() {
+    fn a_notification_is_read_by_all_but_its_sender() {
         let id = |n: u128| JobId(uuid::Uuid::from_u128(n << 100 | n));
         let change = |n: u128, version| Change { id: id(n), version };
-        let told = [change(1, Some(3)), change(2, None), change(1, Some(4)), change(3, Some(u64::MAX))];
-        let payload = write("a", &told);
+        let changes = [change(1, Some(3)), change(2, None), change(1, Some(4)), change(3, Some(u64::MAX))];
+        let payload = write("a", &changes);
         let read_by = |own: &str, payload: &str| read(own, payload).collect::<Vec<_>>();
         assert_eq!(read_by("b", &payload), [change(1, Some(4)), change(2, None), change(3, Some(u64::MAX))]);
         assert_eq!(read_by("a", &payload), []);

@@ -1,23 +1,30 @@
 //! Claims: the heads of the lanes that a worker may run, several at a time.
 //!
-//! SQLite has one writer, which reads the heads and applies the event to each. On PostgreSQL one statement
-//! finds them, passing over those that another claim holds just now, and takes them; it says what
-//! [`Event::Claim`] says, and the suite holds both against the state machine.
+//! SQLite has one writer, which reads the heads and applies the event to each. On PostgreSQL one statement finds them,
+//! skipping rows that another claim has locked, and updates them; it has the effect of [`Event::Claim`], and the suite
+//! compares both with the state machine.
 //!
-//! Leases that have run out are ended before, in a transaction of their own. A record that this version cannot read (a later
-//! one wrote it) fails, and says so, and the one behind it is claimed.
+//! A GPU runs several models in step, so they must be of like size: its claim takes the first due job and then only due
+//! jobs of the same batch key.
+//!
+//! Expired leases are ended before, in a transaction of their own. A record that this version cannot read (a later one
+//! wrote it) fails with the reason, and the next job is claimed.
 
+use super::codec::{enum_to_sql, until, values};
 use super::lease::{self, End, Record as Ending};
-use super::read::{self, Record, select_jobs, to_record};
-use super::{Dialect, Done, Link, Operation, SqlError, Value, until, values, word};
+use super::operation::{Done, Operation};
+use super::read;
+use super::record::{Record, select_jobs, to_record};
+use super::tx::{Dialect, SqlError, Tx, Value};
 use crate::generate::Backend;
 use crate::jobs::job::{JobId, Problem};
 use crate::jobs::state::{self, Event};
 use crate::jobs::store::{Change, ClaimedJob, StoreOptions};
+use jiff::Timestamp;
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// No job waits longer before it may be tried again. One that would was put there by a clock that was wrong: it is due.
+/// Longest delay before a job may be tried again. One with a longer delay was given it by a wrong clock: it is due.
 const LONGEST_DELAY: Duration = Duration::from_secs(120);
 
 /// Claims up to `limit` jobs.
@@ -32,19 +39,21 @@ pub(super) struct Claim {
 /// What a claim would find.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Found {
-    /// Leases that have run out.
+    /// The time of the look, by the clock of leases.
+    pub(super) at: Timestamp,
+    /// Whether leases have expired.
     pub(super) expired: bool,
-    /// Jobs that are due.
+    /// Whether jobs are due.
     pub(super) due: bool,
 }
 
-/// Looks whether there is something to do. Mostly there is not, and then nobody need wait for a writer.
-pub(super) async fn look(link: &mut Link<'_>, backend: Backend) -> Result<Found, SqlError> {
-    let now = link.steady().await?;
+/// Looks whether there is anything to do. Usually there is not, and no writer is needed.
+pub(super) async fn look(tx: &mut Tx<'_>, backend: Backend) -> Result<Found, SqlError> {
+    let now = tx.steady().await?;
     let mut values = values![now, until(now, LONGEST_DELAY)];
-    // Not EXISTS: for that PostgreSQL may take to reading the table, in the hope of an early row that fits.
+    // Not EXISTS: for that PostgreSQL may choose to read the table, in the hope of an early match.
     let lane = |lane| {
-        values.push(Value::from(word(lane)));
+        values.push(Value::from(enum_to_sql(lane)));
         format!(
             "(SELECT 1 FROM jobs WHERE status = 'queued' AND backend_requested = ${} \
              AND (available_at <= $1 OR available_at > $2) ORDER BY rank, turn, id LIMIT 1) IS NOT NULL",
@@ -57,47 +66,44 @@ pub(super) async fn look(link: &mut Link<'_>, backend: Backend) -> Result<Found,
          IS NOT NULL AS expired, {} AS due",
         lanes.join(" OR ")
     );
-    let row = link.one(sql, values).await?;
-    Ok(Found { expired: row.flag("expired")?, due: row.flag("due")? })
+    let row = tx.one(sql, values).await?;
+    Ok(Found { at: now, expired: row.flag("expired")?, due: row.flag("due")? })
+}
+
+/// The jobs claimed so far.
+#[derive(Debug, Default)]
+struct Claimed {
+    jobs: Vec<ClaimedJob>,
+    changes: Vec<Change>,
+    /// Batch key of the last of them.
+    batch_key: Option<String>,
 }
 
 impl Operation for Claim {
     type Output = Vec<ClaimedJob>;
 
-    async fn run(&self, link: &mut Link<'_>, options: &StoreOptions) -> Result<Done<Vec<ClaimedJob>>, SqlError> {
-        let (mut claimed, mut changes) = (Vec::new(), Vec::new());
-        loop {
-            let limit = self.limit - claimed.len() as u32;
-            let taken = match link.dialect() {
-                Dialect::Sqlite => self.one_by_one(link, options, limit).await?,
-                Dialect::Postgres => self.at_once(link, limit).await?,
-            };
-            let mut all_read = true;
-            for Record { job, unread, .. } in taken {
-                let job = ClaimedJob { attempt: job.attempts, worker: self.worker.clone(), job };
-                if let Some(why) = unread {
-                    changes.extend(fail(link, options, &job, why).await?);
-                    all_read = false;
-                } else {
-                    changes.push(Change { id: job.job.id, version: Some(job.job.version) });
-                    claimed.push(job);
-                }
+    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Vec<ClaimedJob>>, SqlError> {
+        let mut claimed = Claimed::default();
+        if self.backend == Backend::Gpu {
+            self.fill(tx, options, &mut claimed, 1, None).await?;
+            if let Some(key) = claimed.batch_key.take() {
+                self.fill(tx, options, &mut claimed, self.limit, Some(&key)).await?;
             }
-            if all_read || claimed.len() >= self.limit as usize {
-                return Ok(Done::new(claimed, changes));
-            }
+        } else {
+            self.fill(tx, options, &mut claimed, self.limit, None).await?;
         }
+        Ok(Done::new(claimed.jobs, claimed.changes))
     }
 }
 
-/// Ends a job that this version cannot read.
+/// Fails a job that this version cannot read.
 async fn fail(
-    link: &mut Link<'_>,
+    tx: &mut Tx<'_>,
     options: &StoreOptions,
     claimed: &ClaimedJob,
     why: String,
 ) -> Result<Vec<Change>, SqlError> {
-    tracing::error!(job = %claimed.job.id, why, "a job that this version cannot read fails");
+    tracing::error!(job = %claimed.job.id, why, "this version cannot read a job; the job fails");
     let problem = Problem {
         kind: "spec".into(),
         title: "This version cannot read the job".into(),
@@ -105,38 +111,80 @@ async fn fail(
     };
     let record = Ending::Failed(claimed.job.backend.clone(), problem);
     let end = End { id: claimed.job.id, fence: claimed.fence(), event: Event::Fail(claimed.fence()), record };
-    Ok(end.run(link, options).await?.changes)
+    Ok(end.run(tx, options).await?.changes)
 }
 
 impl Claim {
+    /// Claims due jobs until there are `limit`, or no more are due. With a batch key, only those that have it.
+    async fn fill(
+        &self,
+        tx: &mut Tx<'_>,
+        options: &StoreOptions,
+        claimed: &mut Claimed,
+        limit: u32,
+        batch_key: Option<&str>,
+    ) -> Result<(), SqlError> {
+        loop {
+            let wanted = limit.saturating_sub(claimed.jobs.len() as u32);
+            if wanted == 0 {
+                return Ok(());
+            }
+            let taken = match tx.dialect() {
+                Dialect::Sqlite => self.one_by_one(tx, options, wanted, batch_key).await?,
+                Dialect::Postgres => self.at_once(tx, wanted, batch_key).await?,
+            };
+            let mut all_read = true;
+            for Record { job, unread, batch_key, .. } in taken {
+                let job = ClaimedJob { attempt: job.attempts, worker: self.worker.clone(), job };
+                if let Some(why) = unread {
+                    claimed.changes.extend(fail(tx, options, &job, why).await?);
+                    all_read = false;
+                } else {
+                    claimed.changes.push(Change { id: job.job.id, version: Some(job.job.version) });
+                    claimed.batch_key = batch_key;
+                    claimed.jobs.push(job);
+                }
+            }
+            if all_read {
+                return Ok(());
+            }
+        }
+    }
+
     async fn one_by_one(
         &self,
-        link: &mut Link<'_>,
+        tx: &mut Tx<'_>,
         options: &StoreOptions,
         limit: u32,
+        batch_key: Option<&str>,
     ) -> Result<Vec<Record>, SqlError> {
-        let (now, steady) = (link.now().await?, link.steady().await?);
-        let mut lanes = Vec::new();
-        for lane in state::accepted(self.backend) {
-            let waiting = link
-                .all(
-                    "SELECT rank, id FROM jobs INDEXED BY jobs_queue WHERE status = 'queued' \
-                     AND backend_requested = $1 AND (available_at <= $2 OR available_at > $3) \
-                     ORDER BY rank, turn, id LIMIT $4",
-                    values![word(lane), steady, until(steady, LONGEST_DELAY), limit],
-                )
-                .await?;
+        let (now, steady) = (tx.now().await?, tx.steady().await?);
+        let lanes: Vec<(&str, &str, String)> = match batch_key {
+            Some(key) => vec![("jobs_by_batch_key", "batch_key", key.to_owned())],
+            None => {
+                let lane = |lane| ("jobs_queue", "backend_requested", enum_to_sql(lane));
+                state::accepted(self.backend).iter().map(lane).collect()
+            }
+        };
+        let mut queues = Vec::new();
+        for (index, column, value) in lanes {
+            let sql = format!(
+                "SELECT rank, id FROM jobs INDEXED BY {index} WHERE status = 'queued' \
+                 AND {column} = $1 AND (available_at <= $2 OR available_at > $3) \
+                 ORDER BY rank, turn, id LIMIT $4"
+            );
+            let waiting = tx.all(sql, values![value, steady, until(steady, LONGEST_DELAY), limit]).await?;
             let waiting: Result<VecDeque<_>, SqlError> =
                 waiting.iter().map(|row| Ok((row.int("rank")?, row.id("id")?))).collect();
-            lanes.push(waiting?);
+            queues.push(waiting?);
         }
-        let ids = due(lanes, limit);
+        let ids = due(queues, limit);
         let mut taken = Vec::with_capacity(ids.len());
         for id in ids {
             let event = Event::Claim(self.worker.clone());
-            lease::apply(link, options, id, &event, Some(until(steady, self.lease))).await?;
-            let record = read::known_record(link, id).await?;
-            link.execute(
+            lease::apply(tx, options, id, &event, Some(until(steady, self.lease))).await?;
+            let record = read::known_record(tx, id).await?;
+            tx.execute(
                 "INSERT INTO attempts (job_id, attempt, worker, started_at) VALUES ($1, $2, $3, $4)",
                 values![id, record.job.attempts, &self.worker, now],
             )
@@ -146,18 +194,36 @@ impl Claim {
         Ok(taken)
     }
 
-    async fn at_once(&self, link: &mut Link<'_>, limit: u32) -> Result<Vec<Record>, SqlError> {
-        // The limits stand in the text, so that a plan made once for all values counts on few rows. Taking the better
-        // head of the lanes again and again is taking all by the last id of each lane and rank so far.
-        let (jobs, now) = (select_jobs(link), link.now().await?);
+    async fn at_once(&self, tx: &mut Tx<'_>, limit: u32, batch_key: Option<&str>) -> Result<Vec<Record>, SqlError> {
+        let (jobs, now) = (select_jobs(tx), tx.now().await?);
+        // Limits are in the text, so that a plan made once for all values expects few rows.
+        let (due, of) = match batch_key {
+            // No index but that of batch keys has this order.
+            Some(key) => (
+                format!(
+                    "due AS MATERIALIZED (SELECT id, ROW_NUMBER() OVER (ORDER BY rank, turn, id) AS place FROM (\
+                     SELECT rank, turn, id FROM jobs WHERE status = 'queued' AND batch_key = $1 \
+                     AND (available_at <= $2 OR available_at > $5) \
+                     ORDER BY rank, turn, id LIMIT {limit} FOR UPDATE SKIP LOCKED) AS heads)"
+                ),
+                Value::from(key),
+            ),
+            // To take the better of the lanes' heads again and again is to sort by the last id of each lane and rank so far.
+            None => (
+                format!(
+                    "heads AS MATERIALIZED (SELECT lane.name, head.* FROM unnest($1::text[]) AS lane (name) \
+                     CROSS JOIN LATERAL (SELECT rank, turn, id FROM jobs WHERE status = 'queued' \
+                     AND backend_requested = lane.name AND (available_at <= $2 OR available_at > $5) \
+                     ORDER BY rank, turn, id LIMIT {limit} FOR UPDATE SKIP LOCKED) AS head), \
+                     due AS MATERIALIZED (SELECT id, ROW_NUMBER() OVER (ORDER BY rank, last, turn, id) AS place FROM (\
+                     SELECT rank, turn, id, MAX(id) OVER (PARTITION BY name, rank ORDER BY turn, id) AS last FROM heads\
+                     ) AS merged ORDER BY place LIMIT {limit})"
+                ),
+                Value::from(state::accepted(self.backend).iter().map(enum_to_sql).collect::<Vec<String>>()),
+            ),
+        };
         let sql = format!(
-            "WITH heads AS MATERIALIZED (SELECT lane.name, head.* FROM unnest($1::text[]) AS lane (name) \
-             CROSS JOIN LATERAL (SELECT rank, turn, id FROM jobs WHERE status = 'queued' \
-             AND backend_requested = lane.name AND (available_at <= $2 OR available_at > $5) \
-             ORDER BY rank, turn, id LIMIT {limit} FOR UPDATE SKIP LOCKED) AS head), \
-             due AS MATERIALIZED (SELECT id, ROW_NUMBER() OVER (ORDER BY rank, last, turn, id) AS place FROM (\
-             SELECT rank, turn, id, MAX(id) OVER (PARTITION BY name, rank ORDER BY turn, id) AS last FROM heads\
-             ) AS merged ORDER BY place LIMIT {limit}), \
+            "WITH {due}, \
              claimed AS (UPDATE jobs SET status = 'running', attempts = attempts + 1, holder = $3, lease_until = $4, \
              started_at = COALESCE(started_at, $2), version = version + 1 \
              WHERE id = ANY (ARRAY(SELECT id FROM due)) RETURNING *), \
@@ -165,13 +231,12 @@ impl Claim {
              SELECT id, attempts, $3, $2 FROM claimed) \
              {jobs} FROM due JOIN claimed j ON j.id = due.id ORDER BY due.place"
         );
-        let lanes: Vec<String> = state::accepted(self.backend).iter().map(word).collect();
-        let values = values![lanes, now, &self.worker, until(now, self.lease), until(now, LONGEST_DELAY)];
-        link.all(sql, values).await?.iter().map(to_record).collect()
+        let values = values![of, now, &self.worker, until(now, self.lease), until(now, LONGEST_DELAY)];
+        tx.all(sql, values).await?.iter().map(to_record).collect()
     }
 }
 
-/// The ids that are due, of lanes each in its order: from the head of higher priority, or else the older one, on.
+/// The ids that are due, from lanes each in its order: again and again the head of higher priority, or else the older one.
 fn due(mut lanes: Vec<VecDeque<(i64, JobId)>>, limit: u32) -> Vec<JobId> {
     let next = || {
         let lane = lanes.iter_mut().filter(|lane| !lane.is_empty()).min_by_key(|lane| lane.front().copied())?;

@@ -1,8 +1,10 @@
-//! The life of a lease: expire, renew, end, cancel. Every event goes through [`State::on`].
+//! Leases: expiry, renewal, the end of an attempt, cancelling. Every event goes through [`State::on`].
 
+use super::codec::{enum_from_sql, enum_to_sql, json, until, values};
+use super::operation::{Before, Done, Operation};
 use super::read::{self, known_job};
 use super::submit::insert_files;
-use super::{Before, Done, Link, Operation, SqlError, json, until, values, variant, word};
+use super::tx::{SqlError, Tx};
 use crate::generate::Progress;
 use crate::jobs::job::{BackendReport, Job, JobId, LiveSection, Problem, Status};
 use crate::jobs::state::{self, AttemptEnd, Event, Fence, Next, State};
@@ -13,42 +15,39 @@ use std::time::Duration;
 /// Most leases that are ended in one transaction.
 const EXPIRED: u32 = 1000;
 
-/// Ends attempts whose lease has run out, or all: what the one process that had the store before left. Gives
-/// their jobs.
+/// Ends attempts whose lease ended at `before` or earlier, at most [`EXPIRED`] of them. Gives their jobs.
 #[derive(Debug)]
 pub(in crate::jobs) struct Expire {
-    pub(in crate::jobs) all: bool,
+    pub(in crate::jobs) before: Timestamp,
 }
 
 impl Operation for Expire {
     type Output = Vec<JobId>;
 
-    async fn run(&self, link: &mut Link<'_>, options: &StoreOptions) -> Result<Done<Vec<JobId>>, SqlError> {
-        let before = if self.all { Timestamp::MAX } else { link.steady().await? };
-        let changes = expire(link, options, before).await?;
+    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Vec<JobId>>, SqlError> {
+        let changes = expire(tx, options, self.before).await?;
         Ok(Done::new(changes.iter().map(|change| change.id).collect(), changes))
     }
 }
 
-/// Ends attempts whose lease ended at `before` or earlier.
-async fn expire(link: &mut Link<'_>, options: &StoreOptions, before: Timestamp) -> Result<Vec<Change>, SqlError> {
-    // What another is just writing is left to it.
+async fn expire(tx: &mut Tx<'_>, options: &StoreOptions, before: Timestamp) -> Result<Vec<Change>, SqlError> {
+    // Rows that another transaction is writing are left to it.
     let sql = format!(
         "SELECT id FROM jobs{} WHERE status = 'running' AND lease_until <= $1 ORDER BY lease_until LIMIT {EXPIRED}{}",
-        link.either(" INDEXED BY jobs_leases", ""),
-        link.either("", " FOR UPDATE SKIP LOCKED"),
+        tx.either(" INDEXED BY jobs_leases", ""),
+        tx.either("", " FOR UPDATE SKIP LOCKED"),
     );
-    let rows = link.all(sql, values![before]).await?;
+    let rows = tx.all(sql, values![before]).await?;
     let mut changes = Vec::with_capacity(rows.len());
     for row in &rows {
         let id = row.id("id")?;
-        let version = apply(link, options, id, &Event::Expire, None).await?;
+        let version = apply(tx, options, id, &Event::Expire, None).await?;
         changes.push(Change { id, version: Some(version) });
     }
     Ok(changes)
 }
 
-/// Renews a lease and records what is new.
+/// Renews a lease and records progress.
 #[derive(Debug)]
 pub(super) struct Renew {
     pub(super) id: JobId,
@@ -62,15 +61,15 @@ pub(super) struct Renew {
 impl Operation for Renew {
     type Output = Directive;
 
-    async fn run(&self, link: &mut Link<'_>, options: &StoreOptions) -> Result<Done<Directive>, SqlError> {
-        let Some((state, before)) = load(link, self.id).await? else {
+    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Directive>, SqlError> {
+        let Some((state, before)) = load(tx, self.id).await? else {
             return Ok(Done::quiet(Directive::Lost));
         };
         if state.on(&Event::Renew(self.fence.clone()), options.max_attempts).is_err() {
             return Ok(Done::quiet(Directive::Lost));
         }
-        let now = link.steady().await?;
-        let row = link
+        let now = tx.steady().await?;
+        let row = tx
             .one(
                 "UPDATE jobs SET lease_until = $2, \
                  version = version + CASE WHEN $7 OR $8 OR backend_used IS DISTINCT FROM $3 \
@@ -81,7 +80,7 @@ impl Operation for Renew {
                 values![
                     self.id,
                     until(now, self.lease),
-                    self.backend.used.map(word),
+                    self.backend.used.map(enum_to_sql),
                     &self.backend.device,
                     &self.backend.fallback,
                     self.progress.as_ref().map(json),
@@ -98,7 +97,7 @@ impl Operation for Renew {
     }
 }
 
-/// Names the newest checkpoint. Gives the key that it replaces.
+/// Records the key of the newest checkpoint. Gives the key that it replaces.
 #[derive(Debug)]
 pub(super) struct SetCheckpoint {
     pub(super) id: JobId,
@@ -109,21 +108,21 @@ pub(super) struct SetCheckpoint {
 impl Operation for SetCheckpoint {
     type Output = Option<String>;
 
-    async fn run(&self, link: &mut Link<'_>, options: &StoreOptions) -> Result<Done<Option<String>>, SqlError> {
-        let (state, _) = load(link, self.id).await?.ok_or(StoreError::Fenced)?;
+    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Option<String>>, SqlError> {
+        let (state, _) = load(tx, self.id).await?.ok_or(StoreError::Fenced)?;
         state.on(&Event::Renew(self.fence.clone()), options.max_attempts).map_err(|_| StoreError::Fenced)?;
-        let before = named_checkpoint(link, self.id).await?;
-        link.execute("UPDATE jobs SET checkpoint = $2 WHERE id = $1", values![self.id, &self.key]).await?;
+        let before = named_checkpoint(tx, self.id).await?;
+        tx.execute("UPDATE jobs SET checkpoint = $2 WHERE id = $1", values![self.id, &self.key]).await?;
         Ok(Done::quiet(before.filter(|before| *before != self.key)))
     }
 }
 
-async fn named_checkpoint(link: &mut Link<'_>, id: JobId) -> Result<Option<String>, SqlError> {
-    let row = link.one("SELECT checkpoint FROM jobs WHERE id = $1", values![id]).await?;
+async fn named_checkpoint(tx: &mut Tx<'_>, id: JobId) -> Result<Option<String>, SqlError> {
+    let row = tx.one("SELECT checkpoint FROM jobs WHERE id = $1", values![id]).await?;
     Ok(row.optional_text("checkpoint")?.map(str::to_owned))
 }
 
-/// What an end adds to the record.
+/// What the end of an attempt adds to the record.
 #[derive(Debug)]
 pub(super) enum Record {
     Nothing,
@@ -144,51 +143,51 @@ pub(super) struct End {
 impl Operation for End {
     type Output = Job;
 
-    async fn run(&self, link: &mut Link<'_>, options: &StoreOptions) -> Result<Done<Job>, SqlError> {
+    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Job>, SqlError> {
         let id = self.id;
-        let (state, _) = load(link, id).await?.ok_or(StoreError::Fenced)?;
+        let (state, _) = load(tx, id).await?.ok_or(StoreError::Fenced)?;
         let next = state.on(&self.event, options.max_attempts).map_err(|_| StoreError::Fenced)?;
         let mut fault = None;
         match &self.record {
             Record::Nothing => {}
             Record::Finished(finished) => {
-                link.execute(
+                tx.execute(
                     "UPDATE jobs SET summary = $2, engine_used = $3 WHERE id = $1",
                     values![id, json(&finished.summary), &finished.engine],
                 )
                 .await?;
-                set_backend(link, id, &finished.backend).await?;
-                insert_files(link, id, finished.files.iter()).await?;
+                set_backend(tx, id, &finished.backend).await?;
+                insert_files(tx, id, finished.files.iter()).await?;
             }
             Record::Failed(backend, problem) => {
-                set_backend(link, id, backend).await?;
-                set_problem(link, id, problem).await?;
+                set_backend(tx, id, backend).await?;
+                set_problem(tx, id, problem).await?;
                 fault = Some(problem);
             }
             Record::Fault(problem) => fault = Some(problem),
         }
         if let Some(problem) = fault {
-            link.execute(
+            tx.execute(
                 "UPDATE attempts SET detail = $3 WHERE job_id = $1 AND attempt = $2",
                 values![id, state.attempts, format!("{}: {}", problem.kind, problem.detail)],
             )
             .await?;
         }
-        write(link, id, &next, None).await?;
-        let job = known_job(link, id).await?;
+        write(tx, id, &next, None).await?;
+        let job = known_job(tx, id).await?;
         let change = Change { id, version: Some(job.version) };
         Ok(Done::new(job, vec![change]))
     }
 
-    /// What was computed is worth a long wait; the fence holds whatever happens meanwhile.
+    /// The computed model is worth a long wait; the fence holds whatever happens meanwhile.
     fn patience(&self) -> Duration {
         Duration::from_secs(60)
     }
 
-    async fn done_before(&self, link: &mut Link<'_>) -> Result<Before<Job>, SqlError> {
-        // A commit that is still under way is waited for at the job's row.
-        load(link, self.id).await?;
-        // Only the holder ends its attempt in this way, and only once.
+    async fn done_before(&self, tx: &mut Tx<'_>) -> Result<Before<Job>, SqlError> {
+        // Waits at the job's row for a commit that is still under way.
+        load(tx, self.id).await?;
+        // Only the holder ends its attempt with these events, and only once.
         let how = match self.event {
             Event::Finish(_) => AttemptEnd::Succeeded,
             Event::Fail(_) => AttemptEnd::Failed,
@@ -197,14 +196,14 @@ impl Operation for End {
             Event::Retry(_) => AttemptEnd::Retried,
             Event::Cancel | Event::Claim(_) | Event::Expire | Event::Renew(_) => return Ok(None),
         };
-        let done = link
+        let done = tx
             .optional(
                 "SELECT 1 AS done FROM attempts WHERE job_id = $1 AND attempt = $2 AND worker = $3 AND outcome = $4",
-                values![self.id, self.fence.attempt, &self.fence.worker, word(how)],
+                values![self.id, self.fence.attempt, &self.fence.worker, enum_to_sql(how)],
             )
             .await?;
         let job = match done {
-            Some(_) => read::job(link, self.id).await?,
+            Some(_) => read::job(tx, self.id).await?,
             None => None,
         };
         Ok(job.map(|job| {
@@ -214,56 +213,56 @@ impl Operation for End {
     }
 }
 
-/// Cancels. Gives the job, where there is one.
+/// Cancels. Gives the job, if it exists.
 #[derive(Debug)]
 pub(super) struct Cancel(pub(super) JobId);
 
 impl Operation for Cancel {
     type Output = Option<Job>;
 
-    async fn run(&self, link: &mut Link<'_>, options: &StoreOptions) -> Result<Done<Option<Job>>, SqlError> {
+    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Option<Job>>, SqlError> {
         let id = self.0;
-        let Some((state, _)) = load(link, id).await? else {
+        let Some((state, _)) = load(tx, id).await? else {
             return Ok(Done::quiet(None));
         };
         let next = state.on(&Event::Cancel, options.max_attempts).ok().filter(|next| next.state != state);
         let mut checkpoint = None;
         if let Some(next) = &next {
-            checkpoint = named_checkpoint(link, id).await?;
-            write(link, id, next, None).await?;
+            checkpoint = named_checkpoint(tx, id).await?;
+            write(tx, id, next, None).await?;
         }
-        let job = known_job(link, id).await?;
-        // The record names it no more; whoever cancelled is told what is to be removed.
+        let job = known_job(tx, id).await?;
+        // The record no longer names the checkpoint; the caller removes its file.
         let job = Job { checkpoint: job.checkpoint.clone().or(checkpoint), ..job };
         let change = Change { id, version: Some(job.version) };
         Ok(Done::new(Some(job), if next.is_some() { vec![change] } else { vec![] }))
     }
 }
 
-/// Applies an event of which the store knows that the job's state allows it. Returns the new version.
+/// Applies an event that the job's state is known to allow. Returns the new version.
 pub(super) async fn apply(
-    link: &mut Link<'_>,
+    tx: &mut Tx<'_>,
     options: &StoreOptions,
     id: JobId,
     event: &Event,
     lease_until: Option<Timestamp>,
 ) -> Result<u64, SqlError> {
     let gone = || StoreError::Database(format!("job {id} changed within a transaction"));
-    let (state, _) = load(link, id).await?.ok_or_else(gone)?;
+    let (state, _) = load(tx, id).await?.ok_or_else(gone)?;
     let next = state.on(event, options.max_attempts).map_err(|_| gone())?;
-    write(link, id, &next, lease_until).await
+    write(tx, id, &next, lease_until).await
 }
 
-/// The state and version of a job; nobody else changes them before this transaction ends.
-async fn load(link: &mut Link<'_>, id: JobId) -> Result<Option<(State, u64)>, SqlError> {
+/// The state and version of a job, locked until the transaction ends.
+async fn load(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(State, u64)>, SqlError> {
     let sql = format!(
         "SELECT status, attempts, spent, cancel_requested, holder, version FROM jobs WHERE id = $1{}",
-        link.either("", " FOR UPDATE"),
+        tx.either("", " FOR UPDATE"),
     );
-    let row = link.optional(sql, values![id]).await?;
+    let row = tx.optional(sql, values![id]).await?;
     row.map(|row| {
         let state = State {
-            status: variant(row.text("status")?)?,
+            status: enum_from_sql(row.text("status")?)?,
             attempts: row.count("attempts")?,
             spent: row.count("spent")?,
             cancel_requested: row.flag("cancel_requested")?,
@@ -274,37 +273,37 @@ async fn load(link: &mut Link<'_>, id: JobId) -> Result<Option<(State, u64)>, Sq
     .transpose()
 }
 
-/// Writes a state down: ends the attempt that ran, then changes the record. A running job without a new
-/// lease keeps the one it has.
-async fn write(link: &mut Link<'_>, id: JobId, next: &Next, lease_until: Option<Timestamp>) -> Result<u64, SqlError> {
-    let now = link.now().await?;
+/// Writes a state: ends the attempt that ran, then updates the record. A running job keeps its lease unless
+/// `lease_until` gives a new one.
+async fn write(tx: &mut Tx<'_>, id: JobId, next: &Next, lease_until: Option<Timestamp>) -> Result<u64, SqlError> {
+    let now = tx.now().await?;
     let state = &next.state;
     if let Some(how) = next.ended {
-        link.execute(
+        tx.execute(
             "UPDATE attempts SET ended_at = $3, outcome = $4 WHERE job_id = $1 AND attempt = $2",
-            values![id, state.attempts, now, word(how)],
+            values![id, state.attempts, now, enum_to_sql(how)],
         )
         .await?;
     }
     if next.exhausted {
-        let history = read::attempts(link, id).await?;
-        set_problem(link, id, &Attempt::exhausted(&history)).await?;
+        let history = read::attempts(tx, id).await?;
+        set_problem(tx, id, &Attempt::exhausted(&history)).await?;
     }
     if state.status == Status::Queued {
-        // What the last attempt reached is gone with it.
+        // The progress of an attempt is lost with it.
         let available = match next.ended {
-            Some(AttemptEnd::Retried) => until(link.steady().await?, state::retry_delay(state.spent)).as_microsecond(),
-            // Whatever a clock says.
+            Some(AttemptEnd::Retried) => until(tx.steady().await?, state::retry_delay(state.spent)).as_microsecond(),
+            // At once, even if the clock is set back.
             _ => 0,
         };
-        link.execute(
+        tx.execute(
             "UPDATE jobs SET progress = NULL, section = NULL, backend_used = NULL, device = NULL, fallback = NULL, \
              available_at = $2 WHERE id = $1",
             values![id, available],
         )
         .await?;
     }
-    let row = link
+    let row = tx
         .one(
             "UPDATE jobs SET status = $2, attempts = $3, spent = $4, cancel_requested = $5, holder = $6, \
              lease_until = CASE WHEN $2 = 'running' THEN COALESCE($7, lease_until) END, \
@@ -313,7 +312,7 @@ async fn write(link: &mut Link<'_>, id: JobId, next: &Next, lease_until: Option<
              checkpoint = CASE WHEN $9 THEN NULL ELSE checkpoint END, version = version + 1 WHERE id = $1 RETURNING version",
             values![
                 id,
-                word(state.status),
+                enum_to_sql(state.status),
                 state.attempts,
                 state.spent,
                 state.cancel_requested,
@@ -327,13 +326,13 @@ async fn write(link: &mut Link<'_>, id: JobId, next: &Next, lease_until: Option<
     row.count("version")
 }
 
-async fn set_backend(link: &mut Link<'_>, id: JobId, backend: &BackendReport) -> Result<(), SqlError> {
-    let values = values![id, backend.used.map(word), &backend.device, &backend.fallback];
-    link.execute("UPDATE jobs SET backend_used = $2, device = $3, fallback = $4 WHERE id = $1", values).await?;
+async fn set_backend(tx: &mut Tx<'_>, id: JobId, backend: &BackendReport) -> Result<(), SqlError> {
+    let values = values![id, backend.used.map(enum_to_sql), &backend.device, &backend.fallback];
+    tx.execute("UPDATE jobs SET backend_used = $2, device = $3, fallback = $4 WHERE id = $1", values).await?;
     Ok(())
 }
 
-async fn set_problem(link: &mut Link<'_>, id: JobId, problem: &Problem) -> Result<(), SqlError> {
-    link.execute("UPDATE jobs SET problem = $2 WHERE id = $1", values![id, json(problem)]).await?;
+async fn set_problem(tx: &mut Tx<'_>, id: JobId, problem: &Problem) -> Result<(), SqlError> {
+    tx.execute("UPDATE jobs SET problem = $2 WHERE id = $1", values![id, json(problem)]).await?;
     Ok(())
 }

@@ -1,36 +1,37 @@
-//! The order in which jobs are claimed, and places in it.
+//! The order in which jobs are claimed, and positions in it.
 //!
-//! Each backend that can be asked for has a lane of its own, so that a worker never reads past jobs that it
-//! cannot run. Within a lane, jobs are claimed by (`rank`, `turn`, age). The rank is the priority, negated, so that one
-//! direction of an index is the order. Turns are kept within a lane and a rank. A submission gets its turn once: one
-//! after the last queued job of its submitter, but not before the present turn (that of the job claimed last, or of
-//! the first that waits). So submitters take turns however many jobs each has queued, one that comes new waits for one
-//! turn of each other, one that was away saves nothing up, and with a single submitter and one priority the order is
+//! Each backend that a request may ask for has a lane of its own, so that a worker never reads past jobs that it cannot
+//! run. Within a lane, jobs are claimed by (`rank`, `turn`, age). The rank is the negated priority, so that the order is one
+//! direction of one index. Turns are counted within a lane and a rank. A submission gets its turn once, when it is queued:
+//! one after the last queued job of its submitter, but not before the present turn (that of the job claimed last, or of
+//! the first that waits). So submitters take turns however many jobs each has queued; a new submitter waits for one
+//! turn of each other; an absent one accumulates no credit; and with a single submitter and one priority the order is
 //! that of age. A job that is given back keeps its rank and turn. Between lanes the head of higher priority goes
 //! first, then the older one.
 //!
-//! Everything here reads a few ends of indexes, whatever the length of the queue: a turn, three; a position is
-//! counted, but not beyond [`POSITIONS`].
+//! Every query here reads a few ends of indexes, whatever the length of the queue: a turn costs three; a position is
+//! counted, up to [`POSITIONS`].
 
-use super::read::Record;
-use super::{Link, SqlError, values, word};
+use super::codec::{enum_to_sql, values};
+use super::record::Record;
+use super::tx::{SqlError, Tx};
 use crate::generate::Backend;
 use crate::jobs::job::{Job, NewJob, Priority, Status};
 use crate::jobs::state;
 use crate::jobs::store::StoreOptions;
 
-/// Positions in the queue are exact up to this one; whoever is further back is told this one.
+/// Positions in the queue are exact up to this one; jobs further back report this one.
 const POSITIONS: u64 = 1000;
 
-/// The place of a priority in the order of claims: the higher, the earlier.
+/// Rank of a priority: the higher the priority, the smaller, and the earlier the claim.
 pub(super) fn rank(priority: Priority) -> i64 {
     -priority.get()
 }
 
 /// The turn of a job that is about to be queued.
-pub(super) async fn turn(link: &mut Link<'_>, new: &NewJob) -> Result<i64, SqlError> {
+pub(super) async fn turn(tx: &mut Tx<'_>, new: &NewJob) -> Result<i64, SqlError> {
     // An aggregate over a lane would do; ORDER BY with LIMIT leaves the planner no choice but the end of the index.
-    let row = link
+    let row = tx
         .one(
             "SELECT (SELECT turn FROM jobs WHERE status = 'running' AND backend_requested = $1 AND rank = $2 \
              ORDER BY turn DESC LIMIT 1) AS running, \
@@ -38,34 +39,33 @@ pub(super) async fn turn(link: &mut Link<'_>, new: &NewJob) -> Result<i64, SqlEr
              ORDER BY turn, id LIMIT 1) AS head, \
              (SELECT turn FROM jobs WHERE status = 'queued' AND backend_requested = $1 AND rank = $2 \
              AND submitter = $3 ORDER BY turn DESC LIMIT 1) AS own",
-            values![word(new.backend), rank(new.priority), submitter(new)],
+            values![enum_to_sql(new.backend), rank(new.priority), submitter(new)],
         )
         .await?;
     let present = row.optional_int("running")?.max(row.optional_int("head")?).unwrap_or(0);
     Ok(row.optional_int("own")?.map_or(present, |own| present.max(own + 1)))
 }
 
-/// Who submits, as it is stored: nobody in particular is one submitter.
+/// The submitter as it is stored; all unknown submitters are one.
 pub(super) fn submitter(new: &NewJob) -> String {
     new.submitter.clone().unwrap_or_default()
 }
 
-/// How many more jobs the queue takes. Its length is kept by triggers; where transactions of several connections run
-/// at a time, as rows to be summed.
-pub(super) async fn queue_room(link: &mut Link<'_>, options: &StoreOptions) -> Result<u64, SqlError> {
+/// How many more jobs the queue takes. Its length is kept by triggers, as rows to be summed.
+pub(super) async fn queue_room(tx: &mut Tx<'_>, options: &StoreOptions) -> Result<u64, SqlError> {
     let length = "SELECT CAST(COALESCE(SUM(jobs), 0) AS BIGINT) AS queued FROM queue_length";
-    Ok(options.queue_limit.saturating_sub(link.one(length, vec![]).await?.count("queued")?))
+    Ok(options.queue_limit.saturating_sub(tx.one(length, vec![]).await?.count("queued")?))
 }
 
-/// How many jobs wait that `backend` may run, each lane counted up to 1000.
-pub(super) async fn waiting(link: &mut Link<'_>, backend: Backend) -> Result<u64, SqlError> {
+/// How many jobs are queued that `backend` may run, each lane counted up to 1000.
+pub(super) async fn waiting(tx: &mut Tx<'_>, backend: Backend) -> Result<u64, SqlError> {
     let mut waiting = 0;
     for lane in state::accepted(backend) {
-        let row = link
+        let row = tx
             .one(
                 "SELECT COUNT(*) AS n FROM (SELECT 1 FROM jobs WHERE status = 'queued' AND backend_requested = $1 \
                  LIMIT 1000) AS lane",
-                values![word(lane)],
+                values![enum_to_sql(lane)],
             )
             .await?;
         waiting += row.count::<u64>("n")?;
@@ -73,16 +73,16 @@ pub(super) async fn waiting(link: &mut Link<'_>, backend: Backend) -> Result<u64
     Ok(waiting)
 }
 
-/// Sets the position in the queue of those that wait, by lane: each is counted on from the one before it, so that a
-/// page costs one pass over a part of an index.
-pub(super) async fn set_positions(link: &mut Link<'_>, records: &mut [Record]) -> Result<(), SqlError> {
+/// Sets the positions of queued jobs, lane by lane: each is counted from the one before it, so that a page costs one pass
+/// over part of an index.
+pub(super) async fn set_positions(tx: &mut Tx<'_>, records: &mut [Record]) -> Result<(), SqlError> {
     type Place = (i64, i64, String);
     const FIRST: Place = (i64::MIN, i64::MIN, String::new());
     let place = |record: &Record| (rank(record.job.priority), record.turn, record.job.id.to_string());
     let mut queued: Vec<(String, Place, &mut Job)> = records
         .iter_mut()
         .filter(|record| record.job.status == Status::Queued)
-        .map(|record| (word(record.job.backend.requested), place(record), &mut record.job))
+        .map(|record| (enum_to_sql(record.job.backend.requested), place(record), &mut record.job))
         .collect();
     queued.sort_unstable_by(|(a, here, _), (b, there, _)| (a, here).cmp(&(b, there)));
     let (mut lane, mut from, mut before) = (String::new(), FIRST, 0);
@@ -91,7 +91,7 @@ pub(super) async fn set_positions(link: &mut Link<'_>, records: &mut [Record]) -
             (lane, from, before) = (backend, FIRST, 0);
         }
         if before < POSITIONS {
-            let row = link
+            let row = tx
                 .one(
                     "SELECT COUNT(*) AS n FROM (SELECT 1 FROM jobs WHERE status = 'queued' AND backend_requested = $1 \
                      AND (rank, turn, id) >= ($2, $3, $4) AND (rank, turn, id) < ($5, $6, $7) \

@@ -1,34 +1,53 @@
-//! The store's contract over either database.
+//! The [`Store`] trait over either database: retries, notification, and when leases may be expired.
 
 use super::batch::{self, DeleteBatch, SubmitBatch};
 use super::claim::{self, Claim};
 use super::lease::{Cancel, End, Expire, Record, Renew, SetCheckpoint};
+use super::operation::{Done, Operation};
 use super::submit::{self, Delete, Ids, Submit};
+use super::tx::{Connection, SqlError, Time, Tx};
+use super::upkeep::{self, AcquireUpkeep};
 use super::workers::{WorkerSeen, alive, workers};
-use super::{CHANGES, Connection, Done, Link, Operation, SqlError, Time, order, read};
+use super::{order, read};
+use crate::clock::Stopwatch;
 use crate::generate::{Backend, Progress};
 use crate::jobs::job::{BackendReport, BatchId, Job, JobId, LiveSection, NewJob, Problem};
 use crate::jobs::state::Event;
 use crate::jobs::store::{
     Attempt, Batch, Change, ClaimedJob, Counts, Directive, Finished, ListFilter, NewBatch, Page, Store, StoreError,
-    StoreOptions, Submitted, SubmittedBatch, WorkerInfo,
+    StoreOptions, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo,
 };
 use async_trait::async_trait;
+use jiff::Timestamp;
 use sqlx::pool::PoolConnection;
 use sqlx::{Postgres, Sqlite};
+use std::collections::BTreeSet;
 use std::future::Future;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::broadcast;
 
+/// Changes that a slow subscriber may be behind before it is told that it lags.
+const CHANGES: usize = 4096;
+/// First and longest wait before a transaction is tried again.
+const WAITS: (Duration, Duration) = (Duration::from_millis(20), Duration::from_secs(1));
+
 /// What a database must be able to do for [`SqlStore`].
 pub(in crate::jobs) trait Engine: std::fmt::Debug + Send + Sync + 'static {
-    /// Does `operation` in a transaction, as one, durably; says what it did once that stands.
-    fn transact<O: Operation>(
+    /// Runs `operation` once in a transaction and commits it durably. Sets `unknown` before the commit: if that fails, it
+    /// may have taken effect nevertheless. If `unknown` was set by an earlier try, asks [`Operation::done_before`] first.
+    fn once<O: Operation>(
         &self,
         operation: &O,
         options: &StoreOptions,
+        unknown: &mut bool,
     ) -> impl Future<Output = Result<Done<O::Output>, SqlError>> + Send;
+
+    /// What an error means for the caller.
+    fn trouble(&self, error: &SqlError) -> Trouble;
+
+    /// Whether [`Engine::close`] was called.
+    fn is_closed(&self) -> bool;
 
     /// A connection for reading alone.
     fn reader(&self) -> impl Future<Output = Result<Reader, SqlError>> + Send;
@@ -36,11 +55,36 @@ pub(in crate::jobs) trait Engine: std::fmt::Debug + Send + Sync + 'static {
     /// Where the time comes from.
     fn time(&self) -> &Time;
 
-    /// Tells other processes.
-    fn tell(&self, changes: &[Change]);
+    /// Notifies other processes.
+    fn notify(&self, changes: &[Change]);
 
     /// Closes all connections.
     fn close(&self) -> impl Future<Output = ()> + Send;
+}
+
+/// What an error of the database means for the caller.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::jobs) enum Trouble {
+    /// The operation is refused, or would fail again.
+    Lasting,
+    /// Another try may succeed: a deadlock, a race for a key.
+    Passing,
+    /// The database is unavailable, to this process at least: another try may succeed, and workers may have been unable to
+    /// renew their leases.
+    Outage,
+}
+
+/// Runs `operation` on an open transaction, unless an earlier try was committed after all.
+pub(in crate::jobs) async fn run_or_find<O: Operation>(
+    operation: &O,
+    tx: &mut Tx<'_>,
+    options: &StoreOptions,
+    unknown: bool,
+) -> Result<Done<O::Output>, SqlError> {
+    if unknown && let Some(done) = operation.done_before(tx).await? {
+        return Ok(done);
+    }
+    operation.run(tx, options).await
 }
 
 /// A connection for reading.
@@ -51,19 +95,19 @@ pub(in crate::jobs) enum Reader {
 }
 
 impl Reader {
-    fn link<'c>(&'c mut self, time: &'c Time) -> Link<'c> {
+    fn tx<'c>(&'c mut self, time: &'c Time) -> Tx<'c> {
         let connection = match self {
             Self::Sqlite(connection) => Connection::Sqlite(connection),
             Self::Postgres(connection) => Connection::Postgres(connection),
         };
-        Link::new(connection, time)
+        Tx::new(connection, time)
     }
 }
 
 /// A job store on a database. Clones share it.
 ///
-/// Every change runs in a task of its own: a caller that goes away (a client that hangs up) can break off
-/// neither a transaction nor the word of it to others.
+/// Every change runs in a task of its own: if the caller is dropped (a client disconnects), neither the transaction nor the
+/// notification of others is interrupted.
 #[derive(Debug)]
 pub struct SqlStore<E> {
     shared: Arc<Shared<E>>,
@@ -75,6 +119,9 @@ struct Shared<E> {
     options: StoreOptions,
     changes: broadcast::Sender<Change>,
     ids: Arc<Ids>,
+    /// When this process first saw the database answer a claim, after its start or after the last outage; by the clock of
+    /// leases. `None`: not yet.
+    available_since: Mutex<Option<Timestamp>>,
 }
 
 impl<E> Clone for SqlStore<E> {
@@ -83,27 +130,74 @@ impl<E> Clone for SqlStore<E> {
     }
 }
 
+impl<E: Engine> Shared<E> {
+    /// Tries `operation` until it is done, its patience is over, or another try would fail too.
+    async fn transact<O: Operation>(&self, operation: &O) -> Result<Done<O::Output>, SqlError> {
+        let since = Stopwatch::start();
+        let mut unknown = false;
+        let mut wait = WAITS.0;
+        loop {
+            let error = match self.engine.once(operation, &self.options, &mut unknown).await {
+                Ok(done) => return Ok(done),
+                Err(error) => self.noted(error),
+            };
+            let over = since.elapsed() > operation.patience() || self.engine.is_closed();
+            if over || self.engine.trouble(&error) == Trouble::Lasting {
+                return Err(error);
+            }
+            tracing::warn!(%error, "a transaction is tried again");
+            tokio::time::sleep(wait).await;
+            wait = (wait * 2).min(WAITS.1);
+        }
+    }
+
+    /// Remembers an outage.
+    fn noted(&self, error: SqlError) -> SqlError {
+        if self.engine.trouble(&error) == Trouble::Outage {
+            *self.available_since() = None;
+        }
+        error
+    }
+
+    /// Whether leases that have expired by `now` may be ended: the workers that hold them had a whole lease time to renew
+    /// them since the database became available.
+    fn may_expire(&self, now: Timestamp, lease: Duration) -> bool {
+        let since = *self.available_since().get_or_insert(now);
+        now.duration_since(since).unsigned_abs() >= lease
+    }
+
+    fn available_since(&self) -> std::sync::MutexGuard<'_, Option<Timestamp>> {
+        self.available_since.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
 #[expect(private_bounds, reason = "only the engines of this crate make stores")]
 impl<E: Engine> SqlStore<E> {
-    /// Whoever makes an engine may give it a clone of the sender that tells this process of changes elsewhere.
+    /// `changes` notifies this process; the engine may keep a clone of it to pass on changes made elsewhere.
     pub(in crate::jobs) fn over(engine: E, options: StoreOptions, changes: broadcast::Sender<Change>) -> Self {
-        Self { shared: Arc::new(Shared { engine, options, changes, ids: Arc::new(Ids::new()) }) }
+        let (ids, available_since) = (Arc::new(Ids::new()), Mutex::default());
+        Self { shared: Arc::new(Shared { engine, options, changes, ids, available_since }) }
     }
 
     pub(in crate::jobs) fn channel() -> broadcast::Sender<Change> {
         broadcast::Sender::new(CHANGES)
     }
 
-    /// Does `operation` to its end even where the caller goes away, and tells of it.
+    #[cfg(test)]
+    pub(in crate::jobs) fn engine(&self) -> &E {
+        &self.shared.engine
+    }
+
+    /// Does `operation` to its end even if the caller is dropped, and notifies subscribers.
     pub(in crate::jobs) async fn run<O: Operation>(&self, operation: O) -> Result<O::Output, StoreError> {
         let shared = Arc::clone(&self.shared);
         let task = tokio::spawn(async move {
-            let done = shared.engine.transact(&operation, &shared.options).await?;
+            let done = shared.transact(&operation).await?;
             for change in &done.changes {
-                // Nobody listens: nobody needs to be told.
+                // Fails if nobody subscribes.
                 let _ = shared.changes.send(*change);
             }
-            shared.engine.tell(&done.changes);
+            shared.engine.notify(&done.changes);
             Ok::<_, SqlError>(done.output)
         });
         match task.await {
@@ -120,6 +214,11 @@ impl<E: Engine> SqlStore<E> {
         Ok(self.shared.engine.reader().await?)
     }
 
+    async fn look(&self, backend: Backend) -> Result<claim::Found, SqlError> {
+        let found = async { claim::look(&mut self.shared.engine.reader().await?.tx(self.time()), backend).await };
+        found.await.map_err(|error| self.shared.noted(error))
+    }
+
     fn time(&self) -> &Time {
         self.shared.engine.time()
     }
@@ -132,15 +231,19 @@ impl<E: Engine> Store for SqlStore<E> {
     }
 
     async fn replayed(&self, key: &str, body: &str) -> Result<Option<Job>, StoreError> {
-        Ok(submit::replayed(&mut self.reader().await?.link(self.time()), key, body).await?)
+        Ok(submit::replayed(&mut self.reader().await?.tx(self.time()), key, body).await?)
+    }
+
+    async fn reusable(&self, new: &NewJob) -> Result<Option<Job>, StoreError> {
+        Ok(submit::reusable(&mut self.reader().await?.tx(self.time()), new).await?)
     }
 
     async fn get(&self, id: JobId) -> Result<Option<Job>, StoreError> {
-        Ok(read::job(&mut self.reader().await?.link(self.time()), id).await?)
+        Ok(read::job(&mut self.reader().await?.tx(self.time()), id).await?)
     }
 
     async fn list(&self, filter: &ListFilter) -> Result<Page, StoreError> {
-        Ok(read::list(&mut self.reader().await?.link(self.time()), filter).await?)
+        Ok(read::list(&mut self.reader().await?.tx(self.time()), filter).await?)
     }
 
     async fn cancel(&self, id: JobId) -> Result<Option<Job>, StoreError> {
@@ -156,11 +259,11 @@ impl<E: Engine> Store for SqlStore<E> {
     }
 
     async fn replayed_batch(&self, key: &str, body: &str) -> Result<Option<Batch>, StoreError> {
-        Ok(batch::replayed(&mut self.reader().await?.link(self.time()), key, body).await?)
+        Ok(batch::replayed(&mut self.reader().await?.tx(self.time()), key, body).await?)
     }
 
     async fn batch(&self, id: BatchId) -> Result<Option<Batch>, StoreError> {
-        Ok(batch::read(&mut self.reader().await?.link(self.time()), id).await?)
+        Ok(batch::read(&mut self.reader().await?.tx(self.time()), id).await?)
     }
 
     async fn delete_batch(&self, id: BatchId) -> Result<Option<Vec<String>>, StoreError> {
@@ -174,9 +277,16 @@ impl<E: Engine> Store for SqlStore<E> {
         lease: Duration,
         limit: u32,
     ) -> Result<Vec<ClaimedJob>, StoreError> {
-        let found = claim::look(&mut self.reader().await?.link(self.time()), backend).await?;
-        if found.expired {
-            self.run(Expire { all: false }).await?;
+        let since = Stopwatch::start();
+        let found = self.look(backend).await?;
+        if since.elapsed() >= lease {
+            // The database hung for so long that no worker may have been able to renew its lease.
+            *self.shared.available_since() = None;
+        }
+        let may_expire = self.shared.may_expire(found.at, lease);
+        if found.expired && may_expire {
+            // What expired before the look, not while an outage interrupts this.
+            self.run(Expire { before: found.at }).await?;
         } else if !found.due {
             return Ok(Vec::new());
         }
@@ -184,7 +294,7 @@ impl<E: Engine> Store for SqlStore<E> {
     }
 
     async fn waiting(&self, backend: Backend) -> Result<u64, StoreError> {
-        Ok(order::waiting(&mut self.reader().await?.link(self.time()), backend).await?)
+        Ok(order::waiting(&mut self.reader().await?.tx(self.time()), backend).await?)
     }
 
     async fn heartbeat(
@@ -228,7 +338,7 @@ impl<E: Engine> Store for SqlStore<E> {
     }
 
     async fn attempts(&self, id: JobId) -> Result<Vec<Attempt>, StoreError> {
-        Ok(read::attempts(&mut self.reader().await?.link(self.time()), id).await?)
+        Ok(read::attempts(&mut self.reader().await?.tx(self.time()), id).await?)
     }
 
     async fn worker_seen(&self, worker: &WorkerInfo) -> Result<(), StoreError> {
@@ -236,27 +346,35 @@ impl<E: Engine> Store for SqlStore<E> {
     }
 
     async fn workers(&self) -> Result<Vec<WorkerInfo>, StoreError> {
-        Ok(workers(&mut self.reader().await?.link(self.time())).await?)
-    }
-
-    async fn names_key(&self, key: &str) -> Result<bool, StoreError> {
-        Ok(read::names_key(&mut self.reader().await?.link(self.time()), key).await?)
+        Ok(workers(&mut self.reader().await?.tx(self.time())).await?)
     }
 
     async fn alive(&self, backend: Backend, within: Duration) -> Result<u64, StoreError> {
-        Ok(alive(&mut self.reader().await?.link(self.time()), backend, within).await?)
+        Ok(alive(&mut self.reader().await?.tx(self.time()), backend, within).await?)
     }
 
-    async fn ended_before(&self, age: Duration, limit: u32) -> Result<Vec<JobId>, StoreError> {
-        Ok(read::ended_before(&mut self.reader().await?.link(self.time()), age, limit).await?)
+    async fn acquire_upkeep(&self, task: UpkeepTask, owner: &str, lease: Duration) -> Result<bool, StoreError> {
+        self.run(AcquireUpkeep { task, owner: owner.to_owned(), lease }).await
+    }
+
+    async fn keys_in_use(&self, keys: &[String]) -> Result<BTreeSet<String>, StoreError> {
+        Ok(upkeep::keys_in_use(&mut self.reader().await?.tx(self.time()), keys).await?)
+    }
+
+    async fn ended(&self, age: Option<Duration>, limit: u32) -> Result<Vec<JobId>, StoreError> {
+        Ok(read::ended(&mut self.reader().await?.tx(self.time()), age, limit).await?)
     }
 
     async fn stored_bytes(&self) -> Result<u64, StoreError> {
-        Ok(read::stored_bytes(&mut self.reader().await?.link(self.time())).await?)
+        Ok(read::stored_bytes(&mut self.reader().await?.tx(self.time())).await?)
     }
 
     async fn counts(&self) -> Result<Counts, StoreError> {
-        Ok(read::counts(&mut self.reader().await?.link(self.time())).await?)
+        Ok(read::counts(&mut self.reader().await?.tx(self.time())).await?)
+    }
+
+    async fn queued_by_backend(&self) -> Result<[(Backend, u64); 4], StoreError> {
+        Ok(read::queued_by_backend(&mut self.reader().await?.tx(self.time())).await?)
     }
 
     fn changes(&self) -> broadcast::Receiver<Change> {
@@ -265,7 +383,7 @@ impl<E: Engine> Store for SqlStore<E> {
 
     async fn ready(&self) -> Result<(), StoreError> {
         let mut reader = self.reader().await?;
-        reader.link(self.time()).optional("SELECT 1 AS one FROM jobs LIMIT 1", vec![]).await?;
+        reader.tx(self.time()).optional("SELECT 1 AS one FROM jobs LIMIT 1", vec![]).await?;
         Ok(())
     }
 

@@ -1,16 +1,18 @@
-//! Taking jobs in and removing them.
+//! Queueing jobs and removing them.
 
+use super::codec::{enum_from_sql, enum_to_sql, json, values};
+use super::operation::{Before, Done, Operation};
 use super::order::{queue_room, rank, submitter, turn};
 use super::read::{self, known_job};
-use super::{Before, Done, Link, Operation, SqlError, Value, json, values, variant, word};
-use crate::generate::Output;
+use super::tx::{SqlError, Tx, Value};
+use crate::generate::{Backend, Output};
 use crate::jobs::job::{BatchId, File, Job, JobId, NewJob};
 use crate::jobs::state;
 use crate::jobs::store::{Change, StoreError, StoreOptions, Submitted};
 use jiff::Timestamp;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Makes ids of jobs: each greater than all that this process made before, also within one millisecond.
+/// Makes ids of jobs, each greater than all that this process made before, also within one millisecond.
 #[derive(Debug)]
 pub(super) struct Ids(Mutex<uuid::ContextV7>);
 
@@ -27,44 +29,44 @@ impl Ids {
     }
 }
 
-/// Queues a job, or finds an earlier one.
+/// Queues a job, or finds the one that was made before with the same idempotency key.
 #[derive(Debug)]
 pub(super) struct Submit {
     pub(super) new: NewJob,
     pub(super) ids: Arc<Ids>,
-    /// The id under which it is tried.
+    /// The id of the first try, which later tries use too.
     pub(super) tried: Mutex<Option<JobId>>,
 }
 
 impl Operation for Submit {
     type Output = Submitted;
 
-    async fn run(&self, link: &mut Link<'_>, options: &StoreOptions) -> Result<Done<Submitted>, SqlError> {
+    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Submitted>, SqlError> {
         let new = &self.new;
         if let Some((key, body)) = &new.idempotency {
             let sql = "SELECT id, idempotency_body FROM jobs WHERE idempotency_key = $1";
-            if let Some(row) = link.optional(sql, values![key]).await? {
+            if let Some(row) = tx.optional(sql, values![key]).await? {
                 if row.text("idempotency_body")? != body {
                     return Err(StoreError::IdempotencyConflict.into());
                 }
-                return Ok(Done::quiet(Submitted::Replayed(known_job(link, row.id("id")?).await?)));
+                return Ok(Done::quiet(Submitted::Replayed(known_job(tx, row.id("id")?).await?)));
             }
         }
-        let mut room = queue_room(link, options).await?;
-        // The same at every try: a commit that is still under way is met at the primary key.
-        let now = link.now().await?;
+        let mut room = queue_room(tx, options).await?;
+        // The same id at every try: if an earlier commit is still under way, this one conflicts at the primary key.
+        let now = tx.now().await?;
         let id = *self.tried.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| self.ids.at(now));
-        let reused = place(link, options, id, new, None, &mut room).await?;
-        let job = known_job(link, id).await?;
+        let reused = place(tx, options, id, new, None, &mut room).await?;
+        let job = known_job(tx, id).await?;
         let change = Change { id, version: Some(job.version) };
         let submitted = if reused { Submitted::Reused(job) } else { Submitted::Queued(job) };
         Ok(Done::new(submitted, vec![change]))
     }
 
-    async fn done_before(&self, link: &mut Link<'_>) -> Result<Before<Submitted>, SqlError> {
+    async fn done_before(&self, tx: &mut Tx<'_>) -> Result<Before<Submitted>, SqlError> {
         let tried = *self.tried.lock().unwrap_or_else(PoisonError::into_inner);
         let job = match tried {
-            Some(id) => read::job(link, id).await?,
+            Some(id) => read::job(tx, id).await?,
             None => None,
         };
         Ok(job.map(|job| {
@@ -78,49 +80,53 @@ impl Operation for Submit {
     }
 }
 
-/// The job that this key made with this body.
-pub(super) async fn replayed(link: &mut Link<'_>, key: &str, body: &str) -> Result<Option<Job>, SqlError> {
+/// The job that was made with this key and body.
+pub(super) async fn replayed(tx: &mut Tx<'_>, key: &str, body: &str) -> Result<Option<Job>, SqlError> {
     let sql = "SELECT id FROM jobs WHERE idempotency_key = $1 AND idempotency_body = $2";
-    match link.optional(sql, values![key, body]).await? {
-        Some(row) => read::job(link, row.id("id")?).await,
+    match tx.optional(sql, values![key, body]).await? {
+        Some(row) => read::job(tx, row.id("id")?).await,
         None => Ok(None),
     }
 }
 
-/// Queues a job where there is `room` for it, or takes over a finished model. Returns whether it was taken over.
+/// Queues a job if there is `room` for it, or reuses a finished model. Returns whether it was reused.
 pub(super) async fn place(
-    link: &mut Link<'_>,
+    tx: &mut Tx<'_>,
     options: &StoreOptions,
     id: JobId,
     new: &NewJob,
     batch: Option<BatchId>,
     room: &mut u64,
 ) -> Result<bool, SqlError> {
-    let source = if new.reuse { reusable(link, new).await? } else { None };
+    let source = reusable(tx, new).await?;
     if source.is_none() {
         *room = room.checked_sub(1).ok_or(StoreError::QueueFull { limit: options.queue_limit })?;
     }
-    insert(link, id, new, source.as_ref(), batch).await?;
+    insert(tx, id, new, source.as_ref(), batch).await?;
     Ok(source.is_some())
 }
 
-/// A finished model that may stand for `new`: the first one made, where it still exists. It stays until this
-/// transaction has named its files. Its preset is the same, for that is written in the files, although the digest
-/// tells specifications apart and not the names that they were asked for by.
-async fn reusable(link: &mut Link<'_>, new: &NewJob) -> Result<Option<Job>, SqlError> {
-    // One job of each kind is enough: there may be thousands that share the same files.
+/// The finished model that `new` would reuse: the first one made that still exists. Its row stays until the transaction has
+/// named its files. Its preset is the same, because the files contain the preset's name, which is not part of the digest.
+pub(super) async fn reusable(tx: &mut Tx<'_>, new: &NewJob) -> Result<Option<Job>, SqlError> {
+    if !new.reuse {
+        return Ok(None);
+    }
+    // One job of each kind is enough: thousands may share the same files.
     let sql = format!(
         "SELECT MIN(id) AS id FROM jobs{} WHERE status = 'succeeded' AND engine_used = engine AND digest = $1 \
-         AND preset = $2 GROUP BY backend_used, outputs ORDER BY 1",
-        link.either(" INDEXED BY jobs_by_digest", ""),
+         AND preset = $2 AND NOT EXISTS (SELECT 1 FROM files f WHERE f.job_id = jobs.id AND f.key {}) \
+         GROUP BY backend_used, outputs ORDER BY 1",
+        tx.either(" INDEXED BY jobs_by_digest", ""),
+        tx.either("IN (SELECT value FROM json_each($3))", "= ANY ($3)"),
     );
-    for row in link.all(sql, values![&new.digest, &new.preset]).await? {
+    for row in tx.all(sql, values![&new.digest, &new.preset, new.missing.clone()]).await? {
         let id = row.id("id")?;
-        let sql = format!("SELECT id FROM jobs WHERE id = $1{}", link.either("", " FOR KEY SHARE"));
-        if link.optional(sql, values![id]).await?.is_none() {
+        let sql = format!("SELECT id FROM jobs WHERE id = $1{}", tx.either("", " FOR KEY SHARE"));
+        if tx.optional(sql, values![id]).await?.is_none() {
             continue;
         }
-        let job = known_job(link, id).await?;
+        let job = known_job(tx, id).await?;
         let same = job.backend.used.is_some_and(|used| state::same_bytes(new.backend, used));
         if same && new.outputs.iter().all(|output| job.outputs.contains(output)) {
             return Ok(Some(job));
@@ -130,23 +136,23 @@ async fn reusable(link: &mut Link<'_>, new: &NewJob) -> Result<Option<Job>, SqlE
 }
 
 async fn insert(
-    link: &mut Link<'_>,
+    tx: &mut Tx<'_>,
     id: JobId,
     new: &NewJob,
     source: Option<&Job>,
     batch: Option<BatchId>,
 ) -> Result<(), SqlError> {
-    let now = link.now().await?;
+    let now = tx.now().await?;
     let seed = i64::try_from(new.seed)
         .map_err(|_| StoreError::Database(format!("seed {} is beyond the range of records", new.seed)))?;
-    let turn = if source.is_some() { 0 } else { turn(link, new).await? };
+    let turn = if source.is_some() { 0 } else { turn(tx, new).await? };
     let backend = source.map(|job| &job.backend);
-    link.execute(
+    tx.execute(
         "INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, backend_used, device, \
          fallback, available_at, created_at, finished_at, reused_from, idempotency_key, idempotency_body, summary, \
-         spec, engine, engine_used, batch, submitter, turn, rank, trace) \
+         spec, engine, engine_used, batch, submitter, turn, rank, trace, batch_key) \
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 0, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, \
-         $22, $23, $24)",
+         $22, $23, $24, $25)",
         values![
             id,
             if source.is_some() { "succeeded" } else { "queued" },
@@ -154,8 +160,8 @@ async fn insert(
             seed,
             &new.digest,
             json(&new.outputs),
-            word(new.backend),
-            backend.and_then(|backend| backend.used).map(word),
+            enum_to_sql(new.backend),
+            backend.and_then(|backend| backend.used).map(enum_to_sql),
             backend.and_then(|backend| backend.device.clone()),
             backend.and_then(|backend| backend.fallback.clone()),
             now,
@@ -172,27 +178,28 @@ async fn insert(
             turn,
             rank(new.priority),
             new.trace.clone(),
+            new.batch_key.clone().filter(|_| state::accepted(Backend::Gpu).contains(&new.backend)),
         ],
     )
     .await?;
     let labels = new.labels.iter().map(|(name, value)| values![id, name, value]);
-    insert_rows(link, "INSERT INTO labels (job_id, name, value) VALUES ", labels.collect()).await?;
+    insert_rows(tx, "INSERT INTO labels (job_id, name, value) VALUES ", labels.collect()).await?;
     if let Some(source) = source {
-        insert_files(link, id, source.files.iter().filter(|file| is_wanted(&file.name, &new.outputs))).await?;
+        insert_files(tx, id, source.files.iter().filter(|file| is_wanted(&file.name, &new.outputs))).await?;
     }
     Ok(())
 }
 
-/// Whether a file belongs to a model with these outputs: `model.<output>` only where asked for, others always.
+/// Whether a file belongs to a model with these outputs: `model.<output>` only if asked for, others always.
 fn is_wanted(name: &str, outputs: &[Output]) -> bool {
-    match name.strip_prefix("model.").map(variant::<Output>) {
+    match name.strip_prefix("model.").map(enum_from_sql::<Output>) {
         Some(Ok(output)) => outputs.contains(&output),
         Some(Err(_)) | None => true,
     }
 }
 
 pub(super) async fn insert_files(
-    link: &mut Link<'_>,
+    tx: &mut Tx<'_>,
     id: JobId,
     files: impl Iterator<Item = &File>,
 ) -> Result<(), SqlError> {
@@ -200,11 +207,11 @@ pub(super) async fn insert_files(
         values![id, ordinal, &file.name, &file.media_type, file.bytes, &file.sha256, &file.key]
     };
     let sql = "INSERT INTO files (job_id, ordinal, name, media_type, bytes, sha256, key) VALUES ";
-    insert_rows(link, sql, (0..).zip(files).map(row).collect()).await
+    insert_rows(tx, sql, (0..).zip(files).map(row).collect()).await
 }
 
 /// Inserts rows in one statement.
-async fn insert_rows(link: &mut Link<'_>, sql: &'static str, rows: Vec<Vec<Value>>) -> Result<(), SqlError> {
+async fn insert_rows(tx: &mut Tx<'_>, sql: &'static str, rows: Vec<Vec<Value>>) -> Result<(), SqlError> {
     if rows.is_empty() {
         return Ok(());
     }
@@ -222,41 +229,41 @@ async fn insert_rows(link: &mut Link<'_>, sql: &'static str, rows: Vec<Vec<Value
             format!("({})", places.join(", "))
         })
         .collect();
-    link.execute(format!("{sql}{}", places.join(", ")), rows.into_iter().flatten().collect()).await?;
+    tx.execute(format!("{sql}{}", places.join(", ")), rows.into_iter().flatten().collect()).await?;
     Ok(())
 }
 
-/// Removes a record. Gives the keys that no other names.
+/// Removes a record. Gives the keys that no other record names.
 #[derive(Debug)]
 pub(super) struct Delete(pub(super) JobId);
 
 impl Operation for Delete {
     type Output = Option<Vec<String>>;
 
-    async fn run(&self, link: &mut Link<'_>, _: &StoreOptions) -> Result<Done<Self::Output>, SqlError> {
-        let keys = delete(link, self.0).await?;
+    async fn run(&self, tx: &mut Tx<'_>, _: &StoreOptions) -> Result<Done<Self::Output>, SqlError> {
+        let keys = delete(tx, self.0).await?;
         let change = Change { id: self.0, version: None };
         let changes = if keys.is_some() { vec![change] } else { vec![] };
         Ok(Done::new(keys, changes))
     }
 }
 
-pub(super) async fn delete(link: &mut Link<'_>, id: JobId) -> Result<Option<Vec<String>>, SqlError> {
-    // The batch before the job, as whoever removes a whole batch does; which one it is never changes.
-    let batch = match link.optional("SELECT batch FROM jobs WHERE id = $1", values![id]).await? {
+pub(super) async fn delete(tx: &mut Tx<'_>, id: JobId) -> Result<Option<Vec<String>>, SqlError> {
+    // Locks the batch before the job, in the order of DeleteBatch. A job's batch never changes.
+    let batch = match tx.optional("SELECT batch FROM jobs WHERE id = $1", values![id]).await? {
         None => return Ok(None),
         Some(row) => row.optional_text("batch")?.map(str::to_owned),
     };
     if let Some(batch) = &batch {
-        let sql = format!("SELECT id FROM batches WHERE id = $1{}", link.either("", " FOR UPDATE"));
-        link.optional(sql, values![batch]).await?;
+        let sql = format!("SELECT id FROM batches WHERE id = $1{}", tx.either("", " FOR UPDATE"));
+        tx.optional(sql, values![batch]).await?;
     }
-    // Who is about to name its files too comes before or after, not between.
-    let sql = format!("SELECT id FROM jobs WHERE id = $1{}", link.either("", " FOR UPDATE"));
-    if link.optional(sql, values![id]).await?.is_none() {
+    // A submission that reuses its files comes before or after this lock, not between.
+    let sql = format!("SELECT id FROM jobs WHERE id = $1{}", tx.either("", " FOR UPDATE"));
+    if tx.optional(sql, values![id]).await?.is_none() {
         return Ok(None);
     }
-    let rows = link
+    let rows = tx
         .all(
             "SELECT DISTINCT key FROM files f WHERE job_id = $1 \
                  AND NOT EXISTS (SELECT 1 FROM files o WHERE o.key = f.key AND o.job_id <> $1)",
@@ -264,17 +271,17 @@ pub(super) async fn delete(link: &mut Link<'_>, id: JobId) -> Result<Option<Vec<
         )
         .await?;
     let mut keys = rows.iter().map(|row| row.text("key").map(str::to_owned)).collect::<Result<Vec<_>, _>>()?;
-    let gone = link.one("DELETE FROM jobs WHERE id = $1 RETURNING checkpoint", values![id]).await?;
+    let gone = tx.one("DELETE FROM jobs WHERE id = $1 RETURNING checkpoint", values![id]).await?;
     keys.extend(gone.optional_text("checkpoint")?.map(str::to_owned));
     if let Some(batch) = &batch {
-        delete_empty_batch(link, batch).await?;
+        delete_empty_batch(tx, batch).await?;
     }
     Ok(Some(keys))
 }
 
-/// A batch goes with its last job, and its key with it.
-pub(super) async fn delete_empty_batch(link: &mut Link<'_>, batch: &String) -> Result<(), SqlError> {
+/// Deletes the batch, and with it its idempotency key, if it has no jobs left.
+pub(super) async fn delete_empty_batch(tx: &mut Tx<'_>, batch: &String) -> Result<(), SqlError> {
     let sql = "DELETE FROM batches WHERE id = $1 AND NOT EXISTS (SELECT 1 FROM jobs WHERE batch = $1)";
-    link.execute(sql, values![batch]).await?;
+    tx.execute(sql, values![batch]).await?;
     Ok(())
 }

@@ -1,6 +1,8 @@
-//! Signs of life of workers.
+//! Heartbeats of workers.
 
-use super::{Done, Link, Operation, SqlError, values, variant, word};
+use super::codec::{enum_from_sql, enum_to_sql, values};
+use super::operation::{Done, Operation};
+use super::tx::{SqlError, Tx};
 use crate::generate::Backend;
 use crate::jobs::job::JobId;
 use crate::jobs::store::{StoreOptions, WorkerInfo};
@@ -10,42 +12,42 @@ use std::time::Duration;
 
 /// Workers seen within this time are listed.
 const SEEN: Duration = Duration::from_secs(5 * 60);
-/// Rows of workers not seen for so long are dropped.
+/// Rows of workers not seen for this long are deleted.
 const FORGET: Duration = Duration::from_secs(24 * 60 * 60);
 
-/// Records a worker, as seen now: its own clock is not asked.
+/// Records a worker as seen now, by the store's clock.
 #[derive(Debug)]
 pub(super) struct WorkerSeen(pub(super) WorkerInfo);
 
 impl Operation for WorkerSeen {
     type Output = ();
 
-    async fn run(&self, link: &mut Link<'_>, _: &StoreOptions) -> Result<Done<()>, SqlError> {
-        let now = link.now().await?;
+    async fn run(&self, tx: &mut Tx<'_>, _: &StoreOptions) -> Result<Done<()>, SqlError> {
+        let now = tx.now().await?;
         let worker = &self.0;
-        link.execute(
+        tx.execute(
             "INSERT INTO workers (id, host, backend, device, jobs_done, heartbeat_at) VALUES ($1, $2, $3, $4, $5, $6) \
              ON CONFLICT (id) DO UPDATE SET host = $2, backend = $3, device = $4, jobs_done = $5, heartbeat_at = $6",
-            values![&worker.id, &worker.host, word(worker.backend), &worker.device, worker.jobs_done, now,],
+            values![&worker.id, &worker.host, enum_to_sql(worker.backend), &worker.device, worker.jobs_done, now,],
         )
         .await?;
         let old = now.saturating_sub(FORGET).unwrap_or(Timestamp::MIN);
-        link.execute("DELETE FROM workers WHERE heartbeat_at < $1", values![old]).await?;
+        tx.execute("DELETE FROM workers WHERE heartbeat_at < $1", values![old]).await?;
         Ok(Done::quiet(()))
     }
 }
 
-/// Workers seen lately, with the jobs whose leases they hold.
-pub(super) async fn workers(link: &mut Link<'_>) -> Result<Vec<WorkerInfo>, SqlError> {
-    let since = link.now().await?.saturating_sub(SEEN).unwrap_or(Timestamp::MIN);
-    let rows = link.all("SELECT * FROM workers WHERE heartbeat_at >= $1 ORDER BY id", values![since]).await?;
+/// Workers seen within [`SEEN`], with the jobs whose leases they hold.
+pub(super) async fn workers(tx: &mut Tx<'_>) -> Result<Vec<WorkerInfo>, SqlError> {
+    let since = tx.now().await?.saturating_sub(SEEN).unwrap_or(Timestamp::MIN);
+    let rows = tx.all("SELECT * FROM workers WHERE heartbeat_at >= $1 ORDER BY id", values![since]).await?;
     let mut held: BTreeMap<String, Vec<JobId>> = BTreeMap::new();
-    for row in link.all("SELECT holder, id FROM jobs WHERE status = 'running' ORDER BY id", values![]).await? {
+    for row in tx.all("SELECT holder, id FROM jobs WHERE status = 'running' ORDER BY id", values![]).await? {
         held.entry(row.text("holder")?.to_owned()).or_default().push(row.id("id")?);
     }
     rows.iter()
-        // One of a later version may compute with what this one does not know.
-        .filter_map(|row| row.text("backend").map(variant).ok()?.ok().map(|backend| (row, backend)))
+        // A worker of a later version may have a backend that this one does not know.
+        .filter_map(|row| row.text("backend").map(enum_from_sql).ok()?.ok().map(|backend| (row, backend)))
         .map(|(row, backend)| {
             Ok(WorkerInfo {
                 id: row.text("id")?.to_owned(),
@@ -61,8 +63,8 @@ pub(super) async fn workers(link: &mut Link<'_>) -> Result<Vec<WorkerInfo>, SqlE
 }
 
 /// How many workers that compute with `backend` were seen within this time.
-pub(super) async fn alive(link: &mut Link<'_>, backend: Backend, within: Duration) -> Result<u64, SqlError> {
-    let since = link.now().await?.saturating_sub(within).unwrap_or(Timestamp::MIN);
+pub(super) async fn alive(tx: &mut Tx<'_>, backend: Backend, within: Duration) -> Result<u64, SqlError> {
+    let since = tx.now().await?.saturating_sub(within).unwrap_or(Timestamp::MIN);
     let sql = "SELECT COUNT(*) AS n FROM workers WHERE backend = $1 AND heartbeat_at >= $2";
-    link.one(sql, values![word(backend), since]).await?.count("n")
+    tx.one(sql, values![enum_to_sql(backend), since]).await?.count("n")
 }

@@ -1,35 +1,59 @@
-//! The job store on SQLite: one file, or memory for tests. What it does is in `jobs::sql`.
+//! The job store on SQLite: one file, or memory for tests. Its operations are in `jobs::sql`.
 //!
 //! WAL with one writing connection and several reading ones, so readers never wait for a writer.
-//! `synchronous = FULL`: an accepted job survives the loss of power, not only of the process; a commit then
-//! costs one fsync, which is small against a model. Writers begin with `BEGIN IMMEDIATE`, so that what they
-//! read is still true when they write.
+//! `synchronous = FULL`: an accepted job survives a power failure; a commit costs one fsync, which is small compared with a
+//! model. Writers begin with `BEGIN IMMEDIATE`, so that what they read is still true when they write.
 //!
-//! A full disk: the log is kept some megabytes longer than checkpoints let it grow, so that records can still be changed
-//! and removed where nothing else finds room. Where that is used up too, changes fail until there is room again.
+//! Full disk: the write-ahead log is kept some megabytes longer than checkpoints need, so that records can still be changed
+//! and removed. When that is used up too, changes fail until there is space again; see [`Trouble::Outage`].
 //!
-//! A file store is held by one process at a time (a lock file beside it says so), which is what makes
-//! [`SqliteStore::recover`] sound. Time is that of the process's clock; leases and delays run by time that passes evenly, so
-//! that a clock that is set ends no attempt.
+//! A file is opened by one process at a time (a lock file beside it ensures that), which is what makes
+//! [`SqliteStore::recover`] sound. Time is that of the process's clock; leases and delays use monotonic time, so that
+//! setting the clock ends no attempt.
+//!
+//! The file is checked at start ([`check`]): a damaged one would otherwise fail only at the first query that reads a
+//! damaged page.
 
 use super::job::JobId;
-use super::sql::{Connection, Done, Engine, Expire, Link, Operation, Reader, SqlError, SqlStore, Time};
+use super::sql::{
+    Connection, Done, Engine, Expire, FreeUpkeep, Operation, Reader, SqlError, SqlStore, Time, Trouble, Tx, run_or_find,
+};
 use super::store::{Change, StoreError, StoreOptions};
-use sqlx::AssertSqlSafe;
+use crate::clock::Stopwatch;
+use jiff::Timestamp;
 use sqlx::sqlite::{
     SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePool, SqlitePoolOptions, SqliteSynchronous,
 };
+use sqlx::{AssertSqlSafe, ConnectOptions, Connection as _};
 use std::fs::{File, TryLockError};
 use std::path::Path;
 use std::time::Duration;
 
-/// How long a connection waits for another's lock before it fails.
+/// How long a connection waits for a lock of another process before it fails.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
-/// The length that the write-ahead log has at least. SQLite writes it back into the database file from 4 MB on, and then
-/// begins at its front again, in the room that it has.
+/// Least length of the write-ahead log, bytes. SQLite writes it back into the database file from 4 MB on, and then overwrites
+/// it from its beginning.
 const LOG: u64 = 8 << 20;
 /// Connections for reading.
 const READERS: u32 = 4;
+/// Longest wait for a free connection.
+const ACQUIRE: Duration = Duration::from_secs(10);
+/// Longest time of the check at start. It reads the whole file, at some 100 MB/s or more; in a larger file the rest is not
+/// checked.
+const CHECK_TIME: Duration = Duration::from_secs(20);
+
+/// Primary result codes of SQLite.
+mod code {
+    pub(super) const BUSY: u32 = 5;
+    pub(super) const LOCKED: u32 = 6;
+    pub(super) const INTERRUPT: u32 = 9;
+    pub(super) const IOERR: u32 = 10;
+    pub(super) const CORRUPT: u32 = 11;
+    pub(super) const FULL: u32 = 13;
+    pub(super) const CANTOPEN: u32 = 14;
+    pub(super) const PROTOCOL: u32 = 15;
+    pub(super) const NOTADB: u32 = 26;
+}
 
 /// The job store on SQLite. Clones share it.
 pub type SqliteStore = SqlStore<Sqlite>;
@@ -45,11 +69,11 @@ pub struct Sqlite {
 }
 
 impl SqliteStore {
-    /// Opens the store in the file at `path`, which is made where there is none, and brings its tables up to date.
-    /// Jobs that a process before left running keep their leases; see [`SqliteStore::recover`].
+    /// Opens the store in the file at `path`, which is created if it does not exist, and brings its tables up to date.
+    /// Jobs that an earlier process left running keep their leases; see [`SqliteStore::recover`].
     ///
     /// # Errors
-    /// [`StoreError::Database`] where the file cannot be opened, or another process has it open.
+    /// [`StoreError::Database`] if the file cannot be opened or is damaged, or another process has it open.
     pub async fn open(path: impl AsRef<Path>, options: StoreOptions) -> Result<Self, StoreError> {
         let path = path.as_ref();
         let failed = |error: std::io::Error| StoreError::Database(format!("{}: {error}", path.display()));
@@ -63,7 +87,7 @@ impl SqliteStore {
                 return Err(StoreError::Database(format!("{} is in use by another process", path.display())));
             }
             Err(TryLockError::Error(error)) => {
-                tracing::warn!(path = %path.display(), %error, "no lock on the job store: keep it to one process");
+                tracing::warn!(path = %path.display(), %error, "the job store could not be locked; make sure that only one process uses it");
             }
         }
         let connect = SqliteConnectOptions::new()
@@ -73,6 +97,7 @@ impl SqliteStore {
             .synchronous(SqliteSynchronous::Full)
             .busy_timeout(BUSY_TIMEOUT)
             .foreign_keys(true);
+        check(path, &connect).await?;
         let writer = pool(1).connect_with(connect.clone()).await.map_err(SqlError::from)?;
         migrate(&writer).await?;
         reserve(&writer).await?;
@@ -80,7 +105,7 @@ impl SqliteStore {
         Ok(Self::with(writer, reader, Some(lock), options))
     }
 
-    /// Opens an empty store in memory, for tests: one connection reads and writes, and all is gone with it.
+    /// Opens an empty store in memory, for tests: one connection reads and writes; the data are lost with it.
     ///
     /// # Errors
     /// [`StoreError::Database`].
@@ -96,15 +121,16 @@ impl SqliteStore {
         Self::over(engine, options, Self::channel())
     }
 
-    /// Takes over at once the leases that the process before left: to be called on start, before any worker.
-    /// Each counts as an attempt whose worker vanished. Returns the jobs concerned.
+    /// Ends at once the attempts that an earlier process left running, and frees its locks of upkeep tasks: to be called at
+    /// start, before any worker. Each attempt counts as one whose worker vanished. Returns the jobs concerned.
     ///
     /// # Errors
     /// [`StoreError::Database`].
     pub async fn recover(&self) -> Result<Vec<JobId>, StoreError> {
+        self.run(FreeUpkeep).await?;
         let mut jobs = Vec::new();
         loop {
-            let some = self.run(Expire { all: true }).await?;
+            let some = self.run(Expire { before: Timestamp::MAX }).await?;
             if some.is_empty() {
                 return Ok(jobs);
             }
@@ -113,19 +139,58 @@ impl SqliteStore {
     }
 }
 
+/// The primary result code of an error.
+fn primary(error: &sqlx::Error) -> Option<u32> {
+    let code: u32 = error.as_database_error()?.code()?.parse().ok()?;
+    Some(code & 0xff)
+}
+
+/// Refuses a damaged file: `PRAGMA quick_check`, for at most [`CHECK_TIME`].
+async fn check(path: &Path, connect: &SqliteConnectOptions) -> Result<(), StoreError> {
+    let damaged = |detail: &str| {
+        StoreError::Database(format!(
+            "{} is damaged ({detail}). Restore it from a backup: docs/operations.md, \"Backup and restore\"",
+            path.display()
+        ))
+    };
+    let since = Stopwatch::start();
+    let found = async {
+        let mut connection = connect.clone().connect().await?;
+        connection.lock_handle().await?.set_progress_handler(1000, move || since.elapsed() < CHECK_TIME);
+        let found: String = sqlx::query_scalar("PRAGMA quick_check(1)").fetch_one(&mut connection).await?;
+        connection.lock_handle().await?.remove_progress_handler();
+        connection.close().await?;
+        Ok(found)
+    };
+    match found.await {
+        Ok(found) if found == "ok" => Ok(()),
+        Ok(found) => Err(damaged(found.trim())),
+        Err(error) => match primary(&error) {
+            Some(code::INTERRUPT) => {
+                let seconds = CHECK_TIME.as_secs();
+                tracing::warn!(path = %path.display(), seconds, "the job store is too large to be checked whole at start");
+                Ok(())
+            }
+            Some(code::CORRUPT | code::NOTADB) => Err(damaged(&error.to_string())),
+            _ => Err(SqlError::from(error).into()),
+        },
+    }
+}
+
 fn pool(connections: u32) -> SqlitePoolOptions {
-    // Connections to memory must never be closed: the data go with them. They are not tested before each use either: they
-    // do not go away by themselves, and one that is being tested is closed where its caller goes away meanwhile.
+    // A connection to memory must never be closed: the data would be lost. Nor are connections tested before each use: they
+    // do not fail by themselves, and one is closed if the caller is dropped while it is being tested.
     SqlitePoolOptions::new()
         .min_connections(1)
         .max_connections(connections)
+        .acquire_timeout(ACQUIRE)
         .idle_timeout(None)
         .max_lifetime(None)
         .test_before_acquire(false)
 }
 
 async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
-    // Tables of a later version, of which there was a way back, are as good.
+    // The tables of a later version work too, after a downgrade.
     sqlx::migrate!("src/jobs/sqlite/migrations")
         .set_ignore_missing(true)
         .run(pool)
@@ -133,8 +198,8 @@ async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
         .map_err(|error| StoreError::Database(error.to_string()))
 }
 
-/// Makes the log as long as [`LOG`], by something large that is not committed: its place in the file stays. On a disk that
-/// is full already the store opens without.
+/// Makes the log as long as [`LOG`] by a large write that is rolled back: the file keeps its length. If the disk is full
+/// already, the store opens without this reserve.
 async fn reserve(writer: &SqlitePool) -> Result<(), SqlError> {
     let mut connection = writer.acquire().await?;
     begin(&mut connection).await?;
@@ -142,13 +207,13 @@ async fn reserve(writer: &SqlitePool) -> Result<(), SqlError> {
     let grown = sqlx::query(AssertSqlSafe(sql)).execute(&mut *connection).await;
     rollback(&mut connection).await;
     if let Err(error) = grown {
-        tracing::warn!(%error, "no room is kept for changes of records on a full disk");
+        tracing::warn!(%error, "no space could be reserved for changes of records on a full disk");
     }
     Ok(())
 }
 
-/// Transactions are begun and ended by hand: where a disk is full, SQLite rolls back by itself, and sqlx would for ever
-/// take the connection to be in a transaction.
+/// Begins and ends are explicit statements: on a full disk SQLite rolls back by itself, and sqlx would consider the
+/// connection to be in a transaction forever.
 async fn begin(connection: &mut SqliteConnection) -> Result<(), SqlError> {
     let begin = "BEGIN IMMEDIATE";
     if sqlx::query(begin).execute(&mut *connection).await.is_err() {
@@ -159,24 +224,47 @@ async fn begin(connection: &mut SqliteConnection) -> Result<(), SqlError> {
     Ok(())
 }
 
-/// Fails where SQLite has done so already, which is as well.
+/// Fails if SQLite has rolled back already, which is harmless.
 async fn rollback(connection: &mut SqliteConnection) {
     let _ = sqlx::query("ROLLBACK").execute(connection).await;
 }
 
 impl Engine for Sqlite {
-    async fn transact<O: Operation>(&self, operation: &O, options: &StoreOptions) -> Result<Done<O::Output>, SqlError> {
+    async fn once<O: Operation>(
+        &self,
+        operation: &O,
+        options: &StoreOptions,
+        unknown: &mut bool,
+    ) -> Result<Done<O::Output>, SqlError> {
         let mut connection = self.writer.acquire().await?;
         begin(&mut connection).await?;
-        let done = operation.run(&mut Link::new(Connection::Sqlite(&mut connection), &self.time), options).await;
-        let committed = match done {
-            Ok(done) => sqlx::query("COMMIT").execute(&mut *connection).await.map(|_| done).map_err(SqlError::from),
+        let mut tx = Tx::new(Connection::Sqlite(&mut connection), &self.time);
+        let committed = match run_or_find(operation, &mut tx, options, *unknown).await {
+            Ok(done) => {
+                *unknown = true;
+                sqlx::query("COMMIT").execute(&mut *connection).await.map(|_| done).map_err(SqlError::from)
+            }
             Err(error) => Err(error),
         };
         if committed.is_err() {
             rollback(&mut connection).await;
         }
         committed
+    }
+
+    fn trouble(&self, error: &SqlError) -> Trouble {
+        let SqlError::Database(error) = error else { return Trouble::Lasting };
+        let passes = [code::BUSY, code::LOCKED, code::IOERR, code::FULL, code::CANTOPEN, code::PROTOCOL];
+        let waits = matches!(error, sqlx::Error::PoolTimedOut);
+        if waits || primary(error).is_some_and(|code| passes.contains(&code)) {
+            Trouble::Outage
+        } else {
+            Trouble::Lasting
+        }
+    }
+
+    fn is_closed(&self) -> bool {
+        self.writer.is_closed()
     }
 
     async fn reader(&self) -> Result<Reader, SqlError> {
@@ -188,15 +276,18 @@ impl Engine for Sqlite {
     }
 
     /// There are no other processes.
-    fn tell(&self, _: &[Change]) {}
+    fn notify(&self, _: &[Change]) {}
 
     async fn close(&self) {
         self.reader.close().await;
-        // Last, so that it writes the log back into the file.
+        // Last, so that it writes the log back into the database file.
         self.writer.close().await;
-        // By hand: a child process between fork and exec shares the handle, and with it the lock.
+        // Explicitly: a child process between fork and exec shares the handle, and with it the lock.
         if let Some(Err(error)) = self.lock.as_ref().map(File::unlock) {
-            tracing::warn!(%error, "the lock of the job store could not be let go");
+            tracing::warn!(%error, "the lock of the job store could not be released");
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,4 +1,4 @@
-//! Batches: taken, read and removed whole.
+//! Batches: queued, read and removed as a whole.
 
 use super::*;
 
@@ -7,7 +7,7 @@ fn batch_of(digests: &[&str]) -> NewBatch {
     NewBatch { jobs, priority: Priority::default(), idempotency: None }
 }
 
-/// Jobs of a batch go their ways one by one; the batch counts them.
+/// Jobs of a batch end one by one; the batch counts them.
 pub async fn a_batch_counts_its_jobs(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let made = bench.succeed("a").await;
@@ -36,7 +36,7 @@ pub async fn a_batch_counts_its_jobs(factory: Factory) {
     assert_eq!(all, Counts { succeeded: 2, failed: 1, cancelled: 1, ..Counts::default() });
 }
 
-/// A batch that does not find room leaves nothing behind; models that are reused need no room.
+/// A batch for which there is no room is refused whole; reused models need no room.
 pub async fn a_batch_is_taken_whole_or_not_at_all(factory: Factory) {
     let bench = bench(factory, |options| options.queue_limit = 3).await;
     bench.succeed("a").await;
@@ -52,7 +52,7 @@ pub async fn a_batch_is_taken_whole_or_not_at_all(factory: Factory) {
     assert_eq!(bench.store.counts().await.unwrap(), Counts { queued: 3, succeeded: 2, ..Counts::default() });
 }
 
-/// Removing a batch removes its jobs and gives the keys that only they named.
+/// Removing a batch removes its jobs and gives the keys that no other job names.
 pub async fn a_batch_is_removed_with_all_its_jobs(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let made = bench.succeed("a").await;
@@ -67,7 +67,7 @@ pub async fn a_batch_is_removed_with_all_its_jobs(factory: Factory) {
     let mut removed = bench.store.delete_batch(batch.id).await.unwrap().unwrap();
     removed.sort();
     keys.sort();
-    assert_eq!(removed, keys, "the files of the model that was reused are still named");
+    assert_eq!(removed, keys, "the reused model still names its files");
     assert_eq!(bench.beat(&running).await, Directive::Lost);
     assert_eq!(bench.store.batch(batch.id).await.unwrap(), None);
     assert_eq!(bench.store.delete_batch(batch.id).await.unwrap(), None);
@@ -77,7 +77,7 @@ pub async fn a_batch_is_removed_with_all_its_jobs(factory: Factory) {
     assert!(bench.store.get(made.id).await.unwrap().is_some());
 }
 
-/// The same key gives the same batch, also when asked at once; its keys are not those of jobs.
+/// The same key gives the same batch, also to concurrent requests; keys of batches and of jobs are separate.
 pub async fn an_idempotency_key_gives_one_batch(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let keyed = |body: &str| NewBatch { idempotency: Some(("k".into(), body.into())), ..batch_of(&["a", "b"]) };
@@ -91,10 +91,10 @@ pub async fn an_idempotency_key_gives_one_batch(factory: Factory) {
     let replayed = bench.store.replayed_batch("k", "body").await.unwrap();
     assert_eq!(replayed.map(|batch| batch.id), Some(ids[0]));
     assert_eq!(bench.store.replayed_batch("k", "other").await.unwrap(), None);
-    assert_eq!(bench.store.replayed("k", "body").await.unwrap(), None, "keys of models are apart");
+    assert_eq!(bench.store.replayed("k", "body").await.unwrap(), None, "keys of models are separate");
     let job = NewJob { idempotency: Some(("k".into(), "job".into())), ..new_job("a") };
     assert!(matches!(bench.store.submit(job).await.unwrap(), Submitted::Queued(_)));
     bench.store.delete_batch(ids[0]).await.unwrap().unwrap();
     let again = bench.store.submit_batch(keyed("other")).await.unwrap();
-    assert!(matches!(again, SubmittedBatch::Accepted(_)), "the key went with the batch");
+    assert!(matches!(again, SubmittedBatch::Accepted(_)), "the key was deleted with the batch");
 }

@@ -9,7 +9,7 @@ const MAX_ATTEMPTS: u32 = 3;
 /// The backends that a CPU worker takes, each with a lane of its own.
 const LANES: [Backend; 3] = [Backend::Auto, Backend::Cpu, Backend::CpuSingle];
 
-/// What the store should hold of a job.
+/// The expected record of a job.
 struct Expected {
     state: State,
     submitter: Option<String>,
@@ -19,7 +19,7 @@ struct Expected {
     seen: Job,
 }
 
-/// A claim that was not consumed yet; it may be stale.
+/// A claimed job that has not been given back; its lease may be lost.
 struct Held {
     id: JobId,
     fence: Fence,
@@ -51,9 +51,9 @@ pub async fn random_histories_agree_with_the_state_machine(factory: Factory) {
             }
             history.compare(&context).await;
         }
-        assert!(history.reused > 0, "seed {seed} reused no model: it shows too little");
+        assert!(history.reused > 0, "seed {seed} reused no model: the test is too weak");
         let ended = history.jobs.values().filter(|job| job.state.status.is_ended()).count();
-        assert!(ended > 10, "seed {seed} ended only {ended} jobs: it shows too little");
+        assert!(ended > 10, "seed {seed} ended only {ended} jobs: the test is too weak");
     }
 }
 
@@ -63,7 +63,7 @@ impl History {
         self.jobs.keys().nth(n as usize).copied()
     }
 
-    /// Applies an event to what is expected; whether the store should have accepted it.
+    /// Applies an event to the expected record; returns whether the store should have accepted it.
     fn apply(&mut self, id: JobId, event: &Event) -> bool {
         let now = self.bench.clock.now();
         let Some(job) = self.jobs.get_mut(&id) else { return false };
@@ -78,7 +78,7 @@ impl History {
         true
     }
 
-    /// Those of a lane and a priority in this state.
+    /// The jobs of the same lane and priority with this status.
     fn peers(&self, new: &NewJob, status: Status) -> impl Iterator<Item = &Expected> {
         let of = (new.backend, new.priority);
         self.jobs.values().filter(move |job| {
@@ -86,7 +86,7 @@ impl History {
         })
     }
 
-    /// A turn after the submitter's last, but not before that which is being served.
+    /// One turn after the submitter's last queued job, but not before the present turn.
     fn turn(&self, new: &NewJob) -> i64 {
         let served = self.peers(new, Status::Running).map(|job| job.turn).max();
         let first = self.peers(new, Status::Queued).map(|job| job.turn).min();
@@ -96,7 +96,7 @@ impl History {
     }
 
     async fn submit(&mut self, step: u32, [how, who, again]: [u32; 3]) {
-        // Now and then what has ended is asked for again.
+        // Now and then a finished model is asked for again.
         let made: Vec<&Job> =
             self.jobs.values().map(|job| &job.seen).filter(|job| job.status == Status::Succeeded).collect();
         let digest = match made.get(below(again, 16) as usize) {
@@ -121,13 +121,13 @@ impl History {
         self.jobs.insert(expected.seen.id, expected);
     }
 
-    /// Where a job stands in the order of its lane: the smaller, the earlier.
+    /// The place of a job in the order of its lane: the smaller, the earlier.
     fn place(&self, id: JobId) -> (std::cmp::Reverse<Priority>, i64, JobId) {
         let job = &self.jobs[&id];
         (std::cmp::Reverse(job.seen.priority), job.turn, id)
     }
 
-    /// What a claim should take: again and again the better one among the heads of the lanes.
+    /// The jobs that a claim should take: again and again the better one among the heads of the lanes.
     fn due(&self, now: Timestamp, limit: u32) -> Vec<JobId> {
         let ready = |job: &Expected| job.state.status == Status::Queued && job.available_at <= now;
         let mut left: Vec<JobId> = self.jobs.iter().filter(|(_, job)| ready(job)).map(|(id, _)| *id).collect();
@@ -245,10 +245,14 @@ impl History {
             if expected.seen.status.is_ended() {
                 assert_eq!(job, expected.seen, "{context}: an ended job changed");
             }
-            // The position in the queue follows from the other jobs.
+            // The position in the queue depends on the other jobs.
             let before = Job { queue_position: None, ..expected.seen.clone() };
             let after = Job { queue_position: None, ..job.clone() };
-            assert_eq!(after.version > before.version, after != before, "{context}: the version does not tell");
+            assert_eq!(
+                after.version > before.version,
+                after != before,
+                "{context}: the version does not follow the changes"
+            );
             expected.seen = job;
         }
     }

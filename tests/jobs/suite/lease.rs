@@ -37,8 +37,8 @@ pub async fn a_job_goes_from_the_queue_to_its_end(factory: Factory) {
     assert_eq!((ended.status, ended.finished_at), (Status::Succeeded, Some(bench.clock.now())));
     assert_eq!((&ended.files, ended.summary.as_ref()), (&done.files, Some(&done.summary)));
     assert!(ended.version > seen.version && seen.version > running.version && running.version > queued.version);
-    assert!(bench.store.names_key(&done.files[0].key).await.unwrap());
-    assert!(!bench.store.names_key("models/none").await.unwrap());
+    assert!(bench.uses(&done.files[0].key).await);
+    assert!(!bench.uses("models/none").await);
 
     let mut told = Vec::new();
     while let Ok(Change { id, version }) = changes.try_recv() {
@@ -52,7 +52,7 @@ pub async fn a_job_goes_from_the_queue_to_its_end(factory: Factory) {
     bench.store.ready().await.unwrap();
 }
 
-pub async fn a_heartbeat_renews_and_tells_only_of_news(factory: Factory) {
+pub async fn a_heartbeat_renews_and_notifies_only_of_progress(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let id = bench.queue("d").await.id;
     let claimed = bench.claim("w1").await.unwrap();
@@ -74,7 +74,7 @@ pub async fn a_heartbeat_renews_and_tells_only_of_news(factory: Factory) {
 pub async fn a_stale_attempt_changes_nothing(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let id = bench.queue("d").await.id;
-    // Five attempts of the same worker name let the lease go; each is held against the sixth.
+    // Four attempts under the same worker name lose their lease; none of them may write during the fifth.
     let mut stale = Vec::new();
     for _ in 0..4 {
         stale.push(bench.claim("w").await.unwrap());
@@ -96,7 +96,7 @@ pub async fn a_stale_attempt_changes_nothing(factory: Factory) {
     fenced(bench.store.cancelled(stale.next().unwrap()).await.map(drop));
     fenced(bench.store.release(stale.next().unwrap()).await);
     assert_eq!(bench.get(id).await, before);
-    assert!(!bench.store.names_key(&done.files[0].key).await.unwrap());
+    assert!(!bench.uses(&done.files[0].key).await);
     let done = finished(&present);
     assert_eq!(bench.store.finish(present, done).await.unwrap().attempts, 5);
 }
@@ -152,7 +152,7 @@ pub async fn retries_wait_and_count_and_releases_do_not(factory: Factory) {
     assert_eq!((job.status, job.attempts), (Status::Failed, 6));
     let problem = job.problem.unwrap();
     assert_eq!(problem.kind, "attempts-exhausted");
-    assert!(problem.detail.contains("attempt 4 by w: given back"), "{}", problem.detail);
+    assert!(problem.detail.contains("attempt 4 by w: released"), "{}", problem.detail);
     assert!(problem.detail.contains("(io: somewhere)"), "{}", problem.detail);
     let outcomes: Vec<_> = bench.store.attempts(id).await.unwrap().iter().map(|a| a.outcome.unwrap()).collect();
     use AttemptEnd::{Released, Retried};

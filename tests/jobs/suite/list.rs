@@ -22,7 +22,7 @@ pub async fn lists_are_filtered_and_paged(factory: Factory) {
         seen.extend(page.jobs.iter().map(|job| job.id));
         let Some(next) = page.next else { break };
         filter.before = Some(next);
-        // Jobs that arrive meanwhile do not shift the pages.
+        // Jobs submitted meanwhile do not shift the pages.
         bench.queue(&format!("late {next}")).await;
     }
     ids.reverse();
@@ -69,7 +69,7 @@ pub async fn queue_positions_are_by_age(factory: Factory) {
         page.jobs.iter().rev().map(|job| job.queue_position).collect::<Vec<_>>()
     };
     assert_eq!(positions().await, [None, None, Some(0), Some(1)]);
-    // Given back: at its old place.
+    // Released: at its old place.
     bench.store.release(claimed).await.unwrap();
     assert_eq!(positions().await, [Some(0), None, Some(1), Some(2)]);
 }

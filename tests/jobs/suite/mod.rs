@@ -1,5 +1,5 @@
-//! What every store must do. Each function takes a factory of empty stores; [`over`] makes the tests of one
-//! store from all of them.
+//! The requirements of every store. Each function takes a factory of empty stores; [`over`] makes the tests of one
+//! store of all of them.
 
 mod batch;
 mod histories;
@@ -25,13 +25,13 @@ use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{
     BackendReport, Change, ClaimedJob, Counts, Directive, File, Finished, Job, JobId, ListFilter, LiveSection,
     NewBatch, NewJob, Priority, Problem, Status, Store, StoreError, StoreOptions, Submitted, SubmittedBatch,
-    WorkerInfo,
+    UpkeepTask, WorkerInfo,
 };
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Makes an empty store; the second value keeps alive what it stands on.
+/// Makes an empty store; the second value keeps alive what the store needs.
 pub type Factory = fn(StoreOptions) -> BoxFuture<'static, (Arc<dyn Store>, Box<dyn Send>)>;
 
 pub const LEASE: Duration = Duration::from_secs(8);
@@ -49,7 +49,7 @@ macro_rules! over {
     ($factory:expr) => {
         crate::suite::over! { $factory;
             a_job_goes_from_the_queue_to_its_end
-            a_heartbeat_renews_and_tells_only_of_news
+            a_heartbeat_renews_and_notifies_only_of_progress
             a_stale_attempt_changes_nothing
             an_expired_lease_is_claimed_again_before_younger_jobs
             attempts_are_used_up_with_their_history
@@ -66,11 +66,13 @@ macro_rules! over {
             submitters_take_turns
             the_higher_priority_goes_first
             submitters_take_turns_within_a_priority
-            what_is_given_back_keeps_its_priority_and_turn
-            a_claim_of_several_takes_what_is_due_of_all_lanes
+            a_job_given_back_keeps_its_priority_and_turn
+            a_claim_of_several_takes_due_jobs_of_all_lanes
             a_batch_has_one_priority
             a_job_given_back_keeps_its_turn
             claims_keep_to_their_backend
+            a_gpu_claims_due_jobs_of_one_batch_key
+            a_gpu_claim_passes_over_jobs_that_are_not_due
             workers_are_seen
             four_claimers_end_each_job_once
             random_histories_agree_with_the_state_machine
@@ -79,8 +81,12 @@ macro_rules! over {
             a_batch_is_removed_with_all_its_jobs
             an_idempotency_key_gives_one_batch
             a_checkpoint_passes_to_the_next_attempt
-            ended_jobs_are_told_by_age_and_bytes
+            ended_jobs_are_listed_by_age_and_bytes
             another_engines_files_are_not_reused
+            a_model_without_its_files_is_not_reused
+            keys_of_records_and_of_running_attempts_are_in_use
+            one_owner_at_a_time_holds_an_upkeep_task
+            queued_jobs_are_counted_by_backend
         }
     };
 }
@@ -98,6 +104,8 @@ pub fn new_job(digest: &str) -> NewJob {
         digest: digest.into(),
         engine: oviduct::ENGINE_VERSION.into(),
         reuse: true,
+        missing: Vec::new(),
+        batch_key: Some("size".into()),
         idempotency: None,
         submitter: None,
         trace: Some("00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01".into()),
@@ -152,15 +160,15 @@ pub fn finished(claimed: &ClaimedJob) -> Finished {
 struct Bench {
     store: Arc<dyn Store>,
     clock: Clock,
-    _ground: Box<dyn Send>,
+    _kept: Box<dyn Send>,
 }
 
 async fn bench(factory: Factory, change: impl FnOnce(&mut StoreOptions)) -> Bench {
     let clock = Clock::manual("2026-01-02T03:04:05.678901Z".parse().unwrap());
     let mut options = StoreOptions { clock: clock.clone(), ..StoreOptions::default() };
     change(&mut options);
-    let (store, ground) = factory(options).await;
-    Bench { store, clock, _ground: ground }
+    let (store, kept) = factory(options).await;
+    Bench { store, clock, _kept: kept }
 }
 
 impl Bench {
@@ -178,6 +186,11 @@ impl Bench {
 
     async fn get(&self, id: JobId) -> Job {
         self.store.get(id).await.unwrap().unwrap()
+    }
+
+    /// Whether a record names the key, or it belongs to a running attempt.
+    async fn uses(&self, key: &str) -> bool {
+        !self.store.keys_in_use(&[key.to_owned()]).await.unwrap().is_empty()
     }
 
     async fn beat(&self, claimed: &ClaimedJob) -> Directive {

@@ -20,7 +20,7 @@ pub async fn submitters_take_turns(factory: Factory) {
     submit("a", 6).await;
     submit("b", 3).await;
     assert_eq!(claim(3).await, ["a0", "b0", "a1"]);
-    // One who comes later waits for one turn of each, and saves nothing up.
+    // A later submitter waits for one turn of each other, and accumulates no credit.
     submit("c", 2).await;
     assert_eq!(claim(8).await, ["b1", "c0", "a2", "b2", "c1", "a3", "a4", "a5"]);
     assert!(bench.claim("w").await.is_none());
@@ -53,7 +53,7 @@ impl Bench {
         self.store.submit(new).await.unwrap().job().clone()
     }
 
-    /// The digests of what is queued, by position.
+    /// The digests of queued jobs, by position.
     async fn waiting(&self) -> Vec<String> {
         let page = self.store.list(&ListFilter { limit: 100, ..ListFilter::default() }).await.unwrap();
         let mut waiting: Vec<(u64, String)> =
@@ -61,13 +61,13 @@ impl Bench {
         waiting.sort();
         assert!(waiting.iter().map(|(at, _)| *at).eq(0..waiting.len() as u64), "{waiting:?}");
         for job in page.jobs {
-            // One by one they are told as on the page.
+            // Read one by one they are the same as on the page.
             assert_eq!(self.get(job.id).await, job);
         }
         waiting.into_iter().map(|(_, digest)| digest).collect()
     }
 
-    /// Claims one after the other until nothing is left.
+    /// Claims one job after another until none is due.
     async fn drain(&self) -> Vec<String> {
         let mut order = Vec::new();
         while let Some(claimed) = self.claim("w").await {
@@ -77,7 +77,7 @@ impl Bench {
     }
 }
 
-/// Higher first, within one priority by age; the position says so, and the record says which.
+/// The higher priority first, within one priority by age; positions agree.
 pub async fn the_higher_priority_goes_first(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     for (digest, priority) in [("a", 0), ("b", -100), ("c", 5), ("d", 100), ("e", 0), ("f", 5), ("g", -1), ("h", 100)] {
@@ -87,17 +87,17 @@ pub async fn the_higher_priority_goes_first(factory: Factory) {
     let order = ["d", "h", "c", "f", "a", "e", "g", "b"];
     assert_eq!(bench.waiting().await, order);
     assert_eq!(bench.claim("w").await.unwrap().job().digest, "d");
-    // One more comes in between.
+    // A later job of a priority in between.
     assert_eq!(bench.submit(urgent("i", 50)).await.queue_position, Some(1));
     assert_eq!(bench.drain().await, ["h", "i", "c", "f", "a", "e", "g", "b"]);
-    // It is no part of what makes a model: a finished one is taken, whatever its priority.
+    // Priority is not part of the digest: a finished model is reused whatever its priority.
     let made = bench.succeed("j").await;
     let reused = bench.submit(urgent("j", 9)).await;
     assert_eq!((reused.reused_from, reused.priority.get(), made.priority.get()), (Some(made.id), 9, 0));
 }
 
-/// Turns are taken apart in each priority: who has much that is urgent holds up neither the urgent jobs of others nor
-/// his own turn among those that are not.
+/// Turns are counted separately in each priority: a submitter with many urgent jobs delays neither the urgent jobs of
+/// others nor its own turn among the rest.
 pub async fn submitters_take_turns_within_a_priority(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     for (who, priority, jobs) in [("a", 0, 4), ("a", 7, 4), ("b", 0, 2), ("b", 7, 2), ("c", 7, 1)] {
@@ -111,8 +111,8 @@ pub async fn submitters_take_turns_within_a_priority(factory: Factory) {
     assert_eq!(bench.drain().await, order);
 }
 
-/// A job that is released, tried again or whose lease runs out goes back to its place among those of its priority.
-pub async fn what_is_given_back_keeps_its_priority_and_turn(factory: Factory) {
+/// A job that is released or retried, or whose lease expires, goes back to its place among those of its priority.
+pub async fn a_job_given_back_keeps_its_priority_and_turn(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     for (digest, priority) in [("a", 3), ("b", 3), ("c", 3), ("d", 3), ("e", 0)] {
         bench.submit(urgent(digest, priority)).await;
@@ -133,13 +133,13 @@ pub async fn what_is_given_back_keeps_its_priority_and_turn(factory: Factory) {
     assert_eq!(bench.drain().await, ["a", "b", "c", "d", "f", "e"]);
 }
 
-/// Of lanes side by side the head of higher priority goes first, then the older one; no lane loses its own order.
-pub async fn a_claim_of_several_takes_what_is_due_of_all_lanes(factory: Factory) {
+/// Between lanes the head of higher priority goes first, then the older one; each lane keeps its own order.
+pub async fn a_claim_of_several_takes_due_jobs_of_all_lanes(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let ask = async |digest: &str, backend, who: &str, priority| {
         bench.submit(NewJob { backend, submitter: Some(who.into()), ..urgent(digest, priority) }).await;
     };
-    // In the lane of auto the last comes before the second, for its submitter has had no turn.
+    // In the lane of auto the last job comes before the second, because its submitter has had no turn.
     ask("auto 1", Backend::Auto, "x", 0).await;
     ask("auto 3", Backend::Auto, "x", 0).await;
     ask("cpu 1", Backend::Cpu, "x", 0).await;
@@ -163,7 +163,7 @@ pub async fn a_claim_of_several_takes_what_is_due_of_all_lanes(factory: Factory)
     }
 }
 
-/// A batch keeps the priority that all its jobs have.
+/// A batch has the priority of all its jobs.
 pub async fn a_batch_has_one_priority(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     bench.submit(urgent("a", 2)).await;
@@ -174,4 +174,54 @@ pub async fn a_batch_has_one_priority(factory: Factory) {
     assert_eq!(bench.waiting().await, ["b", "c", "a"]);
     bench.store.delete(batch.jobs[0]).await.unwrap();
     assert_eq!(bench.store.batch(batch.id).await.unwrap().unwrap().priority.get(), 3);
+}
+
+/// A GPU gets the first due job, and then only jobs that it may run together with it.
+pub async fn a_gpu_claims_due_jobs_of_one_batch_key(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let ask = async |digest: &str, backend, key: Option<&str>, priority| {
+        let new = NewJob { backend, batch_key: key.map(str::to_owned), ..urgent(digest, priority) };
+        bench.submit(new).await;
+    };
+    use Backend::{Auto, Cpu, Gpu};
+    ask("small 1", Auto, Some("small"), 0).await;
+    ask("large 1", Auto, Some("large"), 0).await;
+    ask("small 2", Gpu, Some("small"), 0).await;
+    ask("small on a CPU", Cpu, Some("small"), 9).await;
+    ask("alone 1", Gpu, None, 1).await;
+    ask("small 4", Auto, Some("small"), -5).await;
+    ask("small 3", Auto, Some("small"), 0).await;
+    ask("large 2", Gpu, Some("large"), 1).await;
+    ask("alone 2", Auto, None, -9).await;
+    let claim = async |limit| {
+        let claimed = bench.store.claim("w", Gpu, LEASE, limit).await.unwrap();
+        claimed.iter().map(|claimed| claimed.job().digest.clone()).collect::<Vec<_>>()
+    };
+    assert_eq!(claim(16).await, ["alone 1"], "without a key: alone");
+    assert_eq!(claim(16).await, ["large 2", "large 1"]);
+    assert_eq!(claim(3).await, ["small 1", "small 2", "small 3"]);
+    assert_eq!(claim(1).await, ["small 4"]);
+    assert_eq!(claim(16).await, ["alone 2"]);
+    assert_eq!(claim(16).await, Vec::<String>::new());
+    assert_eq!(bench.drain().await, ["small on a CPU"]);
+}
+
+pub async fn a_gpu_claim_passes_over_jobs_that_are_not_due(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    for digest in ["a", "b", "c"] {
+        bench.submit(urgent(digest, 0)).await;
+    }
+    let mut claimed = bench.store.claim("w", Backend::Gpu, LEASE, 3).await.unwrap();
+    assert_eq!(claimed.len(), 3);
+    bench.store.retry(claimed.remove(1), problem("io")).await.unwrap();
+    for claimed in claimed {
+        bench.store.release(claimed).await.unwrap();
+    }
+    let digests = async || {
+        let claimed = bench.store.claim("w", Backend::Gpu, LEASE, 3).await.unwrap();
+        claimed.iter().map(|claimed| claimed.job().digest.clone()).collect::<Vec<_>>()
+    };
+    assert_eq!(digests().await, ["a", "c"]);
+    bench.clock.advance(Duration::from_secs(1));
+    assert_eq!(digests().await, ["b"]);
 }

@@ -12,7 +12,7 @@ pub async fn cancel_is_idempotent_in_every_state(factory: Factory) {
     assert_eq!((ended.status, ended.finished_at), (Status::Cancelled, Some(bench.clock.now())));
     assert_eq!(bench.store.cancel(queued).await.unwrap().unwrap(), ended);
     assert!(bench.claim("w").await.is_none());
-    // Running: the worker is told.
+    // Running: the worker is asked to stop.
     let running = bench.queue("2").await.id;
     let claimed = bench.claim("w").await.unwrap();
     let asked = bench.store.cancel(running).await.unwrap().unwrap();
@@ -21,14 +21,14 @@ pub async fn cancel_is_idempotent_in_every_state(factory: Factory) {
     assert_eq!(bench.beat(&claimed).await, Directive::Cancel);
     let ended = bench.store.cancelled(claimed).await.unwrap();
     assert_eq!(ended.status, Status::Cancelled);
-    // Asked to stop, but the worker vanishes: not tried again.
+    // Cancelled, but the worker vanishes: not tried again.
     let vanished = bench.queue("3").await.id;
     bench.claim("w").await.unwrap();
     bench.store.cancel(vanished).await.unwrap();
     bench.clock.advance(LEASE);
     assert!(bench.claim("w").await.is_none());
     assert_eq!(bench.get(vanished).await.status, Status::Cancelled);
-    // Ended: stays.
+    // Ended: unchanged.
     let succeeded = bench.succeed("4").await;
     assert_eq!(bench.store.cancel(succeeded.id).await.unwrap().unwrap(), succeeded);
     bench.queue("5").await;
@@ -60,7 +60,7 @@ pub async fn delete_in_every_state(factory: Factory) {
     let mut named: Vec<_> = succeeded.files.iter().map(|file| file.key.clone()).collect();
     named.sort();
     assert_eq!(keys, named);
-    assert!(!bench.store.names_key(&keys[0]).await.unwrap());
+    assert!(!bench.uses(&keys[0]).await);
     for id in [queued, running, succeeded.id] {
         assert_eq!(bench.store.get(id).await.unwrap(), None);
         assert_eq!(bench.store.delete(id).await.unwrap(), None);
@@ -81,17 +81,17 @@ pub async fn an_idempotency_key_gives_one_job(factory: Factory) {
     assert_eq!(again, Submitted::Replayed(first.job().clone()));
     let other = bench.store.submit(keyed("k", "another")).await;
     assert!(matches!(other, Err(StoreError::IdempotencyConflict)), "{other:?}");
-    // It answers with the job as it is now, and lives as long as the job.
+    // The answer is the job as it is now; the key lives as long as the job.
     let claimed = bench.claim("w").await.unwrap();
     let done = finished(&claimed);
     let ended = bench.store.finish(claimed, done).await.unwrap();
     assert_eq!(bench.store.submit(keyed("k", "body")).await.unwrap(), Submitted::Replayed(ended.clone()));
-    // It can be asked for alone.
+    // The key can be looked up alone.
     assert_eq!(bench.store.replayed("k", "body").await.unwrap(), Some(ended));
     for (key, body) in [("k", "another"), ("j", "body"), ("", "")] {
         assert_eq!(bench.store.replayed(key, body).await.unwrap(), None, "{key} {body}");
     }
-    assert_eq!(bench.store.replayed_batch("k", "body").await.unwrap(), None, "keys of batches are apart");
+    assert_eq!(bench.store.replayed_batch("k", "body").await.unwrap(), None, "keys of batches are separate");
     bench.store.delete(first.job().id).await.unwrap();
     assert_eq!(bench.store.replayed("k", "body").await.unwrap(), None);
     let fresh = bench.store.submit(keyed("k", "another")).await.unwrap();
@@ -137,7 +137,7 @@ pub async fn a_finished_digest_is_reused(factory: Factory) {
     let reused = bench.store.submit(single).await.unwrap();
     assert_eq!(reused.job().backend.requested, Backend::CpuSingle);
     assert!(matches!(reused, Submitted::Reused(_)));
-    // Another backend, another format, another digest, or no wish for it: made anew.
+    // Another backend, another format, another digest, or no reuse asked for: made anew.
     let refused: [fn(&mut NewJob); 4] = [
         |new| new.backend = Backend::Gpu,
         |new| new.outputs = vec![Output::Glb, Output::Obj],
@@ -153,7 +153,7 @@ pub async fn a_finished_digest_is_reused(factory: Factory) {
             other => panic!("{n}: {other:?}"),
         }
     }
-    // A full queue does not hinder reuse.
+    // Reuse needs no room in the queue.
     assert!(matches!(bench.store.submit(new_job("d")).await.unwrap(), Submitted::Reused(_)));
 }
 
@@ -163,7 +163,7 @@ pub async fn shared_files_go_with_the_last_job(factory: Factory) {
     let second = bench.store.submit(new_job("d")).await.unwrap().job().clone();
     assert_eq!(bench.store.delete(made.id).await.unwrap(), Some(vec![]));
     assert_eq!(bench.get(second.id).await, second);
-    // The first is gone; the second one's files serve a third.
+    // The first is deleted; a third reuses the second.
     let third = bench.store.submit(new_job("d")).await.unwrap().job().clone();
     assert_eq!(third.reused_from, Some(second.id));
     assert_eq!(bench.store.delete(third.id).await.unwrap(), Some(vec![]));
@@ -177,7 +177,7 @@ pub async fn the_queue_has_a_limit(factory: Factory) {
     bench.queue("2").await;
     let full = bench.store.submit(new_job("3")).await;
     assert!(matches!(full, Err(StoreError::QueueFull { limit: 2 })), "{full:?}");
-    // Reading, cancelling and deleting work; they make room.
+    // Cancelling and claiming make room.
     bench.store.cancel(first).await.unwrap();
     bench.queue("3").await;
     bench.claim("w").await.unwrap();

@@ -1,5 +1,6 @@
-//! A connection to either database, with the few types of values that records are made of.
+//! A connection to either database, with the few types of values that records consist of.
 
+use super::codec::{broken, json, until};
 use crate::clock::{Clock, Stopwatch};
 use crate::jobs::job::JobId;
 use crate::jobs::store::StoreError;
@@ -15,10 +16,10 @@ use std::time::Duration;
 /// Why an operation on the database failed.
 #[derive(Debug, thiserror::Error)]
 pub(in crate::jobs) enum SqlError {
-    /// A refusal that is meant.
+    /// A refusal by the store itself.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The database is away, or refused.
+    /// The database failed or is unavailable.
     #[error(transparent)]
     Database(#[from] sqlx::Error),
 }
@@ -32,7 +33,7 @@ impl From<SqlError> for StoreError {
     }
 }
 
-/// Which SQL is spoken.
+/// Which dialect of SQL the database understands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(in crate::jobs) enum Dialect {
     Sqlite,
@@ -49,13 +50,13 @@ pub(in crate::jobs) enum Connection<'c> {
 /// Where the time of leases and records comes from.
 #[derive(Clone, Debug)]
 pub(in crate::jobs) enum Time {
-    /// A clock of this process, which has the store to itself.
+    /// A clock of this process: no other process has the store open.
     Clock(Clock, Steady),
     /// The database's clock, the same for all processes that share it.
     Database,
 }
 
-/// Time since the store was opened, counted on from the clock's time of then: setting the clock changes nothing.
+/// The clock's time when the store was opened, and the time elapsed since: setting the clock has no effect.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::jobs) struct Steady {
     start: Timestamp,
@@ -68,24 +69,24 @@ impl Time {
         Self::Clock(clock, steady)
     }
 
-    /// The time of leases and delays; `None` where it is that of records.
+    /// The time of leases and delays; `None` if it is that of records.
     fn steady(&self) -> Option<Timestamp> {
         match self {
-            Self::Clock(Clock::System, Steady { start, since }) => Some(super::until(*start, since.elapsed())),
+            Self::Clock(Clock::System, Steady { start, since }) => Some(until(*start, since.elapsed())),
             Self::Clock(Clock::Manual(_), _) | Self::Database => None,
         }
     }
 }
 
-/// A connection with the time.
+/// A connection, usually in a transaction, with the time.
 #[derive(Debug)]
-pub(in crate::jobs) struct Link<'c> {
+pub(in crate::jobs) struct Tx<'c> {
     connection: Connection<'c>,
     time: &'c Time,
     now: Option<Timestamp>,
 }
 
-/// A value of a parameter.
+/// The value of a parameter.
 #[derive(Clone, Debug)]
 pub(in crate::jobs) enum Value {
     Int(Option<i64>),
@@ -106,7 +107,7 @@ impl From<u32> for Value {
     }
 }
 
-/// Counts beyond the range of the database do not occur; they would stay at its end.
+/// Counts beyond the range of the database do not occur; they would become its greatest value.
 impl From<u64> for Value {
     fn from(value: u64) -> Self {
         Self::Int(Some(i64::try_from(value).unwrap_or(i64::MAX)))
@@ -173,7 +174,7 @@ impl From<Vec<String>> for Value {
     }
 }
 
-/// Queries are put together from constants of this module's siblings alone; what clients say goes into values.
+/// Queries are assembled from constants of this module's siblings; input of clients is only ever a parameter.
 fn constant(sql: impl Into<Cow<'static, str>>) -> SqlStr {
     match sql.into() {
         Cow::Borrowed(sql) => sql.into_sql_str(),
@@ -185,7 +186,7 @@ fn for_sqlite<'q>(sql: SqlStr, values: Vec<Value>) -> Query<'q, Sqlite, SqliteAr
     values.into_iter().fold(sqlx::query(sql), |query, value| match value {
         Value::Int(value) => query.bind(value),
         Value::Text(value) => query.bind(value),
-        Value::Texts(values) => query.bind(super::json(&values)),
+        Value::Texts(values) => query.bind(json(&values)),
         Value::Flag(value) => query.bind(value),
     })
 }
@@ -199,7 +200,7 @@ fn for_postgres<'q>(sql: SqlStr, values: Vec<Value>) -> Query<'q, Postgres, PgAr
     })
 }
 
-impl<'c> Link<'c> {
+impl<'c> Tx<'c> {
     pub(in crate::jobs) fn new(connection: Connection<'c>, time: &'c Time) -> Self {
         Self { connection, time, now: None }
     }
@@ -219,7 +220,7 @@ impl<'c> Link<'c> {
         }
     }
 
-    /// The time of this transaction, asked for once.
+    /// The time of this transaction, read once.
     pub(in crate::jobs) async fn now(&mut self) -> Result<Timestamp, SqlError> {
         if let Some(now) = self.now {
             return Ok(now);
@@ -228,13 +229,13 @@ impl<'c> Link<'c> {
             Time::Clock(clock, _) => clock.now(),
             Time::Database => {
                 let now = "SELECT CAST(EXTRACT(EPOCH FROM clock_timestamp()) * 1000000 AS BIGINT) AS now";
-                super::timestamp(self.one(now, Vec::new()).await?.int("now")?)?
+                timestamp(self.one(now, Vec::new()).await?.int("now")?)?
             }
         };
         Ok(*self.now.insert(now))
     }
 
-    /// The time of leases and delays, which passes evenly where this process alone keeps it.
+    /// The time of leases and delays. On SQLite it is monotonic.
     pub(in crate::jobs) async fn steady(&mut self) -> Result<Timestamp, SqlError> {
         match self.time.steady() {
             Some(now) => Ok(now),
@@ -250,8 +251,8 @@ impl<'c> Link<'c> {
     ) -> Result<u64, SqlError> {
         let sql = constant(sql);
         Ok(match &mut self.connection {
-            Connection::Sqlite(link) => for_sqlite(sql, values).execute(&mut **link).await?.rows_affected(),
-            Connection::Postgres(link) => for_postgres(sql, values).execute(&mut **link).await?.rows_affected(),
+            Connection::Sqlite(tx) => for_sqlite(sql, values).execute(&mut **tx).await?.rows_affected(),
+            Connection::Postgres(tx) => for_postgres(sql, values).execute(&mut **tx).await?.rows_affected(),
         })
     }
 
@@ -263,16 +264,16 @@ impl<'c> Link<'c> {
     ) -> Result<Vec<Row>, SqlError> {
         let sql = constant(sql);
         Ok(match &mut self.connection {
-            Connection::Sqlite(link) => {
-                for_sqlite(sql, values).fetch_all(&mut **link).await?.into_iter().map(Row::Sqlite).collect()
+            Connection::Sqlite(tx) => {
+                for_sqlite(sql, values).fetch_all(&mut **tx).await?.into_iter().map(Row::Sqlite).collect()
             }
-            Connection::Postgres(link) => {
-                for_postgres(sql, values).fetch_all(&mut **link).await?.into_iter().map(Row::Postgres).collect()
+            Connection::Postgres(tx) => {
+                for_postgres(sql, values).fetch_all(&mut **tx).await?.into_iter().map(Row::Postgres).collect()
             }
         })
     }
 
-    /// The row of a query, where there is one.
+    /// The row of a query, if there is one.
     pub(in crate::jobs) async fn optional(
         &mut self,
         sql: impl Into<Cow<'static, str>>,
@@ -280,10 +281,8 @@ impl<'c> Link<'c> {
     ) -> Result<Option<Row>, SqlError> {
         let sql = constant(sql);
         Ok(match &mut self.connection {
-            Connection::Sqlite(link) => for_sqlite(sql, values).fetch_optional(&mut **link).await?.map(Row::Sqlite),
-            Connection::Postgres(link) => {
-                for_postgres(sql, values).fetch_optional(&mut **link).await?.map(Row::Postgres)
-            }
+            Connection::Sqlite(tx) => for_sqlite(sql, values).fetch_optional(&mut **tx).await?.map(Row::Sqlite),
+            Connection::Postgres(tx) => for_postgres(sql, values).fetch_optional(&mut **tx).await?.map(Row::Postgres),
         })
     }
 
@@ -334,12 +333,12 @@ impl Row {
         get!(self, column, bool)
     }
 
-    /// A count, in whatever width it is needed.
+    /// A count, as any integer type.
     pub(in crate::jobs) fn count<T: TryFrom<i64, Error: std::error::Error>>(
         &self,
         column: &str,
     ) -> Result<T, SqlError> {
-        T::try_from(self.int(column)?).map_err(|error| super::broken(&error))
+        T::try_from(self.int(column)?).map_err(|error| broken(&error))
     }
 
     pub(in crate::jobs) fn id(&self, column: &str) -> Result<JobId, SqlError> {
@@ -351,16 +350,20 @@ impl Row {
     }
 
     pub(in crate::jobs) fn time(&self, column: &str) -> Result<Timestamp, SqlError> {
-        super::timestamp(self.int(column)?)
+        timestamp(self.int(column)?)
     }
 
     pub(in crate::jobs) fn optional_time(&self, column: &str) -> Result<Option<Timestamp>, SqlError> {
-        self.optional_int(column)?.map(super::timestamp).transpose()
+        self.optional_int(column)?.map(timestamp).transpose()
     }
 }
 
+fn timestamp(micros: i64) -> Result<Timestamp, SqlError> {
+    Timestamp::from_microsecond(micros).map_err(|error| broken(&error))
+}
+
 fn id(text: &str) -> Result<JobId, SqlError> {
-    text.parse().map(JobId).map_err(|error: uuid::Error| super::broken(&error))
+    text.parse().map(JobId).map_err(|error: uuid::Error| broken(&error))
 }
 
 #[cfg(test)]
@@ -371,13 +374,13 @@ mod tests {
     fn leases_do_not_follow_a_clock_that_is_set() {
         // As if the clock had been set back by an hour since the store was opened.
         let hour = Duration::from_secs(3600);
-        let start = super::super::until(Clock::System.now(), hour);
+        let start = until(Clock::System.now(), hour);
         let time = Time::Clock(Clock::System, Steady { start, since: Stopwatch::start() });
         let first = time.steady().unwrap();
-        assert!(first >= start && first < super::super::until(start, hour));
+        assert!(first >= start && first < until(start, hour));
         std::thread::sleep(Duration::from_millis(2));
         assert!(time.steady().unwrap() > first);
         let manual = Time::of(Clock::manual(start));
-        assert!(manual.steady().is_none(), "tests move it");
+        assert!(manual.steady().is_none(), "tests move a manual clock");
     }
 }

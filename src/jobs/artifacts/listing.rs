@@ -1,0 +1,56 @@
+//! The objects below a prefix, in pages.
+
+use super::error::ArtifactError;
+use super::local::Walk;
+use futures_util::StreamExt;
+use futures_util::stream::BoxStream;
+use object_store::ObjectMeta;
+
+/// Objects on a page. S3 lists, and deletes, as many in one request.
+const PAGE: usize = 1000;
+
+/// A stored object.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(in crate::jobs) struct Object {
+    /// Its key.
+    pub(in crate::jobs) key: String,
+    /// When it was written, microseconds since 1970 UTC, by the clock of the store.
+    pub(in crate::jobs) modified_micros: i64,
+}
+
+/// Reads page after page.
+pub(in crate::jobs) enum Listing {
+    /// Of an object store.
+    Remote(BoxStream<'static, object_store::Result<ObjectMeta>>),
+    /// Of a local folder; `None` after the last page.
+    Local(Option<Walk>),
+}
+
+impl Listing {
+    /// The next objects; none at the end.
+    pub(in crate::jobs) async fn next(&mut self) -> Result<Vec<Object>, ArtifactError> {
+        match self {
+            Self::Remote(listed) => {
+                let mut page = Vec::new();
+                while page.len() < PAGE
+                    && let Some(object) = listed.next().await
+                {
+                    let object = object?;
+                    let modified_micros = object.last_modified.timestamp_micros();
+                    page.push(Object { key: object.location.to_string(), modified_micros });
+                }
+                Ok(page)
+            }
+            Self::Local(walk) => {
+                let Some(mut moved) = walk.take() else { return Ok(Vec::new()) };
+                let read = tokio::task::spawn_blocking(move || {
+                    let page: Vec<Object> = moved.by_ref().take(PAGE).collect();
+                    (moved, page)
+                });
+                let (moved, page) = read.await.map_err(|error| ArtifactError::Store(error.to_string()))?;
+                *walk = (!page.is_empty()).then_some(moved);
+                Ok(page)
+            }
+        }
+    }
+}

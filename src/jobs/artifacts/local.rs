@@ -1,0 +1,124 @@
+//! A local folder as artifact store: no symbolic link below the root is followed, neither to read, to write, nor to sweep.
+//!
+//! The root itself may be a link. Links are looked for before each operation: that protects against a folder that was
+//! linked elsewhere by mistake, not against an attacker who can write to the store.
+
+use super::error::ArtifactError;
+use super::listing::Object;
+use jiff::Timestamp;
+use object_store::local::LocalFileSystem;
+use std::fs::ReadDir;
+use std::path::{Path, PathBuf};
+
+/// The root folder.
+#[derive(Clone, Debug)]
+pub(super) struct Root(PathBuf);
+
+impl Root {
+    /// Opens the folder, which is created if it does not exist.
+    pub(super) fn open(root: &Path) -> Result<(LocalFileSystem, Self), ArtifactError> {
+        let failed = |error: std::io::Error| ArtifactError::Store(format!("{}: {error}", root.display()));
+        std::fs::create_dir_all(root).map_err(failed)?;
+        let root = root.canonicalize().map_err(failed)?;
+        // Found at start, rather than by the first model.
+        for entry in std::fs::read_dir(&root).map_err(failed)? {
+            let entry = entry.map_err(failed)?;
+            if entry.file_type().map_err(failed)?.is_symlink() {
+                return Err(ArtifactError::Link { path: entry.path() });
+            }
+        }
+        let store = LocalFileSystem::new_with_prefix(&root)?.with_fsync(true).with_automatic_cleanup(true);
+        Ok((store, Self(root)))
+    }
+
+    /// Fails if the file of `key` is a symbolic link or lies below one.
+    pub(super) fn refuse_links(&self, key: &str) -> Result<(), ArtifactError> {
+        let mut path = self.0.clone();
+        for part in key.split('/') {
+            path.push(part);
+            match path.symlink_metadata() {
+                Ok(metadata) if metadata.is_symlink() => return Err(ArtifactError::Link { path }),
+                Ok(_) => {}
+                // Nothing lies below; other errors are those of the operation that follows.
+                Err(_) => return Ok(()),
+            }
+        }
+        Ok(())
+    }
+
+    /// Removes files found by a [`Walk`] and the folders that become empty; returns how many files were removed.
+    pub(super) fn remove(&self, keys: &[String]) -> u64 {
+        let mut removed = 0;
+        for key in keys {
+            let path = self.0.join(key);
+            match std::fs::remove_file(&path) {
+                Ok(()) => removed += 1,
+                Err(error) => {
+                    tracing::warn!(path = %path.display(), %error, "a file that no model names was not removed")
+                }
+            }
+            for folder in path.ancestors().skip(1).take_while(|folder| *folder != self.0) {
+                if std::fs::remove_dir(folder).is_err() {
+                    // Not empty.
+                    break;
+                }
+            }
+        }
+        removed
+    }
+
+    pub(super) fn walk(&self, prefix: &str) -> Walk {
+        let top = self.0.join(prefix);
+        Walk {
+            root: self.0.clone(),
+            folders: std::fs::read_dir(&top).map(|entries| (top, entries)).into_iter().collect(),
+        }
+    }
+}
+
+/// The files below a folder, also those that an upload is staging (`name#number`), which object_store does not list.
+/// Removes empty folders on the way.
+#[derive(Debug)]
+pub(in crate::jobs) struct Walk {
+    root: PathBuf,
+    /// From the top down to the folder being read.
+    folders: Vec<(PathBuf, ReadDir)>,
+}
+
+impl Iterator for Walk {
+    type Item = Object;
+
+    fn next(&mut self) -> Option<Object> {
+        loop {
+            let is_top = self.folders.len() == 1;
+            let (folder, entries) = self.folders.last_mut()?;
+            let Some(entry) = entries.next() else {
+                if !is_top {
+                    // Fails if it is not empty.
+                    let _ = std::fs::remove_dir(folder);
+                }
+                self.folders.pop();
+                continue;
+            };
+            let Some((path, kind)) = entry.ok().and_then(|entry| Some((entry.path(), entry.file_type().ok()?))) else {
+                continue;
+            };
+            if kind.is_symlink() {
+                tracing::warn!(path = %path.display(), "a symbolic link in the artifact store is not followed");
+            } else if kind.is_dir() {
+                self.folders.extend(std::fs::read_dir(&path).map(|entries| (path, entries)));
+            } else if let (Some(key), Some(modified_micros)) = (key(&self.root, &path), modified_micros(&path)) {
+                return Some(Object { key, modified_micros });
+            }
+        }
+    }
+}
+
+fn key(root: &Path, path: &Path) -> Option<String> {
+    path.strip_prefix(root).ok()?.to_str().map(str::to_owned)
+}
+
+fn modified_micros(path: &Path) -> Option<i64> {
+    let modified = path.symlink_metadata().ok()?.modified().ok()?;
+    Timestamp::try_from(modified).ok().map(Timestamp::as_microsecond)
+}

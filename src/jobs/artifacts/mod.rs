@@ -1,0 +1,476 @@
+//! Files of models, through object_store (the only user of it).
+//!
+//! Invariants: a key shows either nothing or the whole file (a local file is staged beside its place, synced
+//! and renamed; an object store shows an upload when it is complete); a key belongs to one attempt
+//! ([`key()`]), so that two attempts never write the same one; a file counts only once a job's record names it. Files that
+//! no record names are removed by `Artifacts::sweep_orphans`. A file is hashed while it is uploaded, and its size compared
+//! afterwards.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `local`, `s3` | the two kinds of store |
+//! | `listing` | objects in pages, for sweeps |
+//! | `health` | outages and checks |
+
+mod error;
+mod health;
+mod listing;
+mod local;
+mod s3;
+
+pub use error::ArtifactError;
+pub(super) use listing::Listing;
+
+use super::job::JobId;
+use bytes::Bytes;
+use error::chain;
+use futures_util::future::BoxFuture;
+use futures_util::stream::BoxStream;
+use futures_util::{FutureExt, StreamExt, TryStreamExt};
+use health::Health;
+use local::Root;
+use object_store::buffered::BufWriter;
+use object_store::path::Path as Key;
+use object_store::{GetOptions, GetRange, ObjectStore, ObjectStoreExt};
+use sha2::{Digest, Sha256};
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+
+/// Files up to this size are uploaded in one request, larger ones in parts of it, bytes. S3 wants at least 5 MiB.
+const PART: usize = 8 << 20;
+/// Bytes read from a scratch file at a time.
+const CHUNK: usize = 1 << 20;
+/// Bytes that a check writes.
+const PROBE: usize = 4096;
+/// Prefix of the keys of files.
+pub(super) const MODELS: &str = "models";
+/// Prefix of the keys that checks write to.
+pub(super) const PROBES: &str = "probe";
+/// Keys whose existence is asked for at a time.
+const HEADS: usize = 16;
+
+/// A stored file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stored {
+    /// Size.
+    pub bytes: u64,
+    /// SHA-256 of the uploaded bytes, lower-case hex.
+    pub sha256: String,
+}
+
+/// A file, or part of one, being read.
+pub struct Download {
+    /// Size of the whole file.
+    pub size: u64,
+    /// The range that `stream` carries.
+    pub range: Range<u64>,
+    /// The bytes.
+    pub stream: BoxStream<'static, Result<Bytes, ArtifactError>>,
+}
+
+impl std::fmt::Debug for Download {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Download").field("size", &self.size).field("range", &self.range).finish_non_exhaustive()
+    }
+}
+
+/// The key of a file that an attempt makes.
+#[must_use]
+pub fn key(job: JobId, attempt: u32, name: &str) -> String {
+    format!("{MODELS}/{job}/{attempt}/{name}")
+}
+
+/// An artifact store. Clones share it.
+#[derive(Clone, Debug)]
+pub struct Artifacts {
+    store: Arc<dyn ObjectStore>,
+    /// The root, if it is a local folder.
+    local: Option<Root>,
+    /// Signs URLs, if the store supports that.
+    signing: Option<s3::Signing>,
+    health: Arc<Health>,
+}
+
+impl Artifacts {
+    /// Files under the folder `root`, which is created if it does not exist. A file survives a power failure once
+    /// [`Artifacts::put_file`] has returned. The root may be a symbolic link; links below it are refused.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Store`] if the folder cannot be created or opened, [`ArtifactError::Link`] if it contains a symbolic
+    /// link.
+    pub fn local(root: &Path) -> Result<Self, ArtifactError> {
+        let (store, root) = Root::open(root)?;
+        Ok(Self { local: Some(root), ..Self::over(Arc::new(store)) })
+    }
+
+    /// Files in the bucket of `url`, `s3://BUCKET` or `s3://BUCKET/PREFIX`, with the settings that `variables` give
+    /// under the usual names: `AWS_ACCESS_KEY_ID`, `AWS_SECRET_ACCESS_KEY`, `AWS_SESSION_TOKEN`, `AWS_REGION`,
+    /// `AWS_ENDPOINT_URL`, `AWS_ALLOW_HTTP`, `AWS_CHECKSUM_ALGORITHM` (sha256) and the others of object_store. Plain
+    /// HTTP is allowed to a loopback address, and elsewhere with `AWS_ALLOW_HTTP=true`.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Store`] if the URL or a setting is invalid. The bucket is not contacted.
+    pub fn s3(url: &str, variables: impl IntoIterator<Item = (String, String)>) -> Result<Self, ArtifactError> {
+        let (store, signing) = s3::open(url, variables)?;
+        Ok(Self { signing: Some(signing), ..Self::over(store) })
+    }
+
+    /// Files in any object store.
+    #[must_use]
+    pub fn over(store: Arc<dyn ObjectStore>) -> Self {
+        Self { store, local: None, signing: None, health: Arc::default() }
+    }
+
+    /// Where the file of `key` lies; not below a symbolic link.
+    async fn location(&self, key: &str) -> Result<Key, ArtifactError> {
+        if let Some(root) = self.local.clone() {
+            let owned = key.to_owned();
+            let checked = tokio::task::spawn_blocking(move || root.refuse_links(&owned)).await;
+            checked.map_err(|error| ArtifactError::Store(error.to_string()))??;
+        }
+        Ok(Key::from(key))
+    }
+
+    /// Stores the file at `path` under `key`, streaming it; nothing is visible until it is complete.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Scratch`], [`ArtifactError::Link`], [`ArtifactError::Store`]; then nothing is visible.
+    pub async fn put_file(&self, key: &str, path: &Path) -> Result<Stored, ArtifactError> {
+        self.health.note(self.write_file(key, path).await)
+    }
+
+    async fn write_file(&self, key: &str, path: &Path) -> Result<Stored, ArtifactError> {
+        let location = self.location(key).await?;
+        let stored = match read_small(path).await? {
+            Some((bytes, stored)) => {
+                self.store.put(&location, bytes.into()).await?;
+                stored
+            }
+            None => self.write_in_parts(&location, path).await?,
+        };
+        let size = self.store.head(&location).await?.size;
+        if size != stored.bytes {
+            return Err(ArtifactError::Store(format!("{key} has {size} bytes after an upload of {}", stored.bytes)));
+        }
+        Ok(stored)
+    }
+
+    async fn write_in_parts(&self, location: &Key, path: &Path) -> Result<Stored, ArtifactError> {
+        let scratch = |source| ArtifactError::Scratch { path: path.to_owned(), source };
+        let mut file = tokio::fs::File::open(path).await.map_err(scratch)?;
+        let mut upload = BufWriter::with_capacity(Arc::clone(&self.store), location.clone(), PART);
+        let mut hash = Sha256::new();
+        let mut bytes = 0u64;
+        loop {
+            let mut chunk = bytes::BytesMut::with_capacity(CHUNK);
+            let read = match file.read_buf(&mut chunk).await {
+                Ok(read) => read,
+                Err(source) => {
+                    // If this fails too, the sweep of orphans removes the parts.
+                    let _ = upload.abort().await;
+                    return Err(scratch(source));
+                }
+            };
+            if read == 0 {
+                break;
+            }
+            bytes += read as u64;
+            hash.update(&chunk);
+            if let Err(error) = upload.put(chunk.freeze()).await {
+                let _ = upload.abort().await;
+                return Err(error.into());
+            }
+        }
+        upload.shutdown().await.map_err(|error| ArtifactError::Store(chain(&error)))?;
+        Ok(Stored { bytes, sha256: hex::encode(hash.finalize()) })
+    }
+
+    /// Stores bytes under `key`; nothing is visible until they are complete.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Link`], [`ArtifactError::Store`].
+    pub async fn put_bytes(&self, key: &str, bytes: Bytes) -> Result<(), ArtifactError> {
+        self.health.note(self.write_bytes(key, bytes).await)
+    }
+
+    async fn write_bytes(&self, key: &str, bytes: Bytes) -> Result<(), ArtifactError> {
+        let mut upload = BufWriter::with_capacity(Arc::clone(&self.store), self.location(key).await?, PART);
+        if let Err(error) = upload.put(bytes).await {
+            let _ = upload.abort().await;
+            return Err(error.into());
+        }
+        upload.shutdown().await.map_err(|error| ArtifactError::Store(chain(&error)))
+    }
+
+    /// The file under `key`, or its bytes in `range`, which may reach beyond the end.
+    ///
+    /// # Errors
+    /// [`ArtifactError::NotFound`]; [`ArtifactError::Range`] for a range that is empty or begins after the end;
+    /// [`ArtifactError::Link`], [`ArtifactError::Store`].
+    pub async fn get_range(&self, key: &str, range: Option<Range<u64>>) -> Result<Download, ArtifactError> {
+        let location = self.location(key).await?;
+        let range = match range {
+            None => None,
+            Some(range) => {
+                let size = self.store.head(&location).await?.size;
+                if range.start >= range.end || range.start >= size {
+                    return Err(ArtifactError::Range(format!("{}..{} of {size} bytes", range.start, range.end)));
+                }
+                Some(range.start..range.end.min(size))
+            }
+        };
+        let options = GetOptions { range: range.map(GetRange::Bounded), ..GetOptions::default() };
+        let result = self.store.get_opts(&location, options).await?;
+        let (size, range) = (result.meta.size, result.range.clone());
+        Ok(Download { size, range, stream: result.into_stream().map_err(ArtifactError::from).boxed() })
+    }
+
+    /// The whole file under `key`.
+    ///
+    /// # Errors
+    /// [`ArtifactError::NotFound`], [`ArtifactError::Link`], [`ArtifactError::Store`].
+    pub async fn read_all(&self, key: &str) -> Result<Bytes, ArtifactError> {
+        Ok(self.store.get(&self.location(key).await?).await?.bytes().await?)
+    }
+
+    /// Those of `keys` under which there is no file.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Link`], [`ArtifactError::Store`] if that could not be found out.
+    pub async fn missing(&self, keys: &[String]) -> Result<Vec<String>, ArtifactError> {
+        let looks: Vec<BoxFuture<'_, _>> = keys.iter().map(|key| self.exists(key).boxed()).collect();
+        let found: Vec<bool> = futures_util::stream::iter(looks).buffered(HEADS).try_collect().await?;
+        Ok(keys.iter().zip(found).filter(|(_, found)| !found).map(|(key, _)| key.clone()).collect())
+    }
+
+    async fn exists(&self, key: &str) -> Result<bool, ArtifactError> {
+        match self.store.head(&self.location(key).await?).await {
+            Ok(_) => Ok(true),
+            Err(object_store::Error::NotFound { .. }) => Ok(false),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Removes files; keys without a file are ignored.
+    ///
+    /// # Errors
+    /// The first error, after all have been tried.
+    pub async fn delete(&self, keys: &[String]) -> Result<(), ArtifactError> {
+        let mut first = Ok(());
+        let mut locations = Vec::with_capacity(keys.len());
+        for key in keys {
+            match self.location(key).await {
+                Ok(location) => locations.push(Ok(location)),
+                Err(error) => first = first.and(Err(error)),
+            }
+        }
+        // S3 removes a thousand in one request.
+        let mut removed = self.store.delete_stream(futures_util::stream::iter(locations).boxed());
+        while let Some(result) = removed.next().await {
+            match result {
+                Ok(_) | Err(object_store::Error::NotFound { .. }) => {}
+                Err(error) => first = first.and(Err(error.into())),
+            }
+        }
+        first
+    }
+
+    /// A URL at which anyone can download the file under `key` for `time`, saved as `name`; `None` if the store does not
+    /// support that.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Store`].
+    pub async fn signed_url(
+        &self,
+        key: &str,
+        name: &str,
+        media_type: &str,
+        time: Duration,
+    ) -> Result<Option<String>, ArtifactError> {
+        match &self.signing {
+            Some(signing) => Ok(Some(signing.url(key, name, media_type, time).await?)),
+            None => Ok(None),
+        }
+    }
+
+    /// Writes and removes a small file, and remembers whether that worked: see [`Artifacts::outage`]. Fails after 5 s. The
+    /// result is reused for a second, and concurrent calls share one write, so that probes may call this often.
+    ///
+    /// # Errors
+    /// [`ArtifactError::Store`].
+    pub async fn check(&self) -> Result<(), ArtifactError> {
+        let probe = async {
+            let key = format!("{PROBES}/{}", uuid::Uuid::new_v4());
+            let written = self.write_bytes(&key, Bytes::from_static(&[0; PROBE])).await;
+            // If this fails, the sweep of orphans removes the probe.
+            let _ = self.delete(&[key]).await;
+            written
+        };
+        self.health.check(probe).await
+    }
+
+    /// The error of the latest write; `None` if it succeeded, or if there was none yet.
+    #[must_use]
+    pub fn outage(&self) -> Option<String> {
+        self.health.outage()
+    }
+
+    /// All objects whose keys begin with `prefix/`; of a local folder also uploads that were interrupted.
+    pub(super) fn listing(&self, prefix: &str) -> Listing {
+        match &self.local {
+            Some(root) => Listing::Local(Some(root.walk(prefix))),
+            None => Listing::Remote(self.store.list(Some(&Key::from(prefix)))),
+        }
+    }
+
+    /// Removes objects of a [`Listing`]; returns how many.
+    pub(super) async fn remove_listed(&self, keys: Vec<String>) -> Result<u64, ArtifactError> {
+        match self.local.clone() {
+            Some(root) => {
+                let removed = tokio::task::spawn_blocking(move || root.remove(&keys)).await;
+                removed.map_err(|error| ArtifactError::Store(error.to_string()))
+            }
+            None => self.delete(&keys).await.map(|()| keys.len() as u64),
+        }
+    }
+}
+
+/// The bytes of a file that is uploaded in one request, read by one blocking task; `None` for a larger file.
+async fn read_small(path: &Path) -> Result<Option<(Bytes, Stored)>, ArtifactError> {
+    let from = path.to_owned();
+    let read = tokio::task::spawn_blocking(move || {
+        if std::fs::metadata(&from)?.len() > PART as u64 {
+            return Ok(None);
+        }
+        let bytes = Bytes::from(std::fs::read(&from)?);
+        let stored = Stored { bytes: bytes.len() as u64, sha256: hex::encode(Sha256::digest(&bytes)) };
+        Ok(Some((bytes, stored)))
+    });
+    let read = read.await.unwrap_or_else(|error| Err(std::io::Error::other(error)));
+    read.map_err(|source| ArtifactError::Scratch { path: path.to_owned(), source })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::PathBuf;
+
+    fn fixture(bytes: usize) -> (tempfile::TempDir, Artifacts, PathBuf, Vec<u8>) {
+        let dir = tempfile::tempdir().unwrap();
+        let artifacts = Artifacts::local(&dir.path().join("files")).unwrap();
+        let data: Vec<u8> = (0..bytes).map(|i| (i * 31 % 251) as u8).collect();
+        let path = dir.path().join("scratch.bin");
+        std::fs::write(&path, &data).unwrap();
+        (dir, artifacts, path, data)
+    }
+
+    #[tokio::test]
+    async fn a_file_comes_back_whole_and_in_ranges() {
+        // One request; several parts, the last one shorter.
+        for bytes in [0, 1000, 2 * PART + 12_345] {
+            let (_dir, artifacts, path, data) = fixture(bytes);
+            let stored = artifacts.put_file("models/a/1/model.glb", &path).await.unwrap();
+            assert_eq!(stored, Stored { bytes: bytes as u64, sha256: hex::encode(Sha256::digest(&data)) });
+            assert!(artifacts.read_all("models/a/1/model.glb").await.unwrap() == data);
+            if bytes == 0 {
+                continue;
+            }
+            let part = artifacts.get_range("models/a/1/model.glb", Some(100..900)).await.unwrap();
+            assert_eq!((part.size, part.range.clone()), (bytes as u64, 100..900));
+            let read: Vec<Bytes> = part.stream.try_collect().await.unwrap();
+            assert!(read.concat() == data[100..900]);
+            let tail = artifacts.get_range("models/a/1/model.glb", Some(bytes as u64 - 5..u64::MAX)).await.unwrap();
+            assert_eq!(tail.range, bytes as u64 - 5..bytes as u64);
+            for bad in [bytes as u64..bytes as u64 + 1, 5..5] {
+                let error = artifacts.get_range("models/a/1/model.glb", Some(bad)).await.unwrap_err();
+                assert!(matches!(error, ArtifactError::Range(_)), "{error}");
+            }
+        }
+    }
+
+    #[tokio::test]
+    async fn a_deleted_file_is_gone_with_its_folder_and_deleting_again_is_fine() {
+        let (dir, artifacts, path, _) = fixture(10);
+        artifacts.put_file("models/a/1/model.glb", &path).await.unwrap();
+        for _ in 0..2 {
+            artifacts.delete(&["models/a/1/model.glb".into()]).await.unwrap();
+        }
+        let error = artifacts.read_all("models/a/1/model.glb").await.unwrap_err();
+        assert!(matches!(error, ArtifactError::NotFound { .. }), "{error}");
+        assert!(!dir.path().join("files/models/a").exists());
+    }
+
+    #[tokio::test]
+    async fn an_upload_that_fails_shows_nothing() {
+        let (dir, artifacts, path, _) = fixture(3 * PART);
+        // A folder at the place of the file: the rename at the end cannot succeed.
+        std::fs::create_dir_all(dir.path().join("files/models/a/1/model.glb/in-the-way")).unwrap();
+        let error = artifacts.put_file("models/a/1/model.glb", &path).await.unwrap_err();
+        assert!(matches!(error, ArtifactError::Store(_)), "{error}");
+        let missing = artifacts.put_file("models/a/1/other", &dir.path().join("missing")).await.unwrap_err();
+        assert!(matches!(missing, ArtifactError::Scratch { .. }), "{missing}");
+        assert!(artifacts.read_all("models/a/1/other").await.is_err());
+    }
+
+    #[cfg(unix)]
+    #[tokio::test]
+    async fn no_symbolic_link_below_the_root_is_followed() {
+        use std::os::unix::fs::symlink;
+        let (dir, artifacts, path, data) = fixture(10);
+        let (files, outside) = (dir.path().join("files"), dir.path().join("outside"));
+        std::fs::create_dir_all(outside.join("1")).unwrap();
+        std::fs::write(outside.join("1/secret"), "secret").unwrap();
+        artifacts.put_file("models/a/1/model.glb", &path).await.unwrap();
+        symlink(&outside, files.join("models/b")).unwrap();
+        symlink(outside.join("1/secret"), files.join("models/a/1/link")).unwrap();
+        let is_link = |result: Result<(), ArtifactError>| {
+            let error = result.unwrap_err();
+            assert!(
+                matches!(error, ArtifactError::Link { .. }) && error.to_string().contains("symbolic link"),
+                "{error}"
+            );
+        };
+        for key in ["models/b/1/secret", "models/a/1/link"] {
+            let keys = [key.to_owned()];
+            is_link(artifacts.read_all(key).await.map(drop));
+            is_link(artifacts.get_range(key, None).await.map(drop));
+            is_link(artifacts.get_range(key, Some(0..1)).await.map(drop));
+            is_link(artifacts.put_file(key, &path).await.map(drop));
+            is_link(artifacts.put_bytes(key, Bytes::from_static(b"new")).await);
+            is_link(artifacts.missing(&keys).await.map(drop));
+            is_link(artifacts.delete(&keys).await);
+        }
+        is_link(artifacts.put_file("models/b/2/new", &path).await.map(drop));
+        assert_eq!(std::fs::read(outside.join("1/secret")).unwrap(), b"secret");
+        assert_eq!(std::fs::read_dir(&outside).unwrap().count(), 1, "something was written through the link");
+        let mut listing = artifacts.listing(MODELS);
+        let keys: Vec<String> = listing.next().await.unwrap().into_iter().map(|object| object.key).collect();
+        assert_eq!(keys, ["models/a/1/model.glb"]);
+
+        // The root itself may be a link; one at its top is found at start.
+        let root = dir.path().join("root");
+        symlink(&files, &root).unwrap();
+        assert_eq!(Artifacts::local(&root).unwrap().read_all("models/a/1/model.glb").await.unwrap(), data);
+        symlink(&outside, files.join("probe")).unwrap();
+        is_link(Artifacts::local(&root).map(drop));
+    }
+
+    #[tokio::test]
+    async fn a_full_store_is_noted_until_a_write_succeeds() {
+        let (dir, artifacts, path, _) = fixture(10);
+        assert_eq!(artifacts.outage(), None);
+        std::fs::create_dir_all(dir.path().join("files/models/a/1/model.glb/in-the-way")).unwrap();
+        artifacts.put_file("models/a/1/model.glb", &path).await.unwrap_err();
+        assert!(artifacts.clone().outage().is_some());
+        let missing = artifacts.put_file("models/a/1/other", &dir.path().join("missing")).await.unwrap_err();
+        assert!(matches!(missing, ArtifactError::Scratch { .. }) && artifacts.outage().is_some());
+        artifacts.check().await.unwrap();
+        assert_eq!(artifacts.outage(), None);
+        assert!(artifacts.listing(PROBES).next().await.unwrap().is_empty(), "a check leaves nothing");
+        let keys = ["models/a/1/none".to_owned(), "models/a/2/none".to_owned()];
+        assert_eq!(artifacts.missing(&keys).await.unwrap(), keys);
+    }
+}

@@ -1,0 +1,116 @@
+//! Rows to jobs. Values that only a later version can read are left out; such a job is shown as far as it is understood.
+
+use super::codec::{enum_from_sql, parse};
+use super::tx::{Row, SqlError, Tx};
+use crate::generate::{Backend, Output};
+use crate::jobs::job::{BackendReport, BatchId, Job, JobId, Priority};
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+/// A job with what only the queue needs.
+#[derive(Debug)]
+pub(super) struct Record {
+    pub(super) job: Job,
+    /// Its turn among the jobs of the same backend and priority.
+    pub(super) turn: i64,
+    /// Which jobs a GPU may run together with it; `None`: none.
+    pub(super) batch_key: Option<String>,
+    /// Why this version cannot run it, if it cannot: a later version may have written what this one does not know.
+    pub(super) unread: Option<String>,
+}
+
+/// Everything of a job in one row; `j` is the table of jobs.
+pub(super) fn select_jobs(tx: &Tx<'_>) -> &'static str {
+    tx.either(
+        "SELECT j.*, \
+         (SELECT json_group_array(json_object('name', f.name, 'media_type', f.media_type, 'bytes', f.bytes, \
+         'sha256', f.sha256, 'key', f.key)) FROM (SELECT * FROM files WHERE job_id = j.id ORDER BY ordinal) f) \
+         AS files, \
+         (SELECT json_group_object(l.name, l.value) FROM labels l WHERE l.job_id = j.id) AS labels ",
+        "SELECT j.*, \
+         (SELECT COALESCE(json_agg(json_build_object('name', f.name, 'media_type', f.media_type, 'bytes', f.bytes, \
+         'sha256', f.sha256, 'key', f.key) ORDER BY f.ordinal), '[]')::text FROM files f WHERE f.job_id = j.id) \
+         AS files, \
+         (SELECT COALESCE(json_object_agg(l.name, l.value), '{}')::text FROM labels l WHERE l.job_id = j.id) AS labels ",
+    )
+}
+
+/// A JSON value; `None` if it is missing or only a later version can read it.
+fn parse_optional<T: DeserializeOwned>(row: &Row, column: &str) -> Result<Option<T>, SqlError> {
+    Ok(row.optional_text(column)?.and_then(|text| parse(text).ok()))
+}
+
+/// An enum; `None` if it is missing or only a later version knows it.
+pub(super) fn optional_enum<T: DeserializeOwned>(row: &Row, column: &str) -> Result<Option<T>, SqlError> {
+    Ok(row.optional_text(column)?.and_then(|name| enum_from_sql(name).ok()))
+}
+
+pub(super) fn owned(row: &Row, column: &str) -> Result<Option<String>, SqlError> {
+    Ok(row.optional_text(column)?.map(str::to_owned))
+}
+
+/// A priority; one outside this version's range becomes the nearest end of the range.
+pub(super) fn priority(value: i64) -> Priority {
+    Priority::try_from(value.clamp(Priority::MIN, Priority::MAX)).unwrap_or_default()
+}
+
+/// The outputs asked for that this version knows, and why that is not all of them.
+fn outputs(text: &str) -> (Vec<Output>, Option<String>) {
+    let names: Vec<Value> = match serde_json::from_str(text) {
+        Ok(names) => names,
+        Err(error) => return (Vec::new(), Some(format!("outputs: {error}"))),
+    };
+    let (mut known, mut unread) = (Vec::new(), None);
+    for name in names {
+        match serde_json::from_value(name) {
+            Ok(output) => known.push(output),
+            Err(error) => unread = Some(format!("outputs: {error}")),
+        }
+    }
+    (known, unread)
+}
+
+/// A row of [`select_jobs`]; the position in the queue is left empty.
+pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
+    let (outputs, mut unread) = outputs(row.text("outputs")?);
+    let spec = serde_json::from_str(row.text("spec")?).unwrap_or_else(|error| {
+        unread = Some(format!("spec: {error}"));
+        Value::Null
+    });
+    let job = Job {
+        id: row.id("id")?,
+        status: enum_from_sql(row.text("status")?)?,
+        version: row.count("version")?,
+        preset: row.text("preset")?.to_owned(),
+        seed: row.count("seed")?,
+        spec,
+        outputs,
+        labels: parse(row.text("labels")?)?,
+        priority: priority(row.int("rank")?.saturating_neg()),
+        trace: owned(row, "trace")?,
+        backend: BackendReport {
+            // No claim of this version takes a job of a backend that it does not know.
+            requested: enum_from_sql(row.text("backend_requested")?).unwrap_or(Backend::Auto),
+            used: optional_enum(row, "backend_used")?,
+            device: owned(row, "device")?,
+            fallback: owned(row, "fallback")?,
+        },
+        queue_position: None,
+        progress: parse_optional(row, "progress")?,
+        section: parse_optional(row, "section")?,
+        attempts: row.count("attempts")?,
+        cancel_requested: row.flag("cancel_requested")?,
+        created_at: row.time("created_at")?,
+        started_at: row.optional_time("started_at")?,
+        finished_at: row.optional_time("finished_at")?,
+        files: parse(row.text("files")?)?,
+        summary: parse_optional(row, "summary")?,
+        problem: parse_optional(row, "problem")?,
+        digest: row.text("digest")?.to_owned(),
+        engine: row.text("engine")?.to_owned(),
+        batch: row.optional_id("batch")?.map(|JobId(id)| BatchId(id)),
+        checkpoint: owned(row, "checkpoint")?,
+        reused_from: row.optional_id("reused_from")?,
+    };
+    Ok(Record { job, turn: row.int("turn")?, batch_key: owned(row, "batch_key")?, unread })
+}
