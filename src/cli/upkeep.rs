@@ -1,10 +1,10 @@
 //! Periodic maintenance by `serve`: deletes models past their retention and files that no record names, and reports the
-//! size of all files. Workers do none of it.
+//! size of all files. Workers do none of it; of several `serve` processes over one store, one sweeps at a time.
 
 use crate::clock::Clock;
 use crate::jobs::Store;
 use crate::jobs::artifacts::Artifacts;
-use crate::jobs::sweep::Retention;
+use crate::jobs::sweep::{Retention, Sweeper};
 use crate::metrics::Metrics;
 use std::sync::Arc;
 use std::time::Duration;
@@ -40,20 +40,21 @@ impl Upkeep {
     /// process uses, all that are older than this call. Call it before any worker starts.
     pub(super) fn start(context: UpkeepContext, retention: Retention) -> Self {
         let mut tasks = JoinSet::new();
+        let sweeper = Arc::new(Sweeper::new(Arc::clone(&context.store), context.artifacts.clone()));
         let start = context.clock.now();
         let first_age = if context.shared { ORPHAN_AGE } else { Duration::ZERO };
-        let orphans = context.clone();
+        let (clock, orphans) = (context.clock.clone(), Arc::clone(&sweeper));
         tasks.spawn(async move {
-            orphans.sweep_orphans(start, first_age).await;
+            sweep_orphans(&orphans, start, first_age).await;
             loop {
                 tokio::time::sleep(ORPHANS_EVERY).await;
-                orphans.sweep_orphans(orphans.clock.now(), ORPHAN_AGE).await;
+                sweep_orphans(&orphans, clock.now(), ORPHAN_AGE).await;
             }
         });
         let expired = context.clone();
         tasks.spawn(async move {
             while retention != Retention::default() {
-                expired.sweep_expired(retention).await;
+                expired.sweep_expired(&sweeper, retention).await;
                 tokio::time::sleep(RETENTION_EVERY).await;
             }
         });
@@ -69,22 +70,17 @@ impl Upkeep {
 }
 
 impl UpkeepContext {
-    async fn sweep_orphans(&self, now: jiff::Timestamp, age: Duration) {
-        match self.artifacts.sweep_orphans(self.store.as_ref(), now, age).await {
-            Ok(0) => {}
-            Ok(files) => tracing::info!(files, "orphaned files were deleted"),
-            Err(error) => tracing::warn!(%error, "orphaned files could not be deleted"),
-        }
-    }
-
-    async fn sweep_expired(&self, retention: Retention) {
-        match retention.sweep(self.store.as_ref(), &self.artifacts).await {
-            Ok(swept) => {
+    async fn sweep_expired(&self, sweeper: &Sweeper, retention: Retention) {
+        match sweeper.retain(retention).await {
+            Ok(Some(swept)) => {
                 self.metrics.removed(swept.removed);
                 if let Some(bytes) = swept.stored_bytes {
                     self.metrics.set_stored_bytes(bytes);
                 }
             }
+            // Another process sweeps.
+            Ok(None) if retention.bytes.is_some() => self.report_bytes().await,
+            Ok(None) => {}
             Err(error) => tracing::warn!(%error, "models past their retention could not be deleted"),
         }
     }
@@ -94,5 +90,13 @@ impl UpkeepContext {
             Ok(bytes) => self.metrics.set_stored_bytes(bytes),
             Err(error) => tracing::warn!(%error, "the size of all files could not be summed"),
         }
+    }
+}
+
+async fn sweep_orphans(sweeper: &Sweeper, now: jiff::Timestamp, age: Duration) {
+    match sweeper.sweep_orphans(now, age, ORPHANS_EVERY).await {
+        Ok(None | Some(0)) => {}
+        Ok(Some(files)) => tracing::info!(files, "orphaned files were deleted"),
+        Err(error) => tracing::warn!(%error, "orphaned files could not be deleted"),
     }
 }
