@@ -13,12 +13,20 @@ const FRESH: Duration = Duration::from_secs(1);
 const LIMIT: Duration = Duration::from_secs(5);
 
 /// The last write and the last check.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Health {
     /// The error of the latest write, if it failed.
     outage: Mutex<Option<String>>,
     /// The latest check. Locked while one runs, so that concurrent callers share it.
     checked: tokio::sync::Mutex<Option<(Stopwatch, Result<(), String>)>>,
+    /// [`LIMIT`], except in tests.
+    limit: Duration,
+}
+
+impl Default for Health {
+    fn default() -> Self {
+        Self { outage: Mutex::default(), checked: tokio::sync::Mutex::default(), limit: LIMIT }
+    }
 }
 
 impl Health {
@@ -48,8 +56,8 @@ impl Health {
         {
             return result.clone().map_err(ArtifactError::Store);
         }
-        let late = || ArtifactError::Store(format!("a small write did not complete within {} s", LIMIT.as_secs()));
-        let result = self.note(timeout(LIMIT, probe).await.unwrap_or_else(|_| Err(late())));
+        let late = || ArtifactError::Store(format!("a small write did not complete within {:?}", self.limit));
+        let result = self.note(timeout(self.limit, probe).await.unwrap_or_else(|_| Err(late())));
         let text = result.as_ref().copied().map_err(|error| match error {
             ArtifactError::Store(detail) => detail.clone(),
             other => other.to_string(),
@@ -82,10 +90,10 @@ mod tests {
         assert_eq!(health.outage(), None);
     }
 
-    #[tokio::test(start_paused = true)]
+    #[tokio::test]
     async fn a_check_that_hangs_fails_after_its_time_limit() {
-        let health = Health::default();
+        let health = Health { limit: Duration::from_millis(10), ..Health::default() };
         let error = health.check(std::future::pending()).await.unwrap_err();
-        assert!(error.to_string().contains("within 5 s") && health.outage().is_some(), "{error}");
+        assert!(error.to_string().contains("within 10ms") && health.outage().is_some(), "{error}");
     }
 }
