@@ -1,10 +1,10 @@
 //! Counter-based random numbers: a value is a pure function of (seed, stream, index).
 //!
-//! Integers only and 32 bits wide, so that the same function can be written in WGSL word for word and
-//! results depend on neither thread count nor order of evaluation. The mixer is PCG4D (Jarzynski and
+//! It uses 32-bit integers only, so that WGSL can compute the same numbers, and
+//! results depend neither on the number of threads nor on the order of evaluation. The mixer is PCG4D (Jarzynski and
 //! Olano, *Hash Functions for GPU Rendering*, JCGT 9(3), 2020).
 
-/// What a stream of random numbers is used for; numbers of different streams are independent.
+/// Purpose of a stream of random numbers; numbers of different streams are independent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum Stream {
@@ -43,7 +43,7 @@ fn pcg4d(mut v: [u32; 4]) -> [u32; 4] {
 /// Four random words for `(seed, stream, a, b)`; `b` gives a second counter.
 #[must_use]
 pub fn words(seed: u64, stream: Stream, a: u32, b: u32) -> [u32; 4] {
-    // The upper seed bits (at most 21 are used) are spread before they meet the stream number.
+    // The upper seed bits (at most 21 are used) are spread before they are combined with the stream number.
     let high = ((seed >> 32) as u32).wrapping_mul(0x9E37_79B9) ^ (stream as u32).wrapping_mul(0x85EB_CA6B);
     pcg4d([seed as u32, high, a, b])
 }
@@ -67,7 +67,7 @@ pub fn below(word: u32, n: u32) -> u32 {
     ((word >> 16) * n) >> 16
 }
 
-/// A seed that nobody asked for, 0 to 2^53 − 1: the only number here that is not a function of its arguments.
+/// A random seed, 0 to 2^53 − 1, for requests that name none: the only number here that is not a function of its arguments.
 #[must_use]
 pub fn draw_seed() -> u64 {
     use std::hash::{BuildHasher, RandomState};

@@ -1,16 +1,24 @@
 // The outer loop: spring, containment to its own lobed ellipse, friction; twin of src/sim/cpu/outer.rs.
 //
-// One workgroup a member. The inner loop never asks where the outer one is, so that a step of the wall may run beside
-// the first evaluation of the next step.
+// One workgroup per member. The inner loop never reads the outer one, so a step of the wall may run beside the first
+// evaluation of the next step.
 
 // Least thickness of the wall, µm.
 const MARGIN: f32 = 20.0;
-// Greatest move in a step, µm, where the inner loop does not demand more.
+// Greatest move in a step along each axis, µm, unless the inner loop forces a greater one.
 const MOVE: f32 = 5.0;
 // Rest length of the edges over their mean length.
 const TAUT: f32 = 0.8;
 // Pull toward the target per µm of distance.
 const PULL: f32 = 0.1;
+// Share of the angle between two neighbours that each of them may close in a step: below a half.
+const CLOSING: f32 = 0.45;
+// Share of what remains up to WIDEST by which each of two neighbours may widen the angle between them in a step.
+const WIDENING: f32 = 0.25;
+// Greatest chord between the directions (unit vectors) of two neighbours.
+const WIDEST: f32 = 1.6;
+// Least chord between the directions of two neighbours over the mean one.
+const NARROWEST: f32 = 0.1;
 
 var<workgroup> wall_lengths: array<f32, LOOP_THREADS>;
 var<workgroup> wall_burden: f32;
@@ -29,7 +37,7 @@ fn put2(member: u32, field: u32, i: u32, value: vec2<f32>) {
     wall[wall_slot(member, field + 1u, i)] = bitcast<u32>(value.y);
 }
 
-// Elliptic radius of the lobed wall in a direction, in row `at` of the member's.
+// Elliptic radius of the lobed target in a direction, at row `at` of the member.
 fn wall_target(member: u32, at: u32, direction: vec2<f32>) -> f32 {
     let row = row_index(member, at);
     // Tables, behind the thickness field's: order and weight of each lobe, then (cosine, sine) of each row and lobe.
@@ -53,7 +61,36 @@ fn wall_target(member: u32, at: u32, direction: vec2<f32>) -> f32 {
     return rows[row].r_wall * (1.0 + rows[row].lobing * sum);
 }
 
-// Does the step of row `at` with the threads of a workgroup, `BLOCK_THREADS` of them.
+fn wall_unit(a: vec2<f32>) -> vec2<f32> {
+    return a / max(sqrt(a.x * a.x + a.y * a.y), 1e-6);
+}
+
+// Direction of particle i in the flattened plane, from the position at `field`.
+fn wall_direction(member: u32, field: u32, i: u32, squash: f32) -> vec2<f32> {
+    let p = wall2(member, field, i);
+    return wall_unit(vec2<f32>(p.x, p.y / squash));
+}
+
+// Chord between two directions.
+fn wall_chord(a: vec2<f32>, b: vec2<f32>) -> f32 {
+    let d = b - a;
+    return sqrt(d.x * d.x + d.y * d.y);
+}
+
+// Positive if b lies counter-clockwise of a.
+fn wall_cross(a: vec2<f32>, b: vec2<f32>) -> f32 {
+    return a.x * b.y - a.y * b.x;
+}
+
+// The last direction, from `own` toward that of a neighbour, that a particle may take in a step. `closing` and
+// `widening` are the chords to this neighbour and to the other one.
+fn wall_limit(own: vec2<f32>, toward: vec2<f32>, closing: f32, widening: f32, narrowest: f32) -> vec2<f32> {
+    let close = CLOSING * max(1.0 - narrowest / closing, 0.0);
+    let widen = WIDENING * max(WIDEST - widening, 0.0) / closing;
+    return own + min(close, widen) * (toward - own);
+}
+
+// Advances the loop by the step of row `at`, with the `BLOCK_THREADS` threads of a workgroup.
 fn step_outer(member: u32, at: u32, thread: u32) {
     let n = select(0u, states[member].outer, runs_on(member));
     let row = row_index(member, at);
@@ -81,10 +118,11 @@ fn step_outer(member: u32, at: u32, thread: u32) {
         put2(member, WALL_PULL_X, i, pull * u);
     }
     storageBarrier();
-    // An edge between particles at elliptic radius r comes as near as r·cos(π/n); the loop is spaced evenly within a
-    // factor of two, hence 2π/n.
+    // An edge between two particles at elliptic radius r and equal spacing comes as near as r·cos(π/n); 2π/n allows for
+    // spacing twice as wide. The last pass handles wider angles.
     let lowest = (wall_burden + MARGIN) / max(cos_turns(1.0 / f32(n)), 0.5);
     let squash = rows[next_row].squash;
+    let narrowest = NARROWEST * 6.2831853 / f32(n);
     for (var i = thread; i < n; i += LOOP_THREADS) {
         let p = wall2(member, WALL_X, i);
         let flattened = vec2<f32>(p.x, p.y / squash);
@@ -95,14 +133,42 @@ fn step_outer(member: u32, at: u32, thread: u32) {
         let before = wall2(member, WALL_PULL_X, (i + n - 1u) % n);
         let v0 = wall2(member, WALL_VX, i);
         let force = wall2(member, WALL_PULL_X, i) - before + pull * p / elliptic - rows[row].wall_friction * v0;
-        let v = clamp(v0 + force, vec2<f32>(-MOVE), vec2<f32>(MOVE));
+        var v = clamp(v0 + force, vec2<f32>(-MOVE), vec2<f32>(MOVE));
         var q = p + v;
+        // Hold the particle between its neighbours.
+        let own = wall_unit(flattened);
+        let behind = wall_direction(member, WALL_X, (i + n - 1u) % n, squash);
+        let ahead = wall_direction(member, WALL_X, (i + 1u) % n, squash);
+        let chord_behind = wall_chord(behind, own);
+        let chord_ahead = wall_chord(own, ahead);
+        let last = wall_limit(own, ahead, max(chord_ahead, 1e-9), chord_behind, narrowest);
+        let first = wall_limit(own, behind, max(chord_behind, 1e-9), chord_ahead, narrowest);
         let flat_q = vec2<f32>(q.x, q.y / squash);
         let elliptic_q = sqrt(flat_q.x * flat_q.x + flat_q.y * flat_q.y);
+        let too_far = wall_cross(last, flat_q) > 0.0;
+        if too_far || wall_cross(first, flat_q) < 0.0 {
+            let held = elliptic_q * wall_unit(select(first, last, too_far));
+            q = vec2<f32>(held.x, held.y * squash);
+            v = q - p;
+        }
         if elliptic_q < lowest {
             q *= lowest / max(elliptic_q, 1e-6);
         }
-        put2(member, WALL_X, i, q);
+        // Neighbours still read the old position.
+        put2(member, WALL_OLD, i, q);
         put2(member, WALL_VX, i, v);
+    }
+    storageBarrier();
+    // Push particles out whose edges would come nearer to the origin than the inner loop reaches.
+    for (var i = thread; i < n; i += LOOP_THREADS) {
+        let own = wall_direction(member, WALL_OLD, i, squash);
+        let behind = wall_direction(member, WALL_OLD, (i + n - 1u) % n, squash);
+        let ahead = wall_direction(member, WALL_OLD, (i + 1u) % n, squash);
+        let chord = max(wall_chord(behind, own), wall_chord(own, ahead));
+        let needed = (wall_burden + MARGIN) / sqrt(max(1.0 - 0.25 * chord * chord, 0.01));
+        let q = wall2(member, WALL_OLD, i);
+        let flat_q = vec2<f32>(q.x, q.y / squash);
+        let radius = sqrt(flat_q.x * flat_q.x + flat_q.y * flat_q.y);
+        put2(member, WALL_X, i, select(q, q * (needed / max(radius, 1e-6)), radius < needed));
     }
 }

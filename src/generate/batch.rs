@@ -1,11 +1,10 @@
-//! Many models at a time: one simulation of all of them on a GPU, and their surfaces on the threads of the CPU.
+//! Generates many models at a time: all are simulated together on a GPU, and their surfaces are made on CPU threads.
 //!
-//! The calling thread drives the device. What the device yields for a member goes to the member's inbox, which one task
-//! of the pool at a time works off: it lofts the sections as they come, and closes, proves and writes the model once its
-//! simulation has ended. Members share nothing but the device: one that fails, panics or is cancelled leaves the others
-//! as they are.
+//! The calling thread drives the device. Results of a member go to the member's inbox, which is processed by one task
+//! of the pool at a time: it lofts the sections as they arrive, and closes, certifies and writes the model when its
+//! simulation has ended. Members share only the device: one that fails, panics or is cancelled does not affect the others.
 
-use super::device::{Device, Told};
+use super::device::{Device, Receiver};
 use super::grow::{Grown, lofter, unsound};
 use super::pace::Pace;
 use super::types::{Backend, CancelToken, GenerateError, Outcome, Request, Sink};
@@ -22,30 +21,30 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Sections waiting for the loft beyond which the device is slowed down.
+/// Number of sections waiting for the loft above which the device is slowed down.
 const BACKLOG: usize = 64;
-/// How long a section waits at most where the loft is behind. Never for good: the loft may need this very thread.
+/// Longest wait of a section for the loft. It must be bounded, because the loft may need this thread.
 const BACKLOG_WAIT: Duration = Duration::from_millis(50);
 
 /// One model of a batch.
 #[derive(Clone, Copy)]
 pub struct Member<'a> {
-    /// What to generate; its `backend` is not looked at.
+    /// What to generate; its `backend` is ignored.
     pub request: &'a Request,
-    /// Where its progress goes: called from several threads, one at a time.
+    /// Receives its progress; called from several threads, one at a time.
     pub sink: &'a dyn Sink,
-    /// Asks this member alone to stop.
+    /// Cancels this member only.
     pub cancel: &'a CancelToken,
 }
 
-/// Grows, proves and writes `members`, simulated together on `device`. Calls `ended` once for each, as soon as it has
-/// ended, with its place in `members`; comes back when all have.
+/// Grows, certifies and writes `members`, simulated together on `device`. Calls `ended` once for each, as soon as it has
+/// ended, with its index in `members`; returns when all have ended.
 ///
-/// What does not get its memory on the device is halved, and the halves are simulated one after the other.
+/// A batch that does not fit into the memory of the device is halved, and the halves are simulated one after the other.
 ///
-/// Takes up one thread of the rayon pool that it is called in, to drive the device; the others loft, prove and write.
-/// [`GenerateError::Gpu`] comes to members that the device could not do or did not finish: they may be grown on
-/// the CPU from their beginning, in the same folders.
+/// One thread of the current rayon pool drives the device; the others loft, certify and write.
+/// Members that the device could not simulate or did not finish end with [`GenerateError::Gpu`]; they can be grown on
+/// the CPU from the beginning, in the same folders.
 pub fn generate_batch(
     device: &GpuDevice,
     members: &[Member<'_>],
@@ -77,13 +76,14 @@ fn on<D: Device>(device: &D, members: &[Member<'_>], ended: &(dyn Fn(usize, Resu
         shorter: Condvar::new(),
         total: Stopwatch::start(),
     };
-    // Members that are simulated together; those to be run first come last.
+    // Groups of members that are simulated together; a stack, so the first to run is last.
     let mut groups: Vec<Range<usize>> = std::iter::once(0..batch.growing.len()).collect();
     rayon::in_place_scope(|scope| {
         while let Some(group) = groups.pop() {
-            let mut feed = Feed { batch: &batch, scope, first: group.start, begun: Stopwatch::start(), told: false };
+            let mut feed =
+                Feed { batch: &batch, scope, first: group.start, begun: Stopwatch::start(), reported: false };
             let result = device.run(&batch.plans[group.clone()], &mut feed);
-            if matches!(result, Err(GpuError::OutOfMemory)) && group.len() > 1 && !feed.told {
+            if matches!(result, Err(GpuError::OutOfMemory)) && group.len() > 1 && !feed.reported {
                 tracing::warn!(members = group.len(), "the device has no memory for the batch, which is halved");
                 let middle = group.start + group.len().div_ceil(2);
                 groups.extend([middle..group.end, group.start..middle]);
@@ -93,7 +93,7 @@ fn on<D: Device>(device: &D, members: &[Member<'_>], ended: &(dyn Fn(usize, Resu
                 if !member.simulated.load(Ordering::Relaxed) {
                     let why = match &result {
                         Err(error) => GenerateError::Gpu(error.clone()),
-                        // A device that is well leaves out only what was asked to stop.
+                        // A working device omits only cancelled members.
                         Ok(()) => GenerateError::Cancelled,
                     };
                     batch.drop_sections(member);
@@ -104,15 +104,15 @@ fn on<D: Device>(device: &D, members: &[Member<'_>], ended: &(dyn Fn(usize, Resu
     });
 }
 
-/// What is told of a member.
+/// A result of a member.
 enum Item<M> {
     Section(Section, M),
-    /// Its last step is done; with the seconds since the device began with it.
+    /// Its last step is done; with the seconds since its simulation began.
     Simulated(Statistics, f64),
     Broken(GenerateError),
 }
 
-/// A surface on its way; `None` before the first section.
+/// An unfinished surface; `None` before the first section.
 type Loft<M> = Option<Lofting<M>>;
 
 struct Lofting<M> {
@@ -132,21 +132,21 @@ impl<M> Lofting<M> {
 
 struct Inbox<M> {
     items: VecDeque<Item<M>>,
-    /// Whether a task works it off, or will.
+    /// Whether a task processes it, or is scheduled to.
     scheduled: bool,
 }
 
 struct Growing<'a, M> {
-    /// Place among the members that the caller gave.
+    /// Index among the members of the caller.
     index: usize,
-    /// Place among those that the device runs.
+    /// Index among those that the device runs.
     slot: usize,
     member: Member<'a>,
     pace: Mutex<Pace<'a>>,
     inbox: Mutex<Inbox<M>>,
     /// `None` once the member has ended.
     loft: Mutex<Option<Loft<M>>>,
-    /// Whether the device has nothing more to tell of it.
+    /// Whether the device has reported its end.
     simulated: AtomicBool,
     ended: AtomicBool,
 }
@@ -166,7 +166,7 @@ impl<'a, M> Growing<'a, M> {
     }
 }
 
-/// A panic of one member is caught before it can leave anything half changed that another one reads.
+/// Ignores poisoning: a panic of one member is caught before it can leave shared data in an inconsistent state.
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -183,25 +183,25 @@ struct Batch<'a, D: Device> {
 }
 
 impl<'a, D: Device> Batch<'a, D> {
-    /// Puts an item into a member's inbox, and a task on it where there is none.
+    /// Puts an item into a member's inbox, and schedules a task for it if there is none.
     fn post<'s>(&'s self, scope: &rayon::Scope<'s>, member: &'s Growing<'a, D::Mark>, item: Item<D::Mark>) {
         *lock(&self.backlog) += 1;
         let mut inbox = lock(&member.inbox);
         inbox.items.push_back(item);
         if !inbox.scheduled {
             inbox.scheduled = true;
-            scope.spawn(move |_| self.work_off(member));
+            scope.spawn(move |_| self.process(member));
         }
     }
 
-    /// Forgets what waits for the loft of a member that will not be finished.
+    /// Drops the sections that wait for the loft of a member that will not be finished.
     fn drop_sections(&self, member: &Growing<'a, D::Mark>) {
         let mut inbox = lock(&member.inbox);
         *lock(&self.backlog) -= inbox.items.len();
         inbox.items.clear();
     }
 
-    fn work_off(&self, member: &Growing<'a, D::Mark>) {
+    fn process(&self, member: &Growing<'a, D::Mark>) {
         loop {
             let item = {
                 let mut inbox = lock(&member.inbox);
@@ -224,15 +224,15 @@ impl<'a, D: Device> Batch<'a, D> {
         }
     }
 
-    /// Gives the loft time where it is behind.
+    /// Waits for the loft if it lags behind.
     fn keep_pace(&self) {
         if rayon::current_num_threads() == 1 {
-            // The only thread of its pool: nobody else works the inboxes off. Elsewhere there is nothing to do here.
+            // This is the only thread of its pool, so it must process the inboxes itself.
             while rayon::yield_now() == Some(rayon::Yield::Executed) {}
         }
         let backlog = lock(&self.backlog);
         if *backlog > BACKLOG {
-            // Whether the time ran out does not matter.
+            // Whether the wait timed out does not matter.
             drop(self.shorter.wait_timeout_while(backlog, BACKLOG_WAIT, |items| *items > BACKLOG));
         }
     }
@@ -242,7 +242,7 @@ impl<'a, D: Device> Batch<'a, D> {
         (self.ended)(member.index, result);
     }
 
-    /// Does what an item asks for; gives the model once it is made.
+    /// Processes an item; returns the model when it is finished.
     fn handle(
         &self,
         member: &Growing<'a, D::Mark>,
@@ -276,7 +276,7 @@ impl<'a, D: Device> Batch<'a, D> {
         }
     }
 
-    /// Lofts the slab up to `section`; where that needs mending, the steps in between are simulated again.
+    /// Lofts the slab up to `section`; if it needs mending, the steps in between are simulated again.
     fn advance(
         &self,
         member: &Growing<'a, D::Mark>,
@@ -298,15 +298,15 @@ impl<'a, D: Device> Batch<'a, D> {
     }
 }
 
-/// Hands on what the device tells of a group of members.
+/// Forwards the results of a group of members to their inboxes.
 struct Feed<'s, 'scope, 'a, D: Device> {
     batch: &'scope Batch<'a, D>,
     scope: &'s rayon::Scope<'scope>,
     /// The first member of the group.
     first: usize,
     begun: Stopwatch,
-    /// Whether anything was told.
-    told: bool,
+    /// Whether the device has reported anything.
+    reported: bool,
 }
 
 impl<'scope, 'a, D: Device> Feed<'_, 'scope, 'a, D> {
@@ -314,15 +314,15 @@ impl<'scope, 'a, D: Device> Feed<'_, 'scope, 'a, D> {
         &self.batch.growing[self.first + place]
     }
 
-    fn tell(&mut self, place: usize, item: Item<D::Mark>) {
-        self.told = true;
+    fn forward(&mut self, place: usize, item: Item<D::Mark>) {
+        self.reported = true;
         self.batch.post(self.scope, self.member(place), item);
     }
 }
 
-impl<D: Device> Told<D::Mark> for Feed<'_, '_, '_, D> {
+impl<D: Device> Receiver<D::Mark> for Feed<'_, '_, '_, D> {
     fn section(&mut self, member: usize, section: Section, mark: D::Mark) {
-        self.tell(member, Item::Section(section, mark));
+        self.forward(member, Item::Section(section, mark));
         self.batch.keep_pace();
     }
 
@@ -340,17 +340,17 @@ impl<D: Device> Told<D::Mark> for Feed<'_, '_, '_, D> {
 
     fn failed(&mut self, member: usize, error: SimError) {
         self.member(member).simulated.store(true, Ordering::Relaxed);
-        self.tell(member, Item::Broken(GenerateError::Simulation { detail: error.to_string() }));
+        self.forward(member, Item::Broken(GenerateError::Simulation { detail: error.to_string() }));
     }
 
     fn finished(&mut self, member: usize, statistics: Statistics) {
         self.member(member).simulated.store(true, Ordering::Relaxed);
         let seconds = self.begun.seconds();
-        self.tell(member, Item::Simulated(statistics, seconds));
+        self.forward(member, Item::Simulated(statistics, seconds));
     }
 }
 
-/// What a panic said.
+/// The message of a panic.
 fn message(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
     text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "a panic without a message".to_owned())

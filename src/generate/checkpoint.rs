@@ -1,11 +1,11 @@
-//! A generation that was broken off, in bytes: enough to go on and end with the same files.
+//! The state of an unfinished generation as bytes, from which it can be continued to the same files.
 //!
 //! Invariant: a model that was resumed, any number of times and on any number of threads, is the same, byte for byte,
-//! as one that was grown in one go. The simulation goes on from its exact state. The surface is not stored but lofted
-//! again from the sections that it was made of, those added to mend slabs included: a section that was accepted on
-//! a surface is accepted on the same surface again, with the same diagonals, because that depends on nothing else.
+//! as one that was grown without interruption. The simulation continues from its exact state. The surface is not stored but
+//! lofted again from its sections, including those added to mend slabs: whether a section is accepted, and with which
+//! diagonals, depends only on the surface so far.
 //!
-//! Form: magic, version (u32), length of the header (u32), header (JSON), state of the simulation, accepted sections,
+//! Format: magic, version (u32), length of the header (u32), header (JSON), state of the simulation, accepted sections,
 //! sections since the last recorded one (each as `sections.bin`), SHA-256 of all before.
 
 use super::types::Request;
@@ -21,10 +21,10 @@ const MAGIC: &[u8; 8] = b"OVCHKPT\n";
 const VERSION: u32 = 1;
 const HASH: usize = 32;
 
-/// Why a checkpoint cannot be used; the generation then begins anew.
+/// Why a checkpoint cannot be used; the generation then starts from the beginning.
 #[derive(Debug, thiserror::Error)]
 pub enum CheckpointError {
-    /// It is not a checkpoint, of another version, or not whole.
+    /// It is not a checkpoint, has another version, or is incomplete.
     #[error("the checkpoint is damaged: {0}")]
     Damaged(&'static str),
     /// It belongs to another specification, seed or engine.
@@ -49,11 +49,11 @@ struct Header {
 /// A generation between two steps of its simulation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Checkpoint {
-    /// As the simulation saved it.
+    /// State of the simulation, as saved by it.
     pub(super) simulation: Vec<u8>,
     /// The sections of the surface.
     pub(super) accepted: Vec<Section>,
-    /// The sections of the steps since.
+    /// The sections of the steps since the last recorded one.
     pub(super) history: Vec<Section>,
     /// Diagonals flipped so far.
     pub(super) flipped: usize,
@@ -68,36 +68,37 @@ impl Checkpoint {
     /// [`CheckpointError`].
     pub fn read(request: &Request, bytes: &[u8]) -> Result<Self, CheckpointError> {
         let damaged = CheckpointError::Damaged;
-        let (body, hash) = bytes.split_last_chunk::<HASH>().ok_or(damaged("it is cut off"))?;
+        let (body, hash) = bytes.split_last_chunk::<HASH>().ok_or(damaged("it is truncated"))?;
         if <[u8; HASH]>::from(Sha256::digest(body)) != *hash {
             return Err(damaged("its hash differs"));
         }
-        let body = body.strip_prefix(MAGIC).ok_or(damaged("it is something else"))?;
-        let (version, body) = number(body).ok_or(damaged("it is cut off"))?;
+        let body = body.strip_prefix(MAGIC).ok_or(damaged("it is not a checkpoint"))?;
+        let (version, body) = number(body).ok_or(damaged("it is truncated"))?;
         if version != VERSION {
             return Err(damaged("it is of another version"));
         }
-        let (length, body) = number(body).ok_or(damaged("it is cut off"))?;
-        let (header, body) = body.split_at_checked(length as usize).ok_or(damaged("it is cut off"))?;
-        let header: Header = serde_json::from_slice(header).map_err(|_| damaged("its header"))?;
+        let (length, body) = number(body).ok_or(damaged("it is truncated"))?;
+        let (header, body) = body.split_at_checked(length as usize).ok_or(damaged("it is truncated"))?;
+        let header: Header = serde_json::from_slice(header).map_err(|_| damaged("its header is invalid"))?;
         if header.digest != request.spec.digest(request.seed) || header.engine != ENGINE_VERSION {
             return Err(CheckpointError::Foreign);
         }
         let part = |body: &'_ [u8], length: u64| -> Option<usize> {
             usize::try_from(length).ok().filter(|length| *length <= body.len())
         };
-        let (simulation, body) = body.split_at(part(body, header.simulation).ok_or(damaged("its parts"))?);
-        let (accepted, body) = body.split_at(part(body, header.accepted).ok_or(damaged("its parts"))?);
-        let (history, rest) = body.split_at(part(body, header.history).ok_or(damaged("its parts"))?);
+        let (simulation, body) =
+            body.split_at(part(body, header.simulation).ok_or(damaged("its parts are inconsistent"))?);
+        let (accepted, body) = body.split_at(part(body, header.accepted).ok_or(damaged("its parts are inconsistent"))?);
+        let (history, rest) = body.split_at(part(body, header.history).ok_or(damaged("its parts are inconsistent"))?);
         let checkpoint = Self {
             simulation: simulation.to_vec(),
             accepted: sections(accepted)?,
             history: sections(history)?,
-            flipped: usize::try_from(header.flipped).map_err(|_| damaged("its header"))?,
+            flipped: usize::try_from(header.flipped).map_err(|_| damaged("its header is invalid"))?,
             recorded: header.recorded,
         };
         if !rest.is_empty() || checkpoint.accepted.is_empty() {
-            return Err(damaged("its parts"));
+            return Err(damaged("its parts are inconsistent"));
         }
         Ok(checkpoint)
     }

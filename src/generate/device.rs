@@ -1,20 +1,20 @@
-//! What a batch needs of a GPU: the seam at which tests put another device.
+//! The interface between a batch and its GPU; tests implement it with another device.
 
 use crate::model::Section;
 use crate::sim::gpu::{BatchSink, Checkpoint, GpuDevice, GpuError, replay, run_batch};
 use crate::sim::{Plan, SimError, Statistics};
 
-/// Takes what a batch yields, on the thread that drives the device.
-pub(super) trait Told<M> {
-    /// The next recorded section, with the state that a replay of the slab above it begins at.
+/// Receives the results of a batch, on the thread that drives the device.
+pub(super) trait Receiver<M> {
+    /// The next recorded section, with the state from which the following slab can be replayed.
     fn section(&mut self, member: usize, section: Section, mark: M);
-    /// How far a member is.
+    /// The step that a member has reached.
     fn progress(&mut self, member: usize, step: i64, particles: u32);
-    /// Whether a member shall stop.
+    /// Whether a member should stop.
     fn cancelled(&mut self, member: usize) -> bool;
-    /// A member cannot go on.
+    /// A member has failed.
     fn failed(&mut self, member: usize, error: SimError);
-    /// A member reached its last step.
+    /// A member has reached its last step.
     fn finished(&mut self, member: usize, statistics: Statistics);
 }
 
@@ -23,10 +23,10 @@ pub(super) trait Device: Sync {
     /// The state of a simulation at a recorded section.
     type Mark: Send;
 
-    /// In words.
+    /// Description of the device.
     fn name(&self) -> String;
     /// Runs `plans` to their ends.
-    fn run(&self, plans: &[Plan], told: &mut dyn Told<Self::Mark>) -> Result<(), GpuError>;
+    fn run(&self, plans: &[Plan], receiver: &mut dyn Receiver<Self::Mark>) -> Result<(), GpuError>;
     /// The sections of every step after `mark`, up to the next recorded one.
     fn replay(&self, plan: &Plan, mark: &Self::Mark) -> Result<Vec<Section>, GpuError>;
 }
@@ -38,8 +38,8 @@ impl Device for GpuDevice {
         GpuDevice::name(self).to_owned()
     }
 
-    fn run(&self, plans: &[Plan], told: &mut dyn Told<Checkpoint>) -> Result<(), GpuError> {
-        run_batch(self, plans, &mut Bridge(told)).map(drop)
+    fn run(&self, plans: &[Plan], receiver: &mut dyn Receiver<Checkpoint>) -> Result<(), GpuError> {
+        run_batch(self, plans, &mut Bridge(receiver)).map(drop)
     }
 
     fn replay(&self, plan: &Plan, mark: &Checkpoint) -> Result<Vec<Section>, GpuError> {
@@ -47,7 +47,7 @@ impl Device for GpuDevice {
     }
 }
 
-struct Bridge<'a>(&'a mut dyn Told<Checkpoint>);
+struct Bridge<'a>(&'a mut dyn Receiver<Checkpoint>);
 
 impl BatchSink for Bridge<'_> {
     fn section(&mut self, member: usize, section: Section, checkpoint: Checkpoint) {

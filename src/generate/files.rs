@@ -18,8 +18,8 @@ pub(super) const REPORT: &str = "report.json";
 
 type Buffered = HashingWriter<BufWriter<File>>;
 
-/// Writes `report.json`, `sections.bin` and the outputs asked for. The report holds neither times nor
-/// the backend, so that it too is the same wherever the model is grown.
+/// Writes `report.json`, `sections.bin` and the requested outputs. The report contains neither times nor
+/// the backend, so its bytes do not depend on where the model is grown.
 pub(super) fn write(
     request: &Request,
     mesh: &Mesh,

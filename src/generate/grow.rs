@@ -1,5 +1,5 @@
-//! The simulation and the loft side by side: each slab is tested while the steps between its sections are still at
-//! hand, so that a slab that needs mending can have a section of them.
+//! Runs the simulation and the loft together: each slab is tested while the steps between its two sections are still
+//! in memory, so that it can be mended with one of them.
 
 use super::checkpoint::Checkpoint;
 use super::pace::Pace;
@@ -10,15 +10,15 @@ use crate::model::Section;
 use crate::sim::cpu::CpuSimulation;
 use crate::sim::{Plan, SimError, Simulator, Statistics};
 
-/// What was grown.
+/// A grown model.
 pub(super) struct Grown {
-    /// The surface, its ends still open.
+    /// The surface with open ends.
     pub(super) lofter: Lofter,
     /// All sections, those added to mend slabs included.
     pub(super) sections: Vec<Section>,
     /// Diagonals flipped to mend slabs.
     pub(super) flipped: usize,
-    /// What happened in the simulation.
+    /// Counts of the simulation.
     pub(super) statistics: Statistics,
     /// Seconds spent in the loft.
     pub(super) loft_seconds: f64,
@@ -34,10 +34,10 @@ fn failed(error: SimError) -> GenerateError {
     GenerateError::Simulation { detail: error.to_string() }
 }
 
-/// Vertices that mending may add to any model, beside as many again as were predicted.
+/// Vertices that mending may add to any model, besides as many as were predicted.
 const SPARE_VERTICES: u64 = 1_000_000;
 
-/// A surface that begins with `first`, limited to what mending may add.
+/// A surface that begins with `first`, limited in the number of vertices that mending may add.
 pub(super) fn lofter(request: &Request, first: Section) -> Result<Lofter, GenerateError> {
     let most = 2 * request.spec.cost(&[]).vertices + SPARE_VERTICES;
     Ok(Lofter::new(first).map_err(unsound)?.with_most_vertices(most))
@@ -56,7 +56,7 @@ struct Growth<'a> {
     loft_seconds: f64,
 }
 
-/// Runs the whole simulation, or the rest of it, and lofts its sections.
+/// Runs the whole simulation, or what remains after a checkpoint, and lofts its sections.
 pub(super) fn grow(
     request: &Request,
     from: Option<Checkpoint>,
@@ -68,9 +68,9 @@ pub(super) fn grow(
         Some(checkpoint) => match Growth::resume(request, checkpoint, pace, cancel) {
             Ok(growth) => growth,
             Err(GenerateError::Cancelled) => return Err(GenerateError::Cancelled),
-            // A checkpoint that cannot be gone on from costs time, never a model.
+            // A checkpoint that cannot be restored costs time only.
             Err(error) => {
-                tracing::warn!(%error, "the checkpoint does not restore: the model is grown anew");
+                tracing::warn!(%error, "the checkpoint cannot be restored: the model is grown from its beginning");
                 Growth::begin(request, pace, cancel)?
             }
         },
@@ -118,7 +118,7 @@ impl<'a> Growth<'a> {
         })
     }
 
-    /// Restores the simulation and lofts the sections of the surface again. Tells of them once all is restored.
+    /// Restores the simulation and lofts the sections of the surface again. Reports the sections once all is restored.
     fn resume(
         request: &'a Request,
         from: Checkpoint,
@@ -152,7 +152,7 @@ impl<'a> Growth<'a> {
         })
     }
 
-    /// Lofts up to the step reached.
+    /// Lofts up to the current step.
     fn record(&mut self, pace: &mut Pace<'_>) -> Result<(), GenerateError> {
         let watch = Stopwatch::start();
         let accepted = self.lofter.advance(&self.history).map_err(unsound)?;
@@ -167,7 +167,7 @@ impl<'a> Growth<'a> {
         Ok(())
     }
 
-    /// Hands on the state between two steps.
+    /// Writes a checkpoint between two steps.
     fn save(&self, pace: &Pace<'_>) -> Result<(), GenerateError> {
         let state = self.simulation.save();
         let bytes = Checkpoint::write(self.request, &state, &self.sections, &self.history, self.flipped, self.recorded)

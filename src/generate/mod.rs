@@ -1,7 +1,8 @@
-//! Spec → everything, synchronous: simulate, loft, certify, export; with a progress sink and a cancel token.
+//! Generates a model from its specification, synchronously: simulate, loft, certify, export; with a progress sink and a cancel
+//! token.
 //!
-//! Knows nothing of jobs or HTTP; the worker and the command line both call [`generate`]. A model leaves this
-//! module only with a certificate that it passed.
+//! Does not depend on jobs or HTTP; the worker and the command line both call [`generate`]. An [`Outcome`] exists only for a
+//! model that has passed its certificate.
 
 mod batch;
 mod checkpoint;
@@ -10,6 +11,7 @@ mod files;
 mod grow;
 mod pace;
 mod types;
+mod warnings;
 
 pub use batch::{Member, generate_batch};
 pub use checkpoint::{Checkpoint, CheckpointError};
@@ -23,18 +25,18 @@ use grow::Grown;
 use pace::Pace;
 use serde_json::json;
 
-/// Grows, proves and writes one model on the CPU; for a GPU see [`generate_batch`].
+/// Grows, certifies and writes one model on the CPU; for a GPU see [`generate_batch`].
 ///
-/// Runs in the rayon pool that it is called in, with as many threads as that has; with
-/// [`Backend::CpuSingle`] on one thread. The files are the same, byte for byte, either way.
+/// Uses all threads of the rayon pool in which it is called, or one thread with
+/// [`Backend::CpuSingle`]. The files are the same, byte for byte, in both cases.
 ///
 /// # Errors
-/// See [`GenerateError`]; files already written to the folder are then left for the caller to remove.
+/// See [`GenerateError`]. Files that were already written are left for the caller to remove.
 pub fn generate(request: &Request, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, GenerateError> {
     begin(request, None, sink, cancel)
 }
 
-/// Goes on with a model from a checkpoint of it, on the CPU; the files are those of [`generate`].
+/// Continues a model from its checkpoint, on the CPU. The files are the same as those of [`generate`].
 ///
 /// # Errors
 /// See [`GenerateError`].
@@ -54,7 +56,7 @@ fn begin(
     cancel: &CancelToken,
 ) -> Result<Outcome, GenerateError> {
     match request.backend {
-        Backend::Gpu => Err(GenerateError::Backend { detail: "a GPU needs a device: see generate_batch".into() }),
+        Backend::Gpu => Err(GenerateError::Backend { detail: "a GPU needs a device: use generate_batch".into() }),
         Backend::Auto | Backend::Cpu => run(request, from, sink, cancel),
         Backend::CpuSingle => rayon::ThreadPoolBuilder::new()
             .num_threads(1)
@@ -86,7 +88,7 @@ fn run(
     finish(request, grown, ran, |stage| pace.stage(stage), cancel)
 }
 
-/// What simulated a model, and when that began.
+/// Backend, device and times of a simulation.
 struct Ran {
     used: Backend,
     device: String,
@@ -95,7 +97,7 @@ struct Ran {
     total: Stopwatch,
 }
 
-/// Closes, proves and writes what was grown; tells each stage as it begins.
+/// Closes, certifies and writes a grown model; calls `stage` at the beginning of each stage.
 fn finish(
     request: &Request,
     grown: Grown,
@@ -123,6 +125,12 @@ fn finish(
     let watch = Stopwatch::start();
     let added = grown.sections.iter().filter(|s| s.added).count();
     let ends = [&grown.sections[0], &grown.sections[grown.sections.len() - 1]].map(crate::model::Section::particles);
+    let warnings = warnings::warnings(&warnings::Growth {
+        splits_missing: grown.statistics.splits_missing,
+        min_gap_um: certificate.min_gap_um,
+        particles: ends[1] as u64,
+        target: request.spec.particles.total.at(1.0).round() as u64,
+    });
     let summary = json!({
         "sections": grown.sections.len() - added,
         "sections_added": added,
@@ -135,6 +143,7 @@ fn finish(
         "min_gap_um": certificate.min_gap_um,
         "volume_mm3": certificate.volume_mm3,
         "area_mm2": certificate.area_mm2,
+        "warnings": warnings,
     });
     let certificate = serde_json::to_value(&certificate)
         .map_err(|e| GenerateError::Io { name: files::REPORT.into(), source: e.into() })?;

@@ -1,11 +1,11 @@
-//! How far a generation has come, as a fraction of its work, and how long the rest will take.
+//! Progress of a generation as a fraction of its work, and an estimate of the remaining time.
 
 use super::types::{Progress, Sink, Stage};
 use crate::clock::Stopwatch;
 use crate::model::Section;
 use crate::spec::ModelSpec;
 
-/// Share of the whole that is done when a stage begins; the rest of the work follows the simulation.
+/// Fraction of the whole that is done when a stage begins.
 fn begins_at(stage: Stage) -> f64 {
     match stage {
         Stage::Simulate => 0.0,
@@ -16,11 +16,11 @@ fn begins_at(stage: Stage) -> f64 {
     }
 }
 
-/// Turns steps into progress. A step weighs as many particles as it moves.
+/// Converts steps into progress. The weight of a step is its number of particles.
 pub(super) struct Pace<'a> {
     sink: &'a dyn Sink,
     watch: Stopwatch,
-    /// Fraction that was done when the watch was started.
+    /// Fraction that was done when `watch` was started.
     begun: f64,
     burn_in: f64,
     /// Particles summed over the steps up to each step.
@@ -59,22 +59,22 @@ impl<'a> Pace<'a> {
         };
         self.now.step = time.max(0) as u32;
         self.now.particles = particles;
-        self.tell(begins_at(Stage::Mesh) * done / all);
+        self.report(begins_at(Stage::Mesh) * done / all);
     }
 
-    /// What follows goes on from a checkpoint at this step.
+    /// The generation continues from a checkpoint at this step.
     pub(super) fn resumed(&mut self, time: i64, particles: u32) {
         self.step(time, particles);
         self.watch = Stopwatch::start();
         self.begun = self.now.fraction;
     }
 
-    /// Whether the state is wanted.
+    /// Whether the sink wants a checkpoint.
     pub(super) fn wants_checkpoint(&self) -> bool {
         self.sink.wants_checkpoint()
     }
 
-    /// The state that was wanted.
+    /// Passes the checkpoint to the sink.
     pub(super) fn checkpoint(&self, bytes: Vec<u8>) {
         self.sink.checkpoint(bytes);
     }
@@ -88,15 +88,15 @@ impl<'a> Pace<'a> {
     /// A stage begins.
     pub(super) fn stage(&mut self, stage: Stage) {
         self.now.stage = stage;
-        self.tell(begins_at(stage));
+        self.report(begins_at(stage));
     }
 
-    fn tell(&mut self, fraction: f64) {
+    fn report(&mut self, fraction: f64) {
         self.now.fraction = fraction.max(self.now.fraction);
         let elapsed = self.watch.seconds();
         let done = self.now.fraction - self.begun;
-        let basis = elapsed > 0.2 && done > 0.01;
-        self.now.eta_seconds = basis.then(|| elapsed * (1.0 - self.now.fraction) / done);
+        let enough_data = elapsed > 0.2 && done > 0.01;
+        self.now.eta_seconds = enough_data.then(|| elapsed * (1.0 - self.now.fraction) / done);
         self.sink.progress(&self.now);
     }
 }

@@ -1,4 +1,6 @@
-//! Whole generations of small models: bytes, progress, cancel, limits.
+//! Whole generations of small models: bytes, progress, cancel, limits, warnings.
+
+mod random;
 
 use super::*;
 use crate::spec::{ModelSpec, preset};
@@ -7,7 +9,7 @@ use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// A tube of some hundred particles, with every force and the thickness field at work.
+/// A tube of some hundred particles, with all forces and the thickness field.
 pub(super) fn small(patch: &serde_json::Value) -> ModelSpec {
     let mut whole = json!({
         "steps": 120, "burn_in": 40,
@@ -84,15 +86,15 @@ fn euler_and_strips_end_certified_too() {
 struct Recorder {
     fractions: Mutex<Vec<(Stage, f64)>>,
     sections: AtomicU32,
-    /// Sections that the last progress told of.
-    told: AtomicU32,
+    /// Sections that the last progress reported.
+    reported: AtomicU32,
     stop_at: Option<(u32, CancelToken)>,
 }
 
 impl Sink for Recorder {
     fn progress(&self, progress: &Progress) {
         self.fractions.lock().unwrap().push((progress.stage, progress.fraction));
-        self.told.store(progress.sections, Ordering::Relaxed);
+        self.reported.store(progress.sections, Ordering::Relaxed);
         if let Some((step, cancel)) = &self.stop_at
             && progress.step >= *step
         {
@@ -115,7 +117,7 @@ fn progress_only_grows_and_names_every_stage() {
     for stage in [Stage::Simulate, Stage::Mesh, Stage::Certify, Stage::Export] {
         assert!(seen.iter().any(|(s, _)| *s == stage), "{stage:?}");
     }
-    assert_eq!((sink.sections.into_inner(), sink.told.into_inner()), (13, 13));
+    assert_eq!((sink.sections.into_inner(), sink.reported.into_inner()), (13, 13));
 }
 
 #[test]
@@ -144,4 +146,33 @@ fn a_folder_that_is_missing_is_an_error_with_the_file_named() {
         generate(&request(small(&json!({})), Backend::Cpu, &dir.path().join("none")), &(), &CancelToken::default())
             .unwrap_err();
     assert!(matches!(error, GenerateError::Io { .. }), "{error}");
+}
+
+#[test]
+fn poor_growth_is_reported_in_the_summary_and_the_report() {
+    let crowded = json!({
+        "steps": 100, "burn_in": 20, "variation": { "amplitude": 0 }, "containment": { "spacing_um": 12 },
+        "particles": { "total": { "keys": [[0, 300], [1, 700]] }, "outer": 60 },
+        "collision": { "strength": 0.02, "barrier": 0 }, "contortion": { "magnitude": 10, "fraction": 0.5 },
+    });
+    let codes = |patch: &serde_json::Value| {
+        let dir = tempfile::tempdir().unwrap();
+        let request = request(small(patch), Backend::Cpu, dir.path());
+        let outcome = generate(&request, &(), &CancelToken::default()).unwrap();
+        let report = std::fs::read_to_string(dir.path().join("report.json")).unwrap();
+        let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+        assert_eq!(report["summary"]["warnings"], outcome.summary["warnings"]);
+        let warnings = outcome.summary["warnings"].as_array().unwrap().clone();
+        warnings.iter().map(|w| w["code"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
+    };
+    assert_eq!(codes(&crowded), ["splits-missing", "small-gap", "particles-short"]);
+    assert_eq!(codes(&json!({})), [""; 0]);
+}
+
+#[test]
+fn a_model_of_one_step_has_two_sections() {
+    let dir = tempfile::tempdir().unwrap();
+    let spec = small(&json!({ "steps": 1, "particles": { "total": 300, "outer": 60 } }));
+    let outcome = generate(&request(spec, Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
+    assert_eq!(outcome.summary["sections"], 2);
 }

@@ -1,4 +1,4 @@
-//! What goes into a generation and what comes out.
+//! Inputs and results of a generation.
 
 use crate::model::Section;
 use crate::sim::gpu::GpuError;
@@ -8,14 +8,14 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// What is computing, as asked for.
+/// Requested or used backend.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Backend {
-    /// A GPU where there is one, else the CPU.
+    /// A GPU if one is available, otherwise the CPU.
     #[default]
     Auto,
-    /// A GPU or nothing.
+    /// A GPU only.
     Gpu,
     /// All threads of the CPU worker.
     Cpu,
@@ -24,7 +24,7 @@ pub enum Backend {
 }
 
 impl Backend {
-    /// The word for it in JSON.
+    /// Its name in JSON.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -57,7 +57,7 @@ impl Output {
     }
 }
 
-/// Stage of a job's life while it runs.
+/// Stage of a running job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Stage {
@@ -65,7 +65,7 @@ pub enum Stage {
     Simulate,
     /// Finishing the surface: caps, patches.
     Mesh,
-    /// Proving it sound.
+    /// Computing the certificate.
     Certify,
     /// Writing files.
     Export,
@@ -73,7 +73,7 @@ pub enum Stage {
     Store,
 }
 
-/// How far a generation has come; always the whole current state.
+/// Progress of a generation: always the complete current state.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Progress {
     /// Stage.
@@ -82,27 +82,27 @@ pub struct Progress {
     pub fraction: f64,
     /// Time step reached.
     pub step: u32,
-    /// Time steps in all.
+    /// Total time steps.
     pub steps: u32,
     /// Particles of both loops.
     pub particles: u32,
     /// Sections recorded.
     pub sections: u32,
-    /// Estimated seconds to the end, once there is a basis for it.
+    /// Estimated seconds to the end; `None` until there is enough data.
     pub eta_seconds: Option<f64>,
 }
 
-/// Receives progress. Called between steps on the simulating thread; must not block.
+/// Receives progress. Called between steps on the simulating thread, so it must not block.
 pub trait Sink: Sync {
-    /// Called often (each few steps); thin out as needed.
+    /// Called often, up to once per step.
     fn progress(&self, progress: &Progress);
     /// Called for each recorded section.
     fn section(&self, section: &Section);
-    /// Whether the state is wanted, so that the generation can go on elsewhere; asked between steps.
+    /// Whether a checkpoint is wanted, from which the generation can be continued elsewhere; called between steps.
     fn wants_checkpoint(&self) -> bool {
         false
     }
-    /// The state that was wanted, as [`crate::generate::Checkpoint::read`] takes it.
+    /// Takes the requested checkpoint, in the format of [`crate::generate::Checkpoint::read`].
     fn checkpoint(&self, _: Vec<u8>) {}
 }
 
@@ -112,17 +112,17 @@ impl Sink for () {
     fn section(&self, _: &Section) {}
 }
 
-/// Asks a running generation to stop; checked between steps.
+/// Requests a running generation to stop; checked between steps.
 #[derive(Clone, Debug, Default)]
 pub struct CancelToken(Arc<AtomicBool>);
 
 impl CancelToken {
-    /// Asks to stop.
+    /// Requests the stop.
     pub fn cancel(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
 
-    /// Whether it was asked to stop.
+    /// Whether the stop was requested.
     #[must_use]
     pub fn is_cancelled(&self) -> bool {
         self.0.load(Ordering::Relaxed)
@@ -138,17 +138,17 @@ pub struct Request {
     pub spec: ModelSpec,
     /// Seed, 0 to 2^53 − 1.
     pub seed: u64,
-    /// What shall compute it.
+    /// The backend.
     pub backend: Backend,
     /// Formats to write besides `sections.bin` and `report.json`, which are always written.
     pub outputs: Vec<Output>,
-    /// Existing folder that the files are written to.
+    /// Existing folder for the files.
     pub dir: PathBuf,
-    /// Fails with [`GenerateError::Memory`] where more would be needed.
+    /// Limit of the predicted memory; above it generation fails with [`GenerateError::Memory`].
     pub memory_limit_bytes: Option<u64>,
 }
 
-/// A file that was written.
+/// A written file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct FileOutput {
     /// Name, such as `model.glb`.
@@ -172,20 +172,22 @@ pub struct Seconds {
     pub certify: f64,
     /// Writing files.
     pub export: f64,
-    /// All.
+    /// Total.
     pub total: f64,
 }
 
-/// A finished model. `report` is what `report.json` holds.
+/// A finished model.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// What computed it.
+    /// The backend that computed it.
     pub used: Backend,
-    /// Device in words, such as the processor's name or `cpu, 2 threads`.
+    /// Description of the device, such as a GPU's name or `cpu, 2 threads`.
     pub device: String,
     /// Files in [`Request::dir`].
     pub files: Vec<FileOutput>,
-    /// Counts and measures in short: `sections`, `sections_added`, `particles`, `vertices`, `triangles`, …
+    /// Counts and measures: `sections`, `sections_added`, `particles`, `vertices`, `triangles`, …, and `warnings` about poor
+    /// growth: a list, empty if there are none, of objects with `code` (`splits-missing`, `small-gap`, `particles-short`) and
+    /// `detail`.
     pub summary: serde_json::Value,
     /// The certificate as JSON.
     pub certificate: serde_json::Value,
@@ -196,16 +198,16 @@ pub struct Outcome {
 /// Why a generation ended without a model.
 #[derive(Debug, thiserror::Error)]
 pub enum GenerateError {
-    /// It was asked to stop.
+    /// It was cancelled.
     #[error("the generation was cancelled")]
     Cancelled,
-    /// The surface could not be proven sound; `detail` names the place.
+    /// The surface is not sound.
     #[error("the model failed its certificate: {detail}")]
     Certificate {
         /// What failed and where.
         detail: String,
     },
-    /// It would need more memory than allowed.
+    /// Its predicted memory is above the limit.
     #[error("the model needs about {needed} bytes of memory; the limit is {limit}")]
     Memory {
         /// Predicted need.
@@ -213,16 +215,16 @@ pub enum GenerateError {
         /// The limit.
         limit: u64,
     },
-    /// The backend asked for is not available.
+    /// The requested backend is not available.
     #[error("the backend is not available: {detail}")]
     Backend {
         /// Why.
         detail: String,
     },
-    /// The GPU could not do it, through no fault of the model: the same request runs on the CPU.
+    /// The GPU failed for a reason unrelated to the model: the same request can run on the CPU.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// A fault of this program; only a batch says so, since its other members go on.
+    /// A defect of this program. Only a batch reports it, because its other members continue.
     #[error("the generation panicked: {detail}")]
     Panic {
         /// The message of the panic.
@@ -237,7 +239,7 @@ pub enum GenerateError {
         #[source]
         source: std::io::Error,
     },
-    /// The simulation left its domain of validity, such as a position that is not finite.
+    /// The state of the simulation became invalid, for example a position that is not finite.
     #[error("the simulation failed: {detail}")]
     Simulation {
         /// What and where.

@@ -1,6 +1,6 @@
-//! Which vertex of a later ring continues which of an earlier one, and sections between two others.
+//! Matches the vertices of consecutive rings, and interpolates sections.
 //!
-//! Ids never disappear, and new ones appear only between two old neighbours, so the later ring, turned
+//! Ids never disappear, and new ones appear only between two old neighbours. So the later ring, rotated
 //! to begin with the earlier ring's first id, is the earlier ring with runs of new vertices in between.
 
 use super::error::{LoftError, Wall};
@@ -36,8 +36,8 @@ pub(super) fn align(earlier: &[u32], later: &[u32], wall: Wall, step: f64) -> Re
     }
 }
 
-/// Puts the new vertices of a later ring into an earlier one: `m` of them on an edge divide it into
-/// `m + 1` equal parts (one: the midpoint, as the growth does it), each coordinate rounded once.
+/// Inserts the new vertices of a later ring into an earlier one: `m` of them on an edge divide it into
+/// `m + 1` equal parts (one vertex: the midpoint, as in growth). Each coordinate is rounded once.
 pub(super) fn insert(points: &[[f32; 2]], new_after: &[u32]) -> Vec<[f32; 2]> {
     let n = points.len();
     let mut result = Vec::with_capacity(n + new_after.iter().sum::<u32>() as usize);

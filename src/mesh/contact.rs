@@ -1,8 +1,8 @@
-//! Exact test of whether two triangles of a slab meet where they should not.
+//! Exact test of whether two triangles of a slab meet outside the vertices and edges that they share.
 //!
 //! Triangles that share no vertex must not touch; those that share a vertex or an edge must meet in it
-//! alone. Every answer rests on signs of exact predicates. A triangle must not be degenerate, which for
-//! one with an edge in either plane of a slab means that this edge has length.
+//! alone. All results follow from signs of exact predicates. A triangle must not be degenerate; a triangle of a slab has
+//! an edge in one of its planes and is degenerate exactly if that edge has zero length.
 
 use crate::geometry::predicates::{orient2d, orient3d};
 use crate::geometry::segment::segments_meet;
@@ -14,7 +14,7 @@ pub(super) struct Triangle {
     pub(super) corners: [[f64; 3]; 3],
 }
 
-/// Whether two triangles meet anywhere but in the vertices they share and the edge between those.
+/// Whether two triangles meet anywhere except in the vertices they share and the edge between those.
 pub(super) fn in_contact(s: &Triangle, t: &Triangle) -> bool {
     let mut shared = [(0, 0); 3];
     let mut count = 0;
@@ -48,8 +48,8 @@ fn edge_meet(a: [f64; 3], b: [f64; 3], p: [f64; 3], q: [f64; 3]) -> bool {
     (side(p) > 0.0) == (side(q) > 0.0)
 }
 
-/// Triangles with one common corner. What they share is convex and holds that corner; if it is more
-/// than the corner, it reaches the far edge of one of them.
+/// Triangles with one common corner. Their intersection is convex and contains that corner; if it is more
+/// than the corner, it reaches the opposite edge of one of them.
 fn vertex_meet(s: &Triangle, t: &Triangle, shared: (usize, usize)) -> bool {
     let far_s = [s.corners[(shared.0 + 1) % 3], s.corners[(shared.0 + 2) % 3]];
     let far_t = [t.corners[(shared.1 + 1) % 3], t.corners[(shared.1 + 2) % 3]];
@@ -122,8 +122,8 @@ fn edge_hits(edge: [[f64; 3]; 2], sides: [f64; 2], t: &Triangle) -> bool {
     turns.iter().all(|&x| x >= 0.0) || turns.iter().all(|&x| x <= 0.0)
 }
 
-/// A view along an axis in which the triangle is not edge-on. It keeps what lies in the plane of the
-/// triangle one to one.
+/// A projection along an axis that does not collapse the triangle, so it is one-to-one on the plane of the
+/// triangle.
 fn view(corners: [[f64; 3]; 3]) -> impl Fn([f64; 3]) -> [f64; 2] {
     let onto = |axes: [usize; 2]| move |p: [f64; 3]| [p[axes[0]], p[axes[1]]];
     let axes = [[0, 1], [1, 2], [2, 0]]
@@ -243,7 +243,7 @@ mod tests {
             prop_assert_eq!(found, hulls_meet(&s, &t));
         }
 
-        /// Beyond a common corner triangles meet where the far edge of one meets the cone of the other.
+        /// Triangles with a common corner meet beyond it if the opposite edge of one meets the cone of the other.
         #[test]
         fn separating_axes_agree_at_a_common_corner(s in lattice(), t in lattice()) {
             let t = [s[0], t[1], t[2]];

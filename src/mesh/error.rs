@@ -1,4 +1,4 @@
-//! What can go wrong between sections and surface, with the place named.
+//! Errors of the loft, each with its place.
 
 use std::fmt;
 
@@ -23,16 +23,16 @@ impl fmt::Display for Wall {
     }
 }
 
-/// Why sections could not be lofted. A lofter that has returned an error is spent.
+/// Why sections could not be lofted. A lofter must not be used after it has returned an error.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LoftError {
-    /// No section was handed over.
+    /// No section was given.
     #[error("no section to loft to")]
     NoSection,
     /// Only one section: a tube needs two.
     #[error("a tube needs at least two sections")]
     NoSlab,
-    /// A ring has not as many ids as points.
+    /// The numbers of ids and points of a ring differ.
     #[error("section at step {step}: the {wall} ring has {points} points but {ids} ids")]
     Ids {
         /// Step of the section.
@@ -53,7 +53,7 @@ pub enum LoftError {
         z_um: f64,
         /// Which ring.
         wall: Wall,
-        /// What is wrong with it.
+        /// The fault of the contour.
         source: ContourError,
     },
     /// The inner ring does not lie inside the outer one.
@@ -63,7 +63,7 @@ pub enum LoftError {
         step: f64,
         /// Place along the tube, micrometres.
         z_um: f64,
-        /// What is wrong.
+        /// The fault.
         source: ContourError,
     },
     /// An id of the earlier section is missing from the later one, or out of order.
@@ -76,18 +76,18 @@ pub enum LoftError {
         /// The id.
         id: u32,
     },
-    /// A section does not lie above the one before it, in metres as exported.
-    #[error("section at step {step} lies at z = {z_um} µm, not above the section before it")]
+    /// A section is not above the previous one, in exported metres.
+    #[error("section at step {step} is at z = {z_um} µm, not above the previous section")]
     Order {
         /// Step of the section.
         step: f64,
         /// Its place along the tube, micrometres.
         z_um: f64,
     },
-    /// Walls meet in a slab whatever sections are added.
+    /// Walls meet in a slab even after sections were added.
     #[error(
         "walls meet between steps {from_step} and {to_step} (z = {z_um} µm) near \
-         ({x_um:.3}, {y_um:.3}) µm; further sections do not part them"
+         ({x_um:.3}, {y_um:.3}) µm; additional sections do not separate them"
     )]
     Unmendable {
         /// Step below the slab.
@@ -109,10 +109,10 @@ pub enum LoftError {
         /// Why.
         source: TriangulateError,
     },
-    /// More vertices than were allowed, or than 32-bit indices can number.
+    /// More vertices than allowed, or than 32-bit indices can address.
     #[error(
-        "the surface would have more than {most} vertices: its walls meet in so many places that sections are added \
-         without end (weaker forces, finer steps or shorter recording intervals may help)"
+        "the surface would have more than {most} vertices: its walls meet in so many places that too many sections \
+         would have to be added (weaker forces, more steps or a smaller recording interval may help)"
     )]
     TooLarge {
         /// The limit.

@@ -1,9 +1,9 @@
-//! The lofter: takes sections one after the other and grows the surface a tested slab at a time.
+//! The lofter: takes sections one after the other and builds the surface slab by slab, each tested.
 //!
-//! A slab is mended, in this order, by flipping diagonals, by adding one of the sections between (the
+//! A slab is mended, in this order, by flipping diagonals, by adding one of the sections in between (the
 //! steps that the simulation kept), and by adding sections between two steps, half way on the straight
 //! paths of the vertices, down to 1/4096 of a step. Straight paths from step to step are free of
-//! contact, so this ends (`physics.md`, "From sections to a surface").
+//! contact (docs/physics.md), so this terminates.
 
 use super::align::{self, Alignment};
 use super::error::{LoftError, Wall};
@@ -14,26 +14,26 @@ use crate::geometry::polygon::{ContourError, check_contour, check_nested};
 use crate::geometry::triangulate::annulus;
 use crate::model::{BodyKind, Mesh, Patch, PatchKind, Ring, Section};
 
-/// How often the space between two steps is halved at most.
+/// Greatest number of times that the interval between two steps is halved.
 const DEEPEST: u32 = 12;
 
-/// What became of a call of [`Lofter::advance`].
+/// Result of [`Lofter::advance`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Accepted {
-    /// The sections now in the surface, in order: any that were added (`added` is true), then the one
-    /// recorded.
+    /// The sections that were added to the surface, in order: those that mend the slab (`added` is true), then the recorded
+    /// one.
     pub sections: Vec<Section>,
-    /// Number of diagonals that were flipped to part walls.
+    /// Number of diagonals that were flipped to separate walls.
     pub flipped: usize,
 }
 
 /// Lofts sections into the surface of the tissue; see [`Lofter::advance`].
 #[derive(Clone, Debug)]
 pub struct Lofter {
-    /// The section accepted last, micrometres.
+    /// The last accepted section, micrometres.
     section: Section,
     front: Front,
-    /// The slab below the front, not yet given out: the next slab may still refine its upper rim.
+    /// The slab below the front, not yet emitted: the next slab may still refine its upper rim.
     below: Option<Below>,
     positions: Vec<[f32; 3]>,
     inner_wall: Vec<[u32; 3]>,
@@ -43,7 +43,7 @@ pub struct Lofter {
     most: usize,
 }
 
-/// The rim on which the next slab stands.
+/// The upper rim of the surface so far; the next slab starts here.
 #[derive(Clone, Debug)]
 struct Front {
     rim: Rim,
@@ -60,7 +60,7 @@ struct Below {
     slab: Slab,
     /// Boxes of its cells.
     blocks: Blocks,
-    /// Indices of the lower rim's points in the positions.
+    /// Index of each point of the lower rim in the positions.
     vertices: Vec<u32>,
 }
 
@@ -119,21 +119,20 @@ impl Lofter {
         })
     }
 
-    /// The same, but for a surface of at most so many vertices: mending may add sections without end in sight where
-    /// walls meet everywhere.
+    /// Limits the number of vertices: if walls meet in many places, mending could add sections almost without end.
     #[must_use]
     pub fn with_most_vertices(mut self, most: u64) -> Self {
         self.most = usize::try_from(most).unwrap_or(usize::MAX).min(u32::MAX as usize);
         self
     }
 
-    /// Adds the slab up to the last section of `history`, which holds the sections of the steps since the
-    /// last call in order (at least the last of them, the one to be recorded; the others serve to mend
-    /// the slab). Returns the sections that are now part of the surface.
+    /// Adds the slab up to the last section of `history`. `history` holds the sections of the steps since the
+    /// last call, in order: at least the last of them, which is recorded; the others are used to mend
+    /// the slab. Returns the sections that are now part of the surface.
     ///
     /// # Errors
-    /// The section is not sound or does not continue the one before, or its walls cannot be parted; the
-    /// lofter is then spent.
+    /// The section is not sound or does not continue the previous one, or its walls cannot be separated. The
+    /// lofter must not be used again.
     pub fn advance(&mut self, history: &[Section]) -> Result<Accepted, LoftError> {
         let added = history.last().ok_or(LoftError::NoSection)?.added;
         let mut accepted = Accepted::default();
@@ -141,12 +140,12 @@ impl Lofter {
         Ok(accepted)
     }
 
-    /// Adds the slab up to `section` if it is sound as it stands, without sections in between. `None` where walls
-    /// meet that flipped diagonals cannot part: the lofter is then as before, and [`Lofter::advance`] with the
-    /// sections of the steps between goes on.
+    /// Adds the slab up to `section` if it needs no sections in between. Returns `None` if walls
+    /// meet that flipped diagonals cannot separate. The lofter is then unchanged, and [`Lofter::advance`] can be called with
+    /// the sections of the steps in between.
     ///
     /// # Errors
-    /// As [`Lofter::advance`], but for walls that meet.
+    /// As [`Lofter::advance`], except for walls that meet.
     pub fn try_advance(&mut self, section: &Section) -> Result<Option<Accepted>, LoftError> {
         match self.attempt(section) {
             Ok(attempt) => {
@@ -191,7 +190,7 @@ impl Lofter {
         Ok(Mesh { body: BodyKind::Tissue, positions: self.positions, triangles, patches })
     }
 
-    /// Reaches the last section of `history`, with sections in between where the walls meet.
+    /// Adds the slabs up to the last section of `history`, with sections in between if walls meet.
     fn climb(
         &mut self,
         history: &[Section],
@@ -221,7 +220,7 @@ impl Lofter {
             self.climb(&history[..middle], true, depth, accepted)?;
             return self.climb(&history[middle..], added, depth, accepted);
         }
-        // A section half way that is not sound: the straight paths themselves meet.
+        // If a section half way is not sound, the straight paths themselves meet.
         let unmendable = LoftError::Unmendable {
             from_step: self.section.step,
             to_step: target.step,
@@ -233,7 +232,7 @@ impl Lofter {
             return Err(unmendable);
         }
         let middle = align::halfway(&self.section, target)?;
-        // Nor can there be a section between where single precision knows no place between.
+        // Single precision may have no number between the two places.
         let z = metres(middle.z_um);
         if z <= self.front.z || z >= metres(target.z_um) {
             return Err(unmendable);
@@ -302,7 +301,7 @@ impl Lofter {
         Ok(())
     }
 
-    /// Gives out the triangles of a slab; the inner wall faces the lumen.
+    /// Emits the triangles of a slab; the inner wall faces the lumen.
     fn emit(&mut self, slab: &Slab, lower: &[u32], upper: &[u32]) {
         let index = |id: usize| match id.checked_sub(lower.len()) {
             None => lower[id],
@@ -321,7 +320,7 @@ impl Lofter {
     }
 }
 
-/// Tests what the slab tests take for granted of every section.
+/// Checks the preconditions of the slab tests.
 fn check_form(section: &Section) -> Result<(), LoftError> {
     for (wall, ring) in [(Wall::Inner, &section.inner), (Wall::Outer, &section.outer)] {
         if ring.ids.len() != ring.points.len() || ring.is_empty() {
@@ -335,7 +334,7 @@ fn check_form(section: &Section) -> Result<(), LoftError> {
     Ok(())
 }
 
-/// Tests the contours of a section as exported.
+/// Tests the exported contours of a section.
 fn check_section(section: &Section, inner: &[[f32; 2]], outer: &[[f32; 2]]) -> Result<(), LoftError> {
     let (step, z_um) = (section.step, section.z_um);
     for (wall, points) in [(Wall::Inner, inner), (Wall::Outer, outer)] {

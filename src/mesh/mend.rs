@@ -1,21 +1,21 @@
-//! Finds where the walls of a slab meet, and parts them by flipping diagonals where that helps.
+//! Finds where the walls of a slab meet, and separates them by flipping diagonals if that helps.
 //!
-//! Invariant: after [`settle`] has succeeded on all cells, no two triangles of the slab meet but in
-//! shared vertices and edges. Boxes seen along the tube say which cells can meet; a line between two
-//! cells clears most of those; exact tests decide the rest.
+//! Invariant: after [`settle`] has succeeded on all cells, no two triangles of the slab meet except in
+//! shared vertices and edges. Bounding boxes in the plane tell which cells can meet; a separating line
+//! clears most of those; exact tests decide the rest.
 
 use super::contact::in_contact;
 use super::slab::{Diagonal, Slab};
 use crate::geometry::blocks::Blocks;
 
-/// Cells of one contact that are tried in all combinations of diagonals; more call for a new section.
+/// Most cells of one contact for which all combinations of diagonals are tried; more need a new section.
 const MOST_CELLS: usize = 6;
-/// Contacts of a slab from which on flipping is not tried; more call for a new section.
+/// Number of contacts of a slab from which on flipping is not tried; a new section is needed.
 const MOST_CONTACTS: usize = 1000;
 
 /// Tests a slab, given its boxes, and flips diagonals where walls meet: all of a slab that is not refined,
-/// or what touches the `changed` cells (ascending). Returns the number of diagonals flipped, or a point
-/// near a contact that no flip removes, in metres; the slab is then of no further use.
+/// or the neighbourhood of the `changed` cells (ascending). Returns the number of flipped diagonals, or a point
+/// near a contact that no flip removes, in metres; the slab must then be discarded.
 pub(super) fn settle(slab: &mut Slab, blocks: &Blocks, changed: Option<&[usize]>) -> Result<usize, [f32; 2]> {
     let contacts = match changed {
         None => all_contacts(slab, blocks),
@@ -31,7 +31,8 @@ pub(super) fn settle(slab: &mut Slab, blocks: &Blocks, changed: Option<&[usize]>
     Ok(flipped)
 }
 
-/// All pairs of cells in contact, or the first [`MOST_CONTACTS`]; a cell with itself where its own triangles fold onto each other.
+/// All pairs of cells in contact, or the first [`MOST_CONTACTS`]. A cell is paired with itself if its own triangles fold onto
+/// each other.
 fn all_contacts(slab: &Slab, blocks: &Blocks) -> Vec<(usize, usize)> {
     let parted = slab.parted_from_next();
     let mut contacts = Vec::new();
@@ -84,7 +85,7 @@ fn folded(slab: &Slab, cell: usize) -> bool {
     })
 }
 
-/// Whether triangles of two cells meet where they should not.
+/// Whether triangles of two cells meet outside shared vertices and edges.
 fn cells_meet(slab: &Slab, i: usize, j: usize) -> bool {
     let neighbours = slab.lower.next(i) == j || slab.lower.next(j) == i;
     if !neighbours && slab.apart(i, j) {
@@ -96,7 +97,7 @@ fn cells_meet(slab: &Slab, i: usize, j: usize) -> bool {
     })
 }
 
-/// The cells in contact, gathered so that cells of different groups are not in contact; ascending.
+/// The cells in contact, in groups such that cells of different groups are not in contact; ascending.
 fn groups(contacts: &[(usize, usize)]) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for &(i, j) in contacts {

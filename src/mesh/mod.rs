@@ -1,12 +1,12 @@
-//! Sections to a closed surface that meets itself nowhere (paper, section 3.1).
+//! Lofts sections into a closed surface that does not intersect itself (paper, section 3.1).
 //!
-//! A [`Lofter`] takes sections as the simulation records them. Between two sections lies a slab: stable
-//! ids say which vertex continues which, vertices that are new in the later section are inserted into
-//! the edges of the earlier one, and one quad an edge is split along a diagonal. Every slab is tested
-//! with exact predicates on the coordinates that are exported, and mended where its walls meet: by the
-//! other diagonal, else by a further section. The ends are closed by constrained triangulation.
+//! A [`Lofter`] takes sections as the simulation records them. Between two sections lies a slab. Stable
+//! ids relate the vertices of the two, vertices that are new in the later section are inserted into
+//! the edges of the earlier one, and each edge gives a quad that is split along a diagonal. Every slab is tested
+//! with exact predicates on the exported coordinates. If its walls meet, it is mended by the
+//! other diagonal or else by an additional section. The ends are closed by constrained triangulation.
 //!
-//! Invariant: a mesh that leaves this module is closed, oriented, and no two of its triangles meet but
+//! Invariant: a finished mesh is closed and oriented, and no two of its triangles meet except
 //! in shared vertices and edges.
 
 mod align;

@@ -1,17 +1,17 @@
-//! The surface between two neighbouring sections: both walls, one cell an edge of the lower section.
+//! The surface between two neighbouring sections: both walls, one cell per edge of the lower section.
 //!
 //! A cell joins the lower edge a–a′ to a chain of upper vertices u₀ … uₘ (m = 1, a quad, until the slab
 //! above inserts vertices into the upper edge). Its diagonal is a–uₘ ([`Diagonal::Forward`]) or a′–u₀;
 //! the upper edges fan from the lower end of the diagonal. A cell so has m + 1 triangles.
 //!
-//! For the tests heights are 0 and 1: scaling z along the slab changes no answer. Points are widened
-//! exports, so the tests speak of what is exported.
+//! The tests use heights 0 and 1, because scaling z does not change their results. Points are exported coordinates
+//! converted to f64, so the tests hold for the exported surface.
 
 use super::contact::Triangle;
 use crate::geometry::blocks::{Blocks, Rect};
 use crate::geometry::predicates::widen2;
 
-/// Which way a cell is split.
+/// Direction in which a cell is split.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Diagonal {
     /// From the lower start to the upper end of the cell.
@@ -34,7 +34,7 @@ impl Diagonal {
 pub(super) struct Rim {
     /// All points.
     pub(super) points: Vec<[f32; 2]>,
-    /// How many of them are of the inner ring.
+    /// Number of points of the inner ring.
     pub(super) inner: usize,
 }
 
@@ -181,11 +181,11 @@ impl Slab {
     }
 
     /// For each cell of a slab that is not refined, whether a plane through the edge that it shares with
-    /// the next cell parts the two. Then they meet in that edge only, and neither is folded.
+    /// the next cell separates the two. Then they meet in that edge only, and neither is folded.
     ///
-    /// A plane through that edge whose trace in either rim has the normal d parts them if d points along
-    /// the lower and the upper edges of both cells; d is the sum of these. The differences and the sum
-    /// of two products are off by a few units of rounding; the margin is above that.
+    /// A plane through that edge whose trace in both rims has the normal d separates them if d has a positive component along
+    /// the lower and the upper edges of both cells; d is the sum of these edges. The margin exceeds the rounding error of the
+    /// differences and of the sum of two products.
     pub(super) fn parted_from_next(&self) -> Vec<bool> {
         let edges: Vec<[[f64; 2]; 2]> = (0..self.len())
             .map(|cell| {
@@ -207,9 +207,9 @@ impl Slab {
             .collect()
     }
 
-    /// Whether two cells cast shadows that a line parts; then they do not meet. The light falls along
-    /// their mean motion, so that sliding together does not smear the shadows; the lines tried run along
-    /// and across the cells. May say no where another light or line would do.
+    /// Whether a line separates the projections of two cells; then they do not meet. The projection is along
+    /// their mean motion, so that a common shift does not widen it; the lines tried run along
+    /// and across the cells. May be false although another projection or line would separate them.
     pub(super) fn apart(&self, i: usize, j: usize) -> bool {
         let (s, t) = (self.ends(i), self.ends(j));
         let motion = [0, 1].map(|axis| {
@@ -219,7 +219,7 @@ impl Slab {
         let course = |[a, b, c, d]: [[f64; 2]; 4]| [b[0] - a[0] + d[0] - c[0], b[1] - a[1] + d[1] - c[1]];
         let ([x, y], [u, v]) = (course(s), course(t));
         let parted = |axis| self.parted_along(axis, motion, i, j);
-        // Near cells of one wall follow each other; others lie side by side.
+        // Cells with near indices follow each other on one wall; others lie side by side.
         if i.abs_diff(j) < 16 {
             parted([x + u, y + v]) || parted([-y, x]) || parted([-v, u])
         } else {
@@ -239,28 +239,28 @@ impl Slab {
         .map(widen2)
     }
 
-    /// Whether the shadows of two cells, in light along `motion`, lie apart on the direction `axis`. The
-    /// margin is far above what rounding does to a difference and a sum of two products.
+    /// Whether the projections of two cells along `motion` are disjoint on the direction `axis`. The
+    /// margin is far above the rounding error of a difference and a sum of two products.
     #[inline]
     fn parted_along(&self, axis: [f64; 2], motion: [f64; 2], i: usize, j: usize) -> bool {
         let mut size = 0.0f64;
-        let mut shadow = |cell: usize| {
+        let mut projection = |cell: usize| {
             let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-            let mut cast = |[x, y]: [f64; 2]| {
+            let mut project = |[x, y]: [f64; 2]| {
                 let (x, y) = (axis[0] * x, axis[1] * y);
                 size = size.max(x.abs() + y.abs());
                 low = low.min(x + y);
                 high = high.max(x + y);
             };
-            cast(widen2(self.lower.points[cell]));
-            cast(widen2(self.lower.points[self.lower.next(cell)]));
+            project(widen2(self.lower.points[cell]));
+            project(widen2(self.lower.points[self.lower.next(cell)]));
             for k in 0..=self.edges(cell) {
                 let p = widen2(self.upper.points[self.chain(cell, k)]);
-                cast([p[0] - motion[0], p[1] - motion[1]]);
+                project([p[0] - motion[0], p[1] - motion[1]]);
             }
             (low, high)
         };
-        let ((low_i, high_i), (low_j, high_j)) = (shadow(i), shadow(j));
+        let ((low_i, high_i), (low_j, high_j)) = (projection(i), projection(j));
         let margin = 1e-14 * size;
         low_i - high_j > margin || low_j - high_i > margin
     }

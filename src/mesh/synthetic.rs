@@ -1,5 +1,5 @@
-//! Sections to test with: a folded, growing tube in closed form, and random motions kept free of contact
-//! by the simulation's own rule.
+//! Sections for tests: a folded, growing tube in closed form, and random motions kept free of contact
+//! by the rule of the simulation.
 
 use std::f64::consts::TAU;
 
@@ -27,7 +27,7 @@ impl Dice {
     }
 }
 
-/// A tube with radial folds that deepen and swirl along it; vertices sit at angles, and new ones appear
+/// A tube with radial folds that deepen and swirl along it. Vertices have fixed angles; new ones appear
 /// half way between two old ones.
 pub(super) struct Folds {
     pub(super) lobes: f64,
@@ -88,8 +88,8 @@ impl Folds {
     }
 }
 
-/// Two rings under random forces; no vertex moves farther in a step than the rule of `physics.md`
-/// ("Walls that cannot cross") lets it.
+/// Two rings under random forces; no vertex moves farther in a step than docs/physics.md
+/// ("Walls that cannot cross") allows.
 pub(super) struct Jostle {
     section: Section,
     dice: Dice,
@@ -104,8 +104,8 @@ impl Jostle {
         self.section.clone()
     }
 
-    /// One step: perhaps splits edges, then moves every vertex as far as it may in a random direction that
-    /// it keeps for a while.
+    /// One step: splits an edge of each ring in one of three steps, then moves every vertex as far as allowed in a random
+    /// direction that stays the same for several steps.
     pub(super) fn step(&mut self) -> Section {
         if self.dice.below(3) == 0 {
             for ring in [&mut self.section.inner, &mut self.section.outer] {

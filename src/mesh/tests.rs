@@ -51,7 +51,7 @@ fn volume(mesh: &Mesh) -> f64 {
         .sum()
 }
 
-/// Number of pairs of triangles that meet where they should not, over all pairs, in exported positions.
+/// Number of pairs of triangles that meet outside shared vertices and edges, over all pairs, in exported positions.
 fn contacts(mesh: &Mesh) -> usize {
     let triangles: Vec<(Triangle, [[f64; 2]; 3])> = mesh
         .triangles
@@ -99,7 +99,7 @@ fn a_growing_folded_tube_becomes_a_sound_surface() {
     check_topology(&mesh);
     assert_eq!(contacts(&mesh), 0);
     assert!(volume(&mesh) > 0.0);
-    // Each new vertex stands in two sections: where it appears and, inserted, in the one before.
+    // Each new vertex is in two sections: the one where it appears and, inserted, the one before.
     let recorded: usize = sections.iter().map(Section::particles).sum();
     let first = sections[0].particles();
     let last = sections[10].particles();
@@ -298,8 +298,8 @@ fn unsound_sections_are_named() {
     assert!(matches!(lofter.finish(), Err(LoftError::NoSlab)));
 }
 
-/// Random motions, as far in every step as the guard lets them: every slab must be mended, by flips in
-/// some, by sections in others, and the surface must bear a test of all pairs.
+/// Random motions, as far in every step as the guard allows: every slab must be mended, some by flips,
+/// others by sections, and no pair of triangles of the surface may meet.
 #[test]
 fn random_motions_free_of_contact_are_always_lofted() {
     let (mut flipped, mut added) = (0, 0);
@@ -319,7 +319,7 @@ fn random_motions_free_of_contact_are_always_lofted() {
     assert!(flipped > 0 && added > 0, "{flipped} flips, {added} sections");
 }
 
-/// What the quick tests clear, the exact test of all triangles must clear too, on wildly folded slabs.
+/// On wildly folded slabs, cells that the quick tests clear must not meet by the exact test of all triangles.
 #[test]
 fn quick_tests_never_clear_a_contact() {
     let mut dice = Dice(11);

@@ -1,8 +1,8 @@
-//! The surface as it is exported: indexed triangles in metres, grouped in named patches.
+//! The exported surface: indexed triangles in metres, grouped in named patches.
 
 use std::ops::Range;
 
-/// Which closed body a mesh bounds.
+/// The closed body that a mesh bounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BodyKind {
     /// Between the walls: a solid torus, Euler number 0.
@@ -21,7 +21,7 @@ impl BodyKind {
         }
     }
 
-    /// Euler number that a sound surface of this body has.
+    /// Euler number of a sound surface of this body.
     #[must_use]
     pub fn euler(self) -> i64 {
         match self {
@@ -69,7 +69,7 @@ impl PatchKind {
 /// A run of triangles that form one named patch.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Patch {
-    /// Which patch.
+    /// Kind of the patch.
     pub kind: PatchKind,
     /// Its triangles, as a range of [`Mesh::triangles`]; patches cover all triangles without overlap.
     pub triangles: Range<usize>,
@@ -83,7 +83,7 @@ pub struct Patch {
 pub struct Mesh {
     /// Which body it bounds.
     pub body: BodyKind,
-    /// Distinct vertex positions in metres: exactly the numbers that are exported.
+    /// Distinct vertex positions in metres, exactly as exported.
     pub positions: Vec<[f32; 3]>,
     /// Vertex indices of each triangle.
     pub triangles: Vec<[u32; 3]>,

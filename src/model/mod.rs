@@ -1,4 +1,4 @@
-//! The plain data that the rooms of floor 2 hand to each other: sections and meshes.
+//! Plain data exchanged by simulation, loft, certificate and export: sections and meshes.
 
 mod mesh;
 mod section;

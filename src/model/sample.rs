@@ -1,4 +1,4 @@
-//! Small sound models for the tests of several rooms.
+//! Small sound models for the tests of several modules.
 
 use super::{BodyKind, Mesh, Patch, PatchKind, Ring, Section};
 use std::f32::consts::TAU;
@@ -14,7 +14,7 @@ pub(crate) fn tube(n: u32, slabs: u32, fold: f32) -> Mesh {
             for i in 0..n {
                 let angle = TAU * (i as f32 + 0.5) / n as f32;
                 let radius = if wall == 0 { 5e-4 * (1.0 + fold * (6.0 * angle).cos()) } else { 1e-3 };
-                // Rounded, since the last bits of a cosine differ between machines and some tests keep snapshots.
+                // Rounded, because the last bits of a cosine differ between machines and some tests use snapshots.
                 let round = |x: f32| (x * 1e6).round() / 1e6;
                 positions.push([
                     round(radius * angle.cos()),

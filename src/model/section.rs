@@ -1,12 +1,12 @@
-//! Cross sections of the tube: what a simulation records and a loft connects (paper, section 3.1).
+//! Cross sections of the tube, recorded by a simulation and connected by a loft (paper, section 3.1).
 
 /// A closed contour: points in order, counter-clockwise, with the stable id of each.
 ///
-/// `ids.len() == points.len()`. Ids say which vertex of one section continues which of another;
-/// they are unique within a ring but in no order. New ids appear only between two old neighbours.
+/// `ids.len() == points.len()`. A vertex of one section continues the vertex with the same id in another. Ids
+/// are unique within a ring but not ordered. New ids appear only between two old neighbours.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Ring {
-    /// Stable ids, one a point.
+    /// Stable ids, one per point.
     pub ids: Vec<u32>,
     /// Positions in micrometres.
     pub points: Vec<[f32; 2]>,
@@ -29,7 +29,7 @@ impl Ring {
 /// A cross section: the mucosa (`inner`) around the lumen, and the wall (`outer`) around it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Section {
-    /// Time step at which it was taken; fractional where it was added to mend a slab.
+    /// Time step of the section; fractional if it was added to mend a slab.
     pub step: f64,
     /// Place along the tube, micrometres from the isthmus end.
     pub z_um: f64,

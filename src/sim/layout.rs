@@ -2,9 +2,9 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// Width of the blocks that neighbour lists are made of, and number of partial sums of a force.
+/// Segments in a block of a neighbour list, and number of partial sums of a force.
 ///
-/// Part of the results: sums run in lane `j mod LANES` and are reduced in a fixed order.
+/// Results depend on it: segment j is summed in lane `j mod LANES`, and lanes are reduced in a fixed order.
 pub const LANES: usize = 16;
 
 /// All parameters of one time step, sampled from the schedules (physical meaning in [`crate::spec`]).
@@ -61,7 +61,7 @@ pub struct StepRow {
     pub wall_damping: f32,
     /// Friction of the outer wall.
     pub wall_friction: f32,
-    /// Particles that the inner loop shall have after the growth event at the start of this step.
+    /// Particles that the inner loop should have after the growth event at the start of this step.
     pub inner_target: u32,
     /// The same for the outer loop.
     pub outer_target: u32,

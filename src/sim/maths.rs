@@ -1,4 +1,4 @@
-//! Small functions that must give the same bits on every machine, written so that loops over them vectorise.
+//! Small functions that give the same bits on every machine and can be vectorised in loops.
 
 /// cos(2π·x) with an absolute error under 1e-6 for |x| < 1e4. Only additions and multiplications.
 #[inline(always)]
@@ -19,14 +19,14 @@ pub(crate) fn cos_turns(x: f32) -> f32 {
     sign * (p * s + 1.0)
 }
 
-/// Nearest integer by adding and taking away 1.5·2²³; exact for |x| < 2²².
+/// Nearest integer, by adding and subtracting 1.5·2²³; exact for |x| < 2²².
 #[inline(always)]
 fn round(x: f32) -> f32 {
     const MAGIC: f32 = 12_582_912.0;
     (x + MAGIC) - MAGIC
 }
 
-/// The greater of two numbers, as one instruction (NaN handling does not matter here).
+/// The greater of two numbers, as one instruction; NaN is not handled.
 #[inline(always)]
 pub(crate) fn max(a: f32, b: f32) -> f32 {
     if a > b { a } else { b }
@@ -40,7 +40,7 @@ pub(crate) fn min(a: f32, b: f32) -> f32 {
 
 /// Direction cosines of the point of an ellipse nearest to `p`: the point is `(r·cos, squash·r·sin)`.
 ///
-/// Iterates on the centre of curvature (no trigonometry, converges in a few rounds also near the axes).
+/// Iterates on the centre of curvature: no trigonometry, and a few iterations suffice near the axes too.
 pub(crate) fn nearest_on_ellipse(p: [f32; 2], r: f32, squash: f32) -> [f32; 2] {
     let (a, b) = (f64::from(r), f64::from(r) * f64::from(squash));
     let (px, py) = (f64::from(p[0]).abs(), f64::from(p[1]).abs());

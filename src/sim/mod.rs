@@ -1,7 +1,7 @@
 //! The particle simulation that grows cross sections (paper, section 3).
 //!
-//! [`Plan`] turns a specification and a seed into plain tables, one row a step; a backend ([`cpu`], [`gpu`]) turns the
-//! tables into motion. State and forces are f32 on every backend. Nothing random happens inside a step, and
+//! [`Plan`] turns a specification and a seed into plain tables, one row per step; a backend ([`cpu`], [`gpu`]) integrates the
+//! motion from them. State and forces are f32 on every backend. A step uses no random numbers, and
 //! no result depends on the number of threads or on the neighbour search.
 
 pub mod cpu;
@@ -21,35 +21,35 @@ use crate::model::Section;
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SimError {
     /// A position is no longer a finite number.
-    #[error("a particle left the finite numbers at step {step}")]
+    #[error("the position of a particle is not a finite number at step {step}")]
     NotFinite {
         /// Time step.
         step: i64,
     },
 }
 
-/// What happened in a run besides the sections.
+/// Counts of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Statistics {
-    /// Splits put off because the strand had no room; each was tried again at the next event.
+    /// Splits deferred to the next growth event because the edge had no room.
     pub splits_deferred: u64,
     /// Particles still missing at the end, both loops.
     pub splits_missing: u64,
-    /// How often the guard shortened a particle's move.
+    /// Moves of particles that the guard shortened.
     pub moves_shortened: u64,
-    /// How often neighbour lists were built.
+    /// Times that neighbour lists were built.
     pub list_builds: u64,
-    /// On a GPU: how often a block of particles visited all others in an evaluation, for not all of its lists held or had
-    /// room. The CPU builds its lists anew instead.
+    /// On a GPU: how often a block of particles visited all others in an evaluation, because one of its lists was outdated
+    /// or too long. The CPU rebuilds its lists instead.
     pub full_searches: u64,
 }
 
-/// A running simulation, a step at a time. Backends implement it.
+/// A running simulation that advances one step at a time. Backends implement it.
 pub trait Simulator: Send {
     /// Advances one step; burn-in steps come first.
     ///
     /// # Errors
-    /// [`SimError`] where the state is no longer valid.
+    /// [`SimError`] if the state is no longer valid.
     fn step(&mut self) -> Result<(), SimError>;
     /// The step reached; negative during burn-in, 0 at the isthmus end.
     fn time(&self) -> i64;
@@ -57,6 +57,6 @@ pub trait Simulator: Send {
     fn section(&self) -> Section;
     /// Particles of both loops.
     fn particles(&self) -> u32;
-    /// What happened so far.
+    /// Counts so far.
     fn statistics(&self) -> Statistics;
 }

@@ -1,6 +1,6 @@
-//! From a specification and a seed to tables: one [`StepRow`] a step, the thickness field, the wall's lobes.
+//! Turns a specification and a seed into tables: one [`StepRow`] per step, the thickness field, the wall's lobes.
 //!
-//! After this nothing needs the schedules or trigonometry again, so that a GPU can be fed the same numbers.
+//! The backends use these tables only, never the schedules, so that CPU and GPU work with the same numbers.
 
 use super::layout::StepRow;
 use crate::random::{self, Stream};
@@ -14,7 +14,7 @@ pub struct Wave {
     pub k: [f32; 2],
     /// Phase, turns.
     pub phase: f64,
-    /// Drift, turns a step.
+    /// Drift, turns per step.
     pub drift: f64,
 }
 
@@ -27,18 +27,18 @@ pub struct Lobe {
     pub weight: f32,
     /// Phase, turns.
     pub phase: f64,
-    /// Drift, turns a step.
+    /// Drift, turns per step.
     pub drift: f64,
 }
 
-/// Greatest 4k + 2(kf + 4c) of the outer loop, which takes steps of semi-implicit Euler whatever the integrator of the inner
-/// one: that is stable below 4, less the pull toward its target.
+/// Greatest 4k + 2(kf + 4c) of the outer loop. It is always integrated by semi-implicit Euler, which is stable below 4; the
+/// rest is left for the pull toward the target.
 const WALL_STABLE: f64 = 3.6;
 
 /// Number of cosines of the thickness field.
 const WAVES: u32 = 24;
 
-/// Everything that a backend needs.
+/// All inputs of a backend.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// Seed.
@@ -63,7 +63,7 @@ pub struct Plan {
     pub search: Search,
     /// Particles at step 0: inner, outer.
     pub start: [u32; 2],
-    /// Row `burn_in + t` belongs to step t.
+    /// One row per step; step t is row `burn_in + t`.
     pub rows: Vec<StepRow>,
     /// Place along the tube at each step 0..=steps, µm.
     pub z_um: Vec<f64>,
@@ -107,7 +107,7 @@ impl Plan {
         &self.rows[(t + i64::from(self.burn_in)).clamp(0, last) as usize]
     }
 
-    /// Whether a growth event opens step `t`.
+    /// Whether step `t` begins with a growth event.
     #[must_use]
     pub fn grows_at(&self, t: i64) -> bool {
         t >= 0 && t % i64::from(self.grow_every) == 0
@@ -122,7 +122,7 @@ impl Plan {
     fn row(p: &Parameters, seed: u64, t: i64) -> StepRow {
         let steps = f64::from(p.steps);
         let mut ordinal = 0;
-        // The order of the calls numbers the phases: new parameters go last.
+        // The calls number the phases in order, so a new parameter must be sampled last.
         let mut value = |s: &Schedule| {
             let phase = f64::from(random::unit(random::word(seed, Stream::SchedulePhase, ordinal, 0)));
             ordinal += 1;
@@ -189,7 +189,7 @@ fn waves(p: &Parameters, seed: u64) -> Vec<Wave> {
     let wave = |i: u32| {
         let w = random::words(seed, Stream::Thickness, i, 0);
         let unit = |j: usize| f64::from(random::unit(w[j]));
-        // Directions are stratified around the half circle, wave numbers spread by ±30 %.
+        // Directions are stratified over the half circle; wave numbers vary by ±30 %.
         let direction = PI * (f64::from(i) + unit(0)) / f64::from(WAVES);
         let k = (0.7 + 0.6 * unit(1)) / p.variation.wavelength_um;
         Wave {
@@ -208,7 +208,7 @@ fn lobes(p: &Parameters, seed: u64) -> Vec<Lobe> {
         let weight = (0.4 + 0.6 * unit(0)) / f64::from(order).sqrt();
         (order, weight, unit(1), p.wall.drift / TAU * (2.0 * unit(2) - 1.0))
     };
-    // Order 1 would only shift the tube; squash already holds the mean of order 2.
+    // Order 1 would only shift the tube.
     let lobes: Vec<_> = (2..=p.wall.lobes).map(raw).collect();
     let norm = lobes.iter().map(|l| l.1 * l.1).sum::<f64>().sqrt().max(1e-12);
     lobes

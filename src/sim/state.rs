@@ -33,7 +33,7 @@ pub struct InnerLoop {
 }
 
 impl InnerLoop {
-    /// The loop at the start of burn-in: evenly spaced on the ellipse `R_in`, slightly disturbed by the seed.
+    /// The loop at the start of burn-in: at equal angles on the ellipse `R_in`, with a small random displacement.
     #[must_use]
     pub fn start(plan: &Plan) -> Self {
         let row = plan.at(-i64::from(plan.burn_in));
@@ -69,7 +69,7 @@ impl InnerLoop {
         self.id.len()
     }
 
-    /// Whether there are none.
+    /// Whether the loop has no particles.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.id.is_empty()
@@ -82,7 +82,7 @@ impl InnerLoop {
     }
 }
 
-/// Which way the particle with this id is contorted: −1, 1, or 0 for most.
+/// The contortion sign of the particle with this id: −1, 1, or 0 if it is not contorted.
 pub(crate) fn contortion_sign(plan: &Plan, id: u32) -> f32 {
     let w = random::words(plan.seed, Stream::Contortion, id, 0);
     match (random::unit(w[0]) < plan.contorted, w[1] & 1) {
@@ -110,7 +110,7 @@ impl OuterLoop {
         self.id.len()
     }
 
-    /// Whether there are none.
+    /// Whether the loop has no particles.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.id.is_empty()
@@ -123,7 +123,7 @@ impl OuterLoop {
     }
 }
 
-/// The whole state of a simulation between two steps: what a backend needs to go on.
+/// The whole state of a simulation between two steps, from which a backend can continue.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Checkpoint {
     /// The step reached; negative during burn-in.
@@ -137,7 +137,7 @@ pub struct Checkpoint {
 }
 
 impl Checkpoint {
-    /// The cross section that it holds.
+    /// The cross section of this state.
     #[must_use]
     pub fn section(&self, plan: &Plan) -> Section {
         let at = self.time.clamp(0, i64::from(plan.steps)) as usize;

@@ -1,12 +1,12 @@
-//! One text for one value: sorted keys, no spaces, one spelling for each number.
+//! Canonical JSON: equal values have equal texts. Sorted keys, no spaces, one form of each number.
 
 use serde_json::{Number, Value};
 
-/// Above this integers are no longer exact in a double.
+/// 2^53: greater integers are not exact in a double.
 const EXACT: f64 = 9_007_199_254_740_992.0;
 
-/// A number in its one spelling: an integer without `.0` where it is one (`-0` is `0`), else the shortest
-/// decimal that reads back the same. Not finite: `null`, which cannot be the value of a parameter.
+/// A number in canonical form: an integer without `.0` (`-0` is `0`), otherwise the shortest
+/// decimal that reads back as the same number. `null` if it is not finite, which no parameter is.
 #[must_use]
 pub(super) fn number(value: f64) -> Value {
     if value.fract() == 0.0 && value.abs() <= EXACT {

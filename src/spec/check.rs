@@ -1,4 +1,4 @@
-//! What must hold between parameters: stability of the integration ([`super::stability`]), monotone growth, room for the
+//! Rules between parameters: stability of the integration ([`super::stability`]), monotone growth, room for the
 //! walls.
 
 use super::canonical::number;
@@ -11,18 +11,18 @@ use std::f64::consts::PI;
 pub(super) const MIN_INNER: f64 = 16.0;
 /// Least distance of recorded sections along the tube, µm: positions are exported in single precision.
 const MIN_SECTION_DISTANCE_UM: f64 = 0.05;
-/// A split is refused under this many clearances; an edge is halved by it.
+/// An edge must be at least this many clearances long: a split needs 40 clearances and halves the edge.
 const EDGE_CLEARANCES: f64 = 80.0;
 /// Least distance of recorded sections in units of the last place of the tube's length in metres, single precision: room for
 /// the sections between them that mending may add.
 const MIN_SECTION_PLACES: f64 = 64.0;
-/// Share of its particles that a loop must have wherever it is.
+/// Fraction of its scheduled particles that a loop must have at every step.
 const KEEPS_UP: f64 = 0.75;
 /// Places at which slow schedules are compared.
 const PLACES: u32 = 512;
 
-/// Every fault between parameters. Those that involve a pointer of `bad`, which stands for a value of the
-/// preset in place of one that could not be read, are left out.
+/// All violations of rules between parameters. Rules that involve a pointer of `bad` are skipped: that value could not be
+/// read and was replaced by the one of the preset.
 pub(super) fn faults(p: &Parameters, bad: &[String]) -> Vec<Fault> {
     let mut checks = Checks { bad, faults: Vec::new() };
     checks.stability(p);
@@ -39,7 +39,7 @@ pub(super) struct Checks<'a> {
 }
 
 impl Checks<'_> {
-    /// Notes a fault at `at` where `ok` is false, unless one of the values it is `about` is not the caller's.
+    /// Records a fault at `at` if `ok` is false, unless one of the values it is `about` could not be read.
     pub(super) fn require(&mut self, ok: bool, at: &str, about: &[&str], detail: impl FnOnce() -> String) {
         if !ok && !self.bad.iter().any(|bad| about.contains(&bad.as_str())) {
             self.faults.push(Fault::new(at, detail()));
@@ -51,7 +51,7 @@ impl Checks<'_> {
         for (at, u, due) in [("/z/keys/0/1", 0.0, 0.0), ("/z", 1.0, 1.0)] {
             self.require(p.z.at(u) == due, at, &["/z"], || {
                 format!(
-                    "is {} at {u} of the steps, where it must be {due}: the sections span the whole length",
+                    "is {} at {u} of the steps and must be {due} there: the sections span the whole length",
                     p.z.at(u)
                 )
             });
@@ -74,8 +74,9 @@ impl Checks<'_> {
             let least = MIN_SECTION_DISTANCE_UM.max(MIN_SECTION_PLACES * last_place_um(p.length_mm));
             self.require(distance >= least, "/z", &about, || {
                 format!(
-                    "puts the sections after step {step} only {distance:.2e} µm apart; at least {least:.3} µm \
-                     are needed, since places are single-precision metres (another length of the tube, fewer recorded sections, or a steeper schedule)"
+                    "puts the sections after step {step} only {distance:.2e} µm apart; at least {least:.3} µm are needed, because \
+                     positions are exported in single precision (use another /length_mm, a greater /solver/record_every, or a \
+                     steeper schedule)"
                 )
             });
         }
@@ -102,7 +103,7 @@ impl Checks<'_> {
         if self.faults.len() > before {
             return;
         }
-        // A particle of tolerance, since counts are rounded.
+        // One particle of tolerance, because counts are rounded.
         let shrinks =
             places(&[total, outer]).windows(2).map(|u| (u[0], inner(u[0]), inner(u[1]))).find(|(_, a, b)| *b < a - 1.0);
         if let Some((u, a, b)) = shrinks {
@@ -121,10 +122,6 @@ impl Checks<'_> {
     }
 
     fn solver(&mut self, p: &Parameters) {
-        let at = "/solver/record_every";
-        self.require(p.solver.record_every <= p.steps, at, &[at, "/steps"], || {
-            format!("is {}, more than the {} steps of the run", p.solver.record_every, p.steps)
-        });
         let (at, clearance, edge) =
             ("/collision/clearance_um", p.collision.clearance_um, p.particles.edge_um.range().0);
         self.require(clearance * EDGE_CLEARANCES <= edge, at, &[at, "/particles/edge_um"], || {
@@ -168,8 +165,8 @@ impl Checks<'_> {
     }
 }
 
-/// Why loops could not follow their counts, if so: an event at the start of every `particles.every`-th step splits each edge
-/// once at most. A loop may fall behind a little, and make up for it at the next events.
+/// Why a loop cannot follow its counts, if so: a growth event at the start of every `particles.every`-th step splits each edge
+/// at most once. A loop may lag behind a little and catch up at the next events.
 fn too_slow(p: &Parameters) -> Option<String> {
     let count = |step: u32| {
         let u = f64::from(step) / f64::from(p.steps);
@@ -188,16 +185,17 @@ fn too_slow(p: &Parameters) -> Option<String> {
         if let Some(k) = (0..2).find(|&k| has[k] < least * wanted[k]) {
             let which = ["inner", "outer"][k];
             return Some(format!(
-                "lets {every} steps pass between growth events, of which each can double a loop at most: at step {end} the \
-                 {which} loop would have {:.0} of its {:.0} particles",
-                has[k], wanted[k]
+                "is {every} steps, too many for this growth: each growth event can at most double a loop, so at step {end} of {} \
+                 the {which} loop would have {:.0} of its {:.0} particles (use more /steps, a smaller /particles/every or \
+                 a flatter /particles/total)",
+                p.steps, has[k], wanted[k]
             ));
         }
     }
     None
 }
 
-/// The distance to the next number in single precision above this length in metres, µm.
+/// Distance from this length, in metres, to the next single-precision number, in µm.
 fn last_place_um(length_mm: f64) -> f64 {
     let metres = (length_mm * 1e-3) as f32;
     f64::from(metres.next_up() - metres) * 1e6

@@ -1,8 +1,8 @@
-//! Predicts what growing a specification takes, before anything is computed.
+//! Predicts the cost of growing a specification, before anything is computed.
 //!
-//! Counts follow from the schedules. A section has as many vertices as particles; each particle made between
-//! two sections also stands in the earlier one, on the edge that it split; and a closed surface of
-//! Euler number 0 has twice as many triangles as vertices. Sections added to mend a slab are not foreseen.
+//! Counts follow from the schedules. A section has one vertex per particle; each particle added between
+//! two sections is also inserted into the earlier one, on the edge that it split; and a closed surface of
+//! Euler number 0 has twice as many triangles as vertices. Sections added to mend a slab are not predicted.
 //! Sizes and seconds come from the constants below, each with its basis.
 
 use super::parameters::{Integrator, Search};
@@ -12,34 +12,34 @@ use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
 /// Seconds for one pair of particle and segment with neighbour lists, one core; chosen so that the paper's run takes
-/// what the prototype of this project measured, 2.2 s.
+/// 2.2 s, as measured with the prototype of this project.
 const LIST_PAIR_SECONDS: f64 = 0.75e-9;
-/// Seconds a particle and stage beside the pairs; chosen with the above.
+/// Seconds per particle and stage besides the pairs; chosen together with the above.
 const PARTICLE_SECONDS: f64 = 15e-9;
-/// By how much the grid, rebuilt each stage, is slower than lists: 21 s against 4.6 s in the prototype.
+/// Factor by which the grid, rebuilt in each stage, is slower than lists: 21 s against 4.6 s in the prototype.
 const GRID_FACTOR: f64 = 4.6;
 /// Seconds for one pair with all pairs: 1.97 ns in the prototype.
 const ALL_PAIRS_SECONDS: f64 = 1.97e-9;
-/// What neighbour lists reach beyond the range of the force, µm: the prototype's skin.
+/// Distance by which neighbour lists reach beyond the range of the force, µm.
 const SKIN_UM: f64 = 24.0;
 /// Time on two cores over time on one: 1.2 s against 2.2 s in the prototype.
 const TWO_CORES: f64 = 0.55;
-/// Seconds a triangle for slab tests, loft, certificate and files, one core; assumed: half of the
+/// Seconds per triangle for slab tests, loft, certificate and files, one core; assumed: half of the
 /// simulation for the paper's model.
 const TRIANGLE_SECONDS: f64 = 0.7e-6;
 /// Memory that does not depend on the model; assumed.
 const BASE_BYTES: u64 = 32 << 20;
-/// Memory a vertex: position, normal, section, identity; assumed.
+/// Memory per vertex: position, normal, section, identity; assumed.
 const VERTEX_BYTES: u64 = 48;
-/// Memory a triangle: indices, tree and tables of the certificate; assumed.
+/// Memory per triangle: indices, tree and tables of the certificate; assumed.
 const TRIANGLE_BYTES: u64 = 100;
-/// Memory a particle and step since the last recorded section, which are kept to mend the slab: the section and, on a
+/// Memory per particle and step since the last recorded section, which are kept to mend the slab: the section and, on a
 /// GPU, the state of a checkpoint.
 const HISTORY_BYTES: u64 = 64;
 /// Places at which the work is sampled.
 const PLACES: u32 = 256;
 
-/// Bytes of a file: fixed, a vertex, a triangle, a triangle where walls are strips.
+/// Bytes of a file: fixed, per vertex, per triangle, per triangle if walls are strips.
 struct Size {
     name: &'static str,
     fixed: f64,
@@ -55,7 +55,7 @@ impl Size {
 }
 
 /// Sizes by output. Binary formats follow from their layout (positions and normals of 4-byte floats, 4-byte
-/// indices; a strip has about one index a triangle); those of texts and compressed files are assumed.
+/// indices; a strip has about one index per triangle); those of texts and compressed files are assumed.
 const SIZES: [Size; 8] = [
     Size::new("glb", 4096.0, 24.0, 12.0, 4.1),
     Size::new("gltf", 4096.0, 24.0 * 4.0 / 3.0, 12.0 * 4.0 / 3.0, 4.1 * 4.0 / 3.0),
@@ -67,18 +67,18 @@ const SIZES: [Size; 8] = [
     Size::new("report", 131_072.0, 0.0, 0.0, 0.0),
 ];
 
-/// What growing a specification will take.
+/// Predicted cost of growing a specification.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Cost {
     /// Particles of both loops at the end.
     pub particles_end: u32,
-    /// Sections recorded, without those that mending adds.
+    /// Recorded sections, without those added by mending.
     pub sections: u32,
     /// Vertices of the surface.
     pub vertices: u64,
     /// Triangles of the surface.
     pub triangles: u64,
-    /// Size by output, with `sections` and `report`, which are always kept.
+    /// Size by output, including `sections` and `report`, which are always written.
     pub bytes: BTreeMap<String, u64>,
     /// Greatest memory in use.
     pub memory_bytes: u64,
@@ -86,17 +86,17 @@ pub struct Cost {
     pub seconds: BTreeMap<String, Estimate>,
 }
 
-/// A number of seconds and where it comes from.
+/// A number of seconds and its basis.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Estimate {
     /// Seconds.
     pub seconds: f64,
-    /// What the number rests on.
+    /// Basis of the number.
     pub basis: String,
 }
 
 impl ModelSpec {
-    /// Predicts the cost of growing this with the given outputs (names such as `glb`; unknown ones are left out).
+    /// Predicts the cost of growing this with the given outputs (names such as `glb`; unknown ones are ignored).
     #[must_use]
     pub fn cost(&self, outputs: &[&str]) -> Cost {
         let steps = f64::from(self.steps);
@@ -115,7 +115,8 @@ impl ModelSpec {
         let kept = |s: &&Size| outputs.contains(&s.name) || ["sections", "report"].contains(&s.name);
         let (vertices, triangles) = (count(vertices), count(triangles));
         let particles_end = u32::try_from(count(particles(self.steps))).unwrap_or(u32::MAX);
-        let history = u64::from(particles_end) * u64::from(self.solver.record_every) * HISTORY_BYTES;
+        let interval = self.solver.record_every.min(self.steps);
+        let history = u64::from(particles_end) * u64::from(interval) * HISTORY_BYTES;
         Cost {
             particles_end,
             sections,
@@ -151,8 +152,8 @@ impl ModelSpec {
         mean * f64::from(self.steps) + self.step_seconds(0.0) * f64::from(self.burn_in)
     }
 
-    /// Seconds of a step at `u` on one core. Strands fill the region with one segment an area of edge length
-    /// times spacing, which gives the number of them within reach.
+    /// Seconds of a step at `u` on one core. One segment takes up an area of edge length times spacing,
+    /// which gives the number of segments within reach.
     fn step_seconds(&self, u: f64) -> f64 {
         let p: &Parameters = self;
         let inner = p.particles.total.at(u) - p.particles.outer.at(u);
@@ -214,6 +215,8 @@ mod tests {
         assert_eq!(s.cost(&[]).sections, 4);
         let s = spec(&json!({ "steps": 20, "particles": { "total": 900 } }));
         assert_eq!(s.stations().collect::<Vec<_>>(), [0, 10, 20]);
+        let s = spec(&json!({ "steps": 1, "particles": { "total": 900, "outer": 100 } }));
+        assert_eq!(s.stations().collect::<Vec<_>>(), [0, 1]);
     }
 
     #[test]

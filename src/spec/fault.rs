@@ -1,14 +1,14 @@
-//! What can be wrong with a specification, said so that a person can mend it.
+//! Faults of a specification: where they are and how to mend them.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-/// One thing that is wrong, and where.
+/// One fault and its place.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Fault {
     /// JSON pointer (RFC 6901) relative to the specification, such as `/collision/gap_um`; empty for the whole.
     pub pointer: String,
-    /// What is wrong there, with the bound and its unit where there is one.
+    /// What is wrong, with the bound and its unit if there is one.
     pub detail: String,
 }
 
@@ -25,15 +25,15 @@ impl std::fmt::Display for Fault {
     }
 }
 
-/// The pointer of member `name` of what stands at `at`.
+/// The pointer of member `name` of the value at `at`.
 pub(super) fn child(at: &str, name: &str) -> String {
     format!("{at}/{}", name.replace('~', "~0").replace('/', "~1"))
 }
 
-/// Most unknown members of one object that are named one by one, lest a small request draw a huge answer.
+/// Most unknown members of one object that are named one by one, so that a small request cannot cause a huge response.
 const MAX_UNKNOWN: usize = 64;
 
-/// Notes the unknown members of the object at `at`: the first ones each with a hint, the others by their number.
+/// Records the unknown members of the object at `at`: the first ones each with a hint, the others as a count.
 pub(super) fn unknown<'a>(
     at: &str,
     mut names: impl Iterator<Item = &'a String>,
@@ -48,7 +48,7 @@ pub(super) fn unknown<'a>(
     }
 }
 
-/// A value in words, shortened, for a message.
+/// A short description of a value for a message.
 pub(super) fn describe(value: &Value) -> String {
     match value {
         Value::Null => "null".to_owned(),
@@ -60,7 +60,7 @@ pub(super) fn describe(value: &Value) -> String {
     }
 }
 
-/// The first characters of a text that came from outside.
+/// The first characters of a text from a request.
 pub(super) fn shorten(text: &str) -> String {
     const KEPT: usize = 40;
     match text.char_indices().nth(KEPT) {
@@ -69,13 +69,15 @@ pub(super) fn shorten(text: &str) -> String {
     }
 }
 
-/// The name most like `wrong`, where one is near enough to have been meant.
+/// The name most like `wrong`, if one is so similar that it was probably meant.
 pub(super) fn nearest<'a>(wrong: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     const LONGEST: usize = 64;
     if wrong.len() > LONGEST {
         return None;
     }
-    let limit = (wrong.chars().count() / 3).max(2);
+    // At least half of a short name must be right: any other name of one or two characters is near otherwise.
+    let length = wrong.chars().count();
+    let limit = (length / 3).max(2).min(length / 2);
     names.map(|name| (distance(wrong, name), name)).filter(|(d, _)| *d <= limit).min().map(|(_, name)| name)
 }
 
@@ -115,6 +117,11 @@ mod tests {
         assert_eq!(nearest("gap_mm", names()), Some("gap_um"));
         assert_eq!(nearest("strenght", names()), Some("strength"));
         assert_eq!(nearest(&"x".repeat(10_000), names()), None);
+        let short = || ["z", "steps"].into_iter();
+        assert_eq!(nearest("k0", short()), None);
+        assert_eq!(nearest("k", short()), None);
+        assert_eq!(nearest("zz", short()), Some("z"));
+        assert_eq!(nearest("setps", short()), Some("steps"));
     }
 
     #[test]

@@ -1,13 +1,13 @@
-//! What is too much: decided on the predicted cost, before work is queued.
+//! Limits of one model, checked against its predicted cost before it is queued.
 
 use super::cost::Cost;
 use serde::{Deserialize, Serialize};
 
-/// The most that one model may take.
+/// Limits of one model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Limits {
-    /// Seconds, on the slowest backend that is predicted.
+    /// Seconds, on the slowest backend with a prediction.
     pub max_cost_seconds: f64,
     /// Bytes of memory.
     pub max_memory_bytes: u64,
@@ -26,7 +26,7 @@ impl Default for Limits {
 
 /// A limit that a model would exceed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error, utoipa::ToSchema)]
-#[error("the model would take about {predicted:.0} {unit} ({quantity}); the limit is {limit:.0}")]
+#[error("the model would take about {predicted:.0} {unit} ({quantity}); the limit is {limit:.0}; {}", levers(.quantity))]
 pub struct OverLimit {
     /// What is limited: `seconds`, `memory`, `vertices` or `output`.
     pub quantity: String,
@@ -36,6 +36,14 @@ pub struct OverLimit {
     pub limit: f64,
     /// Unit of both.
     pub unit: String,
+}
+
+/// What to change to stay within a limit. A greater recording interval makes a smaller surface but keeps more steps in memory.
+fn levers(quantity: &str) -> &'static str {
+    match quantity {
+        "memory" => "reduce /steps or /particles/total, or change /solver/record_every",
+        _ => "reduce /steps or /particles/total, or raise /solver/record_every",
+    }
 }
 
 impl Limits {
@@ -90,7 +98,8 @@ mod tests {
         let quantities: Vec<&str> = over.iter().map(|o| o.quantity.as_str()).collect();
         assert_eq!(quantities, ["seconds", "memory", "output"]);
         assert_eq!(over[1].predicted, cost.memory_bytes as f64);
-        assert!(over[1].to_string().ends_with("bytes (memory); the limit is 1"), "{}", over[1]);
+        assert!(over[1].to_string().contains("bytes (memory); the limit is 1; "), "{}", over[1]);
+        assert!(over.iter().all(|o| o.to_string().contains("/solver/record_every")), "{over:?}");
     }
 
     #[test]

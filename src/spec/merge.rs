@@ -1,16 +1,17 @@
-//! Lays a merge patch (RFC 7396) over the values of a preset.
+//! Applies a merge patch (RFC 7396) to the values of a preset.
 //!
-//! Two things differ from the RFC. `null` puts a value back to the preset's, since a parameter cannot be
-//! absent. And a schedule that is a number is taken as the keys `[[0, v], [1, v]]` where the patch gives an
-//! object, so that a fluctuation can be added to any parameter. A number replaces a schedule as a whole; an
-//! object changes the members that it names, and `keys` is replaced as a whole, as arrays are.
+//! There are two differences from the RFC. `null` restores the value of the preset, since a parameter cannot be
+//! absent. And a schedule that is a number is converted to the keys `[[0, v], [1, v]]` if the patch gives an
+//! object, so that a fluctuation can be added to any parameter. A number replaces a whole schedule; an
+//! object changes the members that it names, and the array `keys` is replaced as a whole.
 
 use super::fault::{Fault, child, describe, nearest, unknown};
+use super::parameters::table;
 use super::table::{Field, Kind};
 use serde_json::{Map, Value, json};
 
-/// The values of `base`, all of `fields`, changed by `patch`, which stands at `at`. Members that are no
-/// parameters are left out and noted; other values are taken over unchecked.
+/// The values of `base`, all of `fields`, changed by `patch`, whose pointer is `at`. Members that are not
+/// parameters are dropped and recorded as faults; other values are copied unchecked.
 pub(super) fn merge(fields: &[Field], base: &Value, patch: &Value, at: &str, faults: &mut Vec<Fault>) -> Value {
     let mut merged = base.as_object().cloned().unwrap_or_default();
     let members = match patch {
@@ -62,19 +63,19 @@ fn overlaid(base: &Map<String, Value>, patch: &Map<String, Value>) -> Map<String
     merged
 }
 
-/// Which parameter may have been meant by a name that is none of `fields`.
+/// A hint at the parameter that was probably meant by a name that is not one of `fields`.
 fn hint(fields: &[Field], name: &str) -> String {
     if let Some(near) = nearest(name, fields.iter().map(|field| field.name)) {
         return format!("; did you mean `{near}`?");
     }
-    if let Some(pointer) = elsewhere(super::table(), name, "") {
+    if let Some(pointer) = elsewhere(table(), name, "") {
         return format!("; did you mean `{pointer}`?");
     }
     let known: Vec<&str> = fields.iter().map(|field| field.name).collect();
     format!("; known are {}", known.join(", "))
 }
 
-/// Where in the whole table a parameter of this name is.
+/// The pointer of a parameter of this name anywhere in the table.
 fn elsewhere(fields: &[Field], name: &str, at: &str) -> Option<String> {
     fields.iter().find_map(|field| {
         let here = child(at, field.name);

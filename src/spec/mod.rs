@@ -1,19 +1,22 @@
-//! What is to be grown: every parameter of the model in real units, valid by construction.
+//! The specification of a model: every parameter in physical units, valid by construction.
 //!
-//! A [`ModelSpec`] can only be made by resolving a merge patch on a preset, which checks everything
-//! and reports every fault at once; whoever holds one need not check again.
+//! A [`ModelSpec`] can only be made by resolving a merge patch on a preset or by reading a whole specification. Both check
+//! everything and report all faults at once, so no other code needs to check a specification.
 //!
 //! | file | subject |
 //! |---|---|
 //! | `parameters` | the table: names, units, bounds, meaning |
-//! | `table`, `read` | the machinery of the table, the reader |
-//! | `merge`, `check` | the patch, what must hold between parameters |
+//! | `table`, `bounds` | macros and types of the table |
+//! | `reader`, `read` | reading numbers, schedules and choices from JSON |
+//! | `merge` | merge patches |
+//! | `check`, `stability` | rules between parameters |
 //! | `preset`, `schema` | data files with sources, JSON Schema |
-//! | `canonical` | one text for one specification, for the digest |
+//! | `canonical` | a unique text of a specification, for the digest |
 //! | `batch_key` | which models a GPU may grow together |
-//! | `cost`, `limits` | what growing it takes, and what is too much |
+//! | `cost`, `limits` | the predicted cost of a model, and its limits |
 
 mod batch_key;
+mod bounds;
 mod canonical;
 mod check;
 mod cost;
@@ -23,6 +26,7 @@ mod merge;
 mod parameters;
 mod preset;
 mod read;
+mod reader;
 mod schedule;
 mod schema;
 mod stability;
@@ -46,8 +50,7 @@ pub use schema::schema;
 
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
-use std::sync::LazyLock;
-use table::{Field, Kind, Parameter};
+use table::Parameter;
 
 /// A resolved, checked specification. Dereferences to its [`Parameters`].
 #[derive(Clone, Debug, PartialEq)]
@@ -62,40 +65,40 @@ impl std::ops::Deref for ModelSpec {
 }
 
 impl ModelSpec {
-    /// Lays `patch` over the preset and checks the result.
+    /// Applies `patch` to the preset and checks the result.
     ///
-    /// The patch is a JSON merge patch (RFC 7396) in which `null` puts a value back to the preset's. A number
-    /// replaces a schedule as a whole; an object changes the members of a schedule that it names
-    /// (`{"fluctuation": {"amplitude": 2, "period": 90}}`), a schedule that is a number counting as
-    /// the keys `[[0, v], [1, v]]`. A fluctuation of amplitude 0 is none.
+    /// The patch is a JSON merge patch (RFC 7396), except that `null` restores the value of the preset. A number
+    /// replaces a whole schedule. An object changes the members of a schedule that it names
+    /// (`{"fluctuation": {"amplitude": 2, "period": 90}}`); a schedule that is a number is first converted to
+    /// the keys `[[0, v], [1, v]]`. A fluctuation of amplitude 0 removes the fluctuation.
     ///
     /// # Errors
-    /// Every fault, in the order of their pointers.
+    /// All faults, ordered by pointer.
     pub fn resolve(preset: &Preset, patch: &Value) -> Result<Self, Vec<Fault>> {
         Self::build(&preset.spec, patch)
     }
 
-    /// Reads a whole specification, such as [`ModelSpec::to_json`] wrote, without a preset.
+    /// Reads a whole specification, such as the result of [`ModelSpec::to_json`], without a preset.
     ///
     /// # Errors
-    /// Every fault; a missing parameter is one.
+    /// All faults; a missing parameter is a fault.
     pub fn from_json(whole: &Value) -> Result<Self, Vec<Fault>> {
         Self::build(&Value::Null, whole)
     }
 
     fn build(base: &Value, patch: &Value) -> Result<Self, Vec<Fault>> {
         let mut faults = Vec::new();
-        let mut values = merge::merge(table(), base, patch, "", &mut faults);
-        let mut reader = read::Reader::default();
+        let mut values = merge::merge(parameters::table(), base, patch, "", &mut faults);
+        let mut reader = reader::Reader::default();
         let mut parameters = read(&mut reader, &values);
         if parameters.is_none() {
-            // The values of the base stand in for those that cannot be read, so that the rest is checked too.
+            // Values that cannot be read are replaced by those of the base, so that the rest is checked too.
             for pointer in &reader.bad {
                 if let (Some(value), Some(own)) = (values.pointer_mut(pointer), base.pointer(pointer)) {
                     *value = own.clone();
                 }
             }
-            parameters = read(&mut read::Reader::default(), &values);
+            parameters = read(&mut reader::Reader::default(), &values);
         }
         faults.append(&mut reader.faults);
         if let Some(parameters) = &parameters {
@@ -117,8 +120,8 @@ impl ModelSpec {
         self.0.write()
     }
 
-    /// SHA-256, in lower-case hex, of what decides the bytes of the model: the canonical specification without
-    /// `solver.search`, which only changes speed, the seed and the engine's version.
+    /// SHA-256, in lower-case hex, of everything that the bytes of the model depend on: the canonical specification (without
+    /// `solver.search`, which affects speed only), the seed and the engine's version.
     #[must_use]
     pub fn digest(&self, seed: u64) -> String {
         let mut spec = self.to_json();
@@ -140,31 +143,6 @@ impl Parameters {
 }
 
 /// Reads a whole specification.
-fn read(reader: &mut read::Reader, values: &Value) -> Option<Parameters> {
-    Parameters::read(reader, read::Site { at: "", unit: "" }, values, ())
-}
-
-/// The table of parameters.
-fn table() -> &'static [Field] {
-    static TABLE: LazyLock<Vec<Field>> = LazyLock::new(|| match Parameters::kind(()) {
-        Kind::Group(fields) => fields,
-        _ => Vec::new(),
-    });
-    &TABLE
-}
-
-/// The parameters of the table that are no groups, with their pointers, in the order of the table.
-fn leaves() -> Vec<(String, &'static Field)> {
-    fn collect(fields: &'static [Field], at: &str, found: &mut Vec<(String, &'static Field)>) {
-        for field in fields {
-            let here = fault::child(at, field.name);
-            match &field.kind {
-                Kind::Group(fields) => collect(fields, &here, found),
-                _ => found.push((here, field)),
-            }
-        }
-    }
-    let mut found = Vec::new();
-    collect(table(), "", &mut found);
-    found
+fn read(reader: &mut reader::Reader, values: &Value) -> Option<Parameters> {
+    Parameters::read(reader, reader::Site { at: "", unit: "" }, values, ())
 }

@@ -1,15 +1,15 @@
-//! Presets: an organ of a species as a data file, each number with its source.
+//! Presets: data files, each describing an organ of a species, with a source for every number.
 //!
-//! The files under `presets/` are compiled in. A test demands that each is complete, valid and has a source
+//! The files under `presets/` are compiled in. A test checks that each is complete and valid and has a source
 //! for every parameter.
 
-use super::leaves;
+use super::parameters::leaves;
 use serde::Deserialize;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-/// Name of the preset that is taken where none is named.
+/// Name of the preset that is used if a request names none.
 pub const DEFAULT_PRESET: &str = "pig";
 
 /// The texts of the files, the default first.
@@ -27,17 +27,17 @@ pub struct Preset {
     pub organ: String,
     /// Species.
     pub species: String,
-    /// What it is and what to expect of it.
+    /// Description.
     pub description: String,
     /// A value for every parameter.
     pub spec: Value,
-    /// Where each value comes from, by the JSON pointer of the parameter.
+    /// Source of each value, by the JSON pointer of the parameter.
     pub sources: BTreeMap<String, String>,
 }
 
 impl Preset {
-    /// Everything about it: the plain `spec`, and `parameters` in the order of the table, each with its
-    /// pointer, title, unit (empty where there is none), meaning, value and source.
+    /// The whole preset as JSON: its summary, the plain `spec`, and `parameters` in the order of the table, each with its
+    /// pointer, title, unit (empty if there is none), description, value and source.
     #[must_use]
     pub fn to_json(&self) -> Value {
         let parameters: Vec<Value> = leaves()
@@ -59,7 +59,7 @@ impl Preset {
         whole
     }
 
-    /// What a list of presets shows of it: name, title, organ, species, description, and whether it is the default.
+    /// The entry in a list of presets: name, title, organ, species, description, and whether it is the default.
     #[must_use]
     pub fn summary(&self) -> Value {
         json!({

@@ -1,88 +1,21 @@
-//! Reads the values of parameters from JSON, naming every fault.
+//! Reads numbers and schedules from JSON, naming every fault.
 
+use super::bounds::{Count, Range, out_of};
 use super::canonical::number;
-use super::fault::{Fault, child, describe, nearest, unknown};
+use super::fault::{Fault, child, describe};
+use super::reader::{Reader, Site};
 use super::schedule::{Ease, Fluctuation, Schedule};
-use super::table::{Count, Kind, Parameter, Range};
-use serde_json::{Map, Value, json};
+use super::table::{Kind, Parameter};
+use serde_json::{Value, json};
 
 /// Most keys of one schedule.
 pub(super) const MAX_KEYS: usize = 256;
-/// Bounds of the period of a fluctuation, steps: below two steps the steps could not follow it.
+/// Bounds of the period of a fluctuation, in steps. A period below two steps cannot be sampled once a step.
 pub(super) const PERIOD: Range = Range::of(2.0, 1e6);
 /// The members of a schedule.
 const MEMBERS: [&str; 3] = ["keys", "ease", "fluctuation"];
 
-/// Collects faults while reading.
-#[derive(Debug, Default)]
-pub(super) struct Reader {
-    /// Every fault found.
-    pub(super) faults: Vec<Fault>,
-    /// Pointers of the parameters that could not be read.
-    pub(super) bad: Vec<String>,
-}
-
-/// Where a value stands, and in what unit.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Site<'a> {
-    pub(super) at: &'a str,
-    pub(super) unit: &'a str,
-}
-
 impl Reader {
-    /// Reads member `name` of a group.
-    pub(super) fn member<T: Parameter>(
-        &mut self,
-        group: Site<'_>,
-        value: &Value,
-        name: &str,
-        unit: &str,
-        rule: T::Rule,
-    ) -> Option<T> {
-        let at = child(group.at, name);
-        let read = match value.get(name) {
-            Some(value) => T::read(self, Site { at: &at, unit }, value, rule),
-            None => self.fault(&at, "is missing"),
-        };
-        if read.is_none() && !T::GROUP {
-            self.bad.push(at);
-        }
-        read
-    }
-
-    /// Notes a fault.
-    fn fault<T>(&mut self, at: impl Into<String>, detail: impl Into<String>) -> Option<T> {
-        self.faults.push(Fault::new(at, detail));
-        None
-    }
-
-    /// Notes that a value is none of the names of a choice.
-    pub(super) fn not_a_choice<T>(&mut self, site: Site<'_>, value: &Value, names: &[(&str, &str)]) -> Option<T> {
-        let known = names.iter().map(|(name, _)| format!("\"{name}\"")).collect::<Vec<_>>().join(", ");
-        let hint = value
-            .as_str()
-            .and_then(|wrong| nearest(wrong, names.iter().map(|(name, _)| *name)))
-            .map_or_else(String::new, |name| format!("; did you mean \"{name}\"?"));
-        self.fault(site.at, format!("must be one of {known}, not {}{hint}", describe(value)))
-    }
-
-    /// Reads a finite number.
-    fn number(&mut self, at: &str, value: &Value) -> Option<f64> {
-        match value.as_f64().filter(|v| v.is_finite()) {
-            // −0 and 0 are the same value and must not be two specifications.
-            Some(v) => Some(v + 0.0),
-            None => self.fault(at, format!("must be a number, not {}", describe(value))),
-        }
-    }
-
-    /// Notes a fault where `value` lies outside `range`.
-    fn bounded(&mut self, site: Site<'_>, value: f64, range: Range) -> Option<f64> {
-        match out_of(value, range, site.unit) {
-            Some(detail) => self.fault(site.at, detail),
-            None => Some(value),
-        }
-    }
-
     fn keys(&mut self, site: Site<'_>, value: &Value, range: Range) -> Option<Vec<[f64; 2]>> {
         let at = child(site.at, "keys");
         let Some(items) = value.as_array() else {
@@ -99,11 +32,11 @@ impl Reader {
             items.iter().map(|key| key.get(0).and_then(Value::as_f64).filter(|u| (0.0..=1.0).contains(u))).collect();
         let before = self.faults.len();
         if let Some(u) = fractions[0].filter(|u| *u != 0.0) {
-            self.faults.push(Fault::new(format!("{at}/0/0"), format!("is {u}; the first key must stand at 0")));
+            self.faults.push(Fault::new(format!("{at}/0/0"), format!("is {u}; the first key must be at 0")));
         }
         let last = items.len() - 1;
         if let Some(u) = fractions[last].filter(|u| *u != 1.0) {
-            self.faults.push(Fault::new(format!("{at}/{last}/0"), format!("is {u}; the last key must stand at 1")));
+            self.faults.push(Fault::new(format!("{at}/{last}/0"), format!("is {u}; the last key must be at 1")));
         }
         for (i, pair) in fractions.windows(2).enumerate() {
             if let [Some(a), Some(b)] = pair
@@ -146,7 +79,7 @@ impl Reader {
         };
         let at_period = child(&at, "period");
         let period = match members.get("period") {
-            // Amplitude 0 says that there is none, for which no period is needed.
+            // Amplitude 0 removes the fluctuation, which needs no period.
             None if amplitude == Some(0.0) => Some(PERIOD.min),
             None => self.fault(&at_period, "is missing"),
             Some(value) => self
@@ -156,29 +89,6 @@ impl Reader {
         let fluctuation = Fluctuation { amplitude: amplitude?, period: period? };
         known.then_some((fluctuation.amplitude != 0.0).then_some(fluctuation))
     }
-
-    /// Notes members that are none of `names`; whether there were none.
-    fn only(&mut self, at: &str, members: &Map<String, Value>, names: &[&str]) -> bool {
-        let before = self.faults.len();
-        let hint = |name: &str| match nearest(name, names.iter().copied()) {
-            Some(near) => format!("; did you mean `{near}`?"),
-            None => format!("; known are {}", names.join(", ")),
-        };
-        let others = members.keys().filter(|name| !names.contains(&name.as_str()));
-        unknown(at, others, hint, &mut self.faults);
-        self.faults.len() == before
-    }
-}
-
-/// Says how a value lies outside its range, naming the bound.
-fn out_of(value: f64, range: Range, unit: &str) -> Option<String> {
-    let with_unit = |v: f64| if unit.is_empty() { number(v).to_string() } else { format!("{} {unit}", number(v)) };
-    if value < range.min {
-        return Some(format!("is {}, below the least allowed {}", number(value), with_unit(range.min)));
-    }
-    let because = range.because.map_or_else(String::new, |reason| format!(": {reason}"));
-    (value > range.max)
-        .then(|| format!("is {}, above the greatest allowed {}{because}", number(value), with_unit(range.max)))
 }
 
 impl Parameter for f64 {
@@ -276,11 +186,11 @@ impl Parameter for Schedule {
         };
         let schedule = Self::new(keys?, ease?, fluctuation?);
         if rule.steady && schedule.fluctuation.is_some() {
-            return reader.fault(child(site.at, "fluctuation"), "must not fluctuate: it may only increase");
+            return reader.fault(child(site.at, "fluctuation"), "must not fluctuate: it must never decrease");
         }
         let (low, high) = schedule.range();
         if let Some(detail) = out_of(low, rule, site.unit).or_else(|| out_of(high, rule, site.unit)) {
-            // The keys alone are within bounds: it is the fluctuation that leaves them.
+            // The keys are within bounds, so the fluctuation exceeds them.
             let at = format!("{}/fluctuation/amplitude", site.at);
             return reader.fault(at, format!("makes the value leave its bounds: it {detail}"));
         }
@@ -296,7 +206,7 @@ impl Parameter for Schedule {
             Some(v) => [0.0, 1.0].map(|u| json!([number(u), number(v)])).to_vec(),
             None => self.keys.iter().map(|[u, v]| json!([number(*u), number(*v)])).collect(),
         };
-        // Written out where there is none, so that as a patch it says so whatever the preset has.
+        // Written even if there is none, so that as a patch it removes a fluctuation of the preset.
         let fluctuation = match self.fluctuation {
             Some(f) => json!({ "amplitude": number(f.amplitude), "period": number(f.period) }),
             None => json!({ "amplitude": 0 }),

@@ -1,14 +1,14 @@
 //! A parameter along the tube: piecewise keys over [0, 1] plus an optional fluctuation (paper, section 3:
 //! "the initial value and the manner in which each parameter changes").
 //!
-//! Invariant: either one key, at 0, for a constant, or at least two in strictly increasing order, the first
-//! at 0, the last at 1. A constant is always kept in the first form, so that equal schedules compare equal.
+//! Invariant: a constant has one key, at 0; any other schedule has at least two in strictly increasing order, the first
+//! at 0, the last at 1. Equal schedules therefore compare equal.
 
 use super::table::choice;
 use std::f64::consts::TAU;
 
 choice! {
-    /// How a value moves between two keys.
+    /// How a value changes between two keys.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub enum Ease {
         /// Straight line.
@@ -43,7 +43,7 @@ impl Schedule {
         Self { keys: vec![[0.0, value]], ease: Ease::Linear, fluctuation: None }
     }
 
-    /// Keys that were checked by the reader; a constant takes its one form.
+    /// A schedule from keys that the reader has checked; equal values become a constant.
     pub(super) fn new(keys: Vec<[f64; 2]>, ease: Ease, fluctuation: Option<Fluctuation>) -> Self {
         match keys.first() {
             Some(&[_, first]) if keys.iter().all(|[_, v]| *v == first) => Self { fluctuation, ..Self::constant(first) },
@@ -51,7 +51,7 @@ impl Schedule {
         }
     }
 
-    /// The fractions of steps at which it has keys.
+    /// The fractions of the steps at which it has keys.
     pub(super) fn fractions(&self) -> impl Iterator<Item = f64> + '_ {
         self.keys.iter().map(|k| k[0])
     }

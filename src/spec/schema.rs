@@ -1,25 +1,27 @@
-//! JSON Schema (2020-12) of a specification, from the table; a form can be made from it.
+//! JSON Schema (2020-12) of a specification, generated from the table.
 //!
-//! It describes the values of a patch: no field is required, each has the default preset's value as its
-//! `default`, and `x-unit` names the unit. What must hold between parameters ([`super::check`]) is beyond it.
+//! It describes the values of a patch: no field is required, the `default` of each is the value of the default preset, and
+//! `x-unit` names the unit. It does not express the rules between parameters ([`super::check`]).
 
+use super::bounds::Range;
 use super::canonical::number;
 use super::fault::child;
+use super::parameters::table;
 use super::preset::{DEFAULT_PRESET, preset};
 use super::read::{MAX_KEYS, PERIOD};
 use super::schedule::Ease;
-use super::table::{Field, Kind, Range};
+use super::table::{Field, Kind};
 use serde_json::{Map, Value, json};
 
-/// The schema of the `spec` of a request. Beyond it `null` is accepted everywhere and means the preset's value.
+/// The schema of the `spec` of a request. In addition, `null` is accepted everywhere and restores the preset's value.
 #[must_use]
 pub fn schema() -> Value {
     let defaults = preset(DEFAULT_PRESET).map(|preset| &preset.spec);
-    let mut schema = object(super::table(), "", &|pointer| defaults.and_then(|spec| spec.pointer(pointer)).cloned());
+    let mut schema = object(table(), "", &|pointer| defaults.and_then(|spec| spec.pointer(pointer)).cloned());
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema".into();
     schema["title"] = "Model specification".into();
     schema["description"] = format!(
-        "Parameters of a model, as a merge patch (RFC 7396) on a preset; null puts a value back to the preset's. \
+        "Parameters of a model, as a merge patch (RFC 7396) on a preset; null restores the value of the preset. \
          Defaults are those of the preset \"{DEFAULT_PRESET}\"."
     )
     .into();
@@ -85,12 +87,12 @@ fn bounded(range: Range) -> Value {
     schema
 }
 
-/// What all schedules have in common.
+/// The parts common to all schedules.
 fn definitions() -> Value {
     json!({
         "schedule": {
             "type": "object",
-            "description": "A value that changes along the tube: keys, and a fluctuation around them.",
+            "description": "A value that changes along the tube: keys, and an optional fluctuation.",
             "additionalProperties": false,
             "properties": {
                 "keys": {
@@ -108,7 +110,7 @@ fn definitions() -> Value {
                 },
                 "ease": {
                     "title": "Ease",
-                    "description": "How the value moves between two keys.",
+                    "description": "How the value changes between two keys.",
                     "type": "string",
                     "enum": Ease::NAMES.iter().map(|(name, _)| *name).collect::<Vec<_>>(),
                     "x-enum-descriptions": Ease::NAMES.iter().map(|(_, doc)| *doc).collect::<Vec<_>>(),
@@ -116,7 +118,7 @@ fn definitions() -> Value {
                 },
                 "fluctuation": {
                     "title": "Fluctuation",
-                    "description": "A sine around the keys, its phase from the seed; amplitude 0 is none.",
+                    "description": "A sine added to the keys; its phase depends on the seed. Amplitude 0 means no fluctuation.",
                     "type": "object",
                     "additionalProperties": false,
                     "properties": {

@@ -1,20 +1,21 @@
-//! Stability of the integration with time step 1 (project notes on the physics): the highest mode of a chain with spring k and
+//! Stability of the integration with time step 1: the highest mode of a chain with spring k and
 //! bending kb has the frequency sqrt(4k + 16kb), its damping is kf + 4c; classical Runge–Kutta needs
 //! the first below 2.83 and the second below 2.79, whatever the number of particles. Semi-implicit Euler needs
 //! ω² + 2γ < 4 of each mode (from the roots of λ² − (2 − γ − ω²)λ + 1 − γ): 4k + 2(kf + 4c) along the loop and
 //! 16kb + 2kf across it. Containment and regulation pull like springs of strength/ramp and strength/softening,
-//! which are held to the same bound. Where each bound holds, the values together may still be too much for Runge–Kutta: so
-//! the factor by which a step multiplies each mode is computed too. What acts between strands is left to the guard, which bounds each step.
+//! which are held to the same bound. Values that satisfy each bound may still be unstable together with Runge–Kutta, so
+//! the factor by which a step multiplies each mode is computed too. Forces between strands are not considered: the guard
+//! limits their effect in each step.
 
 use super::check::Checks;
 use super::parameters::{Integrator, Parameters};
 use super::schedule::Schedule;
 
-/// Modes of a chain that are looked at, from the slowest to the fastest.
+/// Number of modes of a chain that are examined, from the slowest to the fastest.
 const MODES: u32 = 32;
 
 impl Checks<'_> {
-    /// Notes every fault of stability.
+    /// Records every violation of the stability bounds.
     pub(super) fn stability(&mut self, p: &Parameters) {
         let most = |s: &Schedule| s.range().1;
         let (k, c) = (most(&p.spring.stiffness), most(&p.spring.damping));
@@ -73,7 +74,7 @@ impl Checks<'_> {
                 format!(
                     "\"euler\" is unstable here: 4·stiffness + 2·friction + 8·damping (with the pull \
                      of containment and regulation, {field:.3}) reaches {along:.3} and must stay \
-                     below 4; \"rk4\" bears more"
+                     below 4; \"rk4\" is stable for greater values"
                 )
             });
             let across = 16.0 * kb + field + 2.0 * kf;
@@ -81,24 +82,24 @@ impl Checks<'_> {
                 format!(
                     "\"euler\" is unstable here: 16·bending + 2·friction (with the pull of containment and \
                      regulation, {field:.3}) reaches {across:.3} and must stay below 4; \
-                     \"rk4\" bears more"
+                     \"rk4\" is stable for greater values"
                 )
             });
         }
     }
 }
 
-/// Greatest stiffness of a force of this strength that sets in over this distance, 1/step².
+/// Greatest stiffness of a force that rises to this strength over this distance, 1/step².
 fn stiffness(strength: &Schedule, over: &Schedule) -> f64 {
     strength.range().1 / over.range().0
 }
 
-/// The greatest factor by which a step of classical Runge–Kutta multiplies a mode of the chain, and what mode that is.
+/// The greatest factor by which a step of classical Runge–Kutta multiplies a mode of the chain, and the name of that mode.
 ///
 /// A mode with the frequency ω and the damping γ follows x″ = −ω²x − γx′; a step multiplies each of its two parts by
 /// R(λ) = 1 + λ + λ²/2 + λ³/6 + λ⁴/24, λ a root of λ² + γλ + ω². With s from 0 (all together) to 1 (neighbours against each
-/// other), stretching has ω² = 4ks + field, γ = kf + 4cs; bending ω² = 16kb·s² + field, γ = kf; where the loop is folded
-/// sharply the two mix.
+/// other), stretching has ω² = 4ks + field, γ = kf + 4cs; bending ω² = 16kb·s² + field, γ = kf; if the loop is folded
+/// sharply, the two mix.
 fn fastest_growth(k: f64, c: f64, kb: f64, kf: f64, field: f64) -> (f64, &'static str) {
     let mode = |i: u32| {
         let s = f64::from(i) / f64::from(MODES);
@@ -142,7 +143,7 @@ mod tests {
         assert!(heavy(2.78) <= 1.0 && heavy(2.79) > 1.0);
     }
 
-    /// The factor that a run of the oscillator shows, from its energy.
+    /// The factor measured in a run of the oscillator.
     fn shown(frequency_squared: f64, damping: f64) -> f64 {
         let slope = |[x, v]: [f64; 2]| [v, -frequency_squared * x - damping * v];
         let along = |a: [f64; 2], h: f64, b: [f64; 2]| [a[0] + h * b[0], a[1] + h * b[1]];

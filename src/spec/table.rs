@@ -1,7 +1,9 @@
-//! The machinery of the parameter table: a group of parameters is written once, with titles, units, bounds
-//! and documentation, and from that come its struct, its reader, its canonical JSON and its JSON Schema.
+//! Types and macros of the parameter table. A group of parameters is declared once, with titles, units, bounds
+//! and documentation; its struct, reader, canonical JSON and JSON Schema are generated from that.
 
-use super::read::{Reader, Site};
+use super::bounds::{Count, Range};
+use super::fault::child;
+use super::reader::{Reader, Site};
 use serde_json::Value;
 
 /// A parameter, or a group of them, as the table describes it.
@@ -11,15 +13,15 @@ pub(super) struct Field {
     pub(super) name: &'static str,
     /// Name for people.
     pub(super) title: &'static str,
-    /// Unit; empty where there is none.
+    /// Unit; empty if there is none.
     pub(super) unit: &'static str,
-    /// What it is: the documentation of the struct's field.
+    /// Description: the documentation of the struct's field.
     pub(super) doc: &'static str,
-    /// What values it takes.
+    /// Which values it takes.
     pub(super) kind: Kind,
 }
 
-/// What values a parameter takes.
+/// Which values a parameter takes.
 #[derive(Clone, Debug)]
 pub(super) enum Kind {
     /// An object of parameters.
@@ -32,70 +34,46 @@ pub(super) enum Kind {
     Integer(Count),
     /// One of a few names, each with its documentation.
     Choice(&'static [(&'static str, &'static str)]),
-    /// Yes or no.
+    /// A Boolean.
     Bool,
-}
-
-/// Closed bounds of a number.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Range {
-    pub(super) min: f64,
-    pub(super) max: f64,
-    /// Why the upper bound is where it is, where that is not plain.
-    pub(super) because: Option<&'static str>,
-    /// Whether a schedule must be without fluctuation.
-    pub(super) steady: bool,
-}
-
-impl Range {
-    /// From `min` to `max`, both allowed.
-    pub(super) const fn of(min: f64, max: f64) -> Self {
-        Self { min, max, because: None, steady: false }
-    }
-
-    /// Forbids a fluctuation.
-    pub(super) const fn steady(mut self) -> Self {
-        self.steady = true;
-        self
-    }
-
-    /// Gives the reason for the upper bound.
-    pub(super) const fn because(mut self, reason: &'static str) -> Self {
-        self.because = Some(reason);
-        self
-    }
-}
-
-/// Closed bounds of an integer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Count {
-    pub(super) min: u32,
-    pub(super) max: u32,
-}
-
-impl Count {
-    /// From `min` to `max`, both allowed.
-    pub(super) const fn of(min: u32, max: u32) -> Self {
-        Self { min, max }
-    }
 }
 
 /// A type that can be the value of a parameter.
 pub(super) trait Parameter: Sized {
-    /// What its row of the table must give.
+    /// The last column of its row in the table, such as bounds.
     type Rule: Copy;
     /// Whether it is a group of parameters.
     const GROUP: bool = false;
 
-    /// How the table describes it.
+    /// Its description for the table.
     fn kind(rule: Self::Rule) -> Kind;
-    /// Reads it, naming every fault; `None` exactly where there was one.
+    /// Reads it and records all faults; `None` exactly if there was one.
     fn read(reader: &mut Reader, site: Site<'_>, value: &Value, rule: Self::Rule) -> Option<Self>;
     /// Its canonical JSON.
     fn write(&self) -> Value;
 }
 
-/// Writes down a group of parameters: `name: Type = "Title" ["unit"] rule;`, documented as usual.
+/// Reads member `name` of a group.
+pub(super) fn member<T: Parameter>(
+    reader: &mut Reader,
+    group: Site<'_>,
+    value: &Value,
+    name: &str,
+    unit: &str,
+    rule: T::Rule,
+) -> Option<T> {
+    let at = child(group.at, name);
+    let read = match value.get(name) {
+        Some(value) => T::read(reader, Site { at: &at, unit }, value, rule),
+        None => reader.fault(&at, "is missing"),
+    };
+    if read.is_none() && !T::GROUP {
+        reader.bad.push(at);
+    }
+    read
+}
+
+/// Declares a group of parameters: `name: Type = "Title" ["unit"] rule;`, documented as usual.
 macro_rules! group {
     (
         $(#[doc = $about:literal])+
@@ -128,12 +106,12 @@ macro_rules! group {
             }
 
             fn read(
-                reader: &mut $crate::spec::read::Reader,
-                site: $crate::spec::read::Site<'_>,
+                reader: &mut $crate::spec::reader::Reader,
+                site: $crate::spec::reader::Site<'_>,
                 value: &serde_json::Value,
                 (): (),
             ) -> Option<Self> {
-                $( let $field = reader.member::<$Type>(site, value, stringify!($field), $unit, $rule); )+
+                $( let $field = $crate::spec::table::member::<$Type>(reader, site, value, stringify!($field), $unit, $rule); )+
                 Some(Self { $( $field: $field? ),+ })
             }
 
@@ -145,7 +123,7 @@ macro_rules! group {
     };
 }
 
-/// Writes down a choice between names: `Variant = "name",`, documented as usual.
+/// Declares a choice between names: `Variant = "name",`, documented as usual.
 macro_rules! choice {
     (
         $(#[doc = $about:literal])+
@@ -179,8 +157,8 @@ macro_rules! choice {
             }
 
             fn read(
-                reader: &mut $crate::spec::read::Reader,
-                site: $crate::spec::read::Site<'_>,
+                reader: &mut $crate::spec::reader::Reader,
+                site: $crate::spec::reader::Site<'_>,
                 value: &serde_json::Value,
                 (): (),
             ) -> Option<Self> {

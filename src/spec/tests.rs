@@ -1,7 +1,8 @@
-//! Tests of the whole room: resolving, faults, canonical form, presets, schema.
+//! Tests of the whole module: resolving, faults, canonical form, presets, schema.
 
 mod properties;
 
+use super::parameters::leaves;
 use super::*;
 use serde_json::Map;
 
@@ -147,6 +148,7 @@ fn unknown_fields_are_named_with_the_nearest() {
         (json!({ "gap_um": 5 }), "/gap_um", "did you mean `/collision/gap_um`?"),
         (json!({ "mesh": { "whatever it is": 5 } }), "/mesh/whatever it is", "known are strips"),
         (json!({ "a/b": 5 }), "/a~1b", "unknown field `a/b`"),
+        (json!({ "k0": 5 }), "/k0", "known are length_mm, steps"),
         (json!({ "friction": { "key": [] } }), "/friction/key", "did you mean `keys`?"),
         (
             json!({ "friction": { "fluctuation": { "amplitude": 0, "phase": 1 } } }),
@@ -193,7 +195,7 @@ fn wrong_types_and_bounds_are_named_with_bound_and_unit() {
         (
             json!({ "spring": { "stiffness": 2.1 } }),
             "/spring/stiffness",
-            "above the greatest allowed 2 1/step²: one step",
+            "above the greatest allowed 2 1/step²: the integration is unstable",
         ),
         (json!({ "spring": { "damping": 0.8 } }), "/spring/damping", "0.7 1/step"),
         (json!({ "friction": 2.6 }), "/friction", "2.5 1/step"),
@@ -213,9 +215,9 @@ fn faults_of_schedules_name_the_key() {
     let cases = [
         (json!({ "keys": [] }), "/keys", "has no keys"),
         (json!({ "keys": 3 }), "/keys", "must be an array"),
-        (json!({ "keys": [[0.1, 1], [1, 1]] }), "/keys/0/0", "the first key must stand at 0"),
-        (json!({ "keys": [[0, 1], [0.9, 1]] }), "/keys/1/0", "the last key must stand at 1"),
-        (json!({ "keys": [[0, 1]] }), "/keys/0/0", "the last key must stand at 1"),
+        (json!({ "keys": [[0.1, 1], [1, 1]] }), "/keys/0/0", "the first key must be at 0"),
+        (json!({ "keys": [[0, 1], [0.9, 1]] }), "/keys/1/0", "the last key must be at 1"),
+        (json!({ "keys": [[0, 1]] }), "/keys/0/0", "the last key must be at 1"),
         (json!({ "keys": [[0, 1], [0.6, 1], [0.5, 1], [1, 1]] }), "/keys/2/0", "not above 0.6"),
         (json!({ "keys": [[0, 1], [0, 1], [1, 1]] }), "/keys/1/0", "not above 0"),
         (json!({ "keys": [[0, 1], [1.5, 1], [1, 1]] }), "/keys/1/0", "above the greatest allowed 1 of the steps"),
@@ -300,13 +302,17 @@ fn what_must_hold_between_parameters_is_checked() {
         ),
         (json!({ "particles": { "every": 1000 } }), "/particles/every", "of its"),
         (
+            json!({ "steps": 1 }),
+            "/particles/every",
+            "use more /steps, a smaller /particles/every or a flatter /particles/total",
+        ),
+        (
             json!({ "length_mm": 900, "steps": 100_000, "solver": { "record_every": 1 }, "particles": { "every": 1 },
                     "z": { "keys": [[0, 0], [0.5, 0.01], [1, 1]] } }),
             "/z",
-            "single-precision",
+            "single precision",
         ),
         (json!({ "spring": { "stiffness": 2, "damping": 0.45 }, "bending": 0 }), "/spring/stiffness", "multiplies"),
-        (json!({ "steps": 9 }), "/solver/record_every", "more than the 9 steps"),
         (json!({ "collision": { "clearance_um": 0.2 } }), "/collision/clearance_um", "every split would be refused"),
         (json!({ "wall": { "lobing": 0.2 } }), "/wall/lobing", "would meet the inner one"),
     ];
@@ -351,12 +357,12 @@ fn every_fault_comes_in_one_answer() {
 
 #[test]
 fn values_that_could_not_be_read_cause_no_further_faults() {
-    // With the preset's 0.15 this stiffness would be too much; what the caller's bending is, nobody knows.
+    // With the preset's bending this stiffness would be refused, but the bending that the caller wanted is unknown.
     assert_eq!(pointers(&json!({ "bending": "x", "spring": { "stiffness": 1.9 } })), ["/bending"]);
 }
 
 #[test]
-fn digests_tell_models_apart_and_nothing_else() {
+fn digests_differ_exactly_if_models_differ() {
     let digest = |patch: Value| resolved(&patch).digest(7);
     let base = digest(json!({}));
     assert_eq!(base.len(), 64);

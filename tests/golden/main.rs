@@ -1,8 +1,8 @@
-//! Small models of every preset are what they were when their digests were written down, byte for byte.
+//! Small models of every preset have the recorded digests, so their bytes have not changed.
 //!
-//! `digests.json` holds the SHA-256 of every file of each. When the engine changes on purpose, raise `version` in
-//! `Cargo.toml` (it is part of a model's digest, so no finished model of the old engine stands in for a new one) and write
-//! them anew: `OVIDUCT_BLESS=1 cargo test --test golden`.
+//! `digests.json` holds the SHA-256 of every file of each model. When the engine changes on purpose, raise `version` in
+//! `Cargo.toml` (it is part of a model's digest, so a finished model of the old engine is never reused for a new one) and
+//! record them again: `OVIDUCT_BLESS=1 cargo test --test golden`.
 
 use oviduct::generate::{Backend, CancelToken, Output, Request, generate};
 use oviduct::spec::{ModelSpec, preset};
@@ -15,7 +15,7 @@ type Digests = BTreeMap<String, BTreeMap<String, String>>;
 
 const PATH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden/digests.json");
 
-/// Some hundred particles, all forces, all stages, growth of both loops.
+/// Models of some hundred particles with all forces, all stages and growth of both loops.
 fn models() -> Vec<(String, &'static str, u64, Value)> {
     let small = json!({
         "steps": 100, "burn_in": 30,
@@ -66,7 +66,7 @@ fn models_are_what_they_were() {
     let mut seen: Vec<_> = made.values().flat_map(BTreeMap::values).collect();
     seen.sort_unstable();
     seen.dedup();
-    // The digest in every file tells specifications and seeds apart.
+    // Every file contains the digest of the specification and seed, so no two files are equal.
     assert_eq!(seen.len(), 4 * made.len(), "two models share a file");
     if std::env::var_os("OVIDUCT_BLESS").is_some() {
         let text = serde_json::to_string_pretty(&made).expect("string keys only") + "\n";

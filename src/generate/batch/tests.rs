@@ -1,4 +1,4 @@
-//! Batches on a device made of CPU simulations, which can be told to fail, to lose itself, to panic.
+//! Batches on a device made of CPU simulations, which can be made to fail, to be lost or to panic.
 
 use super::super::{Output, Progress, Stage, generate};
 use super::*;
@@ -11,20 +11,20 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, AtomicU64};
 
-/// All members in step, on one thread.
+/// Runs all members step by step, on one thread.
 #[derive(Default)]
 struct Twin {
-    /// The step at which it is lost.
+    /// The step at which the device is lost.
     lost_at: Option<i64>,
-    /// A member and the step at which it leaves the finite numbers.
+    /// A member and the step at which one of its positions is not finite.
     fails_at: Option<(usize, i64)>,
-    /// Members that it has memory for.
+    /// Number of members that fit into its memory.
     room: Option<usize>,
-    /// Members of each run, those included that did not get their memory.
+    /// Number of members of each run, including runs that did not fit into memory.
     runs: Mutex<Vec<usize>>,
     replays: AtomicU64,
-    /// Sections that were told.
-    told: AtomicU64,
+    /// Sections that were reported.
+    reported: AtomicU64,
 }
 
 impl Device for Twin {
@@ -34,7 +34,7 @@ impl Device for Twin {
         "a twin".to_owned()
     }
 
-    fn run(&self, plans: &[Plan], told: &mut dyn Told<CpuSimulation>) -> Result<(), GpuError> {
+    fn run(&self, plans: &[Plan], receiver: &mut dyn Receiver<CpuSimulation>) -> Result<(), GpuError> {
         lock(&self.runs).push(plans.len());
         if self.room.is_some_and(|room| plans.len() > room) {
             return Err(GpuError::OutOfMemory);
@@ -48,17 +48,17 @@ impl Device for Twin {
             for (index, (place, plan)) in members.iter_mut().zip(plans).enumerate() {
                 let Some(simulation) = place else { continue };
                 if plan.records_at(time) {
-                    self.told.fetch_add(1, Ordering::Relaxed);
-                    told.section(index, simulation.section(), fork(simulation));
+                    self.reported.fetch_add(1, Ordering::Relaxed);
+                    receiver.section(index, simulation.section(), fork(simulation));
                 }
-                told.progress(index, time, simulation.particles());
+                receiver.progress(index, time, simulation.particles());
                 if self.fails_at == Some((index, time)) {
-                    told.failed(index, SimError::NotFinite { step: time });
+                    receiver.failed(index, SimError::NotFinite { step: time });
                     *place = None;
-                } else if told.cancelled(index) {
+                } else if receiver.cancelled(index) {
                     *place = None;
                 } else if time == i64::from(plan.steps) {
-                    told.finished(index, simulation.statistics());
+                    receiver.finished(index, simulation.statistics());
                 } else {
                     simulation.step().unwrap();
                 }
@@ -144,7 +144,7 @@ fn a_batch_makes_what_each_would_be_alone() {
     }
 }
 
-/// Counts how many sections that were told wait for the loft, at most.
+/// Measures how many reported sections wait for the loft at most.
 struct Behind<'a> {
     device: &'a Twin,
     lofted: AtomicU64,
@@ -155,11 +155,11 @@ impl Sink for Behind<'_> {
     fn progress(&self, _: &Progress) {}
     fn section(&self, _: &Section) {
         let lofted = self.lofted.fetch_add(1, Ordering::Relaxed);
-        self.most.fetch_max(self.device.told.load(Ordering::Relaxed) - lofted, Ordering::Relaxed);
+        self.most.fetch_max(self.device.reported.load(Ordering::Relaxed) - lofted, Ordering::Relaxed);
     }
 }
 
-/// The thread that drives the device is the only one of its pool: where it waited for the loft, it would wait for itself.
+/// The thread that drives the device is the only one of its pool: waiting for the loft would be a deadlock.
 #[test]
 fn a_pool_of_one_thread_lofts_what_the_device_yields_as_it_comes() {
     let dir = tempfile::tempdir().unwrap();
@@ -221,7 +221,7 @@ fn what_ends_badly_ends_alone() {
     assert!(matches!(ends[4], Err(GenerateError::Memory { limit: 1, .. })));
 
     let stages = lock(&sinks[0].stages);
-    assert!(stages.windows(2).all(|w| w[0].1 <= w[1].1), "progress went back");
+    assert!(stages.windows(2).all(|w| w[0].1 <= w[1].1), "progress decreased");
     for stage in [Stage::Simulate, Stage::Mesh, Stage::Certify, Stage::Export] {
         assert!(stages.iter().any(|(seen, _)| *seen == stage), "{stage:?}");
     }
@@ -230,7 +230,7 @@ fn what_ends_badly_ends_alone() {
 }
 
 #[test]
-fn a_lost_device_is_told_to_all_that_it_did_not_finish() {
+fn a_lost_device_is_reported_to_all_members_that_it_did_not_finish() {
     let dir = tempfile::tempdir().unwrap();
     let requests: Vec<Request> = [1, 2].map(|seed| request(seed, dir.path())).into();
     let device = Twin { lost_at: Some(70), ..Twin::default() };

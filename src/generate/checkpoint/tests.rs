@@ -1,4 +1,4 @@
-//! Runs broken off at random steps end with the bytes of unbroken ones.
+//! Runs interrupted at random steps give the same bytes as uninterrupted ones.
 
 use super::*;
 use crate::generate::tests::{request, small};
@@ -8,7 +8,7 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use std::sync::Mutex;
 
-/// Asks for a checkpoint at one step, and stops there.
+/// Requests a checkpoint at one step, and stops there.
 struct StopAt {
     step: u32,
     seen: Mutex<u32>,
@@ -48,7 +48,7 @@ fn on<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
 }
 
 /// Runs to a checkpoint at each of `stops`, each time from the one before, then to the end.
-fn broken_off(spec: &serde_json::Value, stops: &[(u32, usize)], threads: usize) -> BTreeMap<String, String> {
+fn interrupted(spec: &serde_json::Value, stops: &[(u32, usize)], threads: usize) -> BTreeMap<String, String> {
     let dir = tempfile::tempdir().unwrap();
     let request = request(small(spec), Backend::Cpu, dir.path());
     let mut last: Option<Vec<u8>> = None;
@@ -69,18 +69,18 @@ fn broken_off(spec: &serde_json::Value, stops: &[(u32, usize)], threads: usize) 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(4))]
     #[test]
-    fn a_run_broken_off_anywhere_ends_with_the_bytes_of_an_unbroken_one(
+    fn a_run_interrupted_anywhere_gives_the_bytes_of_an_uninterrupted_one(
         rk4: bool,
         mut steps in prop::collection::btree_set(1u32..119, 1..4),
         threads in prop::collection::vec(1usize..4, 4),
     ) {
-        // The strips take the second way through export; a step between two recorded ones has a history.
+        // Strips test the other export path; a step between two recorded ones has a history.
         let spec = json!({ "solver": { "integrator": if rk4 { "rk4" } else { "euler" } }, "mesh": { "strips": rk4 } });
         let dir = tempfile::tempdir().unwrap();
         let whole = on(2, || generate(&request(small(&spec), Backend::Cpu, dir.path()), &(), &CancelToken::default()));
         steps.insert(57);
         let stops: Vec<(u32, usize)> = steps.into_iter().zip(threads.iter().copied()).collect();
-        prop_assert_eq!(hashes(whole.unwrap()), broken_off(&spec, &stops, threads[3]));
+        prop_assert_eq!(hashes(whole.unwrap()), interrupted(&spec, &stops, threads[3]));
     }
 }
 
@@ -94,7 +94,7 @@ fn mended_slabs_are_mended_again_in_the_same_way() {
     let mended =
         whole.summary["sections_added"].as_u64().unwrap() + whole.summary["diagonals_flipped"].as_u64().unwrap();
     assert!(mended > 0, "the test needs a model that is mended: {}", whole.summary);
-    assert_eq!(hashes(whole), broken_off(&spec, &[(90, 1), (165, 2), (199, 1)], 2));
+    assert_eq!(hashes(whole), interrupted(&spec, &[(90, 1), (165, 2), (199, 1)], 2));
 }
 
 #[test]
@@ -116,7 +116,7 @@ fn a_checkpoint_of_another_model_or_a_damaged_one_is_refused() {
     }
 }
 
-/// Whole and of this model, but not what the simulation or the loft can go on from.
+/// Complete and of this model, but the simulation or the loft cannot continue from it.
 #[test]
 fn a_checkpoint_that_does_not_restore_costs_time_only() {
     let spec = json!({});

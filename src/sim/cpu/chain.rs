@@ -2,7 +2,7 @@
 
 use crate::sim::layout::{LANES, StepRow};
 
-/// Coordinates of the segments that fill the last block: far away, of no length.
+/// Coordinates of the segments that pad the last block: far away, of zero length.
 const FAR: f32 = 1e9;
 
 /// A block of consecutive segments: start, direction, and 1/length² of each.
@@ -20,17 +20,17 @@ impl Block {
         Self { x: [FAR; LANES], y: [FAR; LANES], dx: [0.0; LANES], dy: [0.0; LANES], inverse: [0.0; LANES] };
 }
 
-/// Positions and velocities of an evaluation, with what follows from them.
+/// Positions and velocities of an evaluation, and the quantities derived from them.
 ///
-/// `x, y, vx, vy` have a copy of the last particle in front and of the first one behind, so that neighbours of
-/// particle i stand at i, i + 1 (itself) and i + 2.
+/// `x, y, vx, vy` begin with a copy of the last particle and end with a copy of the first one: the predecessor of
+/// particle i is at index i, the particle itself at i + 1, its successor at i + 2.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Chain {
     pub(super) x: Vec<f32>,
     pub(super) y: Vec<f32>,
     pub(super) vx: Vec<f32>,
     pub(super) vy: Vec<f32>,
-    /// Normals toward the lumen, one a particle.
+    /// Normals toward the lumen, one per particle.
     pub(super) nx: Vec<f32>,
     pub(super) ny: Vec<f32>,
     /// Pull of each edge on its first particle; entry 0 belongs to the edge before particle 0.
@@ -59,7 +59,7 @@ impl Chain {
         self.nx.len()
     }
 
-    /// Copies the end particles around.
+    /// Copies the end particles to the opposite ends.
     #[inline(always)]
     pub(super) fn close(&mut self) {
         let n = self.len();

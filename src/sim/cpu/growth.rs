@@ -1,9 +1,8 @@
 //! Growth: edges are split at their midpoint, both halves with half the rest length, so that the contour is
 //! unchanged; rest-length growth then buckles it (paper, section 3: "the number of particles also increases").
 //!
-//! Where edges are split is decided by stratified tournaments: the loop is cut into as many equal runs as
-//! there are splits to make, and each run has one winner. So there are no duplicates and the counts are known
-//! beforehand.
+//! Stratified tournaments decide which edges are split: the loop is divided into as many equal runs as
+//! there are splits to make, and each run has one winner. No edge wins twice, and the counts are known in advance.
 
 use crate::random::{self, Stream};
 use crate::sim::layout::StepRow;
@@ -11,13 +10,13 @@ use crate::sim::maths::nearest_on_ellipse;
 use crate::sim::plan::Plan;
 use crate::sim::state::{InnerLoop, OuterLoop, contortion_sign};
 
-/// A split is put off where the clearance is under this many times the guard's least clearance.
+/// A split is deferred if the clearance is below this many times the guard's least clearance.
 pub(super) const ROOM: f32 = 40.0;
 /// Span of particles over which the curvature of a fold tip is taken.
 pub(super) const SPAN: usize = 3;
 
 /// Splits edges of the inner loop up to the row's target. `clearance` holds the clearance of each particle at the last
-/// step (empty: unknown). Returns how many splits were put off.
+/// step (empty: unknown). Returns the number of deferred splits.
 pub(super) fn grow_inner(plan: &Plan, time: i64, row: &StepRow, s: &mut InnerLoop, clearance: &[f32]) -> u32 {
     let n = s.len();
     let wanted = (row.inner_target as usize).saturating_sub(n).min(n);
@@ -118,7 +117,8 @@ fn push(to: &mut InnerLoop, from: &InnerLoop, i: usize, rest: f32) {
     to.scale.push(from.scale[i]);
 }
 
-/// Splits the longest edge of each of as many equal runs of the outer loop as it lacks particles.
+/// Splits edges of the outer loop up to the row's target: the loop is divided into as many equal runs as particles are
+/// missing, and the longest edge of each run is split.
 pub(super) fn grow_outer(row: &StepRow, s: &mut OuterLoop) {
     let n = s.len();
     let wanted = (row.outer_target as usize).saturating_sub(n).min(n);

@@ -1,14 +1,14 @@
 //! Time integration (paper, section 3: Runge–Kutta of fourth order, or Euler) and the guard that keeps walls apart.
 //!
 //! Guard: with clear_i the least distance over all vertex–segment pairs that touch vertex i or one of its two edges,
-//! a move is shortened to 0.45·(clear_i − g_min). In the plane first contact is always a vertex on a segment; both
-//! sides together close by less than their distance, so the straight path from step to step is free of contact.
+//! a move is limited to 0.45·(clear_i − g_min). In the plane, first contact is always a vertex on a segment; the two
+//! sides together close less than their distance, so the straight path from step to step is free of contact.
 
 use super::chain::Chain;
 use super::neighbours::{Neighbours, Part};
-use super::pairs::{CLEARANCE_CAP, PairTerms, Sums, add_block, greatest, reduce};
+use super::pairs::{CLEARANCE_CAP, Kernel, PairTerms, Sums, add_block, greatest, reduce};
 use super::vectorize::vectorize;
-use super::{Kernel, local, scalar};
+use super::{local, scalar};
 use crate::sim::Statistics;
 use crate::sim::layout::{LANES, StepRow};
 use crate::sim::maths::{max, min};
@@ -17,7 +17,7 @@ use crate::sim::state::InnerLoop;
 use crate::spec::Integrator;
 use rayon::prelude::*;
 
-/// Share of the free distance that one side may close.
+/// Fraction of the free distance that one side may close in a step.
 pub(super) const SHARE: f32 = 0.45;
 /// Least and greatest limit of a move, µm.
 pub(super) const LIMITS: [f32; 2] = [1e-5, 5.0];
@@ -30,7 +30,7 @@ pub(super) struct Work {
     /// Accelerations of the stages.
     ax: [Vec<f32>; 4],
     ay: [Vec<f32>; 4],
-    /// Sum of the stage velocities, weighted.
+    /// Weighted sum of the stage velocities.
     sx: Vec<f32>,
     sy: Vec<f32>,
     /// Greatest 1/d at the start of the step: of each vertex, of each segment.
@@ -40,11 +40,6 @@ pub(super) struct Work {
 }
 
 impl Work {
-    /// Buffers that remember the clearances of the last step.
-    pub(super) fn with_clearance(clearance: Vec<f32>) -> Self {
-        Self { clearance, ..Self::default() }
-    }
-
     pub(super) fn with_kernel(self, kernel: Kernel) -> Self {
         Self { kernel, ..self }
     }
@@ -58,8 +53,8 @@ impl Work {
         }
     }
 
-    /// Buffers of a simulation that goes on with these clearances.
-    pub(super) fn resume(clearance: Vec<f32>) -> Self {
+    /// Buffers of a simulation that continues with these clearances of the last step.
+    pub(super) fn with_clearance(clearance: Vec<f32>) -> Self {
         Self { clearance, ..Self::default() }
     }
 
@@ -157,8 +152,8 @@ fn conclude(v: &mut [f32], sum: &mut [f32], a: &[Vec<f32>; 4]) {
     }
 }
 
-/// Computes all forces of the chain as it stands into the accelerations of `stage` (mass is 1).
-#[expect(clippy::too_many_arguments, reason = "the state of a step, borrowed apart")]
+/// Computes the accelerations of `stage` from all forces on the chain (mass is 1).
+#[expect(clippy::too_many_arguments, reason = "parts of the state that are borrowed separately")]
 fn evaluate(
     row: &StepRow,
     modifier: f32,
@@ -267,7 +262,7 @@ fn gather<const CLEARANCE: bool>(
     part.near = segment_near;
 }
 
-/// Joins what the parts saw into the clearance of each particle.
+/// Combines the distances found by all parts into the clearance of each particle.
 fn gather_clearance(neighbours: &mut Neighbours, work: &mut Work) {
     let n = work.vertex_near.len();
     let Some((first, others)) = neighbours.parts.split_first_mut() else { return };
@@ -287,7 +282,8 @@ fn gather_clearance(neighbours: &mut Neighbours, work: &mut Work) {
     }));
 }
 
-/// Moves every particle by its sum of stage velocities, shortened where the clearance demands it. Returns how often.
+/// Moves every particle by its sum of stage velocities, shortened to what its clearance allows. Returns the number of
+/// shortened moves.
 fn guard(plan: &Plan, s: &mut InnerLoop, work: &Work) -> u64 {
     let n = s.len();
     let (x, y, vx, vy) = (&mut s.x[..n], &mut s.y[..n], &mut s.vx[..n], &mut s.vy[..n]);

@@ -7,7 +7,7 @@ use crate::sim::maths::{max, min};
 use crate::sim::state::InnerLoop;
 use std::ops::Range;
 
-/// Adds the local forces on the particles `range` to `fx`, `fy` (one entry a particle of the range).
+/// Adds the local forces on the particles `range` to `fx`, `fy` (one entry per particle of the range).
 /// `modifier` is m·c(t) of the contortion at this evaluation.
 #[inline(always)]
 pub(super) fn add(

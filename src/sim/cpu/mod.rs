@@ -1,8 +1,8 @@
-//! The simulation on the CPU: one thread or many, same bytes.
+//! The simulation on the CPU; its results do not depend on the number of threads.
 //!
-//! Each particle gathers its forces from blocks of segments in ascending order into [`layout::LANES`](super::layout::LANES) partial sums that
-//! are reduced in a fixed order; pairs out of range add exact zeros. So neither the number of threads nor the
-//! neighbour search can change a bit. Fused multiply-add is never used.
+//! Each particle gathers its forces from blocks of segments, in ascending order, into [`layout::LANES`](super::layout::LANES) partial
+//! sums that are reduced in a fixed order; pairs out of range add exact zeros. Therefore neither the number of threads nor
+//! the neighbour search changes a bit. Fused multiply-add is never used.
 
 mod chain;
 mod growth;
@@ -24,11 +24,11 @@ use crate::model::Section;
 use crate::spec::Search;
 use chain::Chain;
 use neighbours::Neighbours;
-pub use pairs::{PairTerms, reference_force};
+pub use pairs::{Kernel, PairTerms, reference_force};
 pub use saved::StateError;
 
-/// Constants of the model that every backend must share, by the names that shaders give them.
-pub const CONSTANTS: [(&str, f32); 13] = [
+/// Constants of the model that every backend must share, by their names in the shaders.
+pub const CONSTANTS: [(&str, f32); 17] = [
     ("SHARE", integrate::SHARE),
     ("LEAST_MOVE", integrate::LIMITS[0]),
     ("GREATEST_MOVE", integrate::LIMITS[1]),
@@ -42,19 +42,13 @@ pub const CONSTANTS: [(&str, f32); 13] = [
     ("MOVE", outer::MOVE),
     ("TAUT", outer::TAUT),
     ("PULL", outer::PULL),
+    ("CLOSING", outer::CLOSING),
+    ("WIDENING", outer::WIDENING),
+    ("WIDEST", outer::WIDEST),
+    ("NARROWEST", outer::NARROWEST),
 ];
 
-/// Arithmetic of the pair forces.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Kernel {
-    /// Sixteen segments at a time, with the widest vectors of the processor: what models are made with.
-    #[default]
-    Vector,
-    /// One segment after another, without vectors: the paper's way, for benchmarks. Results differ in rounding.
-    Scalar,
-}
-
-/// A simulation on the CPU. Uses as many threads as the rayon pool that it is called in.
+/// A simulation on the CPU. Runs on the threads of the rayon pool in which it is called.
 #[derive(Debug)]
 pub struct CpuSimulation {
     plan: Plan,
@@ -68,7 +62,7 @@ pub struct CpuSimulation {
 }
 
 impl CpuSimulation {
-    /// The state before the first burn-in step. `threads` is the number of parts that the work is cut into.
+    /// The state before the first burn-in step. The work is divided for `threads` threads.
     #[must_use]
     pub fn new(plan: Plan, threads: usize) -> Self {
         let inner = InnerLoop::start(&plan);
@@ -89,7 +83,7 @@ impl CpuSimulation {
         simulation
     }
 
-    /// A copy that goes on from here by another search and arithmetic, its work cut for `threads`: for benchmarks.
+    /// A copy that continues with another search and arithmetic, divided for `threads` threads: for benchmarks.
     #[must_use]
     pub fn fork(&self, search: Search, kernel: Kernel, threads: usize) -> Self {
         Self {
@@ -104,13 +98,13 @@ impl CpuSimulation {
         }
     }
 
-    /// The inner loop as it stands.
+    /// The current inner loop.
     #[must_use]
     pub fn inner(&self) -> &InnerLoop {
         &self.inner
     }
 
-    /// The whole state as it stands.
+    /// The whole current state.
     #[must_use]
     pub fn checkpoint(&self) -> Checkpoint {
         Checkpoint {
@@ -121,11 +115,11 @@ impl CpuSimulation {
         }
     }
 
-    /// A simulation that goes on from `checkpoint`; `threads` as for [`CpuSimulation::new`].
+    /// A simulation that continues from `checkpoint`; `threads` as for [`CpuSimulation::new`].
     #[must_use]
     pub fn resume(plan: Plan, checkpoint: &Checkpoint, threads: usize) -> Self {
         let neighbours = Neighbours::new(plan.search, threads);
-        let mut work = integrate::Work::resume(checkpoint.clearance.clone());
+        let mut work = integrate::Work::with_clearance(checkpoint.clearance.clone());
         work.resize(checkpoint.inner.len());
         Self {
             time: checkpoint.time,

@@ -1,9 +1,9 @@
 //! Neighbour search: for each particle the blocks of segments that it may interact with, in ascending order.
 //!
-//! Invariant: the blocks of a particle hold every segment within its range; what else they hold adds zeros. So
-//! all searches give the same bytes. `lists` are found from bounding boxes of blocks and kept while twice the
-//! greatest displacement since then, and what ranges have grown by, stay within the skin (paper, section 4: the
-//! suggested two-step search).
+//! Invariant: the blocks of a particle contain every segment within its range; other segments in them add zeros. So
+//! all searches give the same bytes. `lists` are built from bounding boxes of blocks. They are kept while twice the
+//! greatest displacement since then, plus the growth of the ranges, is within the skin (the two-step search suggested in
+//! the paper, section 4).
 
 use super::chain::Chain;
 use super::pairs::CLEARANCE_CAP;
@@ -15,22 +15,22 @@ use crate::spec::Search;
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// How much further than their range lists reach, µm.
+/// Distance by which lists reach beyond the range of the forces, µm.
 pub(super) const SKIN: f32 = 24.0;
 
-/// A run of particles that one thread works on, with the blocks that each of them sees.
+/// A run of particles processed by one thread, with the list of blocks of each.
 #[derive(Debug, Default)]
 pub(super) struct Part {
     pub(super) particles: Range<usize>,
-    /// Where in `blocks` the list of each particle begins and ends.
+    /// Start and end in `blocks` of the list of each particle.
     spans: Vec<[u32; 2]>,
     blocks: Vec<u32>,
-    /// Greatest 1/d of each segment of the loop as seen from this part's particles, padded to whole blocks.
+    /// Greatest 1/d of each segment of the loop to the particles of this part, padded to whole blocks.
     pub(super) near: Vec<[f32; LANES]>,
 }
 
 impl Part {
-    /// The blocks that the `i`-th particle of this part sees.
+    /// The list of the `i`-th particle of this part.
     #[inline(always)]
     pub(super) fn blocks(&self, i: usize) -> &[u32] {
         let [first, end] = self.spans[i];
@@ -50,7 +50,7 @@ pub(super) struct Neighbours {
     bounds: Vec<Bounds>,
     built_x: Vec<f32>,
     built_y: Vec<f32>,
-    /// Range of the forces and least sight that the lists were built for.
+    /// Range of the forces and least search distance that the lists were built for.
     built_range: f32,
     built_sight: f32,
     valid: bool,
@@ -73,7 +73,7 @@ impl Neighbours {
         }
     }
 
-    /// Counts the lists that were built before too.
+    /// Starts the count of builds at `builds`.
     pub(super) fn counted_from(self, builds: u64) -> Self {
         Self { builds, ..self }
     }
@@ -82,12 +82,12 @@ impl Neighbours {
         self.builds
     }
 
-    /// Forgets the lists: the loop or its ranges changed.
+    /// Discards the lists, because the loop or its ranges changed.
     pub(super) fn invalidate(&mut self) {
         self.valid = false;
     }
 
-    /// Makes sure that the lists hold for the chain as it stands.
+    /// Rebuilds the lists if they are outdated for `chain`.
     pub(super) fn prepare(&mut self, chain: &Chain, state: &InnerLoop, row: &StepRow) {
         let keep = self.valid
             && match self.search {
@@ -157,9 +157,9 @@ impl Neighbours {
         self.valid = true;
     }
 
-    /// Cuts the loop into parts of whole blocks.
+    /// Divides the loop into parts of whole blocks.
     fn cut(&mut self, n: usize, blocks: usize) {
-        // Several parts a thread even out what folds make uneven.
+        // Several parts per thread, because folds make the work per particle uneven.
         let count = if self.threads == 1 { 1 } else { (self.threads * 4).min(blocks) };
         self.parts.resize_with(count, Part::default);
         for (k, part) in self.parts.iter_mut().enumerate() {
@@ -171,7 +171,7 @@ impl Neighbours {
     }
 }
 
-/// Does `work` on every part, on as many threads as there are.
+/// Runs `work` on every part, in parallel.
 pub(super) fn each(parts: &mut [Part], work: impl Fn(&mut Part) + Sync + Send) {
     if parts.len() == 1 {
         work(&mut parts[0]);
@@ -185,7 +185,7 @@ fn reach(row: &StepRow) -> f32 {
     row.range_max()
 }
 
-/// How far every particle must see, whatever its range: the clearances that matter, and the barrier.
+/// Least search distance of every particle, whatever its range: for clearances and the barrier.
 fn least_sight(row: &StepRow) -> f32 {
     max(CLEARANCE_CAP, row.barrier_distance)
 }
@@ -207,7 +207,7 @@ fn gap(low: f32, high: f32, other_low: f32, other_high: f32) -> f32 {
     max(max(other_low - high, low - other_high), 0.0)
 }
 
-/// What lists are built from.
+/// Inputs of the lists.
 struct Built<'a> {
     chain: &'a Chain,
     state: &'a InnerLoop,
@@ -216,7 +216,7 @@ struct Built<'a> {
 }
 
 impl Built<'_> {
-    /// How far the list of particle `i` reaches: its range, or the least sight; plus the skin.
+    /// Reach of the list of particle `i`: its range or the least search distance, plus the skin.
     #[inline(always)]
     fn range(&self, i: usize) -> f32 {
         max(reach(self.row) * self.state.scale[i], least_sight(self.row)) + SKIN
@@ -246,7 +246,7 @@ impl Built<'_> {
         }
     }
 
-    /// Of ascending `candidates`, keeps those within the range of particle `i`.
+    /// Appends those of the ascending `candidates` that are within the range of particle `i`.
     #[inline(always)]
     fn select(&self, i: usize, candidates: &[u32], blocks: &mut Vec<u32>) {
         let (x, y) = (self.chain.x[i + 1], self.chain.y[i + 1]);
@@ -268,9 +268,9 @@ struct Grid {
 }
 
 impl Grid {
-    /// Least side of a cell, µm: about the extent of a block.
+    /// Least side of a cell, µm: about the size of a block.
     const CELL: f32 = 96.0;
-    /// Most cells a block: where strands lie far apart, cells are larger instead of more.
+    /// Most cells per block: strands that lie far apart make cells larger instead of more numerous.
     const SPARSE: f32 = 4.0;
 
     fn new(built: &Built<'_>) -> Self {

@@ -1,8 +1,16 @@
 //! The outer loop: spring, containment to its own lobed ellipse, friction (paper, section 3: "a simplification of
 //! the same technique is used to approximate the external structure").
 //!
-//! Invariant: every particle, and every edge, stays outside the ellipse that just holds the inner loop, so the two
-//! loops never meet.
+//! Invariants, which hold for any forces and at every point of the straight paths from step to step:
+//!
+//! - The loop is star-shaped around the origin, so it cannot cross itself: the directions of its particles increase
+//!   counter-clockwise. A particle may use less than half of the angle to each neighbour in a step ([`Fan::hold`]), so two
+//!   neighbours never exchange their order, and no angle between neighbours grows to a half turn.
+//! - Every particle and every edge stays outside the ellipse that just contains the inner loop, so the two loops never
+//!   meet: particles are pushed out to a radius at which their edges clear the ellipse ([`floor`], [`clear`]).
+//!
+//! Both are enforced in the flattened plane, in which the containment ellipse is a circle: (x, y/squash). A linear map
+//! preserves the order of directions and straight lines.
 
 use crate::sim::layout::StepRow;
 use crate::sim::maths::{max, min};
@@ -11,14 +19,22 @@ use crate::sim::state::{InnerLoop, OuterLoop};
 
 /// Least thickness of the wall, µm.
 pub(super) const MARGIN: f32 = 20.0;
-/// Greatest move in a step, µm, where the inner loop does not demand more.
+/// Greatest move in a step along each axis, µm, unless the inner loop forces a greater one.
 pub(super) const MOVE: f32 = 5.0;
-/// Rest length of the edges over their mean length: the wall is kept taut, so that it never buckles.
+/// Rest length of the edges over their mean length. Below 1, so that the wall is under tension.
 pub(super) const TAUT: f32 = 0.8;
 /// Pull toward the target per µm of distance.
 pub(super) const PULL: f32 = 0.1;
+/// Share of the angle between two neighbours that each of them may close in a step: below a half.
+pub(super) const CLOSING: f32 = 0.45;
+/// Share of what remains up to [`WIDEST`] by which each of two neighbours may widen the angle between them in a step.
+pub(super) const WIDENING: f32 = 0.25;
+/// Greatest chord between the directions (unit vectors) of two neighbours: an angle of 106°.
+pub(super) const WIDEST: f32 = 1.6;
+/// Least chord between the directions of two neighbours over the mean one.
+pub(super) const NARROWEST: f32 = 0.1;
 
-/// The loop at step `time`, at rest on its target.
+/// The loop at step `time`, at rest on its target, at equal angles.
 pub(super) fn start(plan: &Plan, time: i64) -> OuterLoop {
     let row = plan.at(time);
     let n = plan.start[1];
@@ -61,6 +77,7 @@ pub(super) fn step(plan: &Plan, time: i64, row: &StepRow, inner: &InnerLoop, s: 
             [pull * u[0], pull * u[1]]
         })
         .collect();
+    let fan = Fan::new(s.p.iter().map(|&[x, y]| [x, y * unsquash]).collect());
     for i in 0..n {
         let p = s.p[i];
         let flat = [p[0], p[1] * unsquash];
@@ -75,6 +92,10 @@ pub(super) fn step(plan: &Plan, time: i64, row: &StepRow, inner: &InnerLoop, s: 
             v[axis] = min(max(v[axis] + force, -MOVE), MOVE);
             q[axis] += v[axis];
         }
+        if let Some(held) = fan.hold(i, [q[0], q[1] * unsquash]) {
+            q = [held[0], held[1] * next.squash];
+            v = [q[0] - p[0], q[1] - p[1]];
+        }
         let flat = [q[0], q[1] * unsquash];
         let elliptic = (flat[0] * flat[0] + flat[1] * flat[1]).sqrt();
         if elliptic < floor {
@@ -84,10 +105,71 @@ pub(super) fn step(plan: &Plan, time: i64, row: &StepRow, inner: &InnerLoop, s: 
         s.p[i] = q;
         s.v[i] = v;
     }
+    clear(reach.sqrt() + MARGIN, unsquash, &mut s.p);
 }
 
-/// Least elliptic radius of the particles of a wall around what reaches out to `reach`. An edge between particles at elliptic
-/// radius r comes as near as r·cos(π/n); the loop is spaced evenly within a factor of two, hence 2π/n.
+/// The directions of the particles before a step, in the flattened plane.
+struct Fan {
+    directions: Vec<[f32; 2]>,
+    /// Least chord that neighbours may close to.
+    narrowest: f32,
+}
+
+impl Fan {
+    fn new(mut points: Vec<[f32; 2]>) -> Self {
+        let narrowest = NARROWEST * std::f32::consts::TAU / points.len() as f32;
+        points.iter_mut().for_each(|p| *p = unit(*p));
+        Self { directions: points, narrowest }
+    }
+
+    /// Where particle `i`, which would move to `q`, may go instead: to the same radius in the last direction that is
+    /// allowed. `None` if `q` is allowed.
+    fn hold(&self, i: usize, q: [f32; 2]) -> Option<[f32; 2]> {
+        let n = self.directions.len();
+        let (before, own, after) = (self.directions[(i + n - 1) % n], self.directions[i], self.directions[(i + 1) % n]);
+        let [back, ahead] = [distance(before, own), distance(own, after)];
+        let limit = |toward: [f32; 2], closing: f32, widening: f32| {
+            let close = CLOSING * max(1.0 - self.narrowest / closing, 0.0);
+            let widen = WIDENING * max(WIDEST - widening, 0.0) / closing;
+            let share = min(close, widen);
+            [own[0] + share * (toward[0] - own[0]), own[1] + share * (toward[1] - own[1])]
+        };
+        let last = limit(after, max(ahead, 1e-9), back);
+        let first = limit(before, max(back, 1e-9), ahead);
+        let held = if cross(last, q) > 0.0 {
+            last
+        } else if cross(first, q) < 0.0 {
+            first
+        } else {
+            return None;
+        };
+        let held = unit(held);
+        let radius = length(q);
+        Some([radius * held[0], radius * held[1]])
+    }
+}
+
+/// Pushes particles out whose edges would come nearer to the origin than `least` in the flattened plane. An edge between
+/// two directions at the angle α stays outside the circle of radius `least` if both ends are at `least`/cos(α/2) or more.
+fn clear(least: f32, unsquash: f32, points: &mut [[f32; 2]]) {
+    let n = points.len();
+    let flat: Vec<[f32; 2]> = points.iter().map(|&[x, y]| [x, y * unsquash]).collect();
+    let directions: Vec<[f32; 2]> = flat.iter().map(|&p| unit(p)).collect();
+    for (i, point) in points.iter_mut().enumerate() {
+        let chord =
+            max(distance(directions[(i + n - 1) % n], directions[i]), distance(directions[i], directions[(i + 1) % n]));
+        let needed = least / max(1.0 - 0.25 * chord * chord, 0.01).sqrt();
+        let radius = length(flat[i]);
+        if radius < needed {
+            let scale = needed / max(radius, 1e-6);
+            *point = [point[0] * scale, point[1] * scale];
+        }
+    }
+}
+
+/// Least elliptic radius of the particles of a wall around an inner loop that reaches out to `reach`. An edge between two
+/// particles at elliptic radius r and equal spacing comes as near as r·cos(π/n); 2π/n allows for spacing twice as wide.
+/// [`clear`] handles wider angles.
 fn floor(reach: f32, n: usize) -> f32 {
     let sagitta = 1.0 - libm::cosf(std::f32::consts::TAU / n as f32);
     (reach + MARGIN) / (1.0 - sagitta).max(0.5)
@@ -116,5 +198,19 @@ fn target(plan: &Plan, row: &StepRow, phases: &[[f32; 2]], direction: [f32; 2]) 
 }
 
 fn distance(a: [f32; 2], b: [f32; 2]) -> f32 {
-    ((b[0] - a[0]) * (b[0] - a[0]) + (b[1] - a[1]) * (b[1] - a[1])).sqrt()
+    length([b[0] - a[0], b[1] - a[1]])
+}
+
+fn length(a: [f32; 2]) -> f32 {
+    (a[0] * a[0] + a[1] * a[1]).sqrt()
+}
+
+fn unit(a: [f32; 2]) -> [f32; 2] {
+    let length = max(length(a), 1e-6);
+    [a[0] / length, a[1] / length]
+}
+
+/// Positive if `b` lies counter-clockwise of `a`.
+fn cross(a: [f32; 2], b: [f32; 2]) -> f32 {
+    a[0] * b[1] - a[1] * b[0]
 }

@@ -8,13 +8,23 @@ use super::chain::Block;
 use crate::sim::layout::{LANES, StepRow};
 use crate::sim::maths::{max, min};
 
-/// Clearances above this many µm are not told apart: the guard does not act there.
+/// Arithmetic of the pair forces.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Kernel {
+    /// Sixteen segments at a time, with the widest vectors of the processor. All models are made with it.
+    #[default]
+    Vector,
+    /// One segment after another, without vectors, as in the paper: for benchmarks. Results differ in rounding.
+    Scalar,
+}
+
+/// Clearances are capped at this value, µm; the guard does not act above it.
 pub(super) const CLEARANCE_CAP: f32 = 12.0;
 
-/// Least squared distance that is told from zero.
+/// Least squared distance; smaller ones are raised to it.
 pub(super) const TINY: f32 = 1e-12;
 
-/// What the force on one particle needs besides the segments.
+/// Inputs of the force on one particle besides the segments.
 #[derive(Clone, Copy, Debug)]
 pub struct PairTerms {
     /// Position.
@@ -60,7 +70,7 @@ impl Sums {
     pub(super) const ZERO: Self = Self { fx: [0.0; LANES], fy: [0.0; LANES], near: [0.0; LANES] };
 }
 
-/// Adds the forces of one block of segments. `own` marks lanes to leave out (the particle's own segments).
+/// Adds the forces of one block of segments. `own` marks lanes to skip (the particle's own segments).
 /// Returns 1/d of every lane.
 #[inline(always)]
 #[expect(clippy::needless_range_loop, reason = "one loop over lanes of many arrays, which the compiler vectorises")]
@@ -113,7 +123,7 @@ pub(super) fn greatest(lanes: [f32; LANES]) -> f32 {
     lanes.iter().fold(0.0, |a, &b| max(a, b))
 }
 
-/// The same force from one segment `a`–`b`, alone and in scalar arithmetic: the twin that tests compare with,
+/// The same force from one segment `a`–`b` in scalar arithmetic: the reference for tests
 /// and the kernel of the paper's single-core version in benchmarks. Returns the force and 1/d.
 #[must_use]
 pub fn reference_force(t: &PairTerms, a: [f32; 2], b: [f32; 2]) -> ([f32; 2], f32) {

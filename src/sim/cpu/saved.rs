@@ -1,8 +1,8 @@
-//! The state of a simulation as bytes, so that another process can go on where one left off.
+//! The state of a simulation as bytes, so that another process can continue it.
 //!
-//! Only what decides the steps to come is kept: both loops, the clearances that the next growth event looks at, the
-//! counts. Neighbour lists are found anew; whatever blocks they hold besides those in range add zeros, so a
-//! simulation that goes on gives the same bits as one that never stopped.
+//! It holds what later steps depend on: both loops, the clearances that the next growth event reads, and the
+//! counts. Neighbour lists are rebuilt. Extra blocks in a list add zeros, so a restored
+//! simulation gives the same bits as an uninterrupted one.
 //!
 //! All numbers are little-endian: version, time, next id, three counts (u64 each), then each vector with its length
 //! (u32) before it.
@@ -10,7 +10,7 @@
 use super::{CpuSimulation, Neighbours, Plan, Statistics, integrate};
 use crate::sim::state::{InnerLoop, OuterLoop};
 
-/// Version of the form.
+/// Version of the format.
 const VERSION: u64 = 1;
 /// Words before the vectors.
 const WORDS: usize = 6;
@@ -46,11 +46,10 @@ impl CpuSimulation {
         bytes
     }
 
-    /// Goes on from a state that [`CpuSimulation::save`] gave, under the plan that it was saved under.
+    /// Restores a state written by [`CpuSimulation::save`] with the same plan.
     ///
     /// # Errors
-    /// [`StateError`] where the bytes are of another version or not whole. That they belong to the plan is for the
-    /// caller to know.
+    /// [`StateError`] if the bytes are of another version or incomplete. Whether they belong to the plan is not checked.
     pub fn restore(plan: Plan, threads: usize, bytes: &[u8]) -> Result<Self, StateError> {
         let mut reader = Reader(bytes);
         if reader.word()? != VERSION {
@@ -74,7 +73,7 @@ impl CpuSimulation {
         // Before the first step there are no clearances; after a growth event they are those of fewer particles.
         let clearance: Vec<f32> = reader.numbers()?.into_iter().map(f32::from_bits).collect();
         if !reader.0.is_empty() || n < 3 || m < 3 || clearance.len() > n {
-            return Err(StateError("its parts do not fit together"));
+            return Err(StateError("its parts are inconsistent"));
         }
         if !(-i64::from(plan.burn_in)..=i64::from(plan.steps)).contains(&time) {
             return Err(StateError("its time is out of bounds"));
@@ -94,7 +93,7 @@ impl CpuSimulation {
     }
 }
 
-/// The vectors of the inner loop but the ids, in the order of the form.
+/// The vectors of the inner loop except the ids, in the order of the format.
 fn fields(s: &InnerLoop) -> [&Vec<f32>; 9] {
     [&s.x, &s.y, &s.vx, &s.vy, &s.rest, &s.anchor_x, &s.anchor_y, &s.sign, &s.scale]
 }
@@ -117,7 +116,7 @@ fn push(bytes: &mut Vec<u8>, numbers: impl Iterator<Item = u32>) {
 struct Reader<'a>(&'a [u8]);
 
 impl Reader<'_> {
-    const SHORT: StateError = StateError("it is cut off");
+    const SHORT: StateError = StateError("it is truncated");
 
     fn take<const N: usize>(&mut self) -> Result<[u8; N], StateError> {
         let (head, rest) = self.0.split_first_chunk::<N>().ok_or(Self::SHORT)?;
@@ -164,7 +163,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(6))]
         #[test]
-        fn a_restored_simulation_goes_on_bit_for_bit(
+        fn a_restored_simulation_continues_bit_for_bit(
             at in 0u32..80, rk4: bool, threads in 1usize..4,
         ) {
             let plan = plan(if rk4 { "rk4" } else { "euler" });

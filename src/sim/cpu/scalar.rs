@@ -1,5 +1,5 @@
-//! The pair forces segment by segment in plain scalar arithmetic, as the paper's single-core version has them: for
-//! benchmarks only. Sums differ from those of the blocks in their rounding, so it never makes a model.
+//! The pair forces segment by segment in scalar arithmetic, as in the paper's single-core version: for
+//! benchmarks only. Sums are rounded differently from those of the blocks, so no model is made with it.
 
 use super::chain::Chain;
 use super::neighbours::Part;
@@ -8,7 +8,7 @@ use crate::sim::layout::{LANES, StepRow};
 use crate::sim::state::InnerLoop;
 
 /// Sums the pair forces on a part's particles; with `clearance` also the greatest 1/d of vertices and segments.
-#[expect(clippy::too_many_arguments, reason = "the twin of the vectorised one")]
+#[expect(clippy::too_many_arguments, reason = "the same parameters as the vectorised version")]
 pub(super) fn gather(
     clearance: bool,
     chain: &Chain,

@@ -1,11 +1,11 @@
-//! The thickness field: a smooth random field that scales the force ranges by exp(a·z), which lifts the paper's
-//! first limit (uniform thickness and gaps).
+//! The thickness field: a smooth random field that scales the force ranges by exp(a·z). It removes the first limitation
+//! that the paper names (uniform thickness and gaps).
 
 use crate::sim::maths::cos_turns;
 use crate::sim::plan::Plan;
 use crate::sim::state::InnerLoop;
 
-/// The field is cut off at this many standard deviations.
+/// The field is clamped to this many standard deviations.
 pub(super) const CUT: f32 = 2.0;
 
 /// Evaluates the field at every particle. Called at the start and at growth events; the field drifts slowly.

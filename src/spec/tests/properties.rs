@@ -1,6 +1,7 @@
 //! Properties of resolving: it never panics, names places, and its result resolves to itself.
 
-use super::super::table::{self, Kind};
+use super::super::bounds::Range;
+use super::super::table::Kind;
 use super::*;
 use proptest::prelude::*;
 
@@ -29,7 +30,7 @@ fn any_json() -> impl Strategy<Value = Value> {
 
 /// A value for a parameter that keeps within its own bounds, though not always with the others.
 fn within(kind: &Kind, draw: [f64; 4], form: u32) -> Value {
-    let on = |range: &table::Range, x: f64| range.min + (range.max - range.min) * x;
+    let on = |range: &Range, x: f64| range.min + (range.max - range.min) * x;
     match kind {
         Kind::Schedule(range) => {
             let v: Vec<f64> = draw.iter().map(|x| on(range, *x)).collect();

@@ -1,0 +1,154 @@
+//! Random specifications: what is accepted must end with a certificate, and moderate changes must be accepted.
+
+use super::*;
+use crate::random::{self, Stream};
+use crate::spec::{Fault, schema};
+use rayon::prelude::*;
+use serde_json::Value;
+
+/// A number of the specification, as the schema describes it.
+struct Leaf {
+    pointer: String,
+    bounds: [f64; 2],
+    schedule: bool,
+    integer: bool,
+}
+
+/// All numbers except `/z`, which must run from 0 to 1.
+fn leaves() -> Vec<Leaf> {
+    fn collect(schema: &Value, at: &str, found: &mut Vec<Leaf>) {
+        for (name, described) in schema["properties"].as_object().unwrap() {
+            let pointer = format!("{at}/{name}");
+            let schedule = described["oneOf"].is_array();
+            let number = if schedule { &described["oneOf"][0] } else { described };
+            match number["type"].as_str() {
+                Some("object") => collect(described, &pointer, found),
+                Some(kind @ ("number" | "integer")) if pointer != "/z" => found.push(Leaf {
+                    bounds: ["minimum", "maximum"].map(|bound| number[bound].as_f64().unwrap()),
+                    integer: kind == "integer",
+                    pointer,
+                    schedule,
+                }),
+                _ => {}
+            }
+        }
+    }
+    let mut found = Vec::new();
+    collect(&schema(), "", &mut found);
+    found
+}
+
+/// The value with every number in it multiplied by `factor` and clamped to the bounds.
+fn scaled(leaf: &Leaf, value: &Value, factor: f64) -> Value {
+    let number = |value: &Value| {
+        let number = (value.as_f64().unwrap() * factor).clamp(leaf.bounds[0], leaf.bounds[1]);
+        if leaf.integer { number.round() } else { number }
+    };
+    let Some(members) = value.as_object() else { return json!(number(value)) };
+    let keys: Vec<Value> =
+        members["keys"].as_array().unwrap().iter().map(|key| json!([key[0], number(&key[1])])).collect();
+    let mut schedule = members.clone();
+    schedule.insert("keys".into(), keys.into());
+    schedule.into()
+}
+
+fn put(patch: &mut Value, pointer: &str, value: Value) {
+    let mut at = patch;
+    for name in pointer.split('/').skip(1) {
+        at = at.as_object_mut().unwrap().entry(name).or_insert_with(|| json!({}));
+    }
+    *at = value;
+}
+
+/// Random numbers in [0, 1) that depend on `seed` only.
+fn numbers(seed: u64) -> impl FnMut() -> f64 {
+    let mut index = 0;
+    move || {
+        index += 1;
+        f64::from(random::unit(random::word(seed, Stream::Start, index, 0)))
+    }
+}
+
+fn base(number: f64) -> &'static crate::spec::Preset {
+    preset(if number < 0.5 { "pig" } else { "paper" }).unwrap()
+}
+
+/// A specification with each schedule of a preset scaled by 0.2–5 (log-uniform), values clamped to the schema, at most 2,000
+/// particles and 300 steps. Most are refused, because the values do not fit together.
+fn wild(seed: u64) -> Result<ModelSpec, Vec<Fault>> {
+    let mut next = numbers(seed);
+    let base = base(next());
+    let mut patch = json!({});
+    for leaf in leaves().iter().filter(|leaf| leaf.schedule) {
+        let factor = 0.2 * 25f64.powf(next());
+        let value = match leaf.pointer.as_str() {
+            "/particles/total" => {
+                let start = 100.0 + 900.0 * next();
+                json!({ "keys": [[0, start.round()], [1, (start + (2000.0 - start) * next()).round()]], "ease": "linear" })
+            }
+            "/particles/outer" => scaled(leaf, &json!({ "keys": [[0, 60], [1, 90]] }), factor),
+            pointer => scaled(leaf, base.spec.pointer(pointer).unwrap(), factor),
+        };
+        put(&mut patch, &leaf.pointer, value);
+    }
+    put(&mut patch, "/steps", json!((10.0 + 290.0 * next()).round()));
+    put(&mut patch, "/burn_in", json!((100.0 * next()).round()));
+    put(&mut patch, "/wall/lobes", json!((1.0 + 15.0 * next()).round()));
+    put(&mut patch, "/solver/integrator", json!(if next() < 0.2 { "euler" } else { "rk4" }));
+    ModelSpec::resolve(base, &patch)
+}
+
+/// Generates all specifications with their seeds; none may fail.
+fn all_certify(accepted: &[(u64, ModelSpec)]) {
+    let failed: Vec<String> = accepted
+        .par_iter()
+        .filter_map(|(seed, spec)| {
+            let dir = tempfile::tempdir().unwrap();
+            let mut request = request(spec.clone(), Backend::Cpu, dir.path());
+            (request.seed, request.outputs) = (*seed, Vec::new());
+            generate(&request, &(), &CancelToken::default()).err().map(|error| format!("{seed}: {error}"))
+        })
+        .collect();
+    assert!(failed.is_empty(), "{failed:#?}");
+}
+
+fn accepted(seeds: std::ops::Range<u64>) -> Vec<(u64, ModelSpec)> {
+    seeds.filter_map(|seed| Some((seed, wild(seed).ok()?))).collect()
+}
+
+#[test]
+fn fifty_random_specifications_that_are_accepted_certify() {
+    let mut accepted = accepted(0..400);
+    assert!(accepted.len() >= 50, "{} of 400 are accepted", accepted.len());
+    accepted.truncate(50);
+    all_certify(&accepted);
+}
+
+/// `cargo test --release --lib -- --ignored thousand_random`
+#[test]
+#[ignore = "takes half an hour on two cores"]
+fn a_thousand_random_specifications_that_are_accepted_certify() {
+    let mut accepted = accepted(1000..7000);
+    assert!(accepted.len() >= 1000, "{} of 6,000 are accepted", accepted.len());
+    accepted.truncate(1000);
+    all_certify(&accepted);
+}
+
+#[test]
+fn moderate_changes_of_one_or_two_parameters_are_accepted() {
+    let leaves = leaves();
+    let refused: Vec<String> = (0..1000)
+        .filter_map(|seed| {
+            let mut next = numbers(seed);
+            let base = base(next());
+            let mut patch = json!({});
+            for _ in 0..if next() < 0.5 { 1 } else { 2 } {
+                let leaf = &leaves[(next() * leaves.len() as f64) as usize];
+                let value = scaled(leaf, base.spec.pointer(&leaf.pointer).unwrap(), 0.5 * 4f64.powf(next()));
+                put(&mut patch, &leaf.pointer, value);
+            }
+            ModelSpec::resolve(base, &patch).err().map(|faults| format!("{patch}: {}", faults[0]))
+        })
+        .collect();
+    assert!(refused.len() <= 100, "{} of 1,000 are refused: {refused:#?}", refused.len());
+}

@@ -1,0 +1,80 @@
+//! Warnings about a model that is sound but grew poorly: its certificate passes, yet it is not what the specification
+//! asked for.
+
+use serde::Serialize;
+
+/// Gaps between walls below this are reported, µm.
+const SMALL_GAP_UM: f64 = 0.1;
+
+/// How a model grew.
+pub(super) struct Growth {
+    /// Splits that were deferred for lack of room and never made.
+    pub(super) splits_missing: u64,
+    /// Least distance between two parts of a contour in any section, µm; `None` if it was not measured.
+    pub(super) min_gap_um: Option<f64>,
+    /// Particles of both loops in the last section.
+    pub(super) particles: u64,
+    /// Particles of both loops that the specification asks for at the end.
+    pub(super) target: u64,
+}
+
+/// A warning, as it appears in the summary.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub(super) struct Warning {
+    /// `splits-missing`, `small-gap` or `particles-short`.
+    pub(super) code: &'static str,
+    /// A sentence with the numbers.
+    pub(super) detail: String,
+}
+
+/// All warnings, in the order of the codes above; empty for a model that grew as specified.
+pub(super) fn warnings(growth: &Growth) -> Vec<Warning> {
+    let mut warnings = Vec::new();
+    let mut warn = |code, detail| warnings.push(Warning { code, detail });
+    let Growth { splits_missing, min_gap_um, particles, target } = *growth;
+    if splits_missing > 0 {
+        let are = if splits_missing == 1 { "split was" } else { "splits were" };
+        warn(
+            "splits-missing",
+            format!(
+                "{splits_missing} {are} never made, because the walls left no room (/containment/spacing_um, /collision/clearance_um)."
+            ),
+        );
+    }
+    if let Some(gap) = min_gap_um.filter(|gap| *gap < SMALL_GAP_UM) {
+        warn(
+            "small-gap",
+            format!(
+                "The least gap between walls is {gap:.3} µm, below {SMALL_GAP_UM} µm: folds have collapsed onto each other."
+            ),
+        );
+    }
+    if particles < target {
+        warn(
+            "particles-short",
+            format!("The model ends with {particles} particles; its specification asks for {target}."),
+        );
+    }
+    warnings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn codes(growth: &Growth) -> Vec<&'static str> {
+        warnings(growth).into_iter().map(|w| w.code).collect()
+    }
+
+    #[test]
+    fn each_shortcoming_has_its_own_warning() {
+        let good = || Growth { splits_missing: 0, min_gap_um: Some(0.1), particles: 600, target: 600 };
+        assert_eq!(codes(&good()), [""; 0]);
+        assert_eq!(codes(&Growth { min_gap_um: None, ..good() }), [""; 0]);
+        assert_eq!(codes(&Growth { splits_missing: 1, ..good() }), ["splits-missing"]);
+        assert_eq!(codes(&Growth { min_gap_um: Some(0.0999), ..good() }), ["small-gap"]);
+        let short = warnings(&Growth { particles: 588, ..good() });
+        assert_eq!(short[0].code, "particles-short");
+        assert!(short[0].detail.contains("588") && short[0].detail.contains("600"), "{short:?}");
+    }
+}
