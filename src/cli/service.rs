@@ -149,12 +149,13 @@ impl Service {
         let works = Works::start(args, Hands::Optional).await?;
         let address = listener.local_addr().context("the listening socket has no address")?;
         let shutdown = CancellationToken::new();
-        let connections = Connections::new(args.upkeep.connections);
+        let connections = Connections::new(args.upkeep.connections, connections::WRITE_TIME).with_grace(args.grace);
         let defaults = Limits::default();
         let limits = Limits {
             // What is held open leaves places for who asks and goes, such as a health check.
             streams: defaults.streams.min(connections.most / 2),
             held: defaults.held.min(connections.most / 4),
+            downloads: connections::downloads(),
             batch: args.upkeep.batch_limit as usize,
             keep: args.upkeep.keep,
             redirect_downloads: args.upkeep.redirect_downloads,

@@ -23,8 +23,7 @@ pub(super) async fn run(args: WorkerArgs) -> Ended {
     if let Some(address) = args.metrics_addr {
         let listener = TcpListener::bind(address).await.with_context(|| format!("--metrics-addr {address}"))?;
         let router = watch_router(works.state(Limits::default(), &shutdown));
-        let connections = Connections::new(args.service.upkeep.connections);
-        tokio::spawn(connections::serve(listener, router, connections, shutdown.clone()));
+        tokio::spawn(connections::serve(listener, router, Connections::for_probes(), shutdown.clone()));
     }
     tracing::info!(workers = args.service.cpu_workers, "working");
     signals.asked_to_stop().await;
