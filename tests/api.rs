@@ -9,6 +9,7 @@ mod api {
     #[path = "../common/between.rs"]
     mod between;
     mod create;
+    mod crowd;
     mod events;
     mod faulty;
     mod files;

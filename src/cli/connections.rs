@@ -1,12 +1,15 @@
-//! Serves connections: so many at a time, each with so much time for the head of a request.
+//! Serves connections, with limits on their number and on the time that a client may take.
 //!
-//! Nobody who connects and stays silent may keep others out. An answer may take any time: event streams and long
-//! downloads are not cut.
+//! A silent or slow client must not keep others out. A request must arrive in time. A response may take any time as long as
+//! the client receives it at a minimum rate (see `pace.rs`), so event streams and long downloads are not cut off.
+
+mod pace;
 
 use axum::Router;
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
 use hyper_util::service::TowerToHyperService;
+use pace::Paced;
 use std::io;
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,17 +19,23 @@ use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-/// Time for the first byte of a connection to arrive: who connects commonly has something to ask.
+/// Time for the first byte of a connection to arrive. Clients usually send a request at once.
 const FIRST_TIME: Duration = Duration::from_secs(15);
-/// Time for the head of a request to arrive, and for the next request on a connection to begin: longer than the minute
-/// that balancers keep idle connections for, so that it is not the service that closes one just as it is used again.
+/// Time for the head of a request to arrive, and for the next request on a connection to begin. Longer than the minute
+/// for which load balancers keep idle connections, so that the service does not close one just as it is used again.
 const HEAD_TIME: Duration = Duration::from_secs(75);
-/// Descriptors that a process may commonly have, where it cannot be asked.
+/// Descriptors that a process commonly has, if its limit is unknown.
 const DESCRIPTORS: u64 = 1024;
-/// Wait after an accept that failed, which it does as long as there are no descriptors left.
-const WAIT: Duration = Duration::from_millis(200);
+/// Most connections by default, however many descriptors there are.
+const MOST: usize = 10_000;
+/// Connections to an address for operators.
+const PROBES: usize = 64;
+/// Bytes of a response that wait in this process, and longest head of a request. More than the 64 KiB of the longest URI.
+const BUFFER: usize = 72 << 10;
+/// Pause after a failed accept. It fails as long as the process has no free descriptor.
+const PAUSE: Duration = Duration::from_millis(200);
 
-/// What connections are allowed.
+/// Limits of connections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Connections {
     /// Most at a time; others wait to be accepted.
@@ -35,16 +44,37 @@ pub(super) struct Connections {
     pub(super) first_time: Duration,
     /// Time for the head of a request.
     pub(super) head_time: Duration,
+    /// Time for which a connection may be blocked; see [`Paced::new`].
+    pub(super) write_time: Duration,
+    /// Time after `shutdown` at which requests that have not ended are cut off; `None` for never.
+    pub(super) grace: Option<Duration>,
 }
 
 impl Connections {
-    /// With so many at a time; where it is not said, three quarters of the descriptors there may be, for files and
-    /// databases need some too.
-    pub(super) fn new(most: Option<u32>) -> Self {
-        let most =
-            most.map_or_else(|| usize::try_from(descriptors() / 4 * 3).unwrap_or(usize::MAX), |most| most as usize);
-        Self { most: most.clamp(1, Semaphore::MAX_PERMITS), first_time: FIRST_TIME, head_time: HEAD_TIME }
+    /// At most `most` connections; by default three quarters of the descriptors of the process, but at most 10,000. Half of
+    /// the other descriptors are for downloads ([`downloads`]), half for databases and files of workers.
+    pub(super) fn new(most: Option<u32>, write_time: Duration) -> Self {
+        let default = || usize::try_from(descriptors() / 4 * 3).unwrap_or(usize::MAX).min(MOST);
+        let most = most.map_or_else(default, |most| most as usize).clamp(1, Semaphore::MAX_PERMITS);
+        Self { most, first_time: FIRST_TIME, head_time: HEAD_TIME, write_time, grace: None }
     }
+
+    /// For a separate address for probes and metrics, which the clients of the others cannot exhaust.
+    pub(super) fn for_probes() -> Self {
+        let time = FIRST_TIME;
+        Self { most: PROBES, first_time: time, head_time: HEAD_TIME, write_time: time, grace: None }
+    }
+
+    /// Cuts off requests that have not ended `grace` after `shutdown`.
+    #[must_use]
+    pub(super) fn with_grace(self, grace: Duration) -> Self {
+        Self { grace: Some(grace), ..self }
+    }
+}
+
+/// Most downloads at a time: each holds a descriptor besides that of its connection.
+pub(super) fn downloads() -> usize {
+    usize::try_from(descriptors() / 8).unwrap_or(usize::MAX).clamp(1, MOST)
 }
 
 /// How many descriptors the process may have.
@@ -54,12 +84,13 @@ fn descriptors() -> u64 {
     soft.and_then(|text| text.parse().ok()).unwrap_or(DESCRIPTORS)
 }
 
-/// Serves until `shutdown` is cancelled, and then until the last request is answered.
+/// Serves until `shutdown` is cancelled, and then until the last request is answered or the grace is over.
 pub(super) async fn serve(listener: TcpListener, router: Router, limits: Connections, shutdown: CancellationToken) {
     let places = Arc::new(Semaphore::new(limits.most));
     let mut builder = Builder::new(TokioExecutor::new()).http1_only();
-    builder.http1().timer(TokioTimer::new()).header_read_timeout(limits.head_time);
+    builder.http1().timer(TokioTimer::new()).header_read_timeout(limits.head_time).max_buf_size(BUFFER);
     let open = TaskTracker::new();
+    let cut_off = CancellationToken::new();
     loop {
         let next = async {
             let place = Arc::clone(&places).acquire_owned().await;
@@ -72,27 +103,34 @@ pub(super) async fn serve(listener: TcpListener, router: Router, limits: Connect
         match accepted {
             (Ok((stream, _)), Ok(place)) => {
                 let (builder, router, shutdown) = (builder.clone(), router.clone(), shutdown.clone());
-                open.spawn(async move {
+                let connection = async move {
                     if speaks(&stream, limits.first_time, &shutdown).await {
-                        answer(builder, stream, router, shutdown).await;
+                        answer(builder, stream, limits.write_time, router, shutdown).await;
                     }
                     drop(place);
-                });
+                };
+                let cut_off = cut_off.clone();
+                open.spawn(async move { cut_off.run_until_cancelled(connection).await });
             }
             (Err(error), _) if is_of_one(&error) => {}
             (Err(error), _) => {
-                tracing::error!(%error, "no connection could be accepted");
-                tokio::time::sleep(WAIT).await;
+                tracing::error!(%error, "no connection can be accepted");
+                tokio::time::sleep(PAUSE).await;
             }
             (_, Err(_)) => break,
         }
     }
     drop(listener);
     open.close();
-    open.wait().await;
+    let Some(grace) = limits.grace else { return open.wait().await };
+    if timeout(grace, open.wait()).await.is_err() {
+        tracing::warn!(connections = open.len(), ?grace, "requests that have not ended are cut off");
+        cut_off.cancel();
+        open.wait().await;
+    }
 }
 
-/// Whether only the one connection failed.
+/// Whether the error is of one connection only.
 fn is_of_one(error: &io::Error) -> bool {
     matches!(
         error.kind(),
@@ -100,7 +138,7 @@ fn is_of_one(error: &io::Error) -> bool {
     )
 }
 
-/// Whether something is sent in time.
+/// Whether the client sends something in time.
 async fn speaks(stream: &TcpStream, time: Duration, shutdown: &CancellationToken) -> bool {
     let mut byte = [0];
     tokio::select! {
@@ -110,12 +148,19 @@ async fn speaks(stream: &TcpStream, time: Duration, shutdown: &CancellationToken
 }
 
 /// Answers the requests of one connection.
-async fn answer(builder: Builder<TokioExecutor>, stream: TcpStream, router: Router, shutdown: CancellationToken) {
-    // Events are small, and shall not wait for more to be sent with them.
+async fn answer(
+    builder: Builder<TokioExecutor>,
+    stream: TcpStream,
+    write_time: Duration,
+    router: Router,
+    shutdown: CancellationToken,
+) {
+    // Events are small; they must not be delayed until more is to be sent.
     if let Err(error) = stream.set_nodelay(true) {
-        tracing::trace!(%error, "small answers may be slow");
+        tracing::trace!(%error, "small responses may be slow");
     }
-    let connection = builder.serve_connection(TokioIo::new(stream), TowerToHyperService::new(router));
+    let stream = TokioIo::new(Paced::new(stream, write_time));
+    let connection = builder.serve_connection(stream, TowerToHyperService::new(router));
     tokio::pin!(connection);
     let ended = tokio::select! {
         ended = &mut connection => ended,
@@ -125,7 +170,7 @@ async fn answer(builder: Builder<TokioExecutor>, stream: TcpStream, router: Rout
         }
     };
     if let Err(error) = ended {
-        tracing::trace!(%error, "a connection broke off");
+        tracing::trace!(%error, "a connection ended with an error");
     }
 }
 

@@ -25,8 +25,6 @@ use tokio::net::TcpListener;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
 
-/// Maximum number of connections to a listener that only answers probes and metrics.
-const PROBE_CONNECTIONS: u32 = 64;
 /// Minimum time for the last answers to be sent on shutdown, even with a shorter `--grace`.
 const LAST_ANSWERS: Duration = Duration::from_secs(5);
 
@@ -239,7 +237,7 @@ impl Service {
         let probes_shutdown = CancellationToken::new();
         let state = runtime.state(limits(args, connections.most), &shutdown);
         if let Some(listener) = probes {
-            serve_probes(listener, watch_router(state.clone()), &args.process, &probes_shutdown);
+            serve_probes(listener, watch_router(state.clone()), &probes_shutdown);
         }
         let server = tokio::spawn(connections::serve(listener, router(state), connections, shutdown.clone()));
         Ok(Self { address, runtime, upkeep, server, shutdown, probes_shutdown, drain_delay: args.drain_delay })
@@ -265,24 +263,17 @@ impl Service {
     /// # Errors
     /// `failed`, or a panic of the server.
     pub(super) async fn stop(self, failed: Option<anyhow::Error>) -> Result<(), Failure> {
-        let Self { runtime, upkeep, mut server, shutdown, probes_shutdown, drain_delay, .. } = self;
+        let Self { runtime, upkeep, server, shutdown, probes_shutdown, drain_delay, .. } = self;
         runtime.drain();
         drop(upkeep);
-        let longest = runtime.grace.max(LAST_ANSWERS);
         let requests = async {
             if let Some(error) = failed {
                 return Err(error.into());
             }
             tokio::time::sleep(drain_delay).await;
             shutdown.cancel();
-            match tokio::time::timeout(longest, &mut server).await {
-                Ok(Ok(())) => Ok(()),
-                Ok(Err(panic)) => Err(anyhow::anyhow!(panic).context("the server panicked").into()),
-                Err(_) => {
-                    tracing::warn!("some requests did not finish within --grace and were cut off");
-                    Ok(())
-                }
-            }
+            // The server cuts off what takes longer than `--grace`.
+            server.await.map_err(|panic| anyhow::anyhow!(panic).context("the server panicked").into())
         };
         let ended = runtime.stop(requests).await;
         probes_shutdown.cancel();
@@ -291,14 +282,13 @@ impl Service {
 }
 
 /// Serves probes and metrics on a listener of their own, until `shutdown` is cancelled.
-pub(super) fn serve_probes(listener: TcpListener, router: Router, args: &ProcessArgs, shutdown: &CancellationToken) {
-    let connections = Connections { most: PROBE_CONNECTIONS as usize, ..connections(args) };
-    tokio::spawn(connections::serve(listener, router, connections, shutdown.clone()));
+pub(super) fn serve_probes(listener: TcpListener, router: Router, shutdown: &CancellationToken) {
+    tokio::spawn(connections::serve(listener, router, Connections::for_probes(), shutdown.clone()));
 }
 
 /// The limits on connections that the options set.
 fn connections(args: &ProcessArgs) -> Connections {
-    Connections::new(args.connections)
+    Connections::new(args.connections, args.write_timeout).with_grace(args.grace.max(LAST_ANSWERS))
 }
 
 /// The limits on requests that the options set, for a service with this many connections.
@@ -308,6 +298,7 @@ fn limits(args: &ServeArgs, connections: usize) -> Limits {
         // Streams and held answers must leave connections for short requests, such as health checks.
         streams: defaults.streams.min(connections / 2),
         held: defaults.held.min(connections / 4),
+        downloads: connections::downloads(),
         batch: args.batch_limit as usize,
         keep: args.keep,
         redirect_downloads: args.redirect_downloads,

@@ -23,7 +23,7 @@ pub(super) async fn run(args: WorkerArgs) -> Ended {
     let shutdown = CancellationToken::new();
     if let Some(address) = args.metrics_addr {
         let listener = TcpListener::bind(address).await.with_context(|| format!("--metrics-addr {address}"))?;
-        serve_probes(listener, watch_router(runtime.state(Limits::default(), &shutdown)), &args.process, &shutdown);
+        serve_probes(listener, watch_router(runtime.state(Limits::default(), &shutdown)), &shutdown);
     }
     tracing::info!(workers = args.process.cpu_workers, "started");
     signals.asked_to_stop().await;

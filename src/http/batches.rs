@@ -1,6 +1,6 @@
-//! `POST /batches`, `GET` and `DELETE /batches/{id}`: many models of one spec, asked for and removed together.
+//! `POST /batches`, `GET` and `DELETE /batches/{id}`: many models of one spec, requested and deleted together.
 //!
-//! A batch is taken whole or not at all; its models are models like any other, found under their own ids.
+//! A batch is accepted as a whole or not at all. Its models are ordinary models with ids of their own.
 
 use super::AppState;
 use super::create::{Accepted, check, draw_seed, key_of};
@@ -9,9 +9,11 @@ use super::extract::{BatchId, no_batch};
 use super::faults::Faults;
 use super::headers::IDEMPOTENCY_REPLAYED;
 use super::json::JsonBody;
-use super::openapi::{BatchMissing, BatchRequest as BatchRequestDoc, BodyProblems, QueueFull, StoreAway};
 use super::problem::Problem;
 use super::request::{BatchRequest, Seeds};
+use super::responses::{
+    BatchMissing, BatchRequest as BatchRequestDoc, BodyProblems, QueueFull, StoreAway, StoreAwayOrOpening,
+};
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{self, NewBatch, NewJob, StoreError, SubmittedBatch};
 use crate::spec::batch_key;
@@ -23,22 +25,21 @@ use axum::response::{IntoResponse, Response};
 use serde_json::Value;
 use std::collections::BTreeSet;
 
-/// Ask for many models of one spec.
+/// Request many models of one spec.
 ///
-/// One request, all or nothing: either all its models are queued, or none. Finished models of the same digest are
-/// taken as `POST /models` does.
+/// Either all of them are queued, or none. Finished models of the same digest are reused as by `POST /models`.
 #[utoipa::path(
     post, path = "/batches", operation_id = "create_batch", tag = "batches",
     params(
-        ("idempotency-key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "1 to 255 visible ASCII characters: the same key with the same body gives the same batch"),
+        ("idempotency-key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "1 to 255 visible ASCII characters. The same key with the same body returns the same batch"),
     ),
     request_body(content = BatchRequestDoc, content_type = "application/json"),
     responses(
         (status = 202, description = "Accepted", body = Batch, headers(
-            ("location" = String, description = "Address of the batch"),
-            ("retry-after" = u32, description = "Seconds after which to look again"),
-            ("idempotency-replayed" = String, description = "`true` where the key had made the batch before"))),
-        BodyProblems, QueueFull, StoreAway,
+            ("location" = String, description = "Path of the batch"),
+            ("retry-after" = u32, description = "Seconds to wait before the next request"),
+            ("idempotency-replayed" = String, description = "`true` if the key returned a batch that it had created before"))),
+        BodyProblems, QueueFull, StoreAwayOrOpening,
     )
 )]
 pub(super) async fn create(
@@ -49,7 +50,7 @@ pub(super) async fn create(
     let key = key_of(&headers, &body)?;
     let submitted = match check_body(&state, &body).await {
         Ok(accepted) => submit(&state, accepted, key).await?,
-        // As for a model: what was taken once is not refused for what came later.
+        // As for a model: a replayed request is not refused because of what has changed since.
         Err(refusal) => SubmittedBatch::Replayed(earlier(&state, key).await.ok_or(refusal)?),
     };
     let mut response = answer(StatusCode::ACCEPTED, &Batch::from(submitted.batch()));
@@ -63,14 +64,14 @@ pub(super) async fn create(
     Ok(response)
 }
 
-/// Checks everything about a body.
+/// Reads and checks a body.
 async fn check_body(state: &AppState, body: &Value) -> Result<(Seeds, Accepted), Problem> {
     let mut faults = Faults::default();
     let BatchRequest { seeds, each } = BatchRequest::read(body, state.limits.batch, &mut faults);
     Ok((seeds, check(state, each, faults).await?))
 }
 
-/// The batch that the key made before, where it is known.
+/// The batch that the key created before, if there is one.
 async fn earlier(state: &AppState, key: Option<(String, String)>) -> Option<jobs::Batch> {
     let (key, body) = key?;
     state.store.replayed_batch(&key, &body).await.ok().flatten()
@@ -109,7 +110,7 @@ async fn submit(
     state.store.submit_batch(NewBatch { jobs, priority: request.priority, idempotency }).await
 }
 
-/// So many seeds nobody chose, all different.
+/// So many random seeds, all different.
 fn draw(count: usize) -> Vec<u64> {
     let mut seen = BTreeSet::new();
     std::iter::repeat_with(draw_seed).filter(|seed| seen.insert(*seed)).take(count).collect()
@@ -123,13 +124,13 @@ fn answer(status: StatusCode, batch: &Batch) -> Response {
     response
 }
 
-/// Read a batch: its models by status, and their ids.
+/// Read a batch: the ids of its models, and their number by status.
 #[utoipa::path(
     get, path = "/batches/{id}", operation_id = "get_batch", tag = "batches",
     params(("id" = Uuid, Path, description = "Id of the batch")),
     responses(
         (status = 200, description = "The batch", body = Batch, headers(
-            ("retry-after" = u32, description = "Seconds after which to look again; not once all models have ended"))),
+            ("retry-after" = u32, description = "Seconds to wait before the next request; absent once all models have ended"))),
         BatchMissing, StoreAway,
     )
 )]
@@ -138,11 +139,11 @@ pub(super) async fn get(State(state): State<AppState>, BatchId(id): BatchId) -> 
     Ok(answer(StatusCode::OK, &Batch::from(&batch)))
 }
 
-/// Remove a batch with all its models; those that have not ended are cancelled.
+/// Delete a batch with all its models; those that have not ended are cancelled.
 #[utoipa::path(
     delete, path = "/batches/{id}", operation_id = "delete_batch", tag = "batches",
     params(("id" = Uuid, Path, description = "Id of the batch")),
-    responses((status = 204, description = "It is gone, and its models and their files with it"), BatchMissing, StoreAway)
+    responses((status = 204, description = "The batch, its models and their files were deleted"), BatchMissing, StoreAway)
 )]
 pub(super) async fn delete(State(state): State<AppState>, BatchId(id): BatchId) -> Result<StatusCode, Problem> {
     let keys = state.store.delete_batch(id).await?.ok_or_else(|| no_batch(id))?;

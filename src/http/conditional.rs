@@ -9,14 +9,14 @@ use axum::response::{IntoResponse, Response};
 pub(super) struct ETag(String);
 
 impl ETag {
-    /// A tag of `content`, which must be printable ASCII without quotes.
+    /// A tag with this content, which must be printable ASCII without quotes.
     pub(super) fn strong(content: impl std::fmt::Display) -> Self {
         Self(format!("\"{content}\""))
     }
 
-    /// As a header.
+    /// The value of a header.
     pub(super) fn header(&self) -> Result<HeaderValue, Problem> {
-        HeaderValue::from_str(&self.0).map_err(|_| Problem::new(Kind::Internal, "An entity tag could not be written."))
+        HeaderValue::from_str(&self.0).map_err(|_| Problem::new(Kind::Internal, "The entity tag could not be written."))
     }
 
     /// Whether `If-None-Match` names this tag (weak comparison) or is `*`.
@@ -26,12 +26,12 @@ impl ETag {
         })
     }
 
-    /// Whether a range may be answered: there is no `If-Range`, or it names this tag (strong comparison).
+    /// Whether `If-Range` allows a range: it is absent, or names this tag (strong comparison).
     pub(super) fn matches_range(&self, headers: &HeaderMap) -> bool {
         headers.get(header::IF_RANGE).is_none_or(|v| v.as_bytes() == self.0.as_bytes())
     }
 
-    /// 304, with this tag and the `Cache-Control` that the full answer would have.
+    /// 304, with this tag and the `Cache-Control` of the full response.
     pub(super) fn not_modified(&self, cache: HeaderValue) -> Result<Response, Problem> {
         Ok((StatusCode::NOT_MODIFIED, [(header::ETAG, self.header()?), (header::CACHE_CONTROL, cache)]).into_response())
     }

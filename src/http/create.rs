@@ -1,20 +1,22 @@
 //! `POST /models` and `POST /models/validate`: from a request to a queued model.
 //!
-//! Everything that can be refused is refused before anything is queued.
+//! All checks are made before anything is queued.
 
 use super::AppState;
 use super::dto::Model;
-use super::faults::Faults;
+use super::faults::{Fault, Faults};
 use super::headers::{IDEMPOTENCY_REPLAYED, PREFERENCE_APPLIED, idempotency_key, wait};
+use super::health::not_ready;
 use super::json::{JsonBody, canonical};
 use super::models::{answer, retry_after};
-use super::openapi::{BodyProblems, ModelRequest as ModelRequestDoc, QueueFull, StoreAway};
-use super::problem::{Fault, Kind, Problem};
+use super::problem::{Kind, Problem};
 use super::request::{ModelRequest, SEED_MAX};
+use super::responses::{BodyProblems, ModelRequest as ModelRequestDoc, QueueFull, StoreAwayOrOpening};
 use crate::generate::Backend;
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{Job, NewJob, StoreError, Submitted};
 use crate::spec::{Cost, ModelSpec, OverLimit, batch_key, preset, presets};
+use crate::status::Condition;
 use crate::trace;
 use axum::Json;
 use axum::extract::State;
@@ -26,28 +28,28 @@ use sha2::{Digest, Sha256};
 use std::time::Duration;
 use utoipa::ToSchema;
 
-/// A request that will be taken, save for a full queue.
+/// A request that passed all checks; only a full queue can refuse it.
 pub(super) struct Accepted {
     pub(super) request: ModelRequest,
     pub(super) spec: ModelSpec,
     cost: Cost,
 }
 
-/// Checks everything about a body.
+/// Reads and checks a body.
 async fn check_body(state: &AppState, body: &Value) -> Result<Accepted, Problem> {
     let mut faults = Faults::default();
     let request = ModelRequest::read(body, &mut faults);
     check(state, request, faults).await
 }
 
-/// Checks everything about a request in which `faults` were found so far.
+/// Checks a request in which `faults` were found so far.
 pub(super) async fn check(state: &AppState, request: ModelRequest, mut faults: Faults) -> Result<Accepted, Problem> {
     let resolved = preset(&request.preset).map(|preset| ModelSpec::resolve(preset, &request.spec));
     match &resolved {
         Some(Err(wrong)) => faults.extend(wrong.iter().map(|f| Fault::at(format!("/spec{}", f.pointer), &f.detail))),
         None if !faults.names("/preset") => {
             let names: Vec<_> = presets().iter().map(|p| p.name.as_str()).collect();
-            faults.push(Fault::at("/preset", format!("is unknown; there are {}", names.join(", "))));
+            faults.push(Fault::at("/preset", format!("is unknown; the presets are {}", names.join(", "))));
         }
         _ => {}
     }
@@ -59,10 +61,8 @@ pub(super) async fn check(state: &AppState, request: ModelRequest, mut faults: F
         request.outputs.iter().filter_map(|o| serde_json::to_value(o).ok()?.as_str().map(str::to_owned)).collect();
     let cost = spec.cost(&outputs.iter().map(String::as_str).collect::<Vec<_>>());
     state.limits.cost.check(&cost).map_err(|over| too_much(&cost, &over))?;
-    if request.backend == Backend::Gpu && !gpu_alive(state).await? {
-        let detail = "No GPU worker has been alive for five minutes; ask for `auto` or `cpu`.";
-        return Err(Problem::new(Kind::GpuUnavailable, detail)
-            .with_errors(vec![Fault::at("/backend", "no GPU worker is available")]));
+    if request.backend == Backend::Gpu && !state.limits.gpu_expected {
+        check_gpu(state).await?;
     }
     Ok(Accepted { request, spec, cost })
 }
@@ -77,33 +77,49 @@ fn too_much(cost: &Cost, over: &[OverLimit]) -> Problem {
         .with("limit", Value::Object(limits))
 }
 
-async fn gpu_alive(state: &AppState) -> Result<bool, Problem> {
-    Ok(state.store.alive(Backend::Gpu, state.limits.gpu_memory).await? > 0)
+/// Refuses a request for a GPU if no GPU worker is alive. While workers of this process open their devices, that is not
+/// known yet, so the request waits for at most [`super::Limits::gpu_wait`].
+async fn check_gpu(state: &AppState) -> Result<(), Problem> {
+    let alive = async || Ok::<_, StoreError>(state.store.alive(Backend::Gpu, state.limits.gpu_memory).await? > 0);
+    if alive().await? {
+        return Ok(());
+    }
+    let condition = Condition::OpeningDevices;
+    if !state.status.cleared(condition, state.limits.gpu_wait).await {
+        let detail = "GPU workers are still opening their devices. Try again later.";
+        return Err(not_ready(condition, detail));
+    }
+    if alive().await? {
+        return Ok(());
+    }
+    let detail = "No GPU worker has sent a heartbeat for five minutes. Request `auto` or `cpu`.";
+    let fault = Fault::at("/backend", "no GPU worker is available");
+    Err(Problem::new(Kind::GpuUnavailable, detail).with_errors(vec![fault]))
 }
 
-/// Ask for a model.
+/// Request a model.
 ///
-/// It is queued and grown in the background; follow it by `GET /models/{id}` or its events.
+/// It is queued and grown in the background. Follow it by `GET /models/{id}` or its events.
 #[utoipa::path(
     post, path = "/models", operation_id = "create_model", tag = "models",
     params(
-        ("prefer" = Option<String>, Header, description = "`wait=N`: hold the answer until the model has ended, at most N seconds (1 to 60). Where too many answers are held already, it comes at once, without `preference-applied`"),
-        ("idempotency-key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "1 to 255 visible ASCII characters: the same key with the same body gives the same model"),
+        ("prefer" = Option<String>, Header, description = "`wait=N`: hold the response until the model has ended, at most N seconds (1 to 60). If too many responses are held already, it is sent at once, without `preference-applied`"),
+        ("idempotency-key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "1 to 255 visible ASCII characters. The same key with the same body returns the same model"),
     ),
     request_body(content = ModelRequestDoc, content_type = "application/json"),
     responses(
         (status = 202, description = "Accepted: queued or running", body = Model, headers(
-            ("location" = String, description = "Address of the model"),
-            ("retry-after" = u32, description = "Seconds after which to look again"),
-            ("preference-applied" = String, description = "`wait=N`, where it was asked for and the answer was held"),
-            ("idempotency-replayed" = String, description = "`true` where the key had made the model before"))),
-        (status = 201, description = "A finished model with the same digest and preset was taken: succeeded already", body = Model, headers(
-            ("location" = String, description = "Address of the model"))),
-        (status = 200, description = "Ended: within the wait asked for, or before the key came again", body = Model, headers(
-            ("location" = String, description = "Address of the model"),
-            ("preference-applied" = String, description = "`wait=N`, where it was asked for and the answer was held"),
-            ("idempotency-replayed" = String, description = "`true` where the key had made the model before"))),
-        BodyProblems, QueueFull, StoreAway,
+            ("location" = String, description = "Path of the model"),
+            ("retry-after" = u32, description = "Seconds to wait before the next request"),
+            ("preference-applied" = String, description = "`wait=N`, if the response was held"),
+            ("idempotency-replayed" = String, description = "`true` if the key returned a model that it had created before"))),
+        (status = 201, description = "A finished model with the same digest and preset was reused: it has succeeded already", body = Model, headers(
+            ("location" = String, description = "Path of the model"))),
+        (status = 200, description = "Ended: during the requested wait, or before the key was used again", body = Model, headers(
+            ("location" = String, description = "Path of the model"),
+            ("preference-applied" = String, description = "`wait=N`, if the response was held"),
+            ("idempotency-replayed" = String, description = "`true` if the key returned a model that it had created before"))),
+        BodyProblems, QueueFull, StoreAwayOrOpening,
     )
 )]
 pub(super) async fn create(
@@ -112,11 +128,9 @@ pub(super) async fn create(
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     let key = key_of(&headers, &body)?;
-    // Subscribed before the model exists, so that its end cannot be missed.
-    let (mut watch, number) = (state.feed.watch(), state.feed.head());
     let submitted = match check_body(&state, &body).await {
         Ok(accepted) => submit(&state, accepted, key).await?,
-        // What was taken once is not refused for what came later: a lower limit, a GPU that went away.
+        // A replayed request is not refused because of what has changed since: a lower limit, or a GPU worker that has gone.
         Err(refusal) => Submitted::Replayed(earlier(&state, key).await.ok_or(refusal)?),
     };
     let replayed = matches!(submitted, Submitted::Replayed(_));
@@ -124,7 +138,7 @@ pub(super) async fn create(
     tracing::Span::current().record("model", tracing::field::display(job.id));
     let waited = wait(&headers).and_then(|time| Some((time, state.held.try_acquire().ok()?)));
     if let Some((time, _)) = waited {
-        job = until_ended(&state, job, time, &mut watch, number).await;
+        job = until_ended(&state, job, time).await;
     }
     let status = match () {
         () if job.reused_from.is_some() => StatusCode::CREATED,
@@ -148,12 +162,12 @@ pub(super) async fn create(
     Ok(response)
 }
 
-/// The idempotency key, where there is one, with a hash of the body that it stands for.
+/// The idempotency key, if there is one, with a hash of the body.
 pub(super) fn key_of(headers: &HeaderMap, body: &Value) -> Result<Option<(String, String)>, Problem> {
     Ok(idempotency_key(headers)?.map(|key| (key, hex::encode(Sha256::digest(canonical(body))))))
 }
 
-/// The model that the key made before, where it is known.
+/// The model that the key created before, if there is one.
 async fn earlier(state: &AppState, key: Option<(String, String)>) -> Option<Job> {
     let (key, body) = key?;
     state.store.replayed(&key, &body).await.ok().flatten()
@@ -186,61 +200,56 @@ async fn submit(
     state.store.submit(new).await
 }
 
-/// A seed nobody chose: 53 of the random bits of a UUIDv4.
+/// A random seed: 53 of the random bits of a UUIDv4.
 pub(super) fn draw_seed() -> u64 {
     uuid::Uuid::new_v4().as_u64_pair().1 & SEED_MAX
 }
 
-/// The job once it has ended, or as it is when the time is up, it is deleted, or the service closes. It has been taken,
-/// so a store that is away changes nothing about the answer: the wait goes on.
-async fn until_ended(
-    state: &AppState,
-    mut job: Job,
-    time: Duration,
-    watch: &mut tokio::sync::watch::Receiver<u64>,
-    mut number: u64,
-) -> Job {
-    let end = tokio::time::sleep(time);
-    tokio::pin!(end);
-    while !job.status.is_ended() {
-        tokio::select! {
-            () = state.feed.changed(job.id, watch, number) => {}
-            () = tokio::time::sleep(state.limits.event_poll) => {}
-            () = &mut end => break,
-            () = state.shutdown.cancelled() => break,
-        }
-        number = state.feed.head();
-        match state.store.get(job.id).await {
-            Ok(Some(now)) => job = now,
-            Ok(None) => break,
-            Err(error) => tracing::warn!(%error, "a model that is waited for could not be read"),
+/// The job once it has ended, or as it is when the time is up, it is deleted, or the service closes. It is queued already,
+/// so the wait goes on while the store is unavailable.
+async fn until_ended(state: &AppState, job: Job, time: Duration) -> Job {
+    if job.status.is_ended() {
+        return job;
+    }
+    let mut reader = state.feed.watch(job.id);
+    // Its end may have been reported before it was watched.
+    state.feed.read_soon(job.id);
+    tokio::select! {
+        () = reader.ended() => {}
+        () = tokio::time::sleep(time) => {}
+        () = state.shutdown.cancelled() => {}
+    }
+    match state.store.get(job.id).await {
+        Ok(now) => now.unwrap_or(job),
+        Err(error) => {
+            tracing::warn!(%error, "a model could not be read after a wait");
+            job
         }
     }
-    job
 }
 
-/// What a request would give.
+/// The result of a check: what would be queued.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct Validation {
-    /// Preset.
+    /// Preset that the spec was resolved on.
     preset: String,
-    /// Seed; null where one will be drawn.
+    /// Seed; null if a random one will be drawn.
     #[schema(minimum = 0)]
     seed: Option<u64>,
-    /// The whole resolved spec.
+    /// The complete resolved spec.
     #[schema(value_type = Object)]
     spec: Value,
-    /// Digest; null where the seed will be drawn.
+    /// Digest of the model; null if the seed will be drawn.
     digest: Option<String>,
     /// Predicted cost.
     cost: Cost,
 }
 
-/// Check a request and predict its cost; queues nothing.
+/// Check a request and predict its cost, without queueing anything.
 #[utoipa::path(
     post, path = "/models/validate", operation_id = "validate_model", tag = "models",
     request_body(content = ModelRequestDoc, content_type = "application/json"),
-    responses((status = 200, description = "The request is valid", body = Validation), BodyProblems, StoreAway)
+    responses((status = 200, description = "The request is valid", body = Validation), BodyProblems, StoreAwayOrOpening)
 )]
 pub(super) async fn validate(State(state): State<AppState>, JsonBody(body): JsonBody) -> Result<Response, Problem> {
     let Accepted { request, spec, cost } = check_body(&state, &body).await?;

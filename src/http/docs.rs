@@ -1,53 +1,29 @@
-//! `GET /docs`: the description of the service as a page, made from the same document as `/openapi.yaml`.
+//! `GET /docs`: the description of the service as a page, generated from the same document as `/openapi.yaml`.
 //!
-//! One page without scripts, that loads nothing: operations by subject, problems, and the shapes of all bodies.
+//! The page has no scripts and loads nothing. It lists operations by subject, problems, and the schemas of all bodies.
 
+mod html;
 mod schemas;
 
 use super::home::POLICY;
-use super::openapi;
+use super::openapi::Description;
 use super::problem::Kind;
+use axum::Extension;
 use axum::http::header;
 use axum::response::{Html, IntoResponse, Response};
+use html::{escape, items, members, prose, table, text};
 use serde_json::Value;
-use std::sync::LazyLock;
+use std::sync::OnceLock;
 
-/// Read the description as a page.
+/// Read this description as a page.
 #[utoipa::path(
     get, path = "/docs", operation_id = "get_docs", tag = "service",
-    responses((status = 200, description = "This description, to be read by people", content_type = "text/html", body = String))
+    responses((status = 200, description = "This description as HTML", content_type = "text/html", body = String))
 )]
-pub(super) async fn page() -> Response {
-    static PAGE: LazyLock<String> = LazyLock::new(|| write(&openapi::description()));
-    ([(header::CONTENT_SECURITY_POLICY, POLICY)], Html(PAGE.as_str())).into_response()
-}
-
-/// Text as it may stand in HTML, also within an attribute.
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
-/// Text in which what stands between backquotes is code, and an empty line parts paragraphs.
-fn prose(text: &str) -> String {
-    let paragraph = |text: &str| {
-        let parts = escape(text);
-        let parts = parts.split('`').enumerate();
-        parts.map(|(i, part)| if i % 2 == 1 { format!("<code>{part}</code>") } else { part.to_owned() }).collect()
-    };
-    let paragraphs: Vec<String> = text.split("\n\n").map(paragraph).collect();
-    paragraphs.join("<br>")
-}
-
-fn text<'v>(value: &'v Value, member: &str) -> &'v str {
-    value[member].as_str().unwrap_or_default()
-}
-
-fn items(value: &Value) -> impl Iterator<Item = &Value> {
-    value.as_array().into_iter().flatten()
-}
-
-fn members(value: &Value) -> impl Iterator<Item = (&String, &Value)> {
-    value.as_object().into_iter().flatten()
+pub(super) async fn page(Extension(description): Extension<Description>) -> Response {
+    static PAGE: OnceLock<String> = OnceLock::new();
+    let page = PAGE.get_or_init(|| write(description.0())).as_str();
+    ([(header::CONTENT_SECURITY_POLICY, POLICY)], Html(page)).into_response()
 }
 
 fn write(document: &Value) -> String {
@@ -58,7 +34,7 @@ fn write(document: &Value) -> String {
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{title} {version}: interface</title>\n\
          <style>\n{STYLE}</style>\n</head>\n<body>\n<header>\n<h1>{title} <small>{version}</small></h1>\n<p>{description}</p>\n\
-         <p>The same for programs: <a href=\"/openapi.yaml\">/openapi.yaml</a>.</p>\n<nav aria-label=\"Subjects\"><ul>{links}\
+         <p>For programs: <a href=\"/openapi.yaml\">/openapi.yaml</a>.</p>\n<nav aria-label=\"Subjects\"><ul>{links}\
          <li><a href=\"#problems\">problems</a></li><li><a href=\"#schemas\">schemas</a></li></ul></nav>\n</header>\n<main>\n\
          {subjects}{problems}{schemas}</main>\n</body>\n</html>\n",
         title = escape(text(&document["info"], "title")),
@@ -125,12 +101,12 @@ fn operation(path: &str, method: &str, operation: &Value) -> String {
         "<article id=\"{id}\">\n<h3><a href=\"#{id}\"><code>{} {}</code></a></h3>\n{description}{}{body}{}</article>\n",
         method.to_ascii_uppercase(),
         escape(path),
-        table("Parameters", &["Name", "Where", "What", "Meaning"], &parameters),
-        table("Answers", &["Status", "When", "Body", "Headers"], &responses),
+        table("Parameters", &["Name", "In", "Type", "Meaning"], &parameters),
+        table("Responses", &["Status", "Meaning", "Body", "Headers"], &responses),
     )
 }
 
-/// Media types and what they hold.
+/// Media types with their schemas.
 fn content(content: &Value) -> String {
     let one = |(media_type, content): (&String, &Value)| {
         let media_type = format!("<code>{}</code>", escape(media_type));
@@ -142,19 +118,6 @@ fn content(content: &Value) -> String {
     members(content).map(one).collect::<Vec<_>>().join("<br>")
 }
 
-/// A table of rows whose cells are written; nothing where there are none.
-fn table(caption: &str, columns: &[&str], rows: &[String]) -> String {
-    if rows.is_empty() {
-        return String::new();
-    }
-    let head: String = columns.iter().map(|column| format!("<th scope=\"col\">{column}</th>")).collect();
-    let rows: String = rows.iter().map(|row| format!("<tr>{row}</tr>\n")).collect();
-    format!(
-        "<div class=\"wide\" tabindex=\"0\" role=\"group\" aria-label=\"{caption}\"><table>\n<caption>{caption}</caption>\n\
-         <thead><tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody>\n</table></div>\n"
-    )
-}
-
 /// Every kind of problem.
 fn problems() -> String {
     let row = |kind: &Kind| {
@@ -164,7 +127,7 @@ fn problems() -> String {
     let rows: Vec<String> = Kind::ALL.iter().map(row).collect();
     format!(
         "<section aria-labelledby=\"problems\">\n<h2 id=\"problems\">problems</h2>\n<p>{}</p>\n{}</section>\n",
-        prose("Every error answer is a `Problem` whose `type` is `urn:oviduct:problem:` and one of these."),
+        prose("Every error response is a `Problem`. Its `type` is `urn:oviduct:problem:` followed by one of these."),
         table("Problems", &["Type", "Status", "Title"], &rows),
     )
 }

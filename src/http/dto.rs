@@ -1,24 +1,24 @@
-//! What clients see: the shapes of answers. Members that do not apply are null, never absent.
+//! Bodies of responses. Members that do not apply are null, never absent.
 
 use super::problem::TYPE_PREFIX;
 use crate::generate::{Output, Progress, Stage};
 use crate::jobs::{BackendReport, Job, LiveSection, Priority, Status, WorkerInfo};
 use jiff::Timestamp;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-/// A model: what was asked for, how far it is, what came of it.
+/// A model: the request, its progress and its result.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Model {
-    /// Identity, a UUIDv7.
+    /// Identifier, a UUIDv7.
     pub id: Uuid,
-    /// Where it stands; an ended model never changes.
+    /// Status. A model that has succeeded, failed or was cancelled never changes.
     pub status: Status,
-    /// Grows with every change.
+    /// Increases with every change.
     #[schema(minimum = 0)]
     pub version: u64,
     /// Preset that the spec was resolved on.
@@ -26,58 +26,60 @@ pub struct Model {
     /// Seed.
     #[schema(minimum = 0, maximum = 9007199254740991i64)]
     pub seed: u64,
-    /// The whole resolved spec, as `GET /schema` describes it.
+    /// The complete resolved spec, as `GET /schema` describes it.
     #[schema(value_type = Object)]
     pub spec: Value,
-    /// Formats asked for.
+    /// Requested file formats.
     pub outputs: Vec<Output>,
     /// Labels.
     pub labels: BTreeMap<String, String>,
-    /// How urgent it is: of what waits, the higher is begun first.
+    /// Of the queued models, those of higher priority are started first.
     #[schema(value_type = i64, minimum = -100, maximum = 100)]
     pub priority: Priority,
-    /// What computes it.
+    /// Requested and used backend.
     pub backend: BackendReport,
-    /// Its way through the queue.
+    /// Position and waiting time in the queue.
     pub queue: Queue,
-    /// How far it is; null until it has started.
+    /// Progress; null until it has started.
     pub progress: Option<Progress>,
-    /// Attempts so far.
+    /// Number of attempts so far.
     #[schema(minimum = 0)]
     pub attempts: u32,
     /// When it was accepted.
     #[schema(value_type = String, format = DateTime)]
     pub created_at: Timestamp,
-    /// When the first attempt began.
+    /// When the first attempt started.
     #[schema(value_type = Option<String>, format = DateTime)]
     pub started_at: Option<Timestamp>,
     /// When it ended.
     #[schema(value_type = Option<String>, format = DateTime)]
     pub finished_at: Option<Timestamp>,
-    /// When it will be removed; null where it is kept.
+    /// When it will be removed; null if it is kept.
     #[schema(value_type = Option<String>, format = DateTime)]
     pub expires_at: Option<Timestamp>,
-    /// Its files, once succeeded.
+    /// Its files, once it has succeeded.
     pub files: Vec<ModelFile>,
-    /// Counts and measures in short, once succeeded.
+    /// Counts and measures, once it has succeeded.
     #[schema(value_type = Option<Object>)]
     pub summary: Option<Value>,
+    /// Signs of poor growth, once it has succeeded; empty if there are none.
+    pub warnings: Vec<ModelWarning>,
     /// Why it failed.
     pub problem: Option<ModelProblem>,
-    /// SHA-256 of the canonical spec (without `solver.search`), the seed and the engine's version.
+    /// SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as lower-case hex.
     pub digest: String,
-    /// The finished model whose files it shares.
+    /// Id of the finished model whose files it shares.
     pub reused_from: Option<Uuid>,
 }
 
-/// The way of a model through the queue.
+/// Position and waiting time of a model in the queue.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Queue {
-    /// Models ahead of it, among those that ask for the same backend: of higher priority, of an earlier turn between
-    /// submitters, or older. Counted up to 1000; null once it has left the queue.
+    /// Number of models ahead of it that request the same backend: those of higher priority, of an earlier turn between
+    /// submitters, or older ones. Counted up to 1000; null once it has left the queue.
     #[schema(minimum = 0)]
     pub position: Option<u64>,
-    /// Seconds it waited; null while it waits.
+    /// Seconds between acceptance and the first attempt; null while it waits.
     pub wait_seconds: Option<f64>,
 }
 
@@ -88,28 +90,37 @@ pub struct ModelFile {
     pub name: String,
     /// Media type.
     pub media_type: String,
-    /// Size.
+    /// Size in bytes.
     #[schema(minimum = 0)]
     pub bytes: u64,
     /// SHA-256, lower-case hex.
     pub sha256: String,
-    /// Where to get it.
+    /// Path to download it from.
     pub href: String,
+}
+
+/// A sign of poor growth of a model that has succeeded.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ModelWarning {
+    /// `splits-missing`, `small-gap` or `particles-short`; there may be more in future.
+    pub code: String,
+    /// A sentence with the numbers.
+    pub detail: String,
 }
 
 /// Why a model failed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
 pub struct ModelProblem {
-    /// `urn:oviduct:problem:` and a slug: `certificate`, `panic`, `memory`, `attempts-exhausted`, `storage`, …
+    /// `urn:oviduct:problem:` and a stable slug: `certificate`, `panic`, `memory`, `attempts-exhausted`, `storage`, …
     pub r#type: String,
-    /// One line.
+    /// The same for every problem of the type.
     pub title: String,
-    /// What happened and where.
+    /// What happened, and where.
     pub detail: String,
 }
 
 impl Model {
-    /// The model of a job, where models are kept so long after their end.
+    /// The model of a job. Models are removed `keep` after their end.
     #[must_use]
     pub fn of(job: &Job, keep: Option<Duration>) -> Self {
         let file = |file: &crate::jobs::File| ModelFile {
@@ -146,6 +157,7 @@ impl Model {
             expires_at: job.finished_at.zip(keep).and_then(|(end, keep)| end.checked_add(keep).ok()),
             files: job.files.iter().map(file).collect(),
             summary: job.summary.clone(),
+            warnings: warnings(job),
             problem: job.problem.as_ref().map(problem),
             digest: job.digest.clone(),
             reused_from: job.reused_from.map(|id| id.0),
@@ -153,7 +165,13 @@ impl Model {
     }
 }
 
-/// Progress of a succeeded model: all of it, also where it was grown (or reused) before a worker told of any.
+/// The warnings in the summary of a job. A summary of an older version has none.
+fn warnings(job: &Job) -> Vec<ModelWarning> {
+    let found = job.summary.as_ref().and_then(|summary| summary.get("warnings"));
+    found.and_then(|list| Vec::deserialize(list).ok()).unwrap_or_default()
+}
+
+/// Progress of a succeeded model: complete, even if it was reused or ended before a worker reported any.
 fn whole(job: &Job) -> Progress {
     let number = |value: Option<&Value>| value.and_then(Value::as_u64).and_then(|n| u32::try_from(n).ok()).unwrap_or(0);
     let found = |pointer: &str| number(job.summary.as_ref().and_then(|summary| summary.pointer(pointer)));
@@ -169,51 +187,51 @@ fn whole(job: &Job) -> Progress {
     }
 }
 
-/// Some models, newest first.
+/// A page of models, newest first.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct ModelList {
     /// The models.
     pub models: Vec<Model>,
-    /// Value of `cursor` for the next page; null on the last.
+    /// Value of `cursor` for the next page; null on the last page.
     pub next: Option<String>,
 }
 
-/// A batch: many models of one spec, asked for together. Models deleted one by one are missing from it.
+/// A batch: many models of one spec, requested together. Models that were deleted individually are not listed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
 pub struct Batch {
-    /// Identity, a UUIDv7.
+    /// Identifier, a UUIDv7.
     pub id: Uuid,
     /// When it was accepted.
     #[schema(value_type = String, format = DateTime)]
     pub created_at: Timestamp,
-    /// How urgent its models are.
+    /// Priority of its models.
     #[schema(value_type = i64, minimum = -100, maximum = 100)]
     pub priority: Priority,
-    /// Its models by status.
+    /// Number of its models by status.
     pub counts: BatchCounts,
     /// Ids of its models, in the order of the seeds.
     pub models: Vec<Uuid>,
 }
 
-/// How many models of a batch stand where.
+/// Number of models of a batch by status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ToSchema)]
 pub struct BatchCounts {
-    /// All of them.
+    /// All models.
     #[schema(minimum = 0)]
     pub total: u64,
-    /// Waiting.
+    /// Models that wait for a worker.
     #[schema(minimum = 0)]
     pub queued: u64,
-    /// Being grown.
+    /// Models that a worker grows.
     #[schema(minimum = 0)]
     pub running: u64,
-    /// Ended with a model.
+    /// Models that have succeeded.
     #[schema(minimum = 0)]
     pub succeeded: u64,
-    /// Ended with a problem.
+    /// Models that have failed.
     #[schema(minimum = 0)]
     pub failed: u64,
-    /// Ended by request.
+    /// Models that were cancelled.
     #[schema(minimum = 0)]
     pub cancelled: u64,
 }
@@ -238,13 +256,13 @@ impl From<&crate::jobs::Batch> for Batch {
     }
 }
 
-/// The data of an event: the whole state of a model, and in `section` events its last contour.
+/// The data of an event: the whole state of a model, and in `section` events its latest contour.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct ModelEvent {
     /// The model.
     #[serde(flatten)]
     pub model: Model,
-    /// The last contour; only in `section` events.
+    /// The latest contour; only in `section` events.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub section: Option<LiveSection>,
 }
@@ -252,17 +270,17 @@ pub struct ModelEvent {
 /// The data of the `end` event of a deleted model.
 #[derive(Clone, Copy, Debug, Serialize, ToSchema)]
 pub(super) struct DeletedEvent {
-    /// Which model.
+    /// Id of the model.
     pub id: Uuid,
     /// `deleted`.
     pub status: Deleted,
 }
 
-/// The status that a model has only in the last event of its stream.
+/// The status in the last event of a deleted model.
 #[derive(Clone, Copy, Debug, Serialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Deleted {
-    /// It is no more.
+    /// The model was deleted.
     Deleted,
 }
 
@@ -273,18 +291,18 @@ pub struct Worker {
     pub id: String,
     /// Host name.
     pub host: String,
-    /// What it computes with.
+    /// Backend.
     pub backend: crate::generate::Backend,
-    /// Device in words.
+    /// Name of the device.
     pub device: String,
-    /// The oldest of the models that it grows.
+    /// Id of the oldest model that it grows.
     pub job: Option<Uuid>,
-    /// The models that it grows: one, or those of a GPU's batch, the oldest first.
+    /// Ids of the models that it grows, oldest first: one, or those of a GPU batch.
     pub jobs: Vec<Uuid>,
-    /// Models it has ended.
+    /// Number of models it has finished.
     #[schema(minimum = 0)]
     pub jobs_done: u64,
-    /// Last sign of life.
+    /// Last heartbeat.
     #[schema(value_type = String, format = DateTime)]
     pub heartbeat_at: Timestamp,
 }
@@ -304,7 +322,7 @@ impl From<WorkerInfo> for Worker {
     }
 }
 
-/// Workers seen in the last minutes.
+/// Workers that sent a heartbeat within the last minutes.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct WorkerList {
     /// The workers.

@@ -1,7 +1,8 @@
-//! What surrounds every request: its id, its tracing span, and the body of its problem if it ends in one.
+//! What surrounds every request: the check of its `Host`, its id, its tracing span, and the body of its problem.
 //!
-//! Invariant: no error answer leaves without a problem body, whoever made it.
+//! Invariant: every error response has a problem body, also those of the framework.
 
+use super::host;
 use super::problem::{Kind, MEDIA_TYPE, Problem};
 use crate::clock::Stopwatch;
 use crate::trace;
@@ -15,7 +16,7 @@ use tower_http::catch_panic::CatchPanicLayer;
 use tracing::Instrument;
 use uuid::Uuid;
 
-/// Header of the request id: taken from the client where it is short and plain, else drawn.
+/// Header of the request id: that of the client if it has at most 128 visible ASCII characters, else a new one.
 pub const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
 const REQUEST_ID_MAX: usize = 128;
@@ -28,8 +29,8 @@ fn request_id(headers: &HeaderMap) -> String {
         .map_or_else(|| Uuid::now_v7().to_string(), str::to_owned)
 }
 
-/// Puts the envelope around a router. It goes outside of it as a whole, because a router adds `Allow` to its answers
-/// after its own layers.
+/// Puts the envelope around a router. It is no layer of that router, because a router adds `Allow` to its responses after
+/// its own layers.
 pub(super) fn enclose(router: Router) -> Router {
     let inner = router.layer(CatchPanicLayer::custom(panicked));
     Router::new().fallback_service(inner).layer(axum::middleware::from_fn(envelope))
@@ -42,7 +43,10 @@ async fn envelope(request: Request, next: Next) -> Response {
     let span = tracing::info_span!("request", %method, %path, request_id = %id, model = tracing::field::Empty);
     trace::adopt(&span, request.headers().get(trace::TRACEPARENT).and_then(|value| value.to_str().ok()));
     let watch = Stopwatch::start();
-    let response = next.run(request).instrument(span.clone()).await;
+    let response = match host::check(request.version(), request.headers()) {
+        Ok(()) => next.run(request).instrument(span.clone()).await,
+        Err(refusal) => refusal.into_response(),
+    };
     let mut response = span.in_scope(|| {
         let response = close(response, &method, &path, &id);
         let (status, seconds) = (response.status().as_u16(), watch.seconds());
@@ -61,7 +65,7 @@ async fn envelope(request: Request, next: Next) -> Response {
     response
 }
 
-/// Gives an error answer its problem body, and `OPTIONS` its answer.
+/// Writes the problem of an error response, and answers `OPTIONS`.
 fn close(mut response: Response, method: &Method, path: &str, id: &str) -> Response {
     let status = response.status();
     if status == StatusCode::METHOD_NOT_ALLOWED && method == Method::OPTIONS {
@@ -81,18 +85,18 @@ fn close(mut response: Response, method: &Method, path: &str, id: &str) -> Respo
     response
 }
 
-/// The problem for an error answer of the framework.
+/// The problem for an error response of the framework.
 fn plain(status: StatusCode, method: &Method, path: &str) -> Problem {
     let kind = Kind::for_status(status);
     let detail = match kind {
-        Kind::NotFound => format!("There is nothing at {path}; /openapi.yaml lists what there is."),
-        Kind::MethodNotAllowed => format!("{path} does not take {method}; the Allow header names what it takes."),
+        Kind::NotFound => format!("There is no resource at {path}; /openapi.yaml lists all."),
+        Kind::MethodNotAllowed => format!("{path} does not support {method}; the Allow header lists what it supports."),
         _ => format!("{} {method} {path}", status.canonical_reason().unwrap_or("Error")),
     };
     Problem::new(kind, detail)
 }
 
-/// The answer to `OPTIONS`: what the address takes.
+/// The response to `OPTIONS`: the supported methods.
 fn options(refused: &Response) -> Response {
     let mut allow = refused.headers().get(header::ALLOW).map_or_else(Vec::new, |v| v.as_bytes().to_vec());
     allow.extend_from_slice(if allow.is_empty() { b"OPTIONS" } else { b",OPTIONS" });
@@ -103,7 +107,7 @@ fn options(refused: &Response) -> Response {
     response
 }
 
-/// What a panic in a handler becomes.
+/// The response to a panic in a handler.
 #[expect(clippy::needless_pass_by_value, reason = "the signature that tower-http calls")]
 fn panicked(panic: Box<dyn std::any::Any + Send + 'static>) -> Response {
     let message = panic
@@ -112,7 +116,7 @@ fn panicked(panic: Box<dyn std::any::Any + Send + 'static>) -> Response {
         .or_else(|| panic.downcast_ref::<&str>().copied())
         .unwrap_or("no message");
     tracing::error!(panic = message, "a handler panicked");
-    Problem::new(Kind::Internal, "A fault of the service; its log names this request id.").into_response()
+    Problem::new(Kind::Internal, "The service failed. Its log has this request id.").into_response()
 }
 
 #[cfg(test)]
@@ -132,7 +136,8 @@ mod tests {
 
     #[tokio::test]
     async fn a_panic_is_a_problem_with_the_request_id() {
-        let request = Request::get("/boom").header(REQUEST_ID, "mine").body(Body::empty()).unwrap();
+        let request =
+            Request::get("/boom").header(header::HOST, "here").header(REQUEST_ID, "mine").body(Body::empty()).unwrap();
         let response = app().oneshot(request).await.unwrap();
         assert_eq!(response.status(), 500);
         assert_eq!(response.headers()[REQUEST_ID], "mine");
@@ -144,9 +149,13 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_request_id_that_is_not_plain_is_replaced() {
+    async fn an_invalid_request_id_is_replaced() {
         for bad in ["", "two words", &"x".repeat(129)] {
-            let request = Request::get("/nowhere").header(REQUEST_ID, bad).body(Body::empty()).unwrap();
+            let request = Request::get("/nowhere")
+                .header(header::HOST, "here")
+                .header(REQUEST_ID, bad)
+                .body(Body::empty())
+                .unwrap();
             let response = app().oneshot(request).await.unwrap();
             assert_eq!(response.status(), 404);
             let id = response.headers()[REQUEST_ID].to_str().unwrap();
@@ -155,8 +164,15 @@ mod tests {
     }
 
     #[tokio::test]
+    async fn a_request_without_a_host_is_a_problem() {
+        let response = app().oneshot(Request::get("/boom").body(Body::empty()).unwrap()).await.unwrap();
+        assert_eq!((response.status().as_u16(), &response.headers()[header::CONTENT_TYPE]), (400, &MEDIA_TYPE));
+        assert!(response.headers().contains_key(REQUEST_ID));
+    }
+
+    #[tokio::test]
     async fn options_names_the_methods() {
-        let request = Request::options("/boom").body(Body::empty()).unwrap();
+        let request = Request::options("/boom").header(header::HOST, "here").body(Body::empty()).unwrap();
         let response = app().oneshot(request).await.unwrap();
         assert_eq!(response.status(), 204);
         assert_eq!(response.headers()[header::ALLOW], "GET,HEAD,OPTIONS");

@@ -1,14 +1,14 @@
-//! Extractors whose refusals are problems.
+//! Extractors whose rejections are problems.
 
-use super::faults::Faults;
-use super::problem::{Fault, Kind, Problem};
+use super::faults::{Fault, Faults};
+use super::problem::{Kind, Problem};
 use crate::jobs::{self, JobId};
 use axum::extract::{FromRequestParts, Path, Query};
 use axum::http::request::Parts;
 use std::collections::BTreeSet;
 use uuid::Uuid;
 
-/// The id in a model's address. What is no UUID is no model: 404.
+/// The id in the path of a model; 404 if it is no UUID.
 pub(super) struct ModelId(pub(super) JobId);
 
 impl<S: Send + Sync> FromRequestParts<S> for ModelId {
@@ -23,7 +23,7 @@ impl<S: Send + Sync> FromRequestParts<S> for ModelId {
     }
 }
 
-/// The id in a batch's address. What is no UUID is no batch: 404.
+/// The id in the path of a batch; 404 if it is no UUID.
 pub(super) struct BatchId(pub(super) jobs::BatchId);
 
 impl<S: Send + Sync> FromRequestParts<S> for BatchId {
@@ -37,7 +37,7 @@ impl<S: Send + Sync> FromRequestParts<S> for BatchId {
     }
 }
 
-/// The parameters of the path as text; 404 where they are not UTF-8.
+/// The parameters of the path as text; 404 if they are not UTF-8.
 pub(super) struct PathTexts(Vec<(String, String)>);
 
 impl PathTexts {
@@ -60,16 +60,16 @@ impl<S: Send + Sync> FromRequestParts<S> for PathTexts {
 pub(super) struct Parameters(pub(super) Vec<(String, String)>);
 
 impl Parameters {
-    /// Faults of parameters that are not in `known` or, save for those in `repeatable`, stand more than once.
+    /// Faults of parameters that are not in `known`, or that are given more than once and are not in `repeatable`.
     pub(super) fn faults(&self, known: &[&str], repeatable: &[&str]) -> Faults {
         let mut faults = Faults::default();
         let mut seen = BTreeSet::new();
         for (name, _) in &self.0 {
             let again = !seen.insert(name);
             if !known.contains(&name.as_str()) {
-                faults.push(Fault::parameter(name, format!("is unknown; there are {}", known.join(", "))));
+                faults.push(Fault::parameter(name, format!("is unknown; the parameters are {}", known.join(", "))));
             } else if again && !repeatable.contains(&name.as_str()) {
-                faults.push(Fault::parameter(name, "stands more than once"));
+                faults.push(Fault::parameter(name, "is given more than once"));
             }
         }
         faults
@@ -82,7 +82,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Parameters {
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
         Query::try_from_uri(&parts.uri)
             .map(|Query(pairs)| Self(pairs))
-            .map_err(|_| Problem::new(Kind::BadRequest, "The query string cannot be read."))
+            .map_err(|_| Problem::new(Kind::BadRequest, "The query string is malformed."))
     }
 }
 
@@ -93,10 +93,10 @@ pub(super) fn parse_id(text: &str) -> Option<JobId> {
 
 /// 404 for a batch.
 pub(super) fn no_batch(id: impl std::fmt::Display) -> Problem {
-    Problem::new(Kind::BatchNotFound, format!("There is no batch {id}; it never was, or it was deleted."))
+    Problem::new(Kind::BatchNotFound, format!("There is no batch {id}. It never existed, or it was deleted."))
 }
 
 /// 404 for a model.
 pub(super) fn no_model(id: impl std::fmt::Display) -> Problem {
-    Problem::new(Kind::ModelNotFound, format!("There is no model {id}; it never was, or it was deleted."))
+    Problem::new(Kind::ModelNotFound, format!("There is no model {id}. It never existed, or it was deleted."))
 }

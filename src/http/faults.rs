@@ -1,13 +1,49 @@
-//! The faults of a request, gathered while it is read: all are counted, the first ones kept.
-//!
-//! A body of a megabyte can hold half a million faults; nobody reads them, and they would take hundreds of megabytes.
+//! The faults of a request. While it is read all are counted, and the first ones kept: a body of a megabyte can have half a
+//! million faults, which would take hundreds of megabytes.
 
-use super::problem::Fault;
+use serde::Serialize;
+use utoipa::ToSchema;
 
-/// Most faults that an answer names.
+/// Most faults that a response lists.
 const KEPT: usize = 100;
-/// Longest name of a place, in characters; what comes from outside may be of any length.
+/// Longest name of a place, in characters; a client may send names of any length.
 const PLACE_MAX: usize = 300;
+
+/// One fault of a request: where, and what.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
+pub struct Fault {
+    /// JSON pointer into the body, such as `/spec/collision/gap_um`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    pub pointer: Option<String>,
+    /// Name of a query parameter.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    pub parameter: Option<String>,
+    /// Name of a request header.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    pub header: Option<String>,
+    /// What is wrong, and what is allowed.
+    pub detail: String,
+}
+
+impl Fault {
+    /// A fault of the body.
+    pub fn at(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self { pointer: Some(pointer.into()), parameter: None, header: None, detail: detail.into() }
+    }
+
+    /// A fault of a query parameter.
+    pub fn parameter(name: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self { pointer: None, parameter: Some(name.into()), header: None, detail: detail.into() }
+    }
+
+    /// A fault of a request header.
+    pub fn header(name: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self { pointer: None, parameter: None, header: Some(name.into()), detail: detail.into() }
+    }
+}
 
 /// Faults found so far.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -17,7 +53,7 @@ pub(super) struct Faults {
 }
 
 impl Faults {
-    /// Whether none was found.
+    /// Whether there are none.
     pub(super) fn is_empty(&self) -> bool {
         self.kept.is_empty()
     }
@@ -37,12 +73,12 @@ impl Faults {
         }
     }
 
-    /// Whether a fault of this place of the body is among those kept.
+    /// Whether a fault at this place of the body is among those kept.
     pub(super) fn names(&self, pointer: &str) -> bool {
         self.kept.iter().any(|fault| fault.pointer.as_deref() == Some(pointer))
     }
 
-    /// Those kept, and how many there are besides.
+    /// Those kept, and the number of the others.
     pub(super) fn into_parts(self) -> (Vec<Fault>, usize) {
         (self.kept, self.left_out)
     }
@@ -67,7 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_first_are_kept_and_all_are_counted() {
+    fn the_first_faults_are_kept_and_all_are_counted() {
         let mut faults = Faults::default();
         assert!(faults.is_empty());
         faults.extend((0..250).map(|n| Fault::at(format!("/outputs/{n}"), "is wrong")));
@@ -77,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn places_are_cut_where_they_are_very_long() {
+    fn very_long_places_are_cut() {
         let (kept, _) = Faults::from(Fault::at("ä".repeat(1000), "is unknown")).into_parts();
         assert_eq!(kept[0].pointer.as_ref().map(|p| p.chars().count()), Some(PLACE_MAX));
     }

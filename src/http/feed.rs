@@ -1,213 +1,378 @@
-//! The changes of all models in one order, so that a stream of all of them can be resumed.
+//! The states of models as they change, published once for all readers.
 //!
-//! Each change gets the next number of a sequence; the log keeps the last one of each model, for the newest
-//! [`KEPT`] models. A cursor is the log's name and a number of it. The log lives as long as the process: a cursor of
-//! another process, or one older than the log reaches, is answered with the state of everything.
+//! A state that is offered to the feed is compared with the published one; [`Track`] decides which events are due, and
+//! readers share the bytes of the new [`View`]. `follower.rs` offers what it reads from the store.
+//!
+//! Without a reader of all models, only models are read that have a reader of their own. The states of all models are kept
+//! for [`LINGER`] after the last reader of all has gone, so that a client that reconnects gets only what it lacks.
 
-use crate::jobs::{Change, JobId};
-use std::collections::{BTreeMap, HashMap};
+mod log;
+
+use super::track::Track;
+use super::view::{Name, View};
+use crate::clock::Stopwatch;
+use crate::jobs::{Job, JobId, ListFilter, Status, Store, StoreError};
+use log::Log;
+pub(super) use log::Next;
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use tokio::sync::{broadcast, watch};
-use tokio_util::sync::CancellationToken;
+use std::time::Duration;
+use tokio::sync::{Notify, watch};
 use uuid::Uuid;
 
-/// Models whose last change is kept.
-const KEPT: usize = 10_000;
+/// Most bytes of published states. Some five thousand models.
+const MOST_BYTES: usize = 32 << 20;
+/// Ended models that are remembered, so that their end is published once.
+const ENDED: usize = 1000;
+/// Time for which all models are followed after the last reader of all has gone.
+const LINGER: Duration = Duration::from_secs(60);
 
-/// The changes of all models.
+/// How often, and how much.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pace {
+    /// Least time between two progress events, or two section events, of one model.
+    pub(super) interval: Duration,
+    /// Time after which a watched model is read again although no change was reported.
+    pub(super) poll: Duration,
+    /// Time after its end at which a model is removed.
+    pub(super) keep: Option<Duration>,
+}
+
+/// The states of models as they change.
 pub(super) struct Feed {
     name: String,
-    log: Mutex<Log>,
-    head: watch::Sender<u64>,
+    pub(super) store: Arc<dyn Store>,
+    pub(super) pace: Pace,
+    /// Times of the feed are counted from its start.
+    pub(super) age: Stopwatch,
+    state: Mutex<State>,
+    last: watch::Sender<u64>,
+    /// Wakes the follower.
+    pub(super) wake: Notify,
+    loading: tokio::sync::Mutex<()>,
 }
 
-struct Log {
-    /// Number of the last change.
-    head: u64,
-    /// Changes after this number are all known.
-    floor: u64,
-    by_number: BTreeMap<u64, JobId>,
-    by_model: HashMap<JobId, u64>,
+/// Whether all models are followed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum All {
+    No,
+    /// The number of readers.
+    Readers(usize),
+    /// There is no reader left; all models are followed until this age of the feed.
+    Until(Duration),
 }
 
-impl Log {
-    fn new() -> Self {
-        Self { head: 1, floor: 1, by_number: BTreeMap::new(), by_model: HashMap::new() }
+pub(super) struct Watched {
+    readers: usize,
+    view: watch::Sender<Option<Arc<View>>>,
+}
+
+pub(super) struct State {
+    pub(super) log: Log,
+    /// Models that have not ended.
+    pub(super) tracks: BTreeMap<JobId, Track>,
+    /// The newest models whose end was published.
+    pub(super) ended: BTreeSet<JobId>,
+    pub(super) watched: HashMap<JobId, Watched>,
+    pub(super) all: All,
+    /// Whether the models that a reader of all begins with were read.
+    pub(super) loaded: bool,
+    pub(super) due: VecDeque<JobId>,
+    /// The members of `due`.
+    pub(super) is_due: HashSet<JobId>,
+    /// Models with an event that was held back, and the age of the feed at which it is due.
+    pub(super) later: BTreeMap<JobId, Duration>,
+    /// Whether unknown models are to be looked for.
+    pub(super) search: bool,
+}
+
+impl State {
+    /// Whether all models are followed.
+    pub(super) fn follows_all(&self) -> bool {
+        self.all != All::No
     }
 
-    fn record(&mut self, id: JobId, kept: usize) {
-        self.head += 1;
-        if let Some(old) = self.by_model.insert(id, self.head) {
-            self.by_number.remove(&old);
+    /// Whether a model has a reader.
+    pub(super) fn wants(&self, id: JobId) -> bool {
+        self.follows_all() || self.watched.contains_key(&id)
+    }
+
+    /// Has a model read soon.
+    pub(super) fn make_due(&mut self, id: JobId) {
+        if self.is_due.insert(id) {
+            self.due.push_back(id);
         }
-        self.by_number.insert(self.head, id);
-        while self.by_number.len() > kept {
-            if let Some((number, id)) = self.by_number.pop_first() {
-                self.by_model.remove(&id);
-                self.floor = number;
-            }
+    }
+
+    fn publish(&mut self, view: View) {
+        let view = self.log.insert(view);
+        if let Some(watched) = self.watched.get(&view.id()) {
+            watched.view.send_replace(Some(view));
         }
     }
 
-    /// Changes were lost: nothing before now is known for sure.
-    fn forget(&mut self) {
-        self.head += 1;
-        self.floor = self.head;
-        self.by_number.clear();
-        self.by_model.clear();
+    /// Publishes what is new in this state of a model; older states than the published one are passed over.
+    pub(super) fn offer(&mut self, job: &Job, now: Duration, pace: Pace) {
+        let before = self.log.view(job.id).cloned();
+        let stale = before.as_ref().is_some_and(|view| view.version() > job.version);
+        if !self.wants(job.id) || stale {
+            return;
+        }
+        if self.ended.contains(&job.id) {
+            // The end is published once; but a later reader of this model must get it.
+            let unseen = self.watched.get(&job.id).filter(|watched| watched.view.borrow().is_none());
+            if let Some(watched) = unseen.filter(|_| job.status.is_ended()) {
+                let end = View::of(job, pace.keep, &[Name::End], self.log.last(), None);
+                watched.view.send_replace(Some(Arc::new(end)));
+            }
+            return;
+        }
+        let track = self.tracks.entry(job.id).or_insert_with(|| Track::new(pace.interval));
+        let (names, again) = track.next(job, now);
+        match again {
+            Some(again) => self.later.insert(job.id, now + again),
+            None => self.later.remove(&job.id),
+        };
+        if job.status.is_ended() {
+            self.forget(job.id);
+            self.ended.insert(job.id);
+            if self.ended.len() > ENDED {
+                self.ended.pop_first();
+            }
+        }
+        if !names.is_empty() {
+            self.publish(View::of(job, pace.keep, &names, self.log.last() + 1, before.as_deref()));
+        }
     }
 
-    fn since(&self, number: u64) -> Option<Vec<(u64, JobId)>> {
-        (self.floor..=self.head)
-            .contains(&number)
-            .then(|| self.by_number.range(number + 1..).map(|(n, id)| (*n, *id)).collect())
+    /// Publishes that a model was deleted.
+    pub(super) fn deleted(&mut self, id: JobId) {
+        let before = self.log.view(id).cloned();
+        if self.wants(id) && before.as_ref().is_none_or(|view| view.status().is_some()) {
+            self.forget(id);
+            self.ended.remove(&id);
+            self.publish(View::deleted(id, self.log.last() + 1, before.as_deref()));
+        }
+    }
+
+    /// Whether anything was published of a model that was not deleted.
+    pub(super) fn knows(&self, id: JobId) -> bool {
+        self.tracks.contains_key(&id) || self.ended.contains(&id)
+    }
+
+    fn forget(&mut self, id: JobId) {
+        self.tracks.remove(&id);
+        self.later.remove(&id);
     }
 }
 
-impl Feed {
-    /// Follows `changes` in a task until they end or `shutdown` is cancelled.
-    pub(super) fn follow(mut changes: broadcast::Receiver<Change>, shutdown: CancellationToken) -> Arc<Self> {
-        let name = Uuid::new_v4().simple().to_string()[..12].to_owned();
-        let feed = Arc::new(Self { name, log: Mutex::new(Log::new()), head: watch::Sender::new(1) });
-        let follower = Arc::clone(&feed);
-        tokio::spawn(async move {
-            loop {
-                let received = tokio::select! {
-                    received = changes.recv() => received,
-                    () = shutdown.cancelled() => return,
-                };
-                match received {
-                    Ok(change) => follower.lock().record(change.id, KEPT),
-                    Err(broadcast::error::RecvError::Lagged(_)) => follower.lock().forget(),
-                    Err(broadcast::error::RecvError::Closed) => return,
-                }
-                let head = follower.lock().head;
-                follower.head.send_replace(head);
+/// A reader of one model.
+pub(super) struct ModelReader {
+    feed: Arc<Feed>,
+    id: JobId,
+    view: watch::Receiver<Option<Arc<View>>>,
+}
+
+impl ModelReader {
+    /// The latest state; `None` before the model was read first.
+    pub(super) fn view(&mut self) -> Option<Arc<View>> {
+        self.view.borrow_and_update().clone()
+    }
+
+    /// Waits until there is another state.
+    pub(super) async fn changed(&mut self) {
+        if self.view.changed().await.is_err() {
+            std::future::pending::<()>().await;
+        }
+    }
+
+    /// Waits until the model has ended or was deleted.
+    pub(super) async fn ended(&mut self) {
+        if self.view.wait_for(|view| view.as_ref().is_some_and(|view| view.is_last())).await.is_err() {
+            std::future::pending::<()>().await;
+        }
+    }
+}
+
+impl Drop for ModelReader {
+    fn drop(&mut self) {
+        let mut state = self.feed.lock();
+        let Some(watched) = state.watched.get_mut(&self.id) else { return };
+        watched.readers -= 1;
+        if watched.readers == 0 {
+            state.watched.remove(&self.id);
+            if !state.follows_all() {
+                state.forget(self.id);
+                state.ended.remove(&self.id);
+                state.log.remove(self.id);
             }
-        });
-        feed
+        }
+    }
+}
+
+/// A reader of all models.
+pub(super) struct AllReader {
+    feed: Arc<Feed>,
+    last: watch::Receiver<u64>,
+}
+
+impl AllReader {
+    /// The first state after `number`.
+    pub(super) fn after(&mut self, number: u64) -> Next {
+        self.last.mark_unchanged();
+        self.feed.lock().log.after(number)
     }
 
-    fn lock(&self) -> MutexGuard<'_, Log> {
-        self.log.lock().unwrap_or_else(PoisonError::into_inner)
+    /// The models that a reader begins with, oldest first, and the number from which it goes on.
+    pub(super) fn first(&self, with_ended: bool) -> (VecDeque<JobId>, u64) {
+        let state = self.feed.lock();
+        (state.log.first(with_ended).into_iter().collect(), state.log.last())
     }
 
-    /// Number of the last change.
-    pub(super) fn head(&self) -> u64 {
-        self.lock().head
+    /// The latest state of a model.
+    pub(super) fn view(&self, id: JobId) -> Option<Arc<View>> {
+        self.feed.lock().log.view(id).cloned()
     }
 
-    /// Tells of each new change.
-    pub(super) fn watch(&self) -> watch::Receiver<u64> {
-        self.head.subscribe()
-    }
-
-    /// The last change of each model that changed after `number`, in order; `None` where the log does not reach back.
-    pub(super) fn since(&self, number: u64) -> Option<Vec<(u64, JobId)>> {
-        self.lock().since(number)
-    }
-
-    /// Whether the model may have changed after `number`.
-    pub(super) fn changed_since(&self, id: JobId, number: u64) -> bool {
-        let log = self.lock();
-        log.floor > number || log.by_model.get(&id).is_some_and(|&last| last > number)
-    }
-
-    /// Resolves when the model changes after `number`; never where no more changes are told.
-    pub(super) async fn changed(&self, id: JobId, watch: &mut watch::Receiver<u64>, number: u64) {
-        loop {
-            watch.mark_unchanged();
-            if self.changed_since(id, number) {
-                return;
-            }
-            if watch.changed().await.is_err() {
-                return std::future::pending().await;
-            }
+    /// Waits until a state is published after the last call of [`AllReader::after`].
+    pub(super) async fn changed(&mut self) {
+        if self.last.changed().await.is_err() {
+            std::future::pending::<()>().await;
         }
     }
 
     /// The cursor of `number`.
     pub(super) fn cursor(&self, number: u64) -> String {
-        format!("{}-{number}", self.name)
+        format!("{}-{number}", self.feed.name)
     }
 
-    /// The number of a cursor of this log.
+    /// The number of a cursor of this feed.
     pub(super) fn number(&self, cursor: &str) -> Option<u64> {
-        cursor.strip_prefix(&self.name)?.strip_prefix('-')?.parse().ok()
+        cursor.strip_prefix(&self.feed.name)?.strip_prefix('-')?.parse().ok()
+    }
+}
+
+impl Drop for AllReader {
+    fn drop(&mut self) {
+        let mut state = self.feed.lock();
+        state.all = match state.all {
+            All::Readers(readers) if readers > 1 => All::Readers(readers - 1),
+            _ => All::Until(self.feed.age.elapsed() + LINGER),
+        };
+    }
+}
+
+impl Feed {
+    /// A feed that nothing is published in.
+    pub(super) fn new(store: Arc<dyn Store>, pace: Pace) -> Self {
+        let state = State {
+            log: Log::new(MOST_BYTES),
+            tracks: BTreeMap::new(),
+            ended: BTreeSet::new(),
+            watched: HashMap::new(),
+            all: All::No,
+            loaded: false,
+            due: VecDeque::new(),
+            is_due: HashSet::new(),
+            later: BTreeMap::new(),
+            search: false,
+        };
+        Self {
+            name: Uuid::new_v4().simple().to_string()[..12].to_owned(),
+            store,
+            pace,
+            age: Stopwatch::start(),
+            last: watch::Sender::new(state.log.last()),
+            state: Mutex::new(state),
+            wake: Notify::new(),
+            loading: tokio::sync::Mutex::new(()),
+        }
+    }
+
+    pub(super) fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Watches one model from now on: whether it exists is not asked.
+    pub(super) fn watch(self: &Arc<Self>, id: JobId) -> ModelReader {
+        let mut state = self.lock();
+        let present = state.log.view(id).cloned();
+        let watched =
+            state.watched.entry(id).or_insert_with(|| Watched { readers: 0, view: watch::Sender::new(present) });
+        watched.readers += 1;
+        let view = watched.view.subscribe();
+        drop(state);
+        self.wake.notify_one();
+        ModelReader { feed: Arc::clone(self), id, view }
+    }
+
+    /// Has a watched model read soon.
+    pub(super) fn read_soon(&self, id: JobId) {
+        self.lock().make_due(id);
+        self.wake.notify_one();
+    }
+
+    /// Publishes what is new in this state of a watched model.
+    pub(super) fn offer(&self, job: &Job) {
+        let mut state = self.lock();
+        state.offer(job, self.age.elapsed(), self.pace);
+        let last = state.log.last();
+        drop(state);
+        self.announce(last);
+    }
+
+    /// Wakes the readers of all models; `last` is the number of the last state.
+    pub(super) fn announce(&self, last: u64) {
+        self.last.send_if_modified(|number| std::mem::replace(number, last) != last);
+    }
+
+    /// Follows all models from now on; reads those that a reader begins with, unless that was done before.
+    pub(super) async fn follow(self: &Arc<Self>) -> Result<AllReader, StoreError> {
+        let _one_at_a_time = self.loading.lock().await;
+        let loaded = {
+            let mut state = self.lock();
+            state.all = match state.all {
+                All::Readers(readers) => All::Readers(readers + 1),
+                All::No | All::Until(_) => All::Readers(1),
+            };
+            state.loaded
+        };
+        let reader = AllReader { feed: Arc::clone(self), last: self.last.subscribe() };
+        self.wake.notify_one();
+        if !loaded {
+            self.search().await?;
+            self.lock().loaded = true;
+        }
+        Ok(reader)
+    }
+
+    /// The jobs of which nothing was published.
+    fn unknown(&self, mut jobs: Vec<Job>) -> impl Iterator<Item = Job> {
+        let state = self.lock();
+        jobs.retain(|job| !state.knows(job.id));
+        jobs.into_iter()
+    }
+
+    /// Publishes the models that a reader begins with and that are not known: all that run, the newest that wait, and the
+    /// newest of any status.
+    pub(super) async fn search(&self) -> Result<(), StoreError> {
+        let mut found = BTreeMap::new();
+        for status in [Some(Status::Running), Some(Status::Queued), None] {
+            let mut filter = ListFilter { status, limit: log::FIRST as u32, ..ListFilter::default() };
+            loop {
+                let page = self.store.list(&filter).await?;
+                found.extend(self.unknown(page.jobs).map(|job| (job.id, job)));
+                filter.before = page.next.filter(|_| status == Some(Status::Running));
+                if filter.before.is_none() {
+                    break;
+                }
+            }
+        }
+        // Oldest first, as they would have been reported.
+        found.values().for_each(|job| self.offer(job));
+        Ok(())
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    fn id(n: u8) -> JobId {
-        JobId(Uuid::from_u128(u128::from(n)))
-    }
-
-    #[test]
-    fn a_number_beyond_the_log_is_not_known() {
-        let mut log = Log::new();
-        assert_eq!(log.since(1), Some(vec![]));
-        assert_eq!(log.since(0), None);
-        assert_eq!(log.since(2), None);
-        log.record(id(1), 9);
-        log.forget();
-        assert_eq!(log.since(2), None);
-        assert_eq!(log.since(log.head), Some(vec![]));
-    }
-
-    proptest! {
-        #[test]
-        fn the_log_tells_each_changed_model_once_or_nothing(
-            changes in prop::collection::vec(0u8..6, 0..40), from in 0usize..40, kept in 1usize..6,
-        ) {
-            let mut log = Log::new();
-            let mut heads = vec![log.head];
-            for &c in &changes {
-                log.record(id(c), kept);
-                heads.push(log.head);
-            }
-            let from = from.min(changes.len());
-            let mut want: Vec<JobId> = changes[from..].iter().map(|&c| id(c)).collect();
-            want.sort();
-            want.dedup();
-            if let Some(got) = log.since(heads[from]) {
-                prop_assert!(got.is_sorted_by_key(|(n, _)| *n));
-                let mut got: Vec<JobId> = got.into_iter().map(|(_, id)| id).collect();
-                got.sort();
-                prop_assert_eq!(got, want);
-            } else {
-                prop_assert!(want.len() > kept);
-            }
-            prop_assert!(log.by_model.len() <= kept && log.by_model.len() == log.by_number.len());
-        }
-    }
-
-    #[tokio::test]
-    async fn cursors_belong_to_one_log() {
-        let (sender, receiver) = broadcast::channel(4);
-        let feed = Feed::follow(receiver, CancellationToken::new());
-        let other = Feed::follow(sender.subscribe(), CancellationToken::new());
-        assert_eq!(feed.number(&feed.cursor(7)), Some(7));
-        for bad in [other.cursor(7), String::new(), "7".into(), feed.cursor(7) + "x"] {
-            assert_eq!(feed.number(&bad), None, "{bad}");
-        }
-    }
-
-    #[tokio::test]
-    async fn lost_changes_are_admitted() {
-        let (sender, receiver) = broadcast::channel(2);
-        for n in 0..5 {
-            sender.send(Change { id: id(n), version: Some(1) }).unwrap();
-        }
-        let feed = Feed::follow(receiver, CancellationToken::new());
-        let mut watch = feed.watch();
-        while feed.since(feed.head()).is_none() || feed.head() < 4 {
-            watch.changed().await.unwrap();
-        }
-        assert_eq!(feed.since(1), None);
-        assert!(feed.changed_since(id(0), 1));
-    }
-}
+mod tests;

@@ -1,29 +1,30 @@
 //! `GET /models/{id}/files/{name}`: the stored bytes. `GET /models/{id}/report`: the stored report, and what computed it.
 //!
 //! A name is looked up among the files of the model's record; it never becomes part of a path. Files never change,
-//! so their tag is their SHA-256 and they may be cached for ever.
+//! so their entity tag is their SHA-256, and they may be cached forever.
 
 use super::AppState;
 use super::conditional::ETag;
 use super::extract::{ModelId, PathTexts, no_model};
-use super::openapi::{FileMissing, RangeOutside, StoreAway};
 use super::problem::{Kind, Problem};
 use super::range::{Selection, select};
+use super::responses::{DownloadAway, FileMissing, RangeOutside};
 use crate::jobs::artifacts::ArtifactError;
 use crate::jobs::{BackendReport, File, Job, JobId};
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
-use futures_util::TryStreamExt;
+use futures_util::{StreamExt, TryStreamExt};
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
 use std::time::Duration;
+use tokio::sync::OwnedSemaphorePermit;
 
-/// Files never change.
+/// `Cache-Control` of responses that never change.
 pub(super) const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max-age=31536000, immutable");
 
-/// Time that a signed address is good for.
+/// Time for which a signed address is valid.
 const SIGNED_FOR: Duration = Duration::from_secs(300);
 
 /// Download a file.
@@ -33,20 +34,20 @@ const SIGNED_FOR: Duration = Duration::from_secs(300);
         ("id" = Uuid, Path, description = "Id of the model"),
         ("name" = String, Path, description = "Name of one of the model's files, such as `model.glb`"),
         ("range" = Option<String>, Header, description = "One range of bytes"),
-        ("if-range" = Option<String>, Header, description = "Tag of the file that the range is of"),
-        ("if-none-match" = Option<String>, Header, description = "Tags that the client has"),
+        ("if-range" = Option<String>, Header, description = "Entity tag of the file that the range is of"),
+        ("if-none-match" = Option<String>, Header, description = "Entity tags that the client has"),
     ),
     responses(
         (status = 200, description = "The file", headers(
             ("etag" = String, description = "SHA-256 of the file"),
             ("accept-ranges" = String, description = "`bytes`"),
-            ("content-disposition" = String, description = "A name to save it under"))),
+            ("content-disposition" = String, description = "File name to save it under"))),
         (status = 206, description = "The range", headers(
-            ("content-range" = String, description = "Which bytes of how many"))),
-        (status = 304, description = "The client has it"),
-        (status = 307, description = "The file store hands it out, at this address for five minutes; only where that is a setting of the service", headers(
-            ("location" = String, description = "Where to get it"))),
-        FileMissing, RangeOutside, StoreAway,
+            ("content-range" = String, description = "The range, and the size of the file"))),
+        (status = 304, description = "The client has this file"),
+        (status = 307, description = "Download it from the artifact store, at this address, within five minutes. Only if the service is set up so", headers(
+            ("location" = String, description = "Signed address of the file"))),
+        FileMissing, RangeOutside, DownloadAway,
     )
 )]
 pub(super) async fn download(
@@ -68,8 +69,8 @@ pub(super) async fn download(
     Ok(response)
 }
 
-/// Sends a download on to the file store, where that is set and the store can sign addresses. Ranges go along: a
-/// client repeats its headers there.
+/// Redirects a download to the artifact store, if that is set and the store can sign addresses. Ranges work too: a client
+/// repeats its headers there.
 async fn redirect(
     state: &AppState,
     job: &Job,
@@ -85,8 +86,8 @@ async fn redirect(
         return Ok(None);
     };
     let location = HeaderValue::try_from(url).map_err(|error| {
-        tracing::error!(%error, "a signed address is no header value");
-        Problem::new(Kind::Internal, "The download could not be sent on.")
+        tracing::error!(%error, "a signed address is no valid header value");
+        Problem::new(Kind::Internal, "The download could not be redirected.")
     })?;
     state.metrics.bytes_out(file.bytes);
     let headers = [(header::LOCATION, location), (header::CACHE_CONTROL, HeaderValue::from_static("no-store"))];
@@ -96,9 +97,9 @@ async fn redirect(
 /// The report of a model: what `report.json` holds, and what computed it.
 #[derive(serde::Serialize, utoipa::ToSchema)]
 pub(super) struct Report {
-    /// What computed the model. Not in the file, which is the same wherever the model is grown.
+    /// What computed the model. Not in the file, whose bytes are the same on any machine.
     backend: BackendReport,
-    /// SHA-256 of the canonical spec (without `solver.search`), the seed and the engine's version, as in the model.
+    /// SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as in the model.
     digest: String,
     /// Preset that the spec was resolved on.
     preset: String,
@@ -111,18 +112,18 @@ pub(super) struct Report {
     stored: Map<String, Value>,
 }
 
-/// Read the report of a model: its certificate, its counts, and what computed it.
+/// Read the report of a model: its certificate, its summary, and what computed it.
 #[utoipa::path(
     get, path = "/models/{id}/report", operation_id = "get_report", tag = "files",
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
-        ("if-none-match" = Option<String>, Header, description = "Tags that the client has"),
+        ("if-none-match" = Option<String>, Header, description = "Entity tags that the client has"),
     ),
     responses(
         (status = 200, description = "The report", body = Report, headers(
             ("etag" = String, description = "SHA-256 of the report"))),
-        (status = 304, description = "The client has it"),
-        FileMissing, StoreAway,
+        (status = 304, description = "The client has this file"),
+        FileMissing, DownloadAway,
     )
 )]
 pub(super) async fn report(
@@ -131,9 +132,10 @@ pub(super) async fn report(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let (job, file) = find(&state, id, "report.json").await?;
+    let _permit = permit(&state)?;
     let chunks: Vec<_> = state.artifacts.get_range(&file.key, None).await?.stream.try_collect().await?;
     let mut stored: Map<String, Value> = serde_json::from_slice(&chunks.concat()).map_err(|error| {
-        tracing::error!(%error, "a stored report cannot be read");
+        tracing::error!(%error, "a stored report is damaged");
         Problem::new(Kind::Internal, "The stored report is damaged.")
     })?;
     for own in ["backend", "digest", "preset", "seed"] {
@@ -150,6 +152,14 @@ pub(super) async fn report(
     Ok((headers, body).into_response())
 }
 
+/// Room for one more reader of the artifact store.
+pub(super) fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
+    state.downloads.clone().try_acquire_owned().map_err(|_| {
+        let detail = format!("{} downloads are running, which is the limit. Try again later.", state.limits.downloads);
+        Problem::new(Kind::TooManyDownloads, detail).with_header(header::RETRY_AFTER, HeaderValue::from_static("5"))
+    })
+}
+
 /// A model and its file of this name.
 pub(super) async fn find(state: &AppState, id: JobId, name: &str) -> Result<(Job, File), Problem> {
     let job = state.store.get(id).await?.ok_or_else(|| no_model(id))?;
@@ -158,7 +168,7 @@ pub(super) async fn find(state: &AppState, id: JobId, name: &str) -> Result<(Job
             let names: Vec<_> = job.files.iter().map(|file| file.name.as_str()).collect();
             format!("The model has the files [{}].", names.join(", "))
         } else {
-            "The model has not ended; its files come at its end.".to_owned()
+            "The model has not ended. Its files are available after its end.".to_owned()
         };
         return Err(Problem::new(Kind::FileNotFound, detail));
     };
@@ -170,7 +180,7 @@ async fn send(state: &AppState, file: &File, method: &Method, headers: &HeaderMa
     if tag.matches_none(headers) {
         return tag.not_modified(IMMUTABLE);
     }
-    // Ranges are of GET only (RFC 9110, section 14.2).
+    // Ranges are defined for GET only (RFC 9110, section 14.2).
     let asked = headers.get(header::RANGE).and_then(|v| v.to_str().ok());
     let asked = asked.filter(|_| method == Method::GET && tag.matches_range(headers));
     let (status, range) = match select(asked, file.bytes) {
@@ -188,9 +198,13 @@ async fn send(state: &AppState, file: &File, method: &Method, headers: &HeaderMa
         Body::empty()
     } else {
         let part = (status == StatusCode::PARTIAL_CONTENT).then(|| range.clone());
+        let permit = permit(state)?;
         let stream = state.artifacts.get_range(&file.key, part).await?.stream;
         state.metrics.bytes_out(range.end - range.start);
-        Body::from_stream(stream)
+        // The permit goes with the last byte, or with the connection.
+        Body::from_stream(stream.inspect(move |_| {
+            let _ = &permit;
+        }))
     };
     let mut response = (status, body).into_response();
     let out = response.headers_mut();
@@ -211,18 +225,18 @@ fn media_type(file: &File) -> HeaderValue {
     HeaderValue::try_from(&file.media_type).unwrap_or(HeaderValue::from_static("application/octet-stream"))
 }
 
-/// A file that a record names is there, unless the model was deleted a moment ago or the store is away.
+/// A file that a record names exists, unless the model was deleted a moment ago or the store is unavailable.
 impl From<ArtifactError> for Problem {
     fn from(error: ArtifactError) -> Self {
         match error {
             ArtifactError::NotFound { .. } => {
-                tracing::warn!(%error, "a file is gone");
-                Self::new(Kind::FileNotFound, "The file is gone; the model may have been deleted a moment ago.")
+                tracing::warn!(%error, "a file is missing");
+                Self::new(Kind::FileNotFound, "The file is missing. The model may have been deleted a moment ago.")
             }
             ArtifactError::Jobs(error) => error.into(),
             other => {
                 tracing::error!(error = %other, "the artifact store failed");
-                Self::new(Kind::StorageUnavailable, "The file store cannot be reached; try again later.")
+                Self::new(Kind::StorageUnavailable, "The artifact store is unavailable. Try again later.")
                     .with_header(header::RETRY_AFTER, HeaderValue::from_static("5"))
             }
         }

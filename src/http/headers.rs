@@ -1,6 +1,7 @@
-//! Request headers with a meaning of their own: `Prefer` (RFC 7240), `Idempotency-Key`, `Accept`, `Last-Event-ID`.
+//! Request headers: `Prefer` (RFC 7240), `Idempotency-Key`, `Accept`, `Last-Event-ID`.
 
-use super::problem::{Fault, Problem};
+use super::faults::Fault;
+use super::problem::Problem;
 use axum::http::{HeaderMap, HeaderName, header};
 use std::time::Duration;
 
@@ -15,13 +16,13 @@ pub(super) const IDEMPOTENCY_REPLAYED: HeaderName = HeaderName::from_static("ide
 /// `Last-Event-ID`.
 pub(super) const LAST_EVENT_ID: HeaderName = HeaderName::from_static("last-event-id");
 
-/// Longest wait that is granted, in seconds.
+/// Longest wait, in seconds.
 const WAIT_MAX: u64 = 60;
 /// Longest idempotency key, in bytes.
 const KEY_MAX: usize = 255;
 
-/// The wait asked for by `Prefer: wait=N`: 1 to 60 seconds, more is cut to 60. A preference that makes no sense is
-/// ignored, as RFC 7240 says.
+/// The wait requested by `Prefer: wait=N`: 1 to 60 seconds; more counts as 60. Invalid preferences are ignored, as RFC 7240
+/// requires.
 pub(super) fn wait(headers: &HeaderMap) -> Option<Duration> {
     let preferences = headers.get_all(PREFER);
     preferences.iter().filter_map(|v| v.to_str().ok()).flat_map(|v| v.split(',')).find_map(|preference| {
@@ -34,7 +35,7 @@ pub(super) fn wait(headers: &HeaderMap) -> Option<Duration> {
     })
 }
 
-/// The idempotency key: 1 to 255 visible ASCII characters. The quotes of a structured string are no part of it.
+/// The idempotency key: 1 to 255 visible ASCII characters, without the quotes of a structured string.
 pub(super) fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Problem> {
     let fault = |detail: &str| Err(Problem::invalid(Fault::header(IDEMPOTENCY_KEY.as_str(), detail)));
     let mut values = headers.get_all(IDEMPOTENCY_KEY).iter();
@@ -53,7 +54,7 @@ pub(super) fn idempotency_key(headers: &HeaderMap) -> Result<Option<String>, Pro
     Ok(Some(key.to_owned()))
 }
 
-/// Which of `offers` (media types, best first) fits `Accept` best; `None` where none does.
+/// The one of `offers` (media types, preferred first) that matches `Accept` best; `None` if none does.
 pub(super) fn accept<'a>(headers: &HeaderMap, offers: &[&'a str]) -> Option<&'a str> {
     let accepted: Vec<(String, f32)> = headers
         .get_all(header::ACCEPT)
@@ -83,7 +84,7 @@ pub(super) fn accept<'a>(headers: &HeaderMap, offers: &[&'a str]) -> Option<&'a 
             r if r == offer => Some(2),
             _ => None,
         };
-        // The most specific range decides.
+        // The most specific range counts.
         let best = accepted.iter().filter_map(|(range, q)| fits(range).map(|s| (s, *q))).max_by_key(|(s, _)| *s);
         best.map_or(0.0, |(_, q)| q)
     };
@@ -97,7 +98,7 @@ pub(super) fn accept<'a>(headers: &HeaderMap, offers: &[&'a str]) -> Option<&'a 
     best.map(|(offer, _)| offer)
 }
 
-/// `Last-Event-ID`, where it is plain text.
+/// `Last-Event-ID`, if it is visible ASCII.
 pub(super) fn last_event_id(headers: &HeaderMap) -> Option<&str> {
     headers.get(LAST_EVENT_ID)?.to_str().ok().map(str::trim).filter(|s| !s.is_empty())
 }

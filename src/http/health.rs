@@ -1,14 +1,17 @@
-//! `GET /healthz` and `GET /readyz`: alive, and able to take work.
+//! `GET /healthz` and `GET /readyz`: whether the process works, and whether it takes work.
 
 use super::AppState;
-use super::openapi::StoreAway;
 use super::problem::{Kind, Problem};
+use super::responses::{Unhealthy, Unready};
+use crate::jobs::artifacts::ArtifactError;
+use crate::status::Condition;
 use axum::Json;
 use axum::extract::State;
+use axum::http::{HeaderValue, header};
 use serde::Serialize;
 use utoipa::ToSchema;
 
-/// How the service is.
+/// The state of the service.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct Health {
     /// `ok`.
@@ -19,24 +22,56 @@ pub(super) struct Health {
 
 const OK: Health = Health { status: "ok", version: crate::ENGINE_VERSION };
 
-/// Whether the service is alive.
+/// Tell whether the process works.
+///
+/// It does not if a worker has not stopped for minutes although it was told to: then the process should be restarted.
 #[utoipa::path(
     get, path = "/healthz", operation_id = "get_health", tag = "service",
-    responses((status = 200, description = "It is alive", body = Health))
+    responses((status = 200, description = "The process works", body = Health), Unhealthy)
 )]
-pub(super) async fn alive() -> Json<Health> {
-    Json(OK)
+pub(super) async fn alive(State(state): State<AppState>) -> Result<Json<Health>, Problem> {
+    let stuck = state.status.stuck_workers();
+    if stuck.is_empty() {
+        return Ok(Json(OK));
+    }
+    let detail = format!("Workers have not stopped although they were told to: {}.", stuck.join("; "));
+    Err(Problem::new(Kind::WorkersStuck, detail).with("workers", stuck).with_header(header::RETRY_AFTER, LATER))
 }
 
-/// Whether the service can take work: the job store answers.
+/// Tell whether the process takes work.
+///
+/// It does if the job store answers, the artifact store takes a small file, and the process is neither opening its GPUs nor
+/// shutting down.
 #[utoipa::path(
     get, path = "/readyz", operation_id = "get_readiness", tag = "service",
-    responses((status = 200, description = "It can", body = Health), StoreAway)
+    responses((status = 200, description = "The process takes work", body = Health), Unready)
 )]
 pub(super) async fn ready(State(state): State<AppState>) -> Result<Json<Health>, Problem> {
-    if let Some((_, detail)) = state.status.not_ready() {
-        return Err(Problem::new(Kind::StoreUnavailable, detail));
+    if let Some((condition, detail)) = state.status.not_ready() {
+        return Err(not_ready(condition, format!("The process is {}: {detail}.", condition.name())));
     }
-    state.store.ready().await?;
-    Ok(Json(OK))
+    match tokio::join!(state.store.ready(), state.artifacts.check()) {
+        (Ok(()), Ok(())) => Ok(Json(OK)),
+        (Err(store), artifacts) => {
+            let both = "The job store and the artifact store are unavailable. Try again later.";
+            let one = "The job store is unavailable. Try again later.";
+            Err(Problem::from(store).with_detail(if artifacts.is_err() { both } else { one }))
+        }
+        (Ok(()), Err(error)) => Err(artifact_store_away(&error)),
+    }
 }
+
+/// The artifact store did not take a file. Its message is logged, not sent: it may hold names of hosts and paths.
+fn artifact_store_away(error: &ArtifactError) -> Problem {
+    tracing::error!(%error, "the artifact store is unavailable");
+    Problem::new(Kind::StorageUnavailable, "The artifact store is unavailable: it did not accept a test file.")
+        .with_header(header::RETRY_AFTER, LATER)
+}
+
+/// The process does not take work for now.
+pub(super) fn not_ready(condition: Condition, detail: impl Into<String>) -> Problem {
+    Problem::new(Kind::NotReady, detail).with("condition", condition.name()).with_header(header::RETRY_AFTER, LATER)
+}
+
+/// Seconds.
+const LATER: HeaderValue = HeaderValue::from_static("5");

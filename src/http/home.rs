@@ -1,4 +1,4 @@
-//! `GET /`: a page that says what this is and where to go.
+//! `GET /`: a page with links to the resources.
 
 use axum::http::{HeaderValue, header};
 use axum::response::{Html, IntoResponse, Response};

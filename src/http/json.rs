@@ -1,6 +1,6 @@
 //! JSON bodies: read within limits, parsed strictly.
 //!
-//! Strictly means: UTF-8, one document, at most 128 levels deep, no member twice; each fault names line and column.
+//! A body is UTF-8, one document, at most 128 levels deep, without repeated members. Each fault names line and column.
 
 use super::AppState;
 use super::problem::{Kind, Problem};
@@ -37,7 +37,7 @@ fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
         return refuse(format!("`{text}` is not a media type; send application/json."));
     };
     if media.essence_str() != "application/json" {
-        return refuse(format!("`{}` is not taken; send application/json.", media.essence_str()));
+        return refuse(format!("`{}` is not supported; send application/json.", media.essence_str()));
     }
     match media.get_param(mime::CHARSET) {
         Some(charset) if charset != mime::UTF_8 => refuse(format!("JSON is UTF-8, not {charset}.")),
@@ -47,14 +47,14 @@ fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
 
 async fn read(body: Body, limit: usize, time: Duration) -> Result<Bytes, Problem> {
     let too_large =
-        || Problem::new(Kind::PayloadTooLarge, format!("A body may have {limit} bytes at most.")).with("limit", limit);
+        || Problem::new(Kind::PayloadTooLarge, format!("A body may have at most {limit} bytes.")).with("limit", limit);
     if axum::body::HttpBody::size_hint(&body).lower() > limit as u64 {
         return Err(too_large());
     }
     match tokio::time::timeout(time, Limited::new(body, limit).collect()).await {
         Ok(Ok(collected)) => Ok(collected.to_bytes()),
         Ok(Err(error)) if error.is::<LengthLimitError>() => Err(too_large()),
-        Ok(Err(_)) => Err(Problem::new(Kind::BadRequest, "The body broke off.")),
+        Ok(Err(_)) => Err(Problem::new(Kind::BadRequest, "The connection ended within the body.")),
         Err(_) => Err(Problem::new(Kind::RequestTimeout, "The body did not arrive in time.")),
     }
 }
@@ -68,7 +68,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Value, Problem> {
         let before = &bytes[..error.valid_up_to()];
         let line = before.iter().filter(|&&b| b == b'\n').count() + 1;
         let column = before.iter().rev().take_while(|&&b| b != b'\n').count() + 1;
-        at(line, column, format!("a byte that is not UTF-8 at line {line} column {column}"))
+        at(line, column, format!("invalid UTF-8 at line {line} column {column}"))
     })?;
     serde_json::from_str::<Strict>(text).map(|s| s.0).map_err(|e| at(e.line(), e.column(), e.to_string()))
 }
@@ -127,7 +127,7 @@ impl<'de> Visitor<'de> for StrictVisitor {
         let mut map = Map::new();
         while let Some(key) = entries.next_key::<String>()? {
             if map.contains_key(&key) {
-                return Err(de::Error::custom(format_args!("the member {} stands twice", Value::from(key))));
+                return Err(de::Error::custom(format_args!("the member {} is given twice", Value::from(key))));
             }
             let Strict(value) = entries.next_value()?;
             map.insert(key, value);
@@ -137,7 +137,7 @@ impl<'de> Visitor<'de> for StrictVisitor {
 }
 
 /// The canonical text of a value: members sorted, no spaces, whole numbers without a fraction. Equal requests have
-/// equal texts, whatever their layout; idempotency keys compare these.
+/// equal texts, whatever their layout; idempotency keys are compared with a hash of it.
 pub(super) fn canonical(value: &Value) -> String {
     let mut out = String::new();
     write_canonical(value, &mut out);

@@ -1,4 +1,4 @@
-//! `GET /metrics`: what this process and the stores count, as Prometheus reads it.
+//! `GET /metrics`: what this process counts, and gauges read from the stores, as OpenMetrics text for Prometheus.
 
 use super::AppState;
 use crate::clock::Stopwatch;
@@ -9,20 +9,29 @@ use axum::http::header;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
-/// Read the counts of this process and the depth of the queue.
+/// Read the metrics of this process, and the depth of the queue.
 #[utoipa::path(
     get, path = "/metrics", operation_id = "get_metrics", tag = "service",
-    responses((status = 200, description = "OpenMetrics text. Where the job store is away, its gauges keep their last values",
+    responses((status = 200, description = "OpenMetrics text. While the job store is unavailable, gauges of the queue keep their last values",
         content_type = "application/openmetrics-text", body = String))
 )]
 pub(super) async fn read(State(state): State<AppState>) -> Response {
+    read_gauges(&state).await;
+    ([(header::CONTENT_TYPE, MEDIA_TYPE)], state.metrics.text()).into_response()
+}
+
+/// Sets the gauges that are read when they are asked for. Metrics stay readable while a store is unavailable.
+async fn read_gauges(state: &AppState) {
     state.metrics.set_streams(state.open_streams());
-    // The rest must stay readable while the store is away: that is when it is looked at.
     match state.store.counts().await {
         Ok(counts) => state.metrics.set_jobs(by_status(&counts)),
         Err(error) => tracing::warn!(%error, "jobs could not be counted"),
     }
-    ([(header::CONTENT_TYPE, MEDIA_TYPE)], state.metrics.text()).into_response()
+    match state.store.queued_by_backend().await {
+        Ok(queued) => state.metrics.set_queued(queued.map(|(backend, count)| (backend.name(), count))),
+        Err(error) => tracing::warn!(%error, "queued jobs could not be counted"),
+    }
+    state.metrics.set_artifact_store_up(state.artifacts.outage().is_none());
 }
 
 fn by_status(counts: &Counts) -> [(&'static str, u64); 5] {
@@ -35,7 +44,7 @@ fn by_status(counts: &Counts) -> [(&'static str, u64); 5] {
     ]
 }
 
-/// Counts each answer by the pattern of its address.
+/// Counts each response by the pattern of its path.
 pub(super) async fn count(State(metrics): State<Metrics>, request: Request, next: Next) -> Response {
     let method = match request.method().as_str() {
         known @ ("GET" | "HEAD" | "POST" | "PUT" | "PATCH" | "DELETE" | "OPTIONS") => known.to_owned(),

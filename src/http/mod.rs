@@ -1,7 +1,7 @@
 //! The HTTP service: a router over a job store and an artifact store.
 //!
-//! Handlers translate between the wire and the store, nothing more: no SQL, no computing of models, no reading of
-//! clocks. Every error answer is a problem (RFC 9457, [`problem`]); all routes stand on one page (`router.rs`).
+//! Handlers translate between the wire and the stores, nothing more: no SQL, no computing of models, no reading of
+//! clocks. Every error response is a problem (RFC 9457, [`problem`]). All routes are in `router.rs`.
 
 mod batches;
 mod conditional;
@@ -14,9 +14,11 @@ mod extract;
 mod faults;
 mod feed;
 mod files;
+mod follower;
 mod headers;
 mod health;
 mod home;
+mod host;
 mod json;
 mod metrics;
 mod models;
@@ -25,55 +27,63 @@ mod presets;
 pub mod problem;
 mod range;
 mod request;
+mod responses;
 mod router;
+#[cfg(test)]
+mod samples;
 mod sections;
-mod sse;
+mod track;
+mod view;
 mod workers;
 
-pub use dto::{Batch, BatchCounts, Model, ModelEvent, ModelFile, ModelList, ModelProblem, Queue, Worker, WorkerList};
+pub use dto::{
+    Batch, BatchCounts, Model, ModelEvent, ModelFile, ModelList, ModelProblem, ModelWarning, Queue, Worker, WorkerList,
+};
 pub use envelope::REQUEST_ID;
-pub use openapi::openapi_yaml;
 pub use request::SEED_MAX;
-pub use router::{router, watch_router};
+pub use router::{openapi_yaml, router, watch_router};
 
 use crate::jobs::Store;
 use crate::jobs::artifacts::Artifacts;
 use crate::metrics::Metrics;
 use crate::status::Status;
-use feed::Feed;
+use feed::{Feed, Pace};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 
-/// What the service takes on, decided before any work is queued.
+/// Limits of the service.
 #[derive(Clone, Debug)]
 pub struct Limits {
     /// Longest request body, bytes.
     pub body_bytes: usize,
-    /// Longest time for a request body to arrive.
+    /// Time within which a request body must arrive.
     pub body_time: Duration,
-    /// Most event streams open at a time.
+    /// Most open event streams.
     pub streams: usize,
-    /// Most answers held at a time by `Prefer: wait`; others come at once.
+    /// Most responses held at a time by `Prefer: wait`; further ones are sent at once.
     pub held: usize,
-    /// Least time between two progress events, or two section events, of one model in one stream.
+    /// Most downloads at a time. Each holds a descriptor: an open file, or a connection to an object store.
+    pub downloads: usize,
+    /// Least time between two progress events, or two section events, of one model.
     pub event_interval: Duration,
-    /// Time after which a stream reads its model again although no change was told.
+    /// Time after which a watched model is read again although the store reported no change.
     pub event_poll: Duration,
     /// Silence after which a stream sends a comment.
     pub event_comment: Duration,
-    /// Time since its last sign of life after which a GPU worker no longer counts.
+    /// Time since its last heartbeat after which a GPU worker no longer counts.
     pub gpu_memory: Duration,
+    /// Whether models for `gpu` are queued although no GPU worker is alive, because one will be started for them.
+    pub gpu_expected: bool,
+    /// Longest time that a request for `gpu` waits while workers of this process open their devices.
+    pub gpu_wait: Duration,
     /// Most models of a batch.
     pub batch: usize,
-    /// Time after its end that a model is kept, where it is not kept for good: told in the Model, carried out by the
-    /// sweep.
+    /// Time after its end at which a model is removed; `None` to keep it forever. The Model shows it, retention does it.
     pub keep: Option<Duration>,
-    /// Whether downloads are sent on to the file store, where it can be asked directly.
+    /// Whether downloads are redirected to the artifact store, if it can sign addresses.
     pub redirect_downloads: bool,
-    /// Whether models with backend `gpu` are queued although no GPU worker is alive, as some are started on demand.
-    pub gpu_expected: bool,
     /// Greatest predicted cost of one model.
     pub cost: crate::spec::Limits,
 }
@@ -83,12 +93,14 @@ impl Default for Limits {
         Self {
             body_bytes: 1 << 20,
             body_time: Duration::from_secs(30),
-            streams: 1024,
+            streams: 4096,
             held: 256,
+            downloads: 256,
             event_interval: Duration::from_millis(250),
             event_poll: Duration::from_secs(2),
             event_comment: Duration::from_secs(15),
             gpu_memory: Duration::from_secs(300),
+            gpu_wait: Duration::from_secs(20),
             batch: 1000,
             keep: None,
             redirect_downloads: false,
@@ -106,51 +118,52 @@ pub struct AppState {
     pub(crate) limits: Arc<Limits>,
     pub(crate) shutdown: CancellationToken,
     pub(crate) metrics: Metrics,
-    pub(crate) status: Status,
+    status: Status,
     feed: Arc<Feed>,
     streams: Arc<Semaphore>,
     held: Arc<Semaphore>,
+    downloads: Arc<Semaphore>,
 }
 
 impl AppState {
-    /// A service over these stores. When `shutdown` is cancelled, event streams and held answers end, so that the
-    /// server can drain; the other requests go on. Must be called within a Tokio runtime: it starts a task that
-    /// follows the store's changes, which ends with the store or with `shutdown`.
+    /// A service over these stores. When `shutdown` is cancelled, event streams end and held responses are sent, so that the
+    /// server can drain; other requests go on. Must be called within a Tokio runtime: it starts a task that
+    /// follows the store's changes until `shutdown`.
     #[must_use]
     pub fn new(store: Arc<dyn Store>, artifacts: Artifacts, limits: Limits, shutdown: CancellationToken) -> Self {
-        let feed = Feed::follow(store.changes(), shutdown.clone());
-        let streams = Arc::new(Semaphore::new(limits.streams));
-        let held = Arc::new(Semaphore::new(limits.held));
+        let pace = Pace { interval: limits.event_interval, poll: limits.event_poll, keep: limits.keep };
+        let feed = follower::start(Arc::clone(&store), pace, shutdown.clone());
+        let [streams, held, downloads] =
+            [limits.streams, limits.held, limits.downloads].map(|most| Arc::new(Semaphore::new(most)));
         let (limits, metrics, status) = (Arc::new(limits), Metrics::default(), Status::default());
-        Self { store, artifacts, limits, shutdown, metrics, status, feed, streams, held }
+        Self { store, artifacts, limits, shutdown, metrics, status, feed, streams, held, downloads }
     }
 
-    /// The same, counting into `metrics`.
+    /// Counts into `metrics`.
     #[must_use]
     pub fn with_metrics(self, metrics: Metrics) -> Self {
         Self { metrics, ..self }
     }
 
-    /// The same, reporting `status` at `/healthz` and `/readyz`.
+    /// Reports `status` at `/healthz` and `/readyz`.
     #[must_use]
     pub fn with_status(self, status: Status) -> Self {
         Self { status, ..self }
     }
 
-    /// Removes files that no record names any more, in the background where that takes long. Nobody can see them; what
-    /// cannot be removed is swept up later.
+    /// Removes files that no record names any more; waits at most a second for it. No client can reach them, and a later
+    /// sweep removes what is left.
     async fn forget(&self, keys: Vec<String>) {
         let artifacts = self.artifacts.clone();
         let removal = tokio::spawn(async move {
             if let Err(error) = artifacts.delete(&keys).await {
-                tracing::warn!(%error, "files of a deleted model were left to the sweep");
+                tracing::warn!(%error, "files of a deleted model could not be removed; a sweep will remove them");
             }
         });
-        // Where the file store is away, a client need not wait for it.
         let _ = tokio::time::timeout(Duration::from_secs(1), removal).await;
     }
 
-    /// Event streams that are open now.
+    /// Number of open event streams.
     #[must_use]
     pub fn open_streams(&self) -> usize {
         self.limits.streams - self.streams.available_permits()

@@ -1,25 +1,25 @@
-//! `GET /models`, `GET`, `DELETE /models/{id}`, `POST /models/{id}/cancel`: what there is, and stopping it.
+//! `GET /models`, `GET`, `DELETE /models/{id}`, `POST /models/{id}/cancel`: list, read, delete and cancel models.
 
 use super::AppState;
 use super::conditional::ETag;
 use super::dto::{Model, ModelList};
 use super::extract::{ModelId, Parameters, no_model, parse_id};
-use super::openapi::{BadParameters, ModelMissing, StoreAway};
-use super::problem::{Fault, Problem};
+use super::faults::Fault;
+use super::problem::Problem;
 use super::request::LABELS_MAX;
+use super::responses::{BadParameters, ModelMissing, StoreAway};
 use crate::jobs::{Job, ListFilter, Status};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 
-/// Models on a page where the request does not say.
+/// Models on a page by default.
 const PAGE: u32 = 20;
 /// Most models on a page.
 const PAGE_MAX: u32 = 100;
 
-/// The tag of a model's state. Its version; while it stands behind others in the queue, with its place there, which
-/// changes without a new version.
+/// The tag of a model's state: its version, and its position in the queue, which changes without a new version.
 pub(super) fn tag(job: &Job) -> ETag {
     match job.queue_position {
         None | Some(0) => ETag::strong(job.version),
@@ -27,12 +27,12 @@ pub(super) fn tag(job: &Job) -> ETag {
     }
 }
 
-/// The model as an answer.
+/// The model as a response.
 pub(super) fn answer(state: &AppState, status: StatusCode, job: &Job) -> Result<Response, Problem> {
     Ok((status, [(header::ETAG, tag(job).header()?)], Json(Model::of(job, state.limits.keep))).into_response())
 }
 
-/// When to look again at a model that has not ended: as long as it will take, between 1 and 30 seconds.
+/// When to ask again for a model that has not ended: after the time that it will take, between 1 and 30 seconds.
 pub(super) fn retry_after(job: &Job) -> HeaderValue {
     let eta = job.progress.and_then(|p| p.eta_seconds).unwrap_or(1.0);
     HeaderValue::from(eta.ceil().clamp(1.0, 30.0) as u32)
@@ -42,11 +42,11 @@ pub(super) fn retry_after(job: &Job) -> HeaderValue {
 #[utoipa::path(
     get, path = "/models", operation_id = "list_models", tag = "models",
     params(
-        ("status" = Option<Status>, Query, description = "Only of this status"),
-        ("preset" = Option<String>, Query, pattern = "^[^\\u0000]*$", description = "Only of this preset"),
-        ("label" = Option<Vec<String>>, Query, max_items = 16, pattern = "^[^:\\u0000]+:[^\\u0000]*$", description = "Only with this label, `key:value`; may stand up to 16 times: all must fit"),
-        ("limit" = Option<u32>, Query, minimum = 1, maximum = 100, description = "Most models on the page; 20 where it is left out"),
-        ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the page before"),
+        ("status" = Option<Status>, Query, description = "Only models of this status"),
+        ("preset" = Option<String>, Query, pattern = "^[^\\u0000]*$", description = "Only models of this preset"),
+        ("label" = Option<Vec<String>>, Query, max_items = 16, pattern = "^[^:\\u0000]+:[^\\u0000]*$", description = "Only models with this label, `key:value`. May be given up to 16 times: models with all of them"),
+        ("limit" = Option<u32>, Query, minimum = 1, maximum = 100, description = "Most models on the page; 20 by default"),
+        ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the previous page"),
     ),
     responses((status = 200, description = "A page of models", body = ModelList), BadParameters, StoreAway)
 )]
@@ -68,19 +68,19 @@ fn filter(parameters: &Parameters) -> Result<ListFilter, Problem> {
                 }
                 Err(_) => Some("must be queued, running, succeeded, failed or cancelled".to_owned()),
             },
-            // No record holds NUL, and not every database lets one ask for it.
+            // No record holds NUL, and PostgreSQL refuses it in a query.
             "preset" | "label" if value.contains('\0') => Some("must not contain NUL".to_owned()),
             "preset" => {
                 filter.preset = Some(value.clone());
                 None
             }
-            "label" if filter.labels.len() == LABELS_MAX => Some(format!("may stand {LABELS_MAX} times at most")),
+            "label" if filter.labels.len() == LABELS_MAX => Some(format!("may be given at most {LABELS_MAX} times")),
             "label" => match value.split_once(':') {
                 Some((key, value)) => {
                     filter.labels.push((key.to_owned(), value.to_owned()));
                     None
                 }
-                None => Some("must be a key and a value with a colon between".to_owned()),
+                None => Some("must be a key and a value, separated by a colon".to_owned()),
             },
             "limit" => match value.parse() {
                 Ok(limit @ 1..=PAGE_MAX) => {
@@ -103,18 +103,18 @@ fn filter(parameters: &Parameters) -> Result<ListFilter, Problem> {
     if faults.is_empty() { Ok(filter) } else { Err(Problem::invalid(faults)) }
 }
 
-/// Read one model.
+/// Read a model.
 #[utoipa::path(
     get, path = "/models/{id}", operation_id = "get_model", tag = "models",
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
-        ("if-none-match" = Option<String>, Header, description = "Tags that the client has"),
+        ("if-none-match" = Option<String>, Header, description = "Entity tags that the client has"),
     ),
     responses(
         (status = 200, description = "The model", body = Model, headers(
-            ("etag" = String, description = "The version; while others stand before it in the queue, with its place"),
-            ("retry-after" = Option<u32>, description = "Seconds after which to look again, while it has not ended"))),
-        (status = 304, description = "Nothing has changed"),
+            ("etag" = String, description = "The version, followed by the position in the queue if that is not 0"),
+            ("retry-after" = Option<u32>, description = "Seconds to wait before the next request; absent once it has ended"))),
+        (status = 304, description = "The model has not changed"),
         ModelMissing, StoreAway,
     )
 )]
@@ -138,9 +138,9 @@ pub(super) async fn get(
     Ok(response)
 }
 
-/// Stop a model.
+/// Cancel a model.
 ///
-/// A queued one ends at once, a running one within a second; an ended one stays as it is.
+/// A queued model ends at once, a running one within a second. An ended model does not change.
 #[utoipa::path(
     post, path = "/models/{id}/cancel", operation_id = "cancel_model", tag = "models",
     params(("id" = Uuid, Path, description = "Id of the model")),
@@ -154,13 +154,13 @@ pub(super) async fn cancel(State(state): State<AppState>, ModelId(id): ModelId) 
     answer(&state, StatusCode::OK, &job)
 }
 
-/// Remove a model and its files; it is stopped where needed.
+/// Delete a model and its files. It is cancelled if it has not ended.
 ///
-/// Files that another model shares stay.
+/// Files that another model shares are kept.
 #[utoipa::path(
     delete, path = "/models/{id}", operation_id = "delete_model", tag = "models",
     params(("id" = Uuid, Path, description = "Id of the model")),
-    responses((status = 204, description = "It is gone"), ModelMissing, StoreAway)
+    responses((status = 204, description = "The model was deleted"), ModelMissing, StoreAway)
 )]
 pub(super) async fn delete(State(state): State<AppState>, ModelId(id): ModelId) -> Result<StatusCode, Problem> {
     let keys = state.store.delete(id).await?.ok_or_else(|| no_model(id))?;

@@ -1,163 +1,76 @@
-//! The description of the service (OpenAPI 3.1), made from the routes and their types.
+//! The description of the service (OpenAPI 3.1), generated from the routes and their types.
 //!
-//! The committed `openapi.yaml` is this, byte for byte; a test compares them. Write it anew with
+//! The committed `openapi.yaml` is this, byte for byte; a test compares them. Regenerate it with
 //! `cargo run -- openapi > openapi.yaml`.
 
 use super::dto::{DeletedEvent, ModelEvent};
-use super::problem::{Fault, Kind, ProblemBody, TYPE_PREFIX};
-use super::request::{BatchRequest as Batch, ModelRequest as Request};
-use super::router::routes;
+use super::faults::Fault;
+use super::problem::{Kind, ProblemBody, TYPE_PREFIX};
+use super::request::{BatchRequest, ModelRequest};
+use super::responses::problem_responses;
 use crate::export::{glb, obj, sections_bin};
 use crate::generate::{Backend, Output};
+use axum::Extension;
 use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 use serde_json::{Map, Value, json};
-use std::collections::BTreeMap;
-use std::sync::LazyLock;
-use utoipa::openapi::content::ContentBuilder;
-use utoipa::openapi::{Ref, RefOr, Response as ResponseDoc, ResponseBuilder};
-use utoipa::{IntoResponses, OpenApi, PartialSchema, ToSchema};
+use std::sync::OnceLock;
+use utoipa::OpenApi;
 
 #[derive(OpenApi)]
 #[openapi(
     components(schemas(ProblemBody, Fault, Backend, Output, super::sections::Format, ModelEvent, DeletedEvent)),
     tags(
-        (name = "models", description = "Ask for models, find, stop and remove them"),
-        (name = "batches", description = "Many models of one spec, in one request"),
-        (name = "events", description = "Follow models as they grow"),
-        (name = "files", description = "What a finished model consists of"),
-        (name = "presets", description = "What can be grown"),
-        (name = "service", description = "The service itself"),
+        (name = "models", description = "Request, find, cancel and delete models"),
+        (name = "batches", description = "Many models of one spec in one request"),
+        (name = "events", description = "Follow models while they grow"),
+        (name = "files", description = "Files, sections and reports of finished models"),
+        (name = "presets", description = "Presets and the parameters of a spec"),
+        (name = "service", description = "Health, metrics, workers and this description"),
     )
 )]
 struct Base;
 
-/// Stands for the request in the descriptions of routes; its schema is that of [`Request`].
-pub(super) struct ModelRequest;
+/// Gives the description of all routes. Only the router knows them, so it provides this as an extension.
+#[derive(Clone, Copy)]
+pub(super) struct Description(pub(super) fn() -> &'static Value);
 
-impl PartialSchema for ModelRequest {
-    fn schema() -> RefOr<utoipa::openapi::Schema> {
-        // Replaced by `Request::schema` below, which says more than utoipa's types can.
-        utoipa::openapi::Object::new().into()
-    }
-}
-
-impl ToSchema for ModelRequest {}
-
-/// Stands for the request for a batch; its schema is that of [`Batch`].
-pub(super) struct BatchRequest;
-
-impl PartialSchema for BatchRequest {
-    fn schema() -> RefOr<utoipa::openapi::Schema> {
-        utoipa::openapi::Object::new().into()
-    }
-}
-
-impl ToSchema for BatchRequest {}
-
-/// Stands for one event of a stream in the descriptions of routes.
-pub(super) struct ServerSentEvent;
-
-impl PartialSchema for ServerSentEvent {
-    fn schema() -> RefOr<utoipa::openapi::Schema> {
-        // Replaced by `server_sent_event` below: utoipa knows no `contentSchema`.
-        utoipa::openapi::Object::new().into()
-    }
-}
-
-impl ToSchema for ServerSentEvent {}
-
-macro_rules! problems {
-    ($($(#[$doc:meta])* $name:ident: $($kind:ident),+;)*) => {$(
-        $(#[$doc])*
-        pub(super) struct $name;
-
-        impl IntoResponses for $name {
-            fn responses() -> BTreeMap<String, RefOr<ResponseDoc>> {
-                problem_responses(&[$(Kind::$kind),+])
-            }
-        }
-    )*};
-}
-
-problems! {
-    /// The address names no model.
-    ModelMissing: ModelNotFound;
-    /// The address names no batch.
-    BatchMissing: BatchNotFound;
-    /// The address names no model, or no file of it.
-    FileMissing: ModelNotFound, FileNotFound;
-    /// The address names no model, or no section of it.
-    SectionMissing: ModelNotFound, FileNotFound, SectionNotFound;
-    /// The address names no preset.
-    PresetMissing: PresetNotFound;
-    /// The range lies outside the file.
-    RangeOutside: RangeNotSatisfiable;
-    /// No representation fits `Accept`.
-    Inacceptable: NotAcceptable;
-    /// A query parameter is wrong.
-    BadParameters: BadRequest, InvalidRequest;
-    /// The body or a header is wrong.
-    BodyProblems: BadRequest, InvalidJson, RequestTimeout, PayloadTooLarge, UnsupportedMediaType, InvalidRequest, CostLimit, GpuUnavailable, IdempotencyConflict;
-    /// The queue is full.
-    QueueFull: QueueFull;
-    /// One of the stores is away.
-    StoreAway: StoreUnavailable, StorageUnavailable;
-    /// The store is away, or too many streams are open.
-    StreamAway: StoreUnavailable, TooManyStreams;
-}
-
-/// One response for each status among `kinds`.
-fn problem_responses(kinds: &[Kind]) -> BTreeMap<String, RefOr<ResponseDoc>> {
-    let mut by_status: BTreeMap<String, Vec<Kind>> = BTreeMap::new();
-    for kind in kinds {
-        by_status.entry(kind.status().as_str().to_owned()).or_default().push(*kind);
-    }
-    let content = || ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
-    let document = |kinds: Vec<Kind>| {
-        let lines: Vec<_> = kinds.iter().map(|kind| format!("{} (`{}`)", kind.title(), kind.slug())).collect();
-        ResponseBuilder::new().description(lines.join("; ")).content("application/problem+json", content()).build()
-    };
-    by_status.into_iter().map(|(status, kinds)| (status, document(kinds).into())).collect()
-}
-
-/// Describe the service.
+/// Read this description as YAML.
 #[utoipa::path(
     get, path = "/openapi.yaml", operation_id = "get_openapi", tag = "service",
     responses((status = 200, description = "This description", content_type = "application/yaml", body = String))
 )]
-pub(super) async fn document() -> Response {
-    static TEXT: LazyLock<String> = LazyLock::new(openapi_yaml);
-    ([(header::CONTENT_TYPE, HeaderValue::from_static("application/yaml"))], TEXT.as_str()).into_response()
+pub(super) async fn document(Extension(description): Extension<Description>) -> Response {
+    static TEXT: OnceLock<String> = OnceLock::new();
+    let text = TEXT.get_or_init(|| yaml(description.0())).as_str();
+    ([(header::CONTENT_TYPE, HeaderValue::from_static("application/yaml"))], text).into_response()
 }
 
-/// The description as YAML: what `openapi.yaml` holds.
-#[must_use]
-pub fn openapi_yaml() -> String {
-    let document = description();
-    let mut yaml = String::from("# Made from the code: cargo run -- openapi > openapi.yaml\n");
+/// A description as YAML: what `openapi.yaml` holds.
+pub(super) fn yaml(description: &Value) -> String {
+    let mut yaml = String::from("# Generated from the code: cargo run -- openapi > openapi.yaml\n");
     for part in ["openapi", "info", "tags", "paths", "components"] {
-        let text = yaml_serde::to_string(&json!({ part: document[part] })).expect("JSON is YAML");
+        let text = yaml_serde::to_string(&json!({ part: description[part] })).expect("JSON is YAML");
         yaml.push_str(&text);
     }
     yaml
 }
 
-/// The description.
-pub(super) fn description() -> Value {
+/// The description of these routes.
+pub(super) fn describe(routes: utoipa::openapi::OpenApi) -> Value {
     let mut api = Base::openapi();
-    api.merge(routes().into_openapi());
+    api.merge(routes);
     let mut document = serde_json::to_value(api).expect("a description has string keys only");
     document["info"] = info();
     let schemas = &mut document["components"]["schemas"];
-    schemas["ModelRequest"] = Request::schema();
-    schemas["BatchRequest"] = Batch::schema(super::Limits::default().batch);
+    schemas["ModelRequest"] = ModelRequest::schema();
+    schemas["BatchRequest"] = BatchRequest::schema(super::Limits::default().batch);
     spec_patch(schemas);
     schemas["ServerSentEvent"] = server_sent_event();
     describe_problems(&mut schemas["Problem"]);
     let paths = &mut document["paths"];
     describe_files(&mut paths["/models/{id}/files/{name}"]["get"]["responses"]);
-    // Text: a reader that parses YAML would find an object where a schema of it says string.
+    // Without a schema: a client that parses YAML finds an object where a schema of text says string.
     paths["/openapi.yaml"]["get"]["responses"]["200"]["content"] = json!({ "application/yaml": {} });
     for item in document["paths"].as_object_mut().into_iter().flat_map(Map::values_mut) {
         for operation in item.as_object_mut().into_iter().flat_map(Map::values_mut) {
@@ -173,14 +86,14 @@ fn info() -> Value {
         "title": "oviduct",
         "version": crate::ENGINE_VERSION,
         "license": { "name": "MIT OR Apache-2.0", "identifier": "MIT OR Apache-2.0" },
-        "description": "Grows 3D models of folded tubular organs. Ask for one with `POST /models`, follow it by its events, \
-            download its files. Every error answer is a problem (RFC 9457); every answer carries `x-request-id`.",
+        "description": "Grows 3D models of folded tubular organs. Request one with `POST /models`, follow its events, \
+            download its files. Every error response is a problem (RFC 9457); every response has `x-request-id`.",
     })
 }
 
-/// What every operation may answer besides.
+/// Adds what all operations have in common.
 fn complete(operation: &mut Value) {
-    // By `get_mut`: an index would put in null where nothing is.
+    // By `get_mut`: indexing inserts null if there is no such member.
     for parameter in operation.get_mut("parameters").and_then(Value::as_array_mut).into_iter().flatten() {
         // A header or a parameter may be absent, never null.
         if let Some(kinds) = parameter.pointer("/schema/type").and_then(Value::as_array).cloned() {
@@ -191,7 +104,9 @@ fn complete(operation: &mut Value) {
     for (status, response) in problem_responses(&[Kind::Internal]) {
         responses.entry(status).or_insert_with(|| serde_json::to_value(response).unwrap_or_default());
     }
-    for (status, text) in [("429", "Seconds after which to try again"), ("503", "Seconds after which to try again")] {
+    for (status, text) in
+        [("429", "Seconds to wait before the next attempt"), ("503", "Seconds to wait before the next attempt")]
+    {
         if let Some(response) = responses.get_mut(status) {
             response["headers"]["retry-after"] = json!({ "description": text, "schema": { "type": "integer" } });
         }
@@ -202,7 +117,7 @@ fn complete(operation: &mut Value) {
     }
 }
 
-/// The media types of files. What they hold is not for JSON Schema to say; half a file of JSON is not even JSON.
+/// The media types of files, without schemas: most files are not JSON, and a range of JSON is not JSON either.
 fn describe_files(responses: &mut Value) {
     let types = [glb::MEDIA_TYPE, obj::MEDIA_TYPE, sections_bin::MEDIA_TYPE, "application/json"];
     let content: Map<String, Value> = types.map(|media_type| (media_type.to_owned(), json!({}))).into_iter().collect();
@@ -211,7 +126,7 @@ fn describe_files(responses: &mut Value) {
     }
 }
 
-/// One event of a stream: its three fields as they arrive, and what is in the text of `data`.
+/// One event of a stream: its three fields, and what the text of `data` holds.
 fn server_sent_event() -> Value {
     json!({
         "type": "object",
@@ -221,9 +136,9 @@ fn server_sent_event() -> Value {
             "event": {
                 "type": "string",
                 "enum": ["status", "progress", "section", "end"],
-                "description": "What it tells of; `end` is the last of its model",
+                "description": "What has changed; `end` is the last event of a model",
             },
-            "id": { "type": "string", "description": "To be sent back as `Last-Event-ID`" },
+            "id": { "type": "string", "description": "Value for `Last-Event-ID` when the client reconnects" },
             "data": {
                 "type": "string",
                 "contentMediaType": "application/json",
@@ -231,7 +146,7 @@ fn server_sent_event() -> Value {
                     { "$ref": "#/components/schemas/ModelEvent" },
                     { "$ref": "#/components/schemas/DeletedEvent" },
                 ] },
-                "description": "The state, as JSON",
+                "description": "The whole state of the model, as JSON",
             },
         },
     })
@@ -251,18 +166,25 @@ fn plain_integers(value: &mut Value) {
     }
 }
 
-/// Lists the kinds of problems in the schema of one.
+/// Adds to the schema of a problem its types and the members that only some of them have.
 fn describe_problems(schema: &mut Value) {
     let types: Vec<_> = Kind::ALL.iter().map(|kind| format!("{TYPE_PREFIX}{}", kind.slug())).collect();
     schema["properties"]["type"]["enum"] = json!(types);
-    schema["properties"]["line"] = json!({ "type": "integer", "description": "invalid-json: where in the body" });
-    schema["properties"]["column"] = json!({ "type": "integer", "description": "invalid-json: where in the line" });
-    schema["properties"]["errors_left_out"] = json!({ "type": "integer", "description": "invalid-request: how many faults there are besides those in errors" });
+    schema["properties"]["line"] =
+        json!({ "type": "integer", "description": "invalid-json: line of the body, from 1" });
+    schema["properties"]["column"] =
+        json!({ "type": "integer", "description": "invalid-json: column of the line, from 1" });
+    schema["properties"]["errors_left_out"] =
+        json!({ "type": "integer", "description": "invalid-request: number of faults that are not listed in errors" });
+    schema["properties"]["condition"] = json!({ "type": "string",
+        "description": "not-ready: the reason, such as `opening-devices` or `draining`" });
+    schema["properties"]["workers"] = json!({ "type": "array", "items": { "type": "string" },
+        "description": "workers-stuck: a sentence on each" });
     schema["properties"]["prediction"] = json!({ "$ref": "#/components/schemas/Cost" });
     schema["properties"]["limit"] = json!({ "description": "cost-limit, queue-full, payload-too-large: the limit" });
 }
 
-/// The schema of the spec as components: `null` is taken everywhere (it puts a value back to the preset's), and the
+/// The schema of the spec as components. `null` is allowed everywhere (it resets a value to the preset's), and the
 /// definitions become components of their own.
 fn spec_patch(schemas: &mut Value) {
     let mut schema = crate::spec::schema();
@@ -312,7 +234,7 @@ fn nullable(schema: &mut Value) {
     }
     if let Some(alternatives) = schema.get_mut("oneOf").and_then(Value::as_array_mut) {
         for alternative in alternatives.iter_mut().filter(|a| a.get("properties").is_some()) {
-            // Members that only narrow a definition, which already takes null.
+            // Members that only narrow a definition, which already allows null.
             for member in alternative["properties"].as_object_mut().into_iter().flat_map(Map::values_mut) {
                 if member.get("properties").is_some() {
                     nullable_members(member);

@@ -1,8 +1,8 @@
-//! `GET /presets`, `GET /presets/{name}`, `GET /schema`: what can be grown.
+//! `GET /presets`, `GET /presets/{name}`, `GET /schema`: presets and the parameters of a spec.
 
 use super::extract::PathTexts;
-use super::openapi::PresetMissing;
 use super::problem::{Kind, Problem};
+use super::responses::PresetMissing;
 use crate::spec::{preset, presets, schema};
 use axum::Json;
 use axum::http::{HeaderValue, header};
@@ -11,15 +11,15 @@ use serde::Serialize;
 use serde_json::Value;
 use utoipa::ToSchema;
 
-/// What can be grown.
+/// The presets.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct PresetList {
-    /// Name, title, organ, species, description, and whether it is the default; the default first.
+    /// Name, title, organ, species, description, and whether it is the default. The default comes first.
     #[schema(value_type = Vec<Object>)]
     presets: Vec<Value>,
 }
 
-/// List what can be grown.
+/// List the presets.
 #[utoipa::path(
     get, path = "/presets", operation_id = "list_presets", tag = "presets",
     responses((status = 200, description = "The presets", body = PresetList))
@@ -28,7 +28,7 @@ pub(super) async fn list() -> Json<PresetList> {
     Json(PresetList { presets: presets().iter().map(crate::spec::Preset::summary).collect() })
 }
 
-/// Read one preset: each value with its unit and its source.
+/// Read a preset: its values, each with unit and source.
 #[utoipa::path(
     get, path = "/presets/{name}", operation_id = "get_preset", tag = "presets",
     params(("name" = String, Path, description = "Name of the preset")),
@@ -37,12 +37,12 @@ pub(super) async fn list() -> Json<PresetList> {
 pub(super) async fn get(path: PathTexts) -> Result<Json<Value>, Problem> {
     let found = preset(path.get("name")).ok_or_else(|| {
         let names: Vec<_> = presets().iter().map(|p| p.name.as_str()).collect();
-        Problem::new(Kind::PresetNotFound, format!("There are the presets {}.", names.join(", ")))
+        Problem::new(Kind::PresetNotFound, format!("The presets are {}.", names.join(", ")))
     })?;
     Ok(Json(found.to_json()))
 }
 
-/// Read the JSON Schema of the spec: titles, units, bounds, defaults.
+/// Read the JSON Schema of a spec: titles, units, bounds, defaults.
 #[utoipa::path(
     get, path = "/schema", operation_id = "get_schema", tag = "presets",
     responses((status = 200, description = "JSON Schema, draft 2020-12", content_type = "application/schema+json", body = Object))

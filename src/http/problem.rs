@@ -1,8 +1,9 @@
-//! Problems (RFC 9457): every error answer of the service is one.
+//! Problems (RFC 9457): every error response of the service is one.
 //!
-//! A handler returns a [`Problem`]; the envelope around the router writes its body, because only there the
+//! A handler returns a [`Problem`]. The envelope around the router writes its body, because only there the
 //! request id and the path are known. `type` is `urn:oviduct:problem:{slug}`; slugs are stable, see [`Kind`].
 
+pub use super::faults::Fault;
 use super::faults::Faults;
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -10,12 +11,12 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-/// What every `type` begins with.
+/// Prefix of every `type`.
 pub const TYPE_PREFIX: &str = "urn:oviduct:problem:";
 
 macro_rules! kinds {
     ($($(#[$doc:meta])* $name:ident = $slug:literal, $status:ident, $title:literal;)*) => {
-        /// Kinds of problems: the last part of `type`, with the status and the title that go with it.
+        /// Kinds of problems, each with the last part of its `type`, its status and its title.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub enum Kind { $($(#[$doc])* $name,)* }
 
@@ -29,7 +30,7 @@ macro_rules! kinds {
                 match self { $(Self::$name => $slug,)* }
             }
 
-            /// Status of the answer.
+            /// Status of the response.
             #[must_use]
             pub const fn status(self) -> StatusCode {
                 match self { $(Self::$name => StatusCode::$status,)* }
@@ -45,12 +46,12 @@ macro_rules! kinds {
 }
 
 kinds! {
-    /// The request is malformed in a way that no other kind names.
+    /// The request is malformed, and no other kind describes how.
     BadRequest = "bad-request", BAD_REQUEST, "The request is malformed";
     /// The body is not JSON; `line` and `column` say where.
     InvalidJson = "invalid-json", BAD_REQUEST, "The body is not valid JSON";
-    /// No resource has this address.
-    NotFound = "not-found", NOT_FOUND, "There is nothing at this address";
+    /// No resource has this path.
+    NotFound = "not-found", NOT_FOUND, "There is no resource at this path";
     /// No model has this id.
     ModelNotFound = "model-not-found", NOT_FOUND, "There is no such model";
     /// No batch has this id.
@@ -61,40 +62,46 @@ kinds! {
     SectionNotFound = "section-not-found", NOT_FOUND, "The model has no such section";
     /// No preset has this name.
     PresetNotFound = "preset-not-found", NOT_FOUND, "There is no such preset";
-    /// The address does not take this method; `Allow` names those it takes.
+    /// The resource does not support this method; `Allow` lists those it supports.
     MethodNotAllowed = "method-not-allowed", METHOD_NOT_ALLOWED, "The method is not allowed here";
-    /// No representation fits `Accept`.
-    NotAcceptable = "not-acceptable", NOT_ACCEPTABLE, "No representation fits the Accept header";
-    /// The body came too slowly.
-    RequestTimeout = "request-timeout", REQUEST_TIMEOUT, "The request took too long to arrive";
+    /// No representation matches `Accept`.
+    NotAcceptable = "not-acceptable", NOT_ACCEPTABLE, "No representation matches the Accept header";
+    /// The body did not arrive in time.
+    RequestTimeout = "request-timeout", REQUEST_TIMEOUT, "The request body did not arrive in time";
     /// The body is over the limit.
     PayloadTooLarge = "payload-too-large", PAYLOAD_TOO_LARGE, "The body is too large";
     /// The body is not declared as JSON.
     UnsupportedMediaType = "unsupported-media-type", UNSUPPORTED_MEDIA_TYPE, "The media type is not supported";
     /// The range lies outside the file.
     RangeNotSatisfiable = "range-not-satisfiable", RANGE_NOT_SATISFIABLE, "The range lies outside the file";
-    /// Fields or parameters are wrong; `errors` names each.
+    /// Members, parameters or headers are invalid; `errors` lists them.
     InvalidRequest = "invalid-request", UNPROCESSABLE_ENTITY, "The request is not valid";
     /// The predicted cost is over the limit; `prediction` and `limit` say how much.
-    CostLimit = "cost-limit", UNPROCESSABLE_ENTITY, "The model would cost too much";
-    /// A GPU was asked for, and no GPU worker has been alive for five minutes.
+    CostLimit = "cost-limit", UNPROCESSABLE_ENTITY, "The predicted cost exceeds a limit";
+    /// A GPU was requested, and no GPU worker has sent a heartbeat for five minutes.
     GpuUnavailable = "gpu-unavailable", UNPROCESSABLE_ENTITY, "No GPU worker is available";
-    /// The idempotency key came with another body before.
+    /// The idempotency key was used with another body before.
     IdempotencyConflict = "idempotency-key-reused", UNPROCESSABLE_ENTITY, "The idempotency key was used for another request";
-    /// The queue takes no more models for now.
+    /// The queue is at its limit.
     QueueFull = "queue-full", TOO_MANY_REQUESTS, "The queue is full";
-    /// A fault of the service.
+    /// The service failed.
     Internal = "internal", INTERNAL_SERVER_ERROR, "The service failed";
-    /// The job store is away.
-    StoreUnavailable = "store-unavailable", SERVICE_UNAVAILABLE, "The job store is not available";
-    /// The artifact store is away.
-    StorageUnavailable = "storage-unavailable", SERVICE_UNAVAILABLE, "The file store is not available";
-    /// As many event streams are open as the service keeps.
+    /// The job store is unavailable.
+    StoreUnavailable = "store-unavailable", SERVICE_UNAVAILABLE, "The job store is unavailable";
+    /// The artifact store is unavailable.
+    StorageUnavailable = "storage-unavailable", SERVICE_UNAVAILABLE, "The artifact store is unavailable";
+    /// The limit of open event streams is reached.
     TooManyStreams = "too-many-streams", SERVICE_UNAVAILABLE, "Too many event streams are open";
+    /// The limit of concurrent downloads is reached.
+    TooManyDownloads = "too-many-downloads", SERVICE_UNAVAILABLE, "Too many downloads are running";
+    /// The process does not take work now; `condition` says why.
+    NotReady = "not-ready", SERVICE_UNAVAILABLE, "The process is not ready";
+    /// Workers of this process have not stopped although they were told to; `workers` lists them.
+    WorkersStuck = "workers-stuck", SERVICE_UNAVAILABLE, "Workers are stuck";
 }
 
 impl Kind {
-    /// The kind for an error answer that the framework made without saying more.
+    /// The kind for an error response of the framework.
     #[must_use]
     pub fn for_status(status: StatusCode) -> Self {
         match status {
@@ -109,43 +116,7 @@ impl Kind {
     }
 }
 
-/// One fault of a request: where, and what.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
-pub struct Fault {
-    /// JSON pointer into the body, such as `/spec/collision/gap_um`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
-    pub pointer: Option<String>,
-    /// Name of a query parameter.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
-    pub parameter: Option<String>,
-    /// Name of a request header.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(nullable = false)]
-    pub header: Option<String>,
-    /// What is wrong and what would be right.
-    pub detail: String,
-}
-
-impl Fault {
-    /// A fault of the body.
-    pub fn at(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
-        Self { pointer: Some(pointer.into()), parameter: None, header: None, detail: detail.into() }
-    }
-
-    /// A fault of a query parameter.
-    pub fn parameter(name: impl Into<String>, detail: impl Into<String>) -> Self {
-        Self { pointer: None, parameter: Some(name.into()), header: None, detail: detail.into() }
-    }
-
-    /// A fault of a request header.
-    pub fn header(name: impl Into<String>, detail: impl Into<String>) -> Self {
-        Self { pointer: None, parameter: None, header: Some(name.into()), detail: detail.into() }
-    }
-}
-
-/// A problem on its way to the client.
+/// A problem, before the envelope writes it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Problem {
     kind: Kind,
@@ -156,38 +127,44 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// A problem of `kind`; `detail` tells a person what happened this time.
+    /// A problem of `kind`; `detail` tells a person what happened.
     pub fn new(kind: Kind, detail: impl Into<String>) -> Self {
         Self { kind, detail: detail.into(), errors: Vec::new(), members: Map::new(), headers: Vec::new() }
     }
 
-    /// A request that is wrong in the places named: the first ones are entries of `errors`, the others are counted.
+    /// A request with these faults. The first ones are listed in `errors`, the others counted.
     #[must_use]
     pub(super) fn invalid(faults: impl Into<Faults>) -> Self {
         let (errors, left_out) = faults.into().into_parts();
         let detail = match errors.len() + left_out {
-            1 => "One value is not valid; see errors.".to_owned(),
-            n if left_out > 0 => format!("{n} values are not valid; see errors for the first {}.", errors.len()),
-            n => format!("{n} values are not valid; see errors."),
+            1 => "One value is invalid; see errors.".to_owned(),
+            n if left_out > 0 => format!("{n} values are invalid; errors lists the first {}.", errors.len()),
+            n => format!("{n} values are invalid; see errors."),
         };
         let problem = Self { errors, ..Self::new(Kind::InvalidRequest, detail) };
         if left_out > 0 { problem.with("errors_left_out", left_out) } else { problem }
     }
 
-    /// With these faults listed.
+    /// With another detail.
+    #[must_use]
+    pub fn with_detail(self, detail: impl Into<String>) -> Self {
+        Self { detail: detail.into(), ..self }
+    }
+
+    /// Adds faults.
     #[must_use]
     pub fn with_errors(self, errors: Vec<Fault>) -> Self {
         Self { errors, ..self }
     }
 
-    /// With an extension member.
+    /// Adds an extension member.
     #[must_use]
     pub fn with(mut self, name: &str, value: impl Into<Value>) -> Self {
         self.members.insert(name.to_owned(), value.into());
         self
     }
 
-    /// With a header on the answer.
+    /// Adds a header to the response.
     #[must_use]
     pub fn with_header(mut self, name: HeaderName, value: impl Into<HeaderValue>) -> Self {
         self.headers.push((name, value.into()));
@@ -200,7 +177,7 @@ impl Problem {
         self.kind
     }
 
-    /// The body, for the request `request_id` to `instance`.
+    /// The body for the request `request_id` to `instance`.
     #[must_use]
     pub fn body(&self, instance: &str, request_id: &str) -> ProblemBody {
         ProblemBody {
@@ -237,50 +214,50 @@ pub const MEDIA_TYPE: HeaderValue = HeaderValue::from_static("application/proble
 pub struct ProblemBody {
     /// `urn:oviduct:problem:` and a stable slug.
     pub r#type: String,
-    /// Short and the same for every problem of the type.
+    /// The same for every problem of the type.
     pub title: String,
-    /// Status of the answer.
+    /// Status of the response.
     #[schema(minimum = 400, maximum = 599)]
     pub status: u16,
-    /// What happened this time.
+    /// What happened.
     pub detail: String,
     /// Path of the request.
     pub instance: String,
-    /// Id of the request, also in the header `x-request-id`; name it when reporting.
+    /// Id of the request, as in the header `x-request-id`. Quote it in reports.
     pub request_id: String,
-    /// Every fault of the request, where there are any to name.
+    /// The faults of the request.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[schema(required = false)]
     pub errors: Vec<Fault>,
-    /// Members of this type of problem: `line` and `column` (invalid-json), `prediction` and `limit` (cost-limit),
-    /// `errors_left_out` (invalid-request).
+    /// Members of some types: `line` and `column` (invalid-json), `prediction` and `limit` (cost-limit),
+    /// `errors_left_out` (invalid-request), `condition` (not-ready), `workers` (workers-stuck).
     #[serde(flatten)]
     #[schema(ignore)]
     pub members: Map<String, Value>,
 }
 
-/// Turns a failure of the job store into a problem; its message goes to the log, not to the client.
+/// A failure of the job store. Its message is logged, not sent to the client.
 impl From<crate::jobs::StoreError> for Problem {
     fn from(error: crate::jobs::StoreError) -> Self {
         use crate::jobs::StoreError;
         match error {
             StoreError::IdempotencyConflict => Self::new(
                 Kind::IdempotencyConflict,
-                "The key was used before with another body; take a new key, or send the same body.",
+                "The key was used before with another body. Use a new key, or send the same body.",
             )
             .with_errors(vec![Fault::header("idempotency-key", "was used before with another body")]),
             StoreError::QueueFull { limit } => {
-                Self::new(Kind::QueueFull, format!("The queue holds its limit of {limit} models; try again later."))
+                Self::new(Kind::QueueFull, format!("The queue is at its limit of {limit} models. Try again later."))
                     .with("limit", limit)
                     .with_header(header::RETRY_AFTER, HeaderValue::from_static("10"))
             }
             StoreError::Fenced => {
-                tracing::error!("a request was refused as if it were a worker's");
-                Self::new(Kind::Internal, "The job store refused a change.")
+                tracing::error!("the job store fenced out a request, as it does with workers");
+                Self::new(Kind::Internal, "The job store refused the change.")
             }
             StoreError::Database(message) => {
                 tracing::error!(%message, "the job store failed");
-                Self::new(Kind::StoreUnavailable, "The job store cannot be reached; try again later.")
+                Self::new(Kind::StoreUnavailable, "The job store is unavailable. Try again later.")
                     .with_header(header::RETRY_AFTER, HeaderValue::from_static("5"))
             }
         }

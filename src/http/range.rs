@@ -1,22 +1,22 @@
 //! `Range` requests (RFC 9110, section 14): one range of bytes.
 //!
-//! A header that asks for several ranges, another unit, or makes no sense is ignored, as the RFC allows: the answer
-//! is then the whole file.
+//! A header with several ranges, another unit or a malformed value is ignored, as the RFC allows: the response is then the
+//! whole file.
 
 use std::ops::Range;
 
-/// What a `Range` header asks of a file.
+/// What a `Range` header selects of a file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Selection {
     /// The whole file.
     Whole,
     /// These bytes; never empty, always within the file.
     Part(Range<u64>),
-    /// Bytes that the file does not have: 416.
+    /// No bytes of the file: 416.
     Outside,
 }
 
-/// Reads the header for a file of `len` bytes.
+/// What the header selects of a file of `len` bytes.
 pub(super) fn select(header: Option<&str>, len: u64) -> Selection {
     header.and_then(|text| parse(text, len)).unwrap_or(Selection::Whole)
 }
@@ -41,7 +41,7 @@ fn parse(text: &str, len: u64) -> Option<Selection> {
     Some(if range.start < range.end { Selection::Part(range) } else { Selection::Outside })
 }
 
-/// Digits only; a number beyond 64 bits stands for the greatest.
+/// Digits only; a number of more than 64 bits counts as the greatest one.
 fn number(text: &str) -> Option<u64> {
     (!text.is_empty() && text.bytes().all(|b| b.is_ascii_digit())).then(|| text.parse().unwrap_or(u64::MAX))
 }

@@ -1,9 +1,8 @@
-//! What a client asks for: from JSON to a [`ModelRequest`], with every fault named at once.
+//! Bodies of requests: from JSON to a [`ModelRequest`], with all faults in one response.
 //!
-//! The schema of the request stands here beside its checks, so that the two can be compared; a test does.
+//! The schema of a request is beside its checks; a test compares the two.
 
-use super::faults::Faults;
-use super::problem::Fault;
+use super::faults::{Fault, Faults};
 use crate::generate::{Backend, Output};
 use crate::jobs::Priority;
 use crate::spec::DEFAULT_PRESET;
@@ -11,9 +10,9 @@ use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 
-/// Greatest seed: 2^53 − 1, the greatest integer that every JSON reader keeps exactly.
+/// Greatest seed: 2^53 − 1, the greatest integer that all JSON readers represent exactly.
 pub const SEED_MAX: u64 = (1 << 53) - 1;
-/// Most members of `outputs`: more than there are formats, so that each wrong one among a few is named.
+/// Most members of `outputs`: more than there are formats, so that each invalid one of a short list is named.
 const OUTPUTS_MAX: usize = 16;
 /// Most labels of a model.
 pub(super) const LABELS_MAX: usize = 16;
@@ -26,7 +25,7 @@ const MEMBERS: [&str; 8] = ["preset", "seed", "spec", "outputs", "backend", "lab
 const BATCH_MEMBERS: [&str; 9] =
     ["preset", "seeds", "count", "spec", "outputs", "backend", "labels", "priority", "reuse"];
 
-/// A request whose own members are well formed; the spec is checked by resolving it on the preset.
+/// A request whose members are well formed. The spec is checked later, by resolving it on the preset.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ModelRequest {
     pub(super) preset: String,
@@ -40,12 +39,12 @@ pub(super) struct ModelRequest {
 }
 
 impl ModelRequest {
-    /// Reads a body. What is wrong is added to `faults`, with the default in its place.
+    /// Reads a body. Adds faults to `faults`, and replaces invalid members by their defaults.
     pub(super) fn read(body: &Value, faults: &mut Faults) -> Self {
         Self::read_members(body, &MEMBERS, faults)
     }
 
-    /// Reads the members that it has of a body that may have `known` ones.
+    /// Reads a body that may have the members in `known`.
     fn read_members(body: &Value, known: &[&str], faults: &mut Faults) -> Self {
         let empty = Map::new();
         let members = body.as_object().unwrap_or_else(|| {
@@ -53,7 +52,7 @@ impl ModelRequest {
             &empty
         });
         for name in members.keys().filter(|name| !known.contains(&name.as_str())) {
-            let detail = format!("is unknown; a request has {}", known.join(", "));
+            let detail = format!("is unknown; the members are {}", known.join(", "));
             faults.push(Fault::at(format!("/{}", escape(name)), detail));
         }
         Self {
@@ -74,24 +73,24 @@ impl ModelRequest {
     pub(super) fn schema() -> Value {
         json!({
             "type": "object",
-            "description": "What to grow. Every member may be left out: `{}` asks for the default preset with a random seed.",
+            "description": "What to grow. All members are optional: `{}` requests the default preset with a random seed.",
             "additionalProperties": false,
             "properties": {
-                "preset": { "type": "string", "default": DEFAULT_PRESET, "description": "Name of a preset, see GET /presets." },
+                "preset": { "type": "string", "default": DEFAULT_PRESET, "description": "Name of a preset; see `GET /presets`." },
                 "seed": { "type": "integer", "format": "int64", "minimum": 0, "maximum": SEED_MAX,
-                    "description": "The same seed and spec give the same model. Left out, the service draws one and echoes it." },
+                    "description": "The same seed and spec give the same model. If it is absent, the service draws one and reports it." },
                 "spec": { "$ref": "#/components/schemas/SpecPatch" },
                 "outputs": { "type": "array", "uniqueItems": true, "items": { "$ref": "#/components/schemas/Output" },
-                    "default": ["glb"], "description": "File formats; `sections.bin` and `report.json` are always kept." },
+                    "default": ["glb"], "description": "File formats. `sections.bin` and `report.json` are always written." },
                 "backend": { "$ref": "#/components/schemas/Backend" },
                 "labels": { "type": "object", "maxProperties": LABELS_MAX,
-                    "description": "Names of the client's own, to find models by.",
+                    "description": "Names and values of the client's own, to find models by.",
                     "propertyNames": { "minLength": 1, "maxLength": LABEL_KEY_MAX, "pattern": "^[^:\\u0000]+$" },
                     "additionalProperties": { "type": "string", "maxLength": LABEL_VALUE_MAX, "pattern": "^[^\\u0000]*$" } },
                 "priority": { "type": "integer", "minimum": Priority::MIN, "maximum": Priority::MAX, "default": 0,
-                    "description": "How urgent it is: of what waits, the higher is begun first." },
+                    "description": "Of the queued models, those of higher priority are started first." },
                 "reuse": { "type": "boolean", "default": true,
-                    "description": "Whether a finished model with the same digest may be taken instead of growing it again." }
+                    "description": "Whether a finished model with the same digest may be reused instead of growing it again." }
             },
             "example": { "preset": "pig", "seed": 7, "outputs": ["glb", "obj"], "labels": { "study": "A3" } }
         })
@@ -101,9 +100,9 @@ impl ModelRequest {
 /// The seeds of a batch.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Seeds {
-    /// Those named.
+    /// These seeds.
     These(Vec<u64>),
-    /// So many, to be drawn.
+    /// So many random seeds.
     Count(usize),
 }
 
@@ -111,12 +110,12 @@ pub(super) enum Seeds {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct BatchRequest {
     pub(super) seeds: Seeds,
-    /// What is the same for all of its models.
+    /// The members that all models have in common.
     pub(super) each: ModelRequest,
 }
 
 impl BatchRequest {
-    /// Reads a body, as [`ModelRequest::read`] does; `most` is the greatest number of models.
+    /// Reads a body like [`ModelRequest::read`]; `most` is the greatest number of models.
     pub(super) fn read(body: &Value, most: usize, faults: &mut Faults) -> Self {
         let each = ModelRequest::read_members(body, &BATCH_MEMBERS, faults);
         let seeds = match (body.get("seeds"), body.get("count")) {
@@ -135,13 +134,13 @@ impl BatchRequest {
     pub(super) fn schema(most: usize) -> Value {
         let mut schema = ModelRequest::schema();
         schema["description"] =
-            json!("Many models of one spec: either `seeds` or `count`, the rest as in a ModelRequest.");
+            json!("Many models of one spec: either `seeds` or `count`; the other members are those of a ModelRequest.");
         schema["example"] = json!({ "preset": "pig", "count": 100, "labels": { "study": "A3" } });
         schema["properties"]["seeds"] = json!({ "type": "array", "uniqueItems": true, "minItems": 1, "maxItems": most,
             "items": { "type": "integer", "format": "int64", "minimum": 0, "maximum": SEED_MAX },
-            "description": "One model for each. The greatest number of models is a setting of the service." });
+            "description": "One model per seed. The greatest number of models is a setting of the service." });
         schema["properties"]["count"] = json!({ "type": "integer", "minimum": 1, "maximum": most,
-            "description": "So many models, whose seeds the service draws." });
+            "description": "Number of models. The service draws their seeds." });
         if let Some(members) = schema["properties"].as_object_mut() {
             members.remove("seed");
         }
@@ -165,7 +164,7 @@ fn seeds(value: &Value, most: usize, faults: &mut Faults) -> Option<Seeds> {
         let pointer = format!("/seeds/{i}");
         if let Some(seed) = seed(item, &pointer, faults) {
             if !seen.insert(seed) {
-                faults.push(Fault::at(pointer, "stands more than once"));
+                faults.push(Fault::at(pointer, "is given more than once"));
             }
             list.push(seed);
         }
@@ -234,7 +233,7 @@ fn choice<T: DeserializeOwned>(value: &Value, pointer: &str, faults: &mut Faults
         faults.push(Fault::at(pointer, format!("must be a string, not {}", describe(value))));
         return None;
     }
-    // The message of serde lists what there is: "unknown variant `x`, expected one of …".
+    // The message of serde lists the valid ones: "unknown variant `x`, expected one of …".
     serde_json::from_value(value.clone()).map_err(|e| faults.push(Fault::at(pointer, e.to_string()))).ok()
 }
 
@@ -244,14 +243,14 @@ fn outputs(value: &Value, faults: &mut Faults) -> Vec<Output> {
         return Vec::new();
     };
     if items.len() > OUTPUTS_MAX {
-        faults.push(Fault::at("/outputs", format!("may have {OUTPUTS_MAX} members at most, not {}", items.len())));
+        faults.push(Fault::at("/outputs", format!("may have at most {OUTPUTS_MAX} members, not {}", items.len())));
         return Vec::new();
     }
     let mut outputs = Vec::new();
     for (i, item) in items.iter().enumerate() {
         let pointer = format!("/outputs/{i}");
         match choice(item, &pointer, faults) {
-            Some(output) if outputs.contains(&output) => faults.push(Fault::at(pointer, "stands more than once")),
+            Some(output) if outputs.contains(&output) => faults.push(Fault::at(pointer, "is given more than once")),
             Some(output) => outputs.push(output),
             None => {}
         }
@@ -265,14 +264,14 @@ fn labels(value: &Value, faults: &mut Faults) -> BTreeMap<String, String> {
         return BTreeMap::new();
     };
     if members.len() > LABELS_MAX {
-        faults.push(Fault::at("/labels", format!("may have {LABELS_MAX} members at most, not {}", members.len())));
+        faults.push(Fault::at("/labels", format!("may have at most {LABELS_MAX} members, not {}", members.len())));
     }
     let mut labels = BTreeMap::new();
     for (key, value) in members {
         let pointer = format!("/labels/{}", escape(key));
         let length = key.chars().count();
         if !(1..=LABEL_KEY_MAX).contains(&length) || key.contains([':', '\0']) {
-            let detail = format!("the name must have 1 to {LABEL_KEY_MAX} characters, without colon and NUL");
+            let detail = format!("the key must have 1 to {LABEL_KEY_MAX} characters, none of them a colon or NUL");
             faults.push(Fault::at(&pointer, detail));
         }
         match value.as_str() {
@@ -280,7 +279,7 @@ fn labels(value: &Value, faults: &mut Faults) -> BTreeMap<String, String> {
                 labels.insert(key.clone(), text.to_owned());
             }
             Some(_) => {
-                let detail = format!("may have {LABEL_VALUE_MAX} characters at most, without NUL");
+                let detail = format!("may have at most {LABEL_VALUE_MAX} characters, none of them NUL");
                 faults.push(Fault::at(pointer, detail));
             }
             None => faults.push(Fault::at(pointer, format!("must be a string, not {}", describe(value)))),
@@ -289,13 +288,13 @@ fn labels(value: &Value, faults: &mut Faults) -> BTreeMap<String, String> {
     labels
 }
 
-/// A member name as part of a JSON pointer, cut where it is very long.
+/// A member name as part of a JSON pointer, cut after 100 characters.
 fn escape(name: &str) -> String {
     let name: String = name.chars().take(100).collect();
     name.replace('~', "~0").replace('/', "~1")
 }
 
-/// A value in a few words.
+/// A short description of a value.
 fn describe(value: &Value) -> String {
     match value {
         Value::Null => "null".into(),

@@ -1,16 +1,19 @@
-//! All routes on one page, and what surrounds them.
+//! All routes.
 
 use super::envelope::enclose;
+use super::openapi::Description;
 use super::{
     AppState, batches, create, docs, events, files, health, home, metrics, models, openapi, presets, sections, workers,
 };
-use axum::Router;
 use axum::routing::get;
+use axum::{Extension, Router};
+use serde_json::Value;
+use std::sync::LazyLock;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 /// The routes with their descriptions.
-pub(super) fn routes() -> OpenApiRouter<AppState> {
+fn routes() -> OpenApiRouter<AppState> {
     OpenApiRouter::new()
         .routes(routes!(models::list, create::create))
         .routes(routes!(create::validate))
@@ -34,13 +37,26 @@ pub(super) fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(docs::page))
 }
 
-/// The service. Every error answer of it is a problem, every answer carries a request id.
-pub fn router(state: AppState) -> Router {
-    let counting = axum::middleware::from_fn_with_state(state.metrics.clone(), metrics::count);
-    enclose(Router::from(routes()).route("/", get(home::page)).layer(counting).with_state(state))
+/// The description of all routes.
+pub(super) fn description() -> &'static Value {
+    static DESCRIPTION: LazyLock<Value> = LazyLock::new(|| openapi::describe(routes().into_openapi()));
+    &DESCRIPTION
 }
 
-/// What can be asked of a process that only works: whether it is alive and ready, and its counts.
+/// The description of the service as YAML: what `openapi.yaml` holds.
+#[must_use]
+pub fn openapi_yaml() -> String {
+    openapi::yaml(description())
+}
+
+/// The service. Every error response is a problem, every response has a request id.
+pub fn router(state: AppState) -> Router {
+    let counting = axum::middleware::from_fn_with_state(state.metrics.clone(), metrics::count);
+    let routes = Router::from(routes()).route("/", get(home::page)).layer(Extension(Description(description)));
+    enclose(routes.layer(counting).with_state(state))
+}
+
+/// Health, readiness and metrics only: for a process without an API, and for an address that only operators reach.
 pub fn watch_router(state: AppState) -> Router {
     let routes = OpenApiRouter::new()
         .routes(routes!(health::alive))

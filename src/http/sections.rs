@@ -1,14 +1,15 @@
-//! `GET /models/{id}/sections/{k}`: one contour, as JSON or as a drawing.
+//! `GET /models/{id}/sections/{k}`: one cross section, as JSON or as a drawing.
 //!
-//! Reads only the trailer, the index and the one section from the artifact store, never the whole file.
+//! Reads only the trailer, the index and this section from the artifact store, never the whole file.
 
 use super::AppState;
 use super::conditional::ETag;
 use super::extract::{ModelId, Parameters, PathTexts};
-use super::files::{IMMUTABLE, find};
+use super::faults::Fault;
+use super::files::{IMMUTABLE, find, permit};
 use super::headers::accept;
-use super::openapi::{BadParameters, Inacceptable, SectionMissing, StoreAway};
-use super::problem::{Fault, Kind, Problem};
+use super::problem::{Kind, Problem};
+use super::responses::{BadParameters, DownloadAway, Inacceptable, SectionMissing};
 use crate::export::sections_bin::{SectionsError, TRAILER_LEN, Trailer, read_section_from_bytes};
 use crate::export::svg::section_svg;
 use crate::jobs::File;
@@ -40,21 +41,21 @@ pub(super) enum Format {
 /// A cross section; lengths in micrometres.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct SectionAnswer {
-    /// Model that it is of.
+    /// Id of the model.
     model: Uuid,
-    /// Its number among all sections of the model, from 0 at the isthmus end.
+    /// Index among the sections of the model, from 0 at the isthmus end.
     #[schema(minimum = 0)]
     index: u64,
-    /// Sections of the model.
+    /// Number of sections of the model.
     #[schema(minimum = 0)]
     count: u64,
     /// Unit of lengths: `um`.
     units: String,
-    /// Time step; with a fraction where it was added to mend a slab.
+    /// Time step; fractional if the section was added to mend a slab.
     step: f64,
-    /// Place along the tube.
+    /// Position along the tube.
     z_um: f64,
-    /// Whether it was added to mend a slab.
+    /// Whether the section was added to mend a slab.
     added: bool,
     /// Boundary of the lumen.
     inner: RingAnswer,
@@ -65,9 +66,9 @@ pub(super) struct SectionAnswer {
 /// A closed contour, counter-clockwise.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct RingAnswer {
-    /// Ids that follow a particle from section to section, one a point.
+    /// Ids of the particles, one per point. A particle has the same id in every section.
     ids: Vec<u32>,
-    /// Points.
+    /// Points, micrometres.
     points: Vec<[f32; 2]>,
 }
 
@@ -77,21 +78,21 @@ impl From<Ring> for RingAnswer {
     }
 }
 
-/// Read one cross section of a finished model.
+/// Read a cross section of a finished model.
 #[utoipa::path(
     get, path = "/models/{id}/sections/{k}", operation_id = "get_section", tag = "files",
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
-        ("k" = u32, Path, minimum = 0, description = "Number of the section, from 0 at the isthmus end"),
-        ("format" = Option<Format>, Query, description = "`json` or `svg`; goes before `Accept`"),
-        ("if-none-match" = Option<String>, Header, description = "Tags that the client has"),
+        ("k" = u32, Path, minimum = 0, description = "Index of the section, from 0 at the isthmus end"),
+        ("format" = Option<Format>, Query, description = "`json` or `svg`; takes precedence over `Accept`"),
+        ("if-none-match" = Option<String>, Header, description = "Entity tags that the client has"),
     ),
     responses(
         (status = 200, description = "The section", content(
             (SectionAnswer = "application/json"),
             (String = "image/svg+xml"))),
-        (status = 304, description = "The client has it"),
-        SectionMissing, Inacceptable, BadParameters, StoreAway,
+        (status = 304, description = "The client has this section"),
+        SectionMissing, Inacceptable, BadParameters, DownloadAway,
     )
 )]
 pub(super) async fn section(
@@ -103,8 +104,9 @@ pub(super) async fn section(
 ) -> Result<Response, Problem> {
     let format = format(&parameters, &headers)?;
     let (_, file) = find(&state, id, "sections.bin").await?;
+    let _permit = permit(&state)?;
     let k = path.get("k");
-    let k = k.parse::<u64>().map_err(|_| no_section(&format!("`{k}` is not the number of a section")))?;
+    let k = k.parse::<u64>().map_err(|_| no_section(&format!("`{k}` is not the index of a section.")))?;
     let tag = ETag::strong(format_args!("{}-{k}-{}", file.sha256, if format == Format::Svg { "svg" } else { "json" }));
     let (count, section) = read(&state, &file, k).await?;
     let vary = (header::VARY, HeaderValue::from_static("accept"));
@@ -145,21 +147,21 @@ fn format(parameters: &Parameters, headers: &HeaderMap) -> Result<Format, Proble
     if !faults.is_empty() {
         return Err(Problem::invalid(faults));
     }
-    format.ok_or_else(|| Problem::new(Kind::NotAcceptable, format!("There are {JSON} and {SVG}.")))
+    format.ok_or_else(|| Problem::new(Kind::NotAcceptable, format!("The representations are {JSON} and {SVG}.")))
 }
 
 fn no_section(detail: &str) -> Problem {
     Problem::new(Kind::SectionNotFound, detail)
 }
 
-/// The number of sections in `file`, and section `k` of them.
+/// The number of sections in `file`, and the one of index `k`.
 async fn read(state: &AppState, file: &File, k: u64) -> Result<(u64, Section), Problem> {
     let end = file.bytes.checked_sub(TRAILER_LEN as u64).ok_or_else(|| damaged(&SectionsError::NotSections))?;
     let tail = part(state, file, end..file.bytes).await?;
     let tail = tail[..].try_into().map_err(|_| damaged(&SectionsError::NotSections))?;
     let trailer = Trailer::parse(tail, file.bytes).map_err(|error| damaged(&error))?;
     if k >= trailer.count {
-        return Err(no_section(&format!("The model has {} sections, numbered from 0.", trailer.count)));
+        return Err(no_section(&format!("The model has {} sections; indices start at 0.", trailer.count)));
     }
     let index = part(state, file, trailer.index_offset..end).await?;
     let entries = trailer.parse_index(&index).map_err(|error| damaged(&error))?;
@@ -168,7 +170,7 @@ async fn read(state: &AppState, file: &File, k: u64) -> Result<(u64, Section), P
     let bytes = part(state, file, entry.offset..entry.offset + u64::from(entry.length)).await?;
     let read = tokio::task::spawn_blocking(move || read_section_from_bytes(&entry, &bytes)).await;
     let section = read.map_err(|error| {
-        tracing::error!(%error, "reading a section failed");
+        tracing::error!(%error, "a section could not be read");
         Problem::new(Kind::Internal, "The section could not be read.")
     })?;
     Ok((trailer.count, section.map_err(|error| damaged(&error))?))
@@ -184,6 +186,6 @@ async fn part(state: &AppState, file: &File, range: Range<u64>) -> Result<Bytes,
 }
 
 fn damaged(error: &SectionsError) -> Problem {
-    tracing::error!(%error, "a stored sections file cannot be read");
+    tracing::error!(%error, "a stored sections.bin is damaged");
     Problem::new(Kind::Internal, "The stored sections are damaged.")
 }

@@ -1,13 +1,13 @@
-//! `GET /workers`: who grows models, on what, and how they fare.
+//! `GET /workers`: the workers of the installation, their devices and their models.
 
 use super::AppState;
 use super::dto::WorkerList;
-use super::openapi::StoreAway;
 use super::problem::Problem;
+use super::responses::StoreAway;
 use axum::Json;
 use axum::extract::State;
 
-/// List the workers seen in the last minutes.
+/// List the workers that sent a heartbeat within the last minutes.
 #[utoipa::path(
     get, path = "/workers", operation_id = "list_workers", tag = "service",
     responses((status = 200, description = "The workers", body = WorkerList), StoreAway)

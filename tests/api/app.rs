@@ -1,7 +1,7 @@
-//! A service in process, and a worker in the test's hand.
+//! A service in process, with a worker that the test plays.
 //!
-//! Every answer is checked: an error must be a whole problem, a fault of the service must be expected. When the app is
-//! dropped, no stream may be left open.
+//! Every response is checked: an error must be a complete problem, a failure of the service must be expected. When the app
+//! is dropped, no stream may be open.
 
 use axum::Router;
 use axum::body::{Body, Bytes};
@@ -16,6 +16,7 @@ use oviduct::jobs::sqlite::SqliteStore;
 use oviduct::jobs::{
     BackendReport, ClaimedJob, Directive, File, Finished, JobId, LiveSection, Store, StoreOptions, WorkerInfo,
 };
+use oviduct::status::Status;
 use serde_json::{Value, json};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -24,7 +25,7 @@ use tempfile::TempDir;
 use tokio_util::sync::CancellationToken;
 use tower::ServiceExt;
 
-/// Lease of the worker in the test's hand.
+/// Lease of the worker that the test plays.
 pub(super) const LEASE: Duration = Duration::from_secs(8);
 
 pub(super) struct App {
@@ -38,7 +39,7 @@ pub(super) struct App {
     faults_expected: AtomicBool,
 }
 
-/// An answer with its whole body.
+/// A response with its whole body.
 #[derive(Debug)]
 pub(super) struct Reply {
     pub(super) status: StatusCode,
@@ -82,6 +83,13 @@ impl App {
         Self::over(store, clock, limits)
     }
 
+    /// Reports this status at the probes.
+    pub(super) fn with_status(mut self, status: Status) -> Self {
+        self.state = self.state.clone().with_status(status);
+        self.router = router(self.state.clone());
+        self
+    }
+
     pub(super) fn over(store: Arc<dyn Store>, clock: Clock, limits: Limits) -> Self {
         let dir = TempDir::new().unwrap();
         let artifacts = Artifacts::local(&dir.path().join("files")).unwrap();
@@ -102,7 +110,7 @@ impl App {
 
     /// Sends a request; the body of the answer is still to be read.
     pub(super) async fn start(&self, request: Request<Body>) -> axum::response::Response {
-        let response = self.router.clone().oneshot(request).await.unwrap();
+        let response = self.router.clone().oneshot(with_host(request)).await.unwrap();
         assert!(response.headers().contains_key(REQUEST_ID));
         let faults = self.faults_expected.load(Ordering::Relaxed);
         assert!(faults || !response.status().is_server_error(), "the service failed: {response:?}");
@@ -218,6 +226,12 @@ impl App {
         };
         self.store.worker_seen(&worker).await.unwrap();
     }
+}
+
+/// The request as a client sends it over a connection: HTTP/1.1 requires a host.
+fn with_host(mut request: Request<Body>) -> Request<Body> {
+    request.headers_mut().entry(header::HOST).or_insert(header::HeaderValue::from_static("here"));
+    request
 }
 
 impl Drop for App {

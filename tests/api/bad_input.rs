@@ -1,4 +1,4 @@
-//! Whatever comes, the answer is a problem that names the place, and the service goes on.
+//! Invalid requests: the response is a problem that names the place, and the service goes on.
 
 use super::app::{App, Reply};
 use axum::body::{Body, Bytes};
@@ -163,7 +163,7 @@ async fn unknown_addresses_are_problems() {
 }
 
 #[tokio::test]
-async fn an_id_that_is_none_is_no_model() {
+async fn an_invalid_id_is_no_model() {
     let app = App::new().await;
     let unknown = uuid::Uuid::now_v7().to_string();
     for id in [

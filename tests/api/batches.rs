@@ -33,7 +33,7 @@ async fn a_batch_is_many_models_in_one_request() {
     let _running = app.claim().await;
     let now = app.get(&address).await;
     assert_eq!((now.status.as_u16(), &now.json()["counts"]), (200, &counts(1, 1, 1, 0, 0)));
-    // The model that is there already is taken, the others are queued.
+    // The finished model is reused, the others are queued.
     let again = app.post("/batches", &json!({ "seeds": [5, 8], "spec": { "steps": 900 }, "outputs": ["obj"] })).await;
     assert_eq!(again.json()["counts"], counts(1, 0, 1, 0, 0));
 
@@ -92,11 +92,11 @@ async fn an_idempotency_key_gives_the_same_batch() {
     let other = app.post_with("/batches", &[("idempotency-key", "k")], &json!({ "count": 3 })).await;
     assert_eq!(other.slug(), "idempotency-key-reused");
     let urgent = app.post_with("/batches", &[("idempotency-key", "k")], &json!({ "count": 2, "priority": 1 })).await;
-    assert_eq!(urgent.slug(), "idempotency-key-reused", "the priority is part of what was asked");
+    assert_eq!(urgent.slug(), "idempotency-key-reused", "the priority is part of the request");
 }
 
 #[tokio::test]
-async fn models_tell_when_they_will_be_removed() {
+async fn models_show_when_they_will_be_removed() {
     let app = App::with(Limits { keep: Some(Duration::from_secs(3600)), ..Limits::default() }, 100).await;
     let model = app.model(1).await;
     assert_eq!(app.get(&model).await.json()["expires_at"], Value::Null);

@@ -1,9 +1,11 @@
 //! `POST /models` and `POST /models/validate`.
 
-use super::app::{App, id};
+use super::app::{App, id, used};
 use axum::http::header;
 use oviduct::generate::Backend;
 use oviduct::http::Limits;
+use oviduct::jobs::Finished;
+use oviduct::status::{Condition, Status};
 use serde_json::{Value, json};
 use std::time::Duration;
 
@@ -13,7 +15,7 @@ fn files() -> Vec<(&'static str, &'static str, Vec<u8>)> {
     GLB.iter().map(|(name, kind, bytes)| (*name, *kind, bytes.to_vec())).collect()
 }
 
-/// Takes out what differs from run to run, and the long spec.
+/// Removes members that differ from run to run, and the long spec.
 fn steady(mut model: Value) -> Value {
     let id = model["id"].as_str().unwrap().to_owned();
     assert!(model["spec"].as_object().is_some_and(|spec| spec.contains_key("length_mm")));
@@ -109,7 +111,7 @@ async fn validating_queues_nothing_and_predicts() {
 }
 
 #[tokio::test]
-async fn the_higher_priority_is_begun_first() {
+async fn models_of_higher_priority_are_started_first() {
     let app = App::new().await;
     let ask = async |path: &str, body: Value| app.post(path, &body).await.json();
     let plain = ask("/models", json!({ "seed": 1 })).await;
@@ -129,7 +131,7 @@ async fn the_higher_priority_is_begun_first() {
     }
 }
 
-/// It says when a model is made, not what it is.
+/// The priority decides when a model is grown, not what it is.
 #[tokio::test]
 async fn the_priority_is_no_part_of_the_digest_but_of_the_request() {
     let app = App::new().await;
@@ -163,7 +165,7 @@ async fn an_idempotency_key_gives_the_same_model() {
     let another = app.post_with("/models", &[("idempotency-key", "k-2")], &json!({ "preset": "pig" })).await;
     assert_ne!(another.json()["id"], first.json()["id"]);
 
-    // A key lives as long as its model.
+    // A key is valid as long as its model exists.
     app.delete(first.header(header::LOCATION).unwrap()).await;
     let fresh = app.post_with("/models", &key, &json!({ "preset": "paper" })).await;
     assert_eq!((fresh.status.as_u16(), fresh.header("idempotency-replayed")), (202, None));
@@ -194,7 +196,7 @@ async fn a_finished_model_of_the_same_digest_is_reused() {
     assert_ne!(location, first);
     assert_eq!(model["files"][0]["href"], format!("{location}/files/model.glb"));
 
-    // The files stay while one of the two is left.
+    // The files are kept as long as one of the two exists.
     assert_eq!(app.delete(&first).await.status, 204);
     assert_eq!(app.get(&format!("{location}/files/model.glb")).await.body, "glTF");
 
@@ -204,7 +206,7 @@ async fn a_finished_model_of_the_same_digest_is_reused() {
     }
 }
 
-/// Its name stands in the files.
+/// Its name is part of the files.
 #[tokio::test]
 async fn a_model_of_another_preset_is_not_reused() {
     let app = App::new().await;
@@ -214,7 +216,7 @@ async fn a_model_of_another_preset_is_not_reused() {
     let pig = app.post("/models", &echoed).await;
     assert_eq!((pig.status.as_u16(), &pig.json()["digest"]), (202, &paper["digest"]));
     app.finish(app.claim().await, &files()).await;
-    // Now there is one of each.
+    // Now there is a model of each preset.
     let again = app.post("/models", &echoed).await;
     assert_eq!((again.status.as_u16(), &again.json()["reused_from"]), (201, &pig.json()["id"]));
     let again = app.post("/models", &json!({ "preset": "paper", "seed": 7 })).await;
@@ -273,7 +275,7 @@ async fn a_full_queue_refuses_and_everything_else_works() {
 }
 
 #[tokio::test]
-async fn a_gpu_is_promised_only_where_one_is_alive() {
+async fn a_gpu_is_accepted_only_if_a_worker_is_alive() {
     let app = App::new().await;
     let body = json!({ "backend": "gpu" });
     let refused = app.post("/models", &body).await;
@@ -288,7 +290,7 @@ async fn a_gpu_is_promised_only_where_one_is_alive() {
 }
 
 #[tokio::test]
-async fn what_would_cost_too_much_is_refused_with_the_prediction() {
+async fn a_model_that_costs_too_much_is_refused_with_the_prediction() {
     let limits =
         Limits { cost: oviduct::spec::Limits { max_vertices: 1000, ..Default::default() }, ..Limits::default() };
     let app = App::with(limits, 10).await;
@@ -299,4 +301,50 @@ async fn what_would_cost_too_much_is_refused_with_the_prediction() {
         assert_eq!(problem["limit"], json!({ "vertices": 1000.0 }));
         assert!(problem["prediction"]["vertices"].as_u64().unwrap() > 1000);
     }
+}
+
+/// For clusters whose GPU workers start once there is work for them.
+#[tokio::test]
+async fn an_expected_gpu_is_waited_for_in_the_queue() {
+    let app = App::with(Limits { gpu_expected: true, ..Limits::default() }, 10).await;
+    let reply = app.post("/models", &json!({ "backend": "gpu" })).await;
+    assert_eq!((reply.status.as_u16(), reply.json()["status"].clone()), (202, json!("queued")));
+}
+
+#[tokio::test]
+async fn a_request_for_a_gpu_waits_while_devices_are_opened() {
+    let status = Status::default();
+    status.set(Condition::OpeningDevices, "opening 1 GPU");
+    let app = App::with(Limits { gpu_wait: Duration::from_millis(50), ..Limits::default() }, 10).await;
+    let app = app.with_status(status.clone());
+    app.expect_faults();
+    let body = json!({ "backend": "gpu" });
+    // Whether there will be a GPU is not known yet.
+    let reply = app.post("/models", &body).await;
+    assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (503, "not-ready"));
+    assert_eq!(reply.json()["condition"], "opening-devices");
+    assert!(reply.header(header::RETRY_AFTER).is_some());
+    assert_eq!(app.post("/models", &json!({ "backend": "cpu" })).await.status, 202);
+
+    let app = App::with(Limits { gpu_wait: Duration::from_secs(60), ..Limits::default() }, 10).await;
+    let app = app.with_status(status.clone());
+    let (reply, ()) = tokio::join!(app.post("/models", &body), async {
+        tokio::time::sleep(Duration::from_millis(50)).await;
+        app.worker(Backend::Gpu).await;
+        status.clear(Condition::OpeningDevices);
+    });
+    assert_eq!(reply.status, 202);
+}
+
+#[tokio::test]
+async fn warnings_of_the_summary_are_members_of_the_model() {
+    let app = App::new().await;
+    let model = app.model(7).await;
+    assert_eq!(app.get(&model).await.json()["warnings"], json!([]), "none before the end");
+    let warnings = json!([{ "code": "splits-missing", "detail": "3 of 20 splits are missing." }]);
+    let summary = json!({ "sections": 201, "warnings": warnings });
+    let engine = oviduct::ENGINE_VERSION.into();
+    let job = app.claim().await;
+    app.store.finish(job, Finished { backend: used(), files: vec![], summary, engine }).await.unwrap();
+    assert_eq!(app.get(&model).await.json()["warnings"], warnings);
 }

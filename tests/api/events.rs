@@ -8,7 +8,7 @@ use oviduct::http::Limits;
 use serde_json::{Value, json};
 use std::time::Duration;
 
-/// Longest wait for something that shall come.
+/// Longest wait for something that must happen.
 const SOON: Duration = Duration::from_secs(60);
 
 /// An event as a client reads it.
@@ -43,7 +43,7 @@ impl Stream {
         Self { body: response.into_body().into_data_stream(), text: String::new(), comments: vec![] }
     }
 
-    /// The next event; `None` where the stream has closed.
+    /// The next event; `None` if the stream has closed.
     pub(super) async fn next(&mut self) -> Option<Event> {
         tokio::time::timeout(SOON, self.read()).await.expect("an event comes soon")
     }
@@ -116,16 +116,34 @@ async fn a_model_is_followed_from_the_queue_to_its_end() {
     assert_eq!(end.data, app.get(&model).await.json());
     assert_eq!(stream.next().await, None, "the stream closes after the end");
 
-    // A stream on an ended model ends at once, whatever the client knows.
-    for last in [None, Some(end.id.as_str()), Some("1"), Some("nonsense")] {
+    // A stream of an ended model ends at once.
+    for last in [None, Some("1"), Some("nonsense")] {
         let mut late = Stream::open(&app, &path, last).await;
         assert_eq!(late.next().await.unwrap(), end);
         assert_eq!(late.next().await, None);
     }
 }
 
+/// Otherwise an `EventSource` reconnects every few seconds forever.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_client_that_comes_back_gets_what_is_newer_and_only_that() {
+async fn a_client_that_has_the_end_of_a_model_gets_no_content() {
+    let app = app().await;
+    let model = app.model(7).await;
+    let path = format!("{model}/events");
+    let mut stream = Stream::open(&app, &path, None).await;
+    app.post(&format!("{model}/cancel"), &json!({})).await;
+    let end = stream.until("end").await;
+    let again = app.get_with(&path, &[("last-event-id", &end.id)]).await;
+    assert_eq!((again.status.as_u16(), again.body.len()), (204, 0));
+    // Only with the last version: a model that has not ended may still change.
+    let open = app.model(8).await;
+    let version = app.get(&open).await.json()["version"].to_string();
+    let mut stream = Stream::open(&app, &format!("{open}/events"), Some(&version)).await;
+    assert_eq!(stream.next().await.unwrap().data["status"], "queued");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_client_that_reconnects_gets_only_what_is_newer() {
     let app = app().await;
     let model = app.model(7).await;
     let path = format!("{model}/events");
@@ -139,7 +157,7 @@ async fn a_client_that_comes_back_gets_what_is_newer_and_only_that() {
     let newer = back.next().await.unwrap();
     assert_eq!((newer.name.as_str(), &newer.data["progress"]["step"]), ("status", &json!(500)));
     let section = back.next().await.unwrap();
-    assert_eq!(section.name, "section", "a page that was reloaded can draw at once");
+    assert_eq!(section.name, "section", "a reloaded page can draw at once");
     drop(back);
 
     let mut up_to_date = Stream::open(&app, &path, Some(&section.id)).await;
@@ -206,7 +224,7 @@ async fn a_cancelled_model_ends_its_streams() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn moving_up_in_the_queue_is_told() {
+async fn moving_up_in_the_queue_is_reported() {
     let app = App::with(Limits { event_poll: Duration::from_millis(50), ..Limits::default() }, 10).await;
     let (_first, second) = (app.model(1).await, app.model(2).await);
     let mut stream = Stream::open(&app, &format!("{second}/events"), None).await;
@@ -226,7 +244,7 @@ async fn all_models_are_followed_on_one_connection() {
     assert_eq!((first.name.as_str(), &first.data), ("status", &app.get(&before).await.json()), "at once");
 
     let later = app.model(3).await;
-    // The end of the cancelled one may still be on its way.
+    // The end of the cancelled model may still come.
     let new = stream.until("status").await;
     assert_eq!((new.name.as_str(), &new.data["id"]), ("status", &json!(id(&later).to_string())));
 
@@ -243,7 +261,7 @@ async fn all_models_are_followed_on_one_connection() {
     let cursor = end.id;
     drop(stream);
 
-    // Whoever comes back gets each model that changed since, once, as it is now.
+    // A client that reconnects gets each model that has changed since, once, in its present state.
     let missed = app.model(4).await;
     let _job = app.claim().await;
     let mut back = Stream::open(&app, "/events", Some(&cursor)).await;
@@ -253,7 +271,7 @@ async fn all_models_are_followed_on_one_connection() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_cursor_that_is_not_known_brings_the_state_of_all() {
+async fn an_unknown_cursor_gives_the_state_of_all_models() {
     let app = app().await;
     let open = app.model(1).await;
     let ended = app.model(2).await;

@@ -1,4 +1,4 @@
-//! A job store that is away, and one whose code has a fault.
+//! A job store that is unavailable, and panics in one method.
 
 use async_trait::async_trait;
 use oviduct::generate::{Backend, Progress};

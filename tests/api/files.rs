@@ -2,12 +2,13 @@
 
 use super::app::App;
 use axum::body::Body;
-use axum::http::{Method, header};
+use axum::http::{Method, Request, header};
+use oviduct::http::Limits;
 use proptest::prelude::*;
 use sha2::{Digest, Sha256};
 use std::time::Duration;
 
-/// Bytes that tell their place.
+/// Bytes that differ from place to place.
 fn content(len: usize) -> Vec<u8> {
     (0..len).map(|i| (i * 31 % 251) as u8).collect()
 }
@@ -162,7 +163,7 @@ async fn files_come_at_the_end_and_go_with_the_model() {
     assert_eq!(app.get(&format!("{model}/files/model.glb")).await.slug(), "model-not-found");
     let models = app.dir.path().join("files/models");
     let left = || std::fs::read_dir(&models).map_or(0, Iterator::count);
-    // The answer does not wait for it.
+    // The response does not wait for it.
     for _ in 0..6000 {
         if left() == 0 {
             break;
@@ -192,8 +193,26 @@ async fn the_report_is_its_file_and_what_computed_it() {
         assert_eq!(reply.json()[name], told[name], "{name}");
     }
     let file = app.get(&format!("{model}/files/report.json")).await.json();
-    assert_eq!(file.get("backend"), None, "the file is the same wherever the model is grown");
+    assert_eq!(file.get("backend"), None, "the file does not depend on the machine");
     assert_eq!(reply.header(header::CONTENT_DISPOSITION), None);
     let tag = reply.header(header::ETAG).unwrap();
     assert_eq!(app.get_with(&format!("{model}/report"), &[("if-none-match", tag)]).await.status, 304);
+}
+
+/// Each holds a descriptor of the process as long as the client reads.
+#[tokio::test]
+async fn there_is_a_limit_to_downloads() {
+    let app = App::with(Limits { downloads: 1, ..Limits::default() }, 10).await;
+    let model = app.finished(7, &[("model.glb", "model/gltf-binary", content(1 << 20))]).await;
+    let path = format!("{model}/files/model.glb");
+    app.expect_faults();
+    let running = app.start(Request::get(&path).body(Body::empty()).unwrap()).await;
+    let refused = app.get(&path).await;
+    assert_eq!((refused.status.as_u16(), refused.slug().as_str()), (503, "too-many-downloads"));
+    assert!(refused.header(header::RETRY_AFTER).is_some());
+    // A request that needs no descriptor is answered.
+    assert_eq!(app.request(Method::HEAD, &path, &[], Body::empty()).await.status, 200);
+    drop(running);
+    assert!(app.get(&path).await.body == content(1 << 20), "there is room again");
+    assert!(app.get(&path).await.body == content(1 << 20), "and after a whole download");
 }

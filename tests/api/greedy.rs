@@ -1,4 +1,4 @@
-//! Requests of which there is too much: the answer stays small, and says what was left out.
+//! Requests with too much of everything: responses stay small, and say what they leave out.
 
 use super::app::{App, Reply};
 use axum::body::Body;
@@ -17,7 +17,7 @@ fn is_short(reply: &Reply) {
 }
 
 #[tokio::test]
-async fn half_a_million_faults_are_a_short_answer() {
+async fn half_a_million_faults_give_a_short_response() {
     let app = App::new().await;
     let many = |n: usize, item: fn(usize) -> String| (0..n).map(item).collect::<Vec<_>>().join(",");
     let ones = many(520_000, |_| "1".into());
@@ -50,7 +50,7 @@ async fn what_is_left_out_is_counted() {
 }
 
 #[tokio::test]
-async fn a_search_that_no_database_takes_is_refused() {
+async fn a_search_that_a_database_would_refuse_is_refused() {
     let app = App::new().await;
     let labels = |n: usize| (0..n).map(|n| format!("label=k{n}:v")).collect::<Vec<_>>().join("&");
     for (query, place) in [
@@ -63,7 +63,7 @@ async fn a_search_that_no_database_takes_is_refused() {
         let reply = app.get(&format!("/models?{query}")).await;
         assert_eq!((reply.status.as_u16(), reply.places()), (422, vec![place.to_owned()]), "{query}");
     }
-    // As long as a request line may be.
+    // The longest request line.
     is_short(&app.get(&format!("/models?{}", labels(4000))).await);
     assert_eq!(app.get(&format!("/models?{}", labels(16))).await.json()["models"], json!([]));
     assert_eq!(app.post("/models", &json!({ "labels": { "a": "\0" } })).await.places(), ["/labels/a"]);

@@ -83,7 +83,7 @@ async fn a_model_has_a_tag_that_changes_with_it() {
     assert_eq!((on.status.as_u16(), &on.json()["progress"]["step"]), (200, &json!(500)));
     assert_eq!(on.header(header::RETRY_AFTER), Some("15"), "as long as it will take");
 
-    // The place in the queue has changed, though the model has not.
+    // The position in the queue has changed, although the version has not.
     let moved = app.get_with(&behind, &[("if-none-match", &tag(&waiting))]).await;
     assert_eq!((moved.status.as_u16(), &moved.json()["queue"]["position"]), (200, &json!(0)));
 
@@ -95,7 +95,7 @@ async fn a_model_has_a_tag_that_changes_with_it() {
 }
 
 #[tokio::test]
-async fn times_and_the_wait_are_told() {
+async fn times_and_the_wait_are_reported() {
     let app = App::new().await;
     let created = moment(&app.clock);
     let model = app.model(7).await;
@@ -114,7 +114,7 @@ async fn times_and_the_wait_are_told() {
 }
 
 #[tokio::test]
-async fn a_failed_model_tells_why() {
+async fn a_failed_model_says_why() {
     let app = App::new().await;
     let model = app.model(7).await;
     let job = app.claim().await;
@@ -144,7 +144,7 @@ async fn cancelling_works_in_every_state() {
         let reply = cancel(&running).await;
         assert_eq!((reply.status.as_u16(), &reply.json()["status"]), (200, &json!("running")));
     }
-    assert_eq!(app.beat(&job, 1, None).await, Directive::Cancel, "the worker is told");
+    assert_eq!(app.beat(&job, 1, None).await, Directive::Cancel, "the worker is notified");
     app.store.cancelled(job).await.unwrap();
     assert_eq!(cancel(&running).await.json()["status"], "cancelled");
     let done = app.finished(3, &[]).await;
@@ -159,7 +159,7 @@ async fn deleting_works_in_every_state_and_once() {
     let running = app.model(2).await;
     let job = app.claim().await;
     assert_eq!(app.delete(&running).await.status, 204);
-    assert_eq!(app.beat(&job, 1, None).await, Directive::Lost, "the worker is told");
+    assert_eq!(app.beat(&job, 1, None).await, Directive::Lost, "the worker is notified");
     let done = app.finished(3, &[("model.glb", "model/gltf-binary", vec![1])]).await;
     assert_eq!(app.delete(&done).await.status, 204);
     for model in [queued, running, done] {

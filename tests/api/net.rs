@@ -1,4 +1,4 @@
-//! The stream of all models where notices of changes get lost.
+//! The stream of all models when reports of changes get lost.
 
 use super::app::{App, contour, id};
 use super::events::Stream;
@@ -11,7 +11,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 use tokio::sync::broadcast;
 
-/// A service that hears of no change, save by the sender.
+/// A service to which only the sender reports changes.
 async fn deaf(poll: Duration) -> (App, broadcast::Sender<Change>) {
     let changes = broadcast::Sender::new(4);
     let limits = Limits { event_poll: poll, event_interval: Duration::from_millis(10), ..Limits::default() };
@@ -23,7 +23,7 @@ fn uuid(model: &str) -> Value {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_nobody_told_is_found() {
+async fn changes_that_were_not_reported_are_found() {
     let (app, _changes) = deaf(Duration::from_millis(20)).await;
     let [gone, grown] = [app.model(1).await, app.model(2).await];
     let mut stream = Stream::open(&app, "/events", None).await;
@@ -40,7 +40,7 @@ async fn what_nobody_told_is_found() {
     let end = stream.until("end").await.data;
     assert_eq!((&end["id"], &end["status"]), (&uuid(&grown), &json!("succeeded")));
 
-    // One that it never heard of, and one that ended before it could.
+    // A model that was never reported, and one that ended before it was found.
     let late = app.model(3).await;
     assert_eq!(stream.until("status").await.data["id"], uuid(&late));
     app.delete(&late).await;
@@ -53,12 +53,12 @@ async fn what_nobody_told_is_found() {
         }
     };
     assert_eq!((end.name.as_str(), &end.data["id"]), ("end", &uuid(&quick)));
-    assert!(stream.silent(Duration::from_millis(600)).await, "nothing is told twice");
+    assert!(stream.silent(Duration::from_millis(600)).await, "nothing is sent twice");
 }
 
-/// A client that comes back knows what runs, and hears of its end.
+/// A client that reconnects has the running models, and must get their end.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_a_client_knows_that_came_back_is_watched_too() {
+async fn models_that_a_reconnected_client_has_are_watched_too() {
     let (app, changes) = deaf(Duration::from_millis(20)).await;
     let model = app.model(1).await;
     let other = app.model(2).await;
@@ -70,7 +70,7 @@ async fn what_a_client_knows_that_came_back_is_watched_too() {
     let cursor = stream.until("end").await.id;
     drop(stream);
     let mut back = Stream::open(&app, "/events", Some(&cursor)).await;
-    assert!(back.silent(Duration::from_millis(200)).await, "it knows all there is");
+    assert!(back.silent(Duration::from_millis(200)).await, "it has everything");
     app.store.cancel(id(&model)).await.unwrap();
     let end = back.until("end").await;
     assert_eq!((&end.data["id"], &end.data["status"]), (&uuid(&model), &json!("cancelled")));
@@ -93,13 +93,13 @@ async fn an_overrun_of_the_feed_loses_no_end() {
         assert_eq!((event.name.as_str(), &event.data["status"]), ("status", &json!("running")));
         told.insert(event.data["id"].as_str().unwrap().to_owned());
     }
-    assert_eq!(told, open, "all that run, however many");
+    assert_eq!(told, open, "all running models, however many");
     let some = Change { id: running[0].job().id, version: Some(9) };
     for job in running {
         app.store.cancel(job.job().id).await.unwrap();
         app.store.cancelled(job).await.unwrap();
     }
-    // More at once than the channel holds.
+    // More than the channel holds.
     for _ in 0..50 {
         changes.send(some).unwrap();
     }

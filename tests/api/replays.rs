@@ -1,4 +1,4 @@
-//! A key that comes again: what was taken once is answered, whatever has changed since.
+//! Replayed idempotency keys: an accepted request is answered, whatever has changed since.
 
 use super::app::{App, id};
 use axum::http::header;
@@ -14,7 +14,7 @@ use std::time::Duration;
 const KEY: [(&str, &str); 1] = [("idempotency-key", "k")];
 
 #[tokio::test]
-async fn a_gpu_that_went_away_does_not_undo_what_was_taken() {
+async fn a_gpu_worker_that_has_gone_does_not_refuse_a_replay() {
     let app = App::new().await;
     let model = json!({ "backend": "gpu" });
     let batch = json!({ "backend": "gpu", "count": 2 });
@@ -27,7 +27,7 @@ async fn a_gpu_that_went_away_does_not_undo_what_was_taken() {
         assert_eq!((again.status.as_u16(), again.header("idempotency-replayed")), (202, Some("true")));
         assert_eq!((again.json(), again.header(header::LOCATION)), (taken.json(), taken.header(header::LOCATION)));
     }
-    // Another body is another request, and is refused as one.
+    // Another body is another request, and is refused.
     let other = app.post_with("/models", &KEY, &json!({ "backend": "gpu", "seed": 1 })).await;
     assert_eq!(other.slug(), "gpu-unavailable");
     let other = app.post_with("/models", &KEY, &json!({ "seed": 1 })).await;
@@ -35,7 +35,7 @@ async fn a_gpu_that_went_away_does_not_undo_what_was_taken() {
 }
 
 #[tokio::test]
-async fn a_limit_that_was_lowered_does_not_undo_what_was_taken() {
+async fn a_lowered_limit_does_not_refuse_a_replay() {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let options = StoreOptions { clock: clock.clone(), queue_limit: 9, ..StoreOptions::default() };
     let store = Arc::new(SqliteStore::open_in_memory(options).await.unwrap());
@@ -53,9 +53,9 @@ async fn a_limit_that_was_lowered_does_not_undo_what_was_taken() {
     }
 }
 
-/// There is nothing to come back for.
+/// There is nothing to wait for.
 #[tokio::test]
-async fn an_ended_model_is_not_told_as_taken() {
+async fn a_replayed_model_that_has_ended_is_not_reported_as_accepted() {
     let app = App::new().await;
     let body = json!({ "seed": 1 });
     let first = app.post_with("/models", &KEY, &body).await;

@@ -1,4 +1,4 @@
-//! What RFC 9110 says of every address: `HEAD` is `GET` without its body, 405 names what is allowed; and of single ones.
+//! RFC 9110 on all paths: `HEAD` is `GET` without its body, 405 lists the allowed methods; and on some of them.
 
 use super::app::App;
 use super::sections;
@@ -8,7 +8,7 @@ use oviduct::export::sections_bin::MEDIA_TYPE;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
-/// A service with a finished model and a batch, and all addresses that are described, with their methods.
+/// A service with a finished model and a batch, and all described paths with their methods.
 async fn app() -> (App, Vec<(String, BTreeSet<String>)>) {
     let app = App::new().await;
     let report = br#"{"certificate":{"passed":true}}"#.to_vec();
@@ -49,7 +49,7 @@ async fn head_is_get_without_its_body() {
             assert_eq!(head.headers.get(&name), get.headers().get(&name), "{name} of {path}");
         }
         let length = |headers: &HeaderMap| headers.get(header::CONTENT_LENGTH).cloned();
-        // Counts grow from one to the other.
+        // Metrics differ from one request to the next.
         if let (Some(head), Some(get)) = (length(&head.headers), length(get.headers()))
             && path != "/metrics"
         {
@@ -66,7 +66,7 @@ async fn head_is_get_without_its_body() {
 }
 
 #[tokio::test]
-async fn what_is_not_allowed_is_refused_with_what_is() {
+async fn a_method_that_is_not_allowed_is_refused_with_those_that_are() {
     let (app, addresses) = app().await;
     for (path, mut methods) in addresses {
         if methods.contains("GET") {
@@ -86,7 +86,7 @@ async fn what_is_not_allowed_is_refused_with_what_is() {
 }
 
 #[tokio::test]
-async fn a_part_is_sent_only_of_the_very_same_file() {
+async fn a_range_is_sent_only_of_the_same_file() {
     let (app, addresses) = app().await;
     let path = addresses.iter().map(|(path, _)| path).find(|path| path.ends_with("/model.glb")).unwrap();
     let tag = app.get(path).await.header(header::ETAG).unwrap().to_owned();
@@ -101,9 +101,9 @@ async fn a_part_is_sent_only_of_the_very_same_file() {
             "{if_range}"
         );
     }
-    // Without a range there is nothing that it could be of.
+    // Without a range, `If-Range` has no effect.
     assert_eq!(app.get_with(path, &[("if-range", "\"other\"")]).await.status, 200);
-    // A range that lies outside is no fault where it is of another file.
+    // A range outside the file is ignored if it is of another file.
     assert_eq!(app.get_with(path, &[("range", "bytes=5000-"), ("if-range", &weak)]).await.status, 200);
     for (range, status, bytes) in [
         ("bytes=-2000", 206, 1000),
@@ -122,7 +122,7 @@ async fn a_part_is_sent_only_of_the_very_same_file() {
 }
 
 #[tokio::test]
-async fn what_is_accepted_is_sent() {
+async fn the_accepted_representation_is_sent() {
     let (app, addresses) = app().await;
     let path = addresses.iter().map(|(path, _)| path).find(|path| path.ends_with("/sections/1")).unwrap();
     let (plain, drawn) = (Some("application/json"), Some("image/svg+xml"));

@@ -91,7 +91,7 @@ async fn a_section_never_changes() {
 }
 
 #[tokio::test]
-async fn a_section_that_is_not_there_is_a_problem() {
+async fn a_missing_section_is_a_problem() {
     let (app, model) = app().await;
     for k in ["3", "99999999999999999999999", "-1", "1.0", "one", "%00"] {
         let reply = app.get(&format!("{model}/sections/{k}")).await;
@@ -100,7 +100,7 @@ async fn a_section_that_is_not_there_is_a_problem() {
 }
 
 #[tokio::test]
-async fn a_damaged_file_is_a_fault_of_the_service_that_it_survives() {
+async fn a_damaged_file_is_an_internal_problem_and_the_service_goes_on() {
     let app = App::new().await;
     app.expect_faults();
     let mut bytes = stored(3);

@@ -1,4 +1,4 @@
-//! The service itself: health, presets, workers, the description, faults.
+//! The service itself: health, readiness, presets, workers, the description, faults.
 
 use super::app::{App, moment};
 use super::faulty::Faulty;
@@ -7,6 +7,7 @@ use axum::http::{Method, header};
 use oviduct::clock::Clock;
 use oviduct::generate::Backend;
 use oviduct::http::Limits;
+use oviduct::status::{Condition, Status};
 use serde_json::json;
 use std::sync::Arc;
 
@@ -20,7 +21,56 @@ async fn it_is_alive_and_ready() {
 }
 
 #[tokio::test]
-async fn a_store_that_is_away_is_a_problem_without_secrets() {
+async fn a_process_that_is_not_ready_says_why() {
+    let status = Status::default();
+    let app = App::new().await.with_status(status.clone());
+    app.expect_faults();
+    for (condition, detail) in [(Condition::Draining, "it shuts down"), (Condition::OpeningDevices, "opening 1 GPU")] {
+        status.set(condition, detail);
+        let reply = app.get("/readyz").await;
+        assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (503, "not-ready"));
+        let problem = reply.json();
+        assert_eq!(problem["condition"], condition.name());
+        assert!(problem["detail"].as_str().unwrap().contains(detail), "{problem}");
+        assert!(reply.header(header::RETRY_AFTER).is_some());
+        // It is healthy, and answers requests.
+        assert_eq!((app.get("/healthz").await.status.as_u16(), app.get("/models").await.status.as_u16()), (200, 200));
+    }
+    status.clear(Condition::Draining);
+    status.clear(Condition::OpeningDevices);
+    assert_eq!(app.get("/readyz").await.status, 200);
+}
+
+#[tokio::test]
+async fn a_process_with_stuck_workers_is_not_healthy() {
+    let status = Status::default();
+    let app = App::new().await.with_status(status.clone());
+    app.expect_faults();
+    status.stuck("w1", "worker w1 has not stopped for 300 s");
+    let reply = app.get("/healthz").await;
+    assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (503, "workers-stuck"));
+    assert_eq!(reply.json()["workers"], json!(["worker w1 has not stopped for 300 s"]));
+    status.unstuck("w1");
+    assert_eq!(app.get("/healthz").await.status, 200);
+}
+
+#[tokio::test]
+async fn an_artifact_store_that_takes_no_files_is_named() {
+    let app = App::new().await;
+    app.expect_faults();
+    // A file in the place of the folder: nothing can be written below it, whoever the test runs as.
+    let files = app.dir.path().join("files");
+    std::fs::remove_dir_all(&files).unwrap();
+    std::fs::write(&files, "").unwrap();
+    let reply = app.get("/readyz").await;
+    assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (503, "storage-unavailable"));
+    let detail = reply.json()["detail"].as_str().unwrap().to_owned();
+    assert!(detail.contains("artifact store") && !detail.contains("job store"), "{detail}");
+    assert!(!detail.contains(files.to_str().unwrap()), "{detail}");
+}
+
+#[tokio::test]
+async fn an_unavailable_store_is_a_problem_without_secrets() {
     let app = App::over(Arc::new(Faulty::new()), Clock::System, Limits::default());
     app.expect_faults();
     assert_eq!(app.get("/healthz").await.status, 200);
@@ -49,7 +99,7 @@ async fn a_panic_is_a_problem_and_the_service_goes_on() {
 }
 
 #[tokio::test]
-async fn presets_tell_what_can_be_grown() {
+async fn presets_are_complete_and_valid() {
     let app = App::new().await;
     let list = app.get("/presets").await.json();
     let names: Vec<_> = list["presets"].as_array().unwrap().iter().map(|p| p["name"].as_str().unwrap()).collect();
@@ -110,9 +160,9 @@ async fn the_description_is_served() {
     assert!(reply.body == oviduct::http::openapi_yaml());
 }
 
-/// Answers fit the schemas of the description, and requests that the service takes fit it too.
+/// Responses match the schemas of the description, and so do accepted requests.
 #[tokio::test]
-async fn answers_are_as_described() {
+async fn responses_are_as_described() {
     let app = App::new().await;
     let document: serde_json::Value = yaml_serde::from_slice(&app.get("/openapi.yaml").await.body).unwrap();
     let fits = |name: &str, value: &serde_json::Value| {
@@ -141,7 +191,7 @@ async fn answers_are_as_described() {
 }
 
 #[tokio::test]
-async fn the_page_links_to_what_there_is() {
+async fn the_links_of_the_home_page_work() {
     let app = App::new().await;
     let reply = app.get("/").await;
     assert_eq!(reply.status, 200);

@@ -1,4 +1,4 @@
-//! `Prefer: wait` beyond the plain cases: the store blinks, other models change, many wait.
+//! `Prefer: wait` when the store fails, other models change, or many requests wait.
 
 use super::app::{App, Reply, id};
 use super::wire::Wire;
@@ -16,9 +16,9 @@ async fn ask(app: &App, prefer: &str, seed: u64) -> Reply {
     app.post_with("/models", &[("prefer", prefer)], &json!({ "seed": seed })).await
 }
 
-/// Once it is taken, no fault of the store may let it look refused: the client would ask again, and get two.
+/// Once a model is queued, a failure of the store must not look like a refusal: the client would try again, and get two.
 #[tokio::test]
-async fn a_model_that_was_taken_is_never_answered_as_refused() {
+async fn a_queued_model_is_never_reported_as_refused() {
     let (app, wire) = Wire::app(limits(), None).await;
     wire.set_broken(true);
     let reply = ask(&app, "wait=1", 1).await;
@@ -38,7 +38,7 @@ async fn a_store_that_comes_back_is_waited_for() {
             }
             tokio::time::sleep(Duration::from_millis(5)).await;
         }
-        assert!(wire.reads() >= 3, "it goes on asking");
+        assert!(wire.reads() >= 3, "it reads again");
         let model = app.get("/models").await.json()["models"][0]["id"].as_str().unwrap().to_owned();
         app.store.cancel(id(&format!("/models/{model}"))).await.unwrap();
         wire.set_broken(false);
@@ -46,9 +46,9 @@ async fn a_store_that_comes_back_is_waited_for() {
     assert_eq!((reply.status.as_u16(), reply.json()["status"].clone()), (200, json!("cancelled")));
 }
 
-/// A thousand that wait would read a thousand models at each change of any.
+/// Otherwise a thousand held responses would read a thousand models at each change of any model.
 #[tokio::test]
-async fn others_that_change_cost_those_that_wait_nothing() {
+async fn changes_of_other_models_cost_held_responses_nothing() {
     let (app, wire) = Wire::app(Limits { event_poll: Duration::from_secs(60), ..Limits::default() }, None).await;
     app.model(1).await;
     let job = app.claim().await;
@@ -63,7 +63,7 @@ async fn others_that_change_cost_those_that_wait_nothing() {
 }
 
 #[tokio::test]
-async fn there_is_a_limit_to_held_answers() {
+async fn there_is_a_limit_to_held_responses() {
     let (app, wire) = Wire::app(Limits { held: 1, ..limits() }, None).await;
     let (held, ()) = tokio::join!(ask(&app, "wait=60", 1), async {
         while wire.reads() == 0 {
@@ -71,7 +71,7 @@ async fn there_is_a_limit_to_held_answers() {
         }
         let model = app.claim().await.job().id;
         let reply = ask(&app, "wait=60", 2).await;
-        assert_eq!((reply.status.as_u16(), reply.header("preference-applied")), (202, None), "it comes at once");
+        assert_eq!((reply.status.as_u16(), reply.header("preference-applied")), (202, None), "it is sent at once");
         app.store.delete(model).await.unwrap();
     });
     assert_eq!((held.status.as_u16(), held.header("preference-applied")), (202, Some("wait=60")));

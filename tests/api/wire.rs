@@ -1,4 +1,4 @@
-//! A store seen over a wire: reading may fail for a while, reads are counted, and changes may be told by the test alone.
+//! A store whose reads can be made to fail, and are counted. Its changes can be reported by the test alone.
 
 use super::app::App;
 use super::between::{Between, Eye};
@@ -11,7 +11,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use tokio::sync::broadcast;
 
-/// What goes over the wire.
+/// The state of the connection to the store.
 pub(super) struct Wire {
     broken: AtomicBool,
     reads: AtomicU64,
@@ -19,7 +19,7 @@ pub(super) struct Wire {
 }
 
 impl Wire {
-    /// A service over a wire; changes are told by `changes`, where it is there, and by nobody else.
+    /// A service over such a store. If `changes` is given, only it reports changes.
     pub(super) async fn app(limits: Limits, changes: Option<broadcast::Sender<Change>>) -> (App, Arc<Between<Self>>) {
         let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
         let options = StoreOptions { clock: clock.clone(), queue_limit: 1000, ..StoreOptions::default() };
@@ -29,7 +29,7 @@ impl Wire {
         (App::over(store.clone(), clock, limits), store)
     }
 
-    /// From here on no model can be read, or again.
+    /// Makes reads of models fail, or succeed again.
     pub(super) fn set_broken(&self, broken: bool) {
         self.broken.store(broken, Ordering::Relaxed);
     }

@@ -1,4 +1,4 @@
-//! Connections from the outside: what is closed, what is waited for, what is never cut.
+//! Connections as clients see them: which are closed, which wait, and which are never cut off.
 
 use super::*;
 use axum::body::{Body, Bytes};
@@ -9,20 +9,25 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::task::JoinHandle;
 use tokio::time::sleep;
 
-/// Longest wait for something that shall come.
+/// Longest wait for something that must happen.
 const SOON: Duration = Duration::from_secs(50);
 /// Time that does not run out within a test.
 const LONG: Duration = Duration::from_secs(600);
 const SHORT: Duration = Duration::from_millis(200);
 const ASK: &[u8] = b"GET /plain HTTP/1.1\r\nhost: here\r\n\r\n";
 
-/// Three words, with more than the time for a head between them.
+/// Three words, with pauses that are longer than the time for a head.
 async fn slow() -> Body {
     let words = futures_util::stream::iter(["one", "two", "three"]).then(async |word| {
         sleep(SHORT * 2).await;
         Ok::<_, std::convert::Infallible>(Bytes::from_static(word.as_bytes()))
     });
     Body::from_stream(words)
+}
+
+/// A body that never ends.
+fn endless() -> impl futures_util::Stream<Item = Result<Bytes, std::convert::Infallible>> {
+    futures_util::stream::repeat_with(|| Ok(Bytes::from_static(&[b'x'; 8192])))
 }
 
 struct Running {
@@ -34,12 +39,24 @@ struct Running {
 impl Running {
     async fn start(most: usize, [first_time, head_time]: [Duration; 2]) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        Self::over(listener, Connections { most, first_time, head_time, write_time: LONG, grace: None })
+    }
+
+    fn over(listener: TcpListener, limits: Connections) -> Self {
         let address = listener.local_addr().unwrap();
-        let router = Router::new().route("/plain", get(async || "plain")).route("/slow", get(slow));
+        let router = Router::new()
+            .route("/plain", get(async || "plain"))
+            .route("/slow", get(slow))
+            .route("/endless", get(async || Body::from_stream(endless())));
         let shutdown = CancellationToken::new();
-        let server =
-            tokio::spawn(serve(listener, router, Connections { most, first_time, head_time }, shutdown.clone()));
+        let server = tokio::spawn(serve(listener, router, limits, shutdown.clone()));
         Self { address, shutdown, server }
+    }
+
+    /// With these limits besides generous ones.
+    async fn with(write_time: Duration, grace: Option<Duration>) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        Self::over(listener, Connections { most: 9, first_time: LONG, head_time: LONG, write_time, grace })
     }
 
     /// A connection on which this was sent.
@@ -76,7 +93,7 @@ async fn until(stream: &mut TcpStream, word: &str) -> String {
 }
 
 #[tokio::test]
-async fn who_is_silent_is_let_go() {
+async fn a_silent_client_is_disconnected() {
     let running = Running::start(9, [LONG, SHORT]).await;
     for sent in [&b"G"[..], b"GET /plain HTTP/1.1\r\nhost: he"] {
         let answer = rest(&mut running.connect(sent).await).await;
@@ -89,10 +106,10 @@ async fn who_is_silent_is_let_go() {
 }
 
 #[tokio::test]
-async fn who_says_nothing_at_all_is_let_go() {
+async fn a_client_that_sends_nothing_is_disconnected() {
     let running = Running::start(9, [SHORT, LONG]).await;
     assert_eq!(rest(&mut running.connect(b"").await).await, "");
-    // One that has begun may take its time.
+    // A request that has begun to arrive has the time for a head.
     let mut stream = running.connect(&ASK[..9]).await;
     sleep(SHORT * 2).await;
     stream.write_all(&ASK[9..]).await.unwrap();
@@ -101,7 +118,7 @@ async fn who_says_nothing_at_all_is_let_go() {
 }
 
 #[tokio::test]
-async fn a_long_answer_is_not_cut() {
+async fn a_long_response_is_not_cut_off() {
     let running = Running::start(9, [LONG, SHORT]).await;
     let mut stream = running.connect(b"GET /slow HTTP/1.1\r\nhost: here\r\nconnection: close\r\n\r\n").await;
     let answer = rest(&mut stream).await;
@@ -110,7 +127,7 @@ async fn a_long_answer_is_not_cut() {
 }
 
 #[tokio::test]
-async fn the_next_waits_for_a_place() {
+async fn a_connection_waits_while_there_are_too_many() {
     let running = Running::start(2, [LONG; 2]).await;
     let silent = [running.connect(b"").await, running.connect(b"").await];
     // So that they have been accepted before.
@@ -124,7 +141,7 @@ async fn the_next_waits_for_a_place() {
 }
 
 #[tokio::test]
-async fn the_last_requests_are_answered_and_idle_connections_closed() {
+async fn the_last_requests_are_answered_and_idle_connections_are_closed() {
     let running = Running::start(9, [LONG; 2]).await;
     let mut idle = running.connect(ASK).await;
     until(&mut idle, "plain").await;
@@ -138,7 +155,7 @@ async fn the_last_requests_are_answered_and_idle_connections_closed() {
     assert!(TcpStream::connect(address).await.is_err());
 }
 
-/// Beyond what the service reads, the answer comes without a body; it is answered all the same.
+/// The response has no body, since the request is refused before it is read whole.
 #[tokio::test]
 async fn heads_that_are_too_long_are_refused() {
     let running = Running::start(9, [LONG; 2]).await;
@@ -155,9 +172,77 @@ async fn heads_that_are_too_long_are_refused() {
     running.stop().await;
 }
 
+/// Whether the server closes the connection soon. It may break off in the middle of a response.
+async fn is_closed(stream: &mut TcpStream) -> bool {
+    let reading = async {
+        let mut read = 0;
+        let mut part = vec![0; 64 << 10];
+        // More than buffers hold comes only of a connection that goes on.
+        while let Ok(n @ 1..) = stream.read(&mut part).await {
+            read += n;
+            if read > 256 << 20 {
+                return false;
+            }
+        }
+        true
+    };
+    timeout(SOON, reading).await.unwrap_or(false)
+}
+
+#[tokio::test]
+async fn a_client_that_takes_too_few_bytes_is_cut_off() {
+    let running = Running::with(Duration::from_secs(1), None).await;
+    let ask = b"GET /endless HTTP/1.1\r\nhost: here\r\n\r\n";
+    let mut stuck = running.connect(ask).await;
+    let mut trickling = running.connect(ask).await;
+    // While it is cut off, others are served.
+    let mut other = running.connect(ASK).await;
+    assert!(until(&mut other, "plain").await.starts_with("HTTP/1.1 200"));
+    // Longer than the second; what is on its way still arrives, and then the connection is closed.
+    for _ in 0..8 {
+        assert!(trickling.read(&mut [0]).await.unwrap() > 0);
+        sleep(Duration::from_millis(300)).await;
+    }
+    assert!(is_closed(&mut trickling).await, "a client that takes a few bytes a second");
+    assert!(is_closed(&mut stuck).await, "a client that takes nothing");
+    running.stop().await;
+}
+
+#[tokio::test]
+async fn a_client_that_reads_steadily_is_not_cut_off() {
+    let running = Running::with(SHORT, None).await;
+    let mut stream = running.connect(b"GET /endless HTTP/1.1\r\nhost: here\r\n\r\n").await;
+    let mut part = vec![0; 4 << 20];
+    for _ in 0..30 {
+        assert!(stream.read(&mut part).await.unwrap() > 0);
+        sleep(SHORT / 8).await;
+    }
+    drop(stream);
+    running.stop().await;
+}
+
+#[tokio::test]
+async fn requests_that_outlast_the_grace_are_cut_off() {
+    let running = Running::with(LONG, Some(SHORT)).await;
+    let mut stream = running.connect(b"GET /endless HTTP/1.1\r\nhost: here\r\n\r\n").await;
+    until(&mut stream, "xxx").await;
+    running.stop().await;
+}
+
+#[tokio::test]
+async fn a_download_ends_within_the_grace() {
+    let running = Running::with(LONG, Some(LONG)).await;
+    let mut stream = running.connect(b"GET /slow HTTP/1.1\r\nhost: here\r\n\r\n").await;
+    until(&mut stream, "one").await;
+    running.shutdown.cancel();
+    assert!(rest(&mut stream).await.contains("three"));
+    running.stop().await;
+}
+
 #[test]
-fn the_number_of_connections_follows_the_descriptors() {
-    assert_eq!(Connections::new(Some(7)).most, 7);
-    assert_eq!(Connections::new(None).most as u64, (descriptors() / 4 * 3).min(Semaphore::MAX_PERMITS as u64));
-    assert!(descriptors() >= 64);
+fn the_numbers_of_connections_and_downloads_follow_the_descriptors() {
+    assert_eq!(Connections::new(Some(7), LONG).most, 7);
+    assert_eq!(Connections::new(Some(20_000), LONG).most, 20_000);
+    assert_eq!(Connections::new(None, LONG).most as u64, (descriptors() / 4 * 3).min(10_000));
+    assert!(descriptors() >= 64 && downloads() as u64 <= descriptors() / 8);
 }

@@ -1,6 +1,6 @@
-//! The shapes of bodies, from JSON Schema to tables.
+//! Schemas of bodies as tables.
 
-use super::{escape, items, members, prose, table, text};
+use super::html::{escape, items, members, prose, table, text};
 use serde_json::Value;
 
 const REFERENCE: &str = "#/components/schemas/";
@@ -24,12 +24,12 @@ fn one(name: &str, schema: &Value) -> String {
     };
     format!(
         "<article id=\"schema-{name}\">\n<h3><a href=\"#schema-{name}\">{name}</a></h3>\n{description}{what}{}</article>\n",
-        table("Members", &["Name", "What", "Meaning"], &rows),
+        table("Members", &["Name", "Type", "Meaning"], &rows),
         name = escape(name),
     )
 }
 
-/// A row for each member of an object, and of the objects within it.
+/// A row for each member of an object and of its nested objects.
 fn describe(schema: &Value, before: &str, rows: &mut Vec<String>) {
     for part in items(&schema["allOf"]) {
         match reference(part) {
@@ -59,7 +59,7 @@ fn reference(schema: &Value) -> Option<&str> {
     schema["$ref"].as_str()?.strip_prefix(REFERENCE)
 }
 
-/// What a value may be, in a line.
+/// The type of a value, in one line.
 pub(super) fn kind(schema: &Value) -> String {
     if let Some(name) = reference(schema) {
         return format!("<a href=\"#schema-{0}\">{0}</a>", escape(name));

@@ -1,10 +1,11 @@
-//! That the page is whole, leads nowhere wrong, loads nothing, and cannot be made to say what it should not.
+//! The page is complete and well formed, its links lead somewhere, it loads nothing, and text cannot become markup.
 
+use super::super::router::description;
 use super::*;
 use std::collections::BTreeSet;
 
 fn page() -> String {
-    write(&openapi::description())
+    write(description())
 }
 
 /// The values of an attribute.
@@ -14,7 +15,7 @@ fn attributes<'p>(page: &'p str, name: &str) -> Vec<&'p str> {
 
 #[test]
 fn everything_that_is_described_is_shown() {
-    let (page, document) = (page(), openapi::description());
+    let (page, document) = (page(), description());
     let ids: BTreeSet<_> = attributes(&page, "id").into_iter().collect();
     let mut operations = 0;
     for (path, item) in members(&document["paths"]) {
@@ -42,7 +43,7 @@ fn links_lead_somewhere_and_nothing_is_loaded() {
     let page = page();
     let ids = attributes(&page, "id");
     let distinct: BTreeSet<_> = ids.iter().copied().collect();
-    assert_eq!(ids.len(), distinct.len(), "an id stands twice");
+    assert_eq!(ids.len(), distinct.len(), "an id is used twice");
     for link in attributes(&page, "href") {
         assert!(link == "/openapi.yaml" || link.strip_prefix('#').is_some_and(|id| distinct.contains(id)), "{link}");
     }

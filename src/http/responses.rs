@@ -1,0 +1,94 @@
+//! What descriptions of routes have in common: their error answers, and the schemas of request bodies and events, which
+//! `openapi.rs` fills in.
+
+use super::problem::Kind;
+use std::collections::BTreeMap;
+use utoipa::openapi::content::ContentBuilder;
+use utoipa::openapi::{Ref, RefOr, Response, ResponseBuilder, Schema};
+use utoipa::{IntoResponses, PartialSchema, ToSchema};
+
+macro_rules! placeholders {
+    ($($(#[$doc:meta])* $name:ident;)*) => {$(
+        $(#[$doc])*
+        pub(super) struct $name;
+
+        impl PartialSchema for $name {
+            fn schema() -> RefOr<Schema> {
+                utoipa::openapi::Object::new().into()
+            }
+        }
+
+        impl ToSchema for $name {}
+    )*};
+}
+
+placeholders! {
+    /// Stands for the request for a model. Its schema says more than utoipa's types can.
+    ModelRequest;
+    /// Stands for the request for a batch.
+    BatchRequest;
+    /// Stands for one event of a stream; utoipa has no `contentSchema`.
+    ServerSentEvent;
+}
+
+macro_rules! problems {
+    ($($(#[$doc:meta])* $name:ident: $($kind:ident),+;)*) => {$(
+        $(#[$doc])*
+        pub(super) struct $name;
+
+        impl IntoResponses for $name {
+            fn responses() -> BTreeMap<String, RefOr<Response>> {
+                problem_responses(&[$(Kind::$kind),+])
+            }
+        }
+    )*};
+}
+
+problems! {
+    /// No model has this id.
+    ModelMissing: ModelNotFound;
+    /// No batch has this id.
+    BatchMissing: BatchNotFound;
+    /// No model has this id, or it has no such file.
+    FileMissing: ModelNotFound, FileNotFound;
+    /// No model has this id, or it has no such section.
+    SectionMissing: ModelNotFound, FileNotFound, SectionNotFound;
+    /// No preset has this name.
+    PresetMissing: PresetNotFound;
+    /// The range lies outside the file.
+    RangeOutside: RangeNotSatisfiable;
+    /// No representation matches `Accept`.
+    Inacceptable: NotAcceptable;
+    /// A query parameter is invalid.
+    BadParameters: BadRequest, InvalidRequest;
+    /// The body or a header is invalid.
+    BodyProblems: BadRequest, InvalidJson, RequestTimeout, PayloadTooLarge, UnsupportedMediaType, InvalidRequest, CostLimit, GpuUnavailable, IdempotencyConflict;
+    /// The queue is full.
+    QueueFull: QueueFull;
+    /// One of the stores is unavailable.
+    StoreAway: StoreUnavailable, StorageUnavailable;
+    /// A store is unavailable, or GPU workers are still opening their devices.
+    StoreAwayOrOpening: StoreUnavailable, StorageUnavailable, NotReady;
+    /// The artifact store is unavailable, or too many downloads are running.
+    DownloadAway: StoreUnavailable, StorageUnavailable, TooManyDownloads;
+    /// The job store is unavailable, or too many streams are open.
+    StreamAway: StoreUnavailable, TooManyStreams;
+    /// The process does not take work now.
+    Unready: StoreUnavailable, StorageUnavailable, NotReady;
+    /// A worker of this process is stuck.
+    Unhealthy: WorkersStuck;
+}
+
+/// One response for each status among `kinds`.
+pub(super) fn problem_responses(kinds: &[Kind]) -> BTreeMap<String, RefOr<Response>> {
+    let mut by_status: BTreeMap<String, Vec<Kind>> = BTreeMap::new();
+    for kind in kinds {
+        by_status.entry(kind.status().as_str().to_owned()).or_default().push(*kind);
+    }
+    let content = || ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
+    let document = |kinds: Vec<Kind>| {
+        let lines: Vec<_> = kinds.iter().map(|kind| format!("{} (`{}`)", kind.title(), kind.slug())).collect();
+        ResponseBuilder::new().description(lines.join("; ")).content("application/problem+json", content()).build()
+    };
+    by_status.into_iter().map(|(status, kinds)| (status, document(kinds).into())).collect()
+}

@@ -1,0 +1,68 @@
+//! What events look like on the wire, and which of them a reader lacks.
+
+use super::super::dto::ModelEvent;
+use super::super::samples::{job, running};
+use super::*;
+use serde_json::{Value, json};
+
+fn view(job: &Job, names: &[Name], number: u64, before: Option<&View>) -> View {
+    View::of(job, None, names, number, before)
+}
+
+fn text(view: &View, number: u64) -> String {
+    String::from_utf8(view.events_after(number, "14").concat()).unwrap()
+}
+
+/// Names of the events after `number`.
+fn names(view: &View, number: u64) -> Vec<String> {
+    let text = text(view, number);
+    text.lines().filter_map(|line| Some(line.strip_prefix("event: ")?.to_owned())).collect()
+}
+
+#[test]
+fn an_event_holds_the_whole_model_on_one_line() {
+    let job = running(10);
+    let text = text(&view(&job, &[Name::Status, Name::Section], 5, None), 0);
+    let lines: Vec<_> = text.lines().collect();
+    assert_eq!((lines[0], lines[1], lines[3], lines[4]), ("event: status", "id: 14", "", "event: section"));
+    let data = |line: &str| serde_json::from_str::<Value>(line.strip_prefix("data: ").unwrap()).unwrap();
+    let model = Model::of(&job, None);
+    assert_eq!(data(lines[2]), serde_json::to_value(&model).unwrap());
+    let event = ModelEvent { model, section: job.section };
+    assert_eq!(data(lines[6]), serde_json::to_value(event).unwrap());
+    assert!(lines.len() == 8 && text.ends_with("\n\n"));
+}
+
+#[test]
+fn a_reader_gets_the_events_that_it_lacks() {
+    let first = view(&running(10), &[Name::Status, Name::Section], 5, None);
+    assert_eq!(names(&first, 0), ["status", "section"]);
+    assert_eq!(names(&first, 4), ["status", "section"]);
+    let second = view(&running(20), &[Name::Progress], 8, Some(&first));
+    assert_eq!(names(&second, 4), ["status", "section"], "a reader that never had the model");
+    assert_eq!(names(&second, 5), ["progress"]);
+    let third = view(&running(30), &[Name::Status, Name::Progress, Name::Section], 9, Some(&second));
+    assert_eq!(names(&third, 8), ["status", "progress", "section"]);
+    let end = view(&Job { status: Status::Succeeded, ..running(40) }, &[Name::End], 12, Some(&third));
+    assert_eq!((names(&end, 4), names(&end, 9), end.is_last()), (vec!["end".to_owned()], vec!["end".to_owned()], true));
+}
+
+#[test]
+fn a_deleted_model_ends_with_the_next_version() {
+    let before = view(&job(), &[Name::Status], 5, None);
+    let deleted = View::deleted(job().id, 6, Some(&before));
+    assert_eq!((deleted.version(), deleted.is_last()), (before.version() + 1, true));
+    let data = json!({ "id": job().id.to_string(), "status": "deleted" });
+    assert_eq!(text(&deleted, 5), format!("event: end\nid: 14\ndata: {data}\n\n"));
+}
+
+#[test]
+fn readers_share_the_bytes_of_a_state() {
+    let view = view(&running(10), &[Name::Status], 5, None);
+    let [one, two] = [0, 0].map(|number| view.events_after(number, "14"));
+    assert!(one.len() == 5 && one[1].as_ptr() == two[1].as_ptr() && one[1].as_ptr() == one[3].as_ptr());
+    assert_eq!(one[4].as_ptr(), two[4].as_ptr(), "the contour");
+    // A contour that has not changed is not serialised again.
+    let next = super::View::of(&running(10), None, &[Name::Status], 6, Some(&view));
+    assert_eq!(next.events_after(0, "15")[4].as_ptr(), one[4].as_ptr());
+}

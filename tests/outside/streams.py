@@ -1,0 +1,139 @@
+"""Memory of event streams: 1,000 readers of /events and 1,024 of one model, under 50 submissions a second.
+
+    python3 tests/outside/streams.py target/release/oviduct [--all 1000] [--one 1024] [--rate 50] [--seconds 60]
+
+Prints the resident memory of the service while the streams are read, and after they have gone. Fails if it was ever over
+--limit (300 MB), or if it was not given back. A quarter of the readers of /events take nothing for the first half.
+"""
+
+import argparse
+import json
+import multiprocessing
+import os
+import resource
+import select
+import socket
+import sys
+import tempfile
+import time
+
+sys.path.insert(0, os.path.dirname(__file__))
+from service import SMALL, Service
+
+
+def megabytes(pid, name):
+    """A value of /proc/PID/status, such as VmRSS."""
+    with open(f"/proc/{pid}/status") as status:
+        return next(int(line.split()[1]) / 1024 for line in status if line.startswith(name))
+
+
+def read_streams(port, paths, idle, until_idle, until, results):
+    """Opens the streams and reads them; those before `idle` are not read until `until_idle`."""
+    poll, streams = select.epoll(), {}
+    refused = 0
+    for place, path in enumerate(paths):
+        stream = socket.create_connection(("127.0.0.1", port))
+        stream.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+        stream.setblocking(False)
+        streams[stream.fileno()] = stream
+        if place >= idle:
+            poll.register(stream, select.EPOLLIN)
+    late = list(streams.values())[:idle]
+    buffer, taken = bytearray(1 << 20), 0
+    read, ends = set(), 0
+    while (now := time.monotonic()) < until:
+        if late and now > until_idle:
+            for stream in late:
+                poll.register(stream, select.EPOLLIN)
+            late = []
+        for descriptor, _ in poll.poll(0.2):
+            try:
+                count = streams[descriptor].recv_into(buffer)
+            except BlockingIOError:
+                continue
+            except OSError:
+                count = 0
+            if count == 0:
+                ends += 1
+                poll.unregister(descriptor)
+            elif descriptor not in read:
+                read.add(descriptor)
+                refused += not buffer.startswith(b"HTTP/1.1 200")
+            taken += count
+    results.put({"opened": len(streams), "read": len(read), "refused": refused, "closed": ends, "bytes": taken})
+
+
+def submit(port, rate, until, results):
+    """Submits small models at this rate."""
+    connection, accepted, start = socket.create_connection(("127.0.0.1", port)), 0, time.monotonic()
+    answer = connection.makefile("rb")
+    waits = []
+    for n in range(10**9):
+        if (due := start + n / rate) > until:
+            break
+        time.sleep(max(0, due - time.monotonic()))
+        body = json.dumps({"seed": n, "reuse": False, "spec": SMALL}).encode()
+        head = f"POST /models HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\nContent-Length: {len(body)}\r\n\r\n"
+        sent = time.monotonic()
+        connection.sendall(head.encode() + body)
+        status, length = answer.readline(), 0
+        while (line := answer.readline().lower()) != b"\r\n":
+            if line.startswith(b"content-length:"):
+                length = int(line.split(b":")[1])
+        answer.read(length)
+        accepted += b" 202 " in status
+        waits.append(time.monotonic() - sent)
+        if time.monotonic() > until:
+            break
+    waits.sort()
+    results.put({"accepted": accepted, "p50_ms": 1e3 * waits[len(waits) // 2], "max_ms": 1e3 * waits[-1]})
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("binary")
+    for name, default in [("--all", 1000), ("--one", 1024), ("--rate", 50), ("--seconds", 60), ("--limit", 300), ("--rest", 75)]:
+        parser.add_argument(name, type=int, default=default)
+    options = parser.parse_args()
+    resource.setrlimit(resource.RLIMIT_NOFILE, (resource.getrlimit(resource.RLIMIT_NOFILE)[1],) * 2)
+    with tempfile.TemporaryDirectory() as data:
+        service = Service(options.binary, data, "--cpu-workers", "1", "--cpu-threads", "1", "--queue-limit", "100000")
+        service.start()
+        pid = service.process.pid
+        # Large enough to run for a good part of the test.
+        watched = service.json("POST", "/models", {"priority": 100})["id"]
+        before = megabytes(pid, "VmRSS")
+        results, now = multiprocessing.Queue(), time.monotonic()
+        until = now + options.seconds
+        readers = [
+            (["/events"] * options.all, options.all // 4),
+            ([f"/models/{watched}/events"] * options.one, 0),
+        ]
+        works = [
+            multiprocessing.Process(target=read_streams, args=(service.port, paths, idle, now + options.seconds / 2, until, results))
+            for paths, idle in readers
+        ]
+        works.append(multiprocessing.Process(target=submit, args=(service.port, options.rate, until, results)))
+        for work in works:
+            work.start()
+        while time.monotonic() < until:
+            time.sleep(5)
+            print(f"{time.monotonic() - now:5.0f} s {megabytes(pid, 'VmRSS'):6.0f} MB resident", flush=True)
+        for _ in works:
+            print(json.dumps(results.get()), flush=True)
+        for work in works:
+            work.join()
+        peak = megabytes(pid, "VmHWM")
+        time.sleep(options.rest)
+        after = megabytes(pid, "VmRSS")
+        print(f"before {before:.0f} MB, at most {peak:.0f} MB, {options.rest} s after the streams have gone {after:.0f} MB")
+        service.kill()
+        if peak > options.limit:
+            raise SystemExit(f"over {options.limit} MB")
+        # A third, besides what the one model that still runs needs.
+        if after > before + 64 + (peak - before) / 3:
+            raise SystemExit("memory was not given back")
+
+
+if __name__ == "__main__":
+    main()
