@@ -82,7 +82,7 @@ mod tests {
         assert_eq!(health.outage(), None);
     }
 
-    #[tokio::test(start_paused = true)]
+    #[tokio::test]
     async fn a_check_that_hangs_fails_after_its_time_limit() {
         let health = Health::default();
         let error = health.check(std::future::pending()).await.unwrap_err();
