@@ -2,21 +2,13 @@
 
 use super::error::ArtifactError;
 use super::local::Walk;
+use super::object::Object;
 use futures_util::StreamExt;
 use futures_util::stream::BoxStream;
 use object_store::ObjectMeta;
 
 /// Objects on a page. S3 lists, and deletes, as many in one request.
 const PAGE: usize = 1000;
-
-/// A stored object.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(in crate::jobs) struct Object {
-    /// Its key.
-    pub(in crate::jobs) key: String,
-    /// When it was written, microseconds since 1970 UTC, by the clock of the store.
-    pub(in crate::jobs) modified_micros: i64,
-}
 
 /// Reads page after page.
 pub(in crate::jobs) enum Listing {

@@ -4,7 +4,7 @@
 //! linked elsewhere by mistake, not against an attacker who can write to the store.
 
 use super::error::ArtifactError;
-use super::listing::Object;
+use super::object::Object;
 use jiff::Timestamp;
 use object_store::local::LocalFileSystem;
 use std::fs::ReadDir;

@@ -16,6 +16,7 @@ mod error;
 mod health;
 mod listing;
 mod local;
+mod object;
 mod s3;
 
 pub use error::ArtifactError;

@@ -1,11 +1,12 @@
 //! Batches: jobs that are queued, read and removed together.
 
 use super::codec::{enum_from_sql, values};
+use super::error::SqlError;
 use super::operation::{Before, Done, Operation};
 use super::order::queue_room;
 use super::record::priority;
 use super::submit::{self, Ids, place};
-use super::tx::{SqlError, Tx};
+use super::tx::Tx;
 use crate::jobs::job::{BatchId, JobId, NewJob};
 use crate::jobs::store::{Batch, Change, Counts, NewBatch, StoreError, StoreOptions, SubmittedBatch};
 use std::sync::{Arc, Mutex, PoisonError};

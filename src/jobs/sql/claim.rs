@@ -10,12 +10,13 @@
 //! Expired leases are ended before, in a transaction of their own. A record that this version cannot read (a later one
 //! wrote it) fails with the reason, and the next job is claimed.
 
-use super::codec::{enum_to_sql, until, values};
+use super::codec::{Value, enum_to_sql, until, values};
+use super::error::SqlError;
 use super::lease::{self, End, Record as Ending};
 use super::operation::{Done, Operation};
 use super::read;
 use super::record::{Record, select_jobs, to_record};
-use super::tx::{Dialect, SqlError, Tx, Value};
+use super::tx::{Dialect, Tx};
 use crate::generate::Backend;
 use crate::jobs::job::{JobId, Problem};
 use crate::jobs::state::{self, Event};

@@ -1,19 +1,102 @@
 //! Rust values to and from columns.
 
-use super::tx::SqlError;
-use crate::jobs::store::StoreError;
+use super::error::{SqlError, broken};
+use crate::jobs::job::JobId;
 use jiff::Timestamp;
 use std::time::Duration;
 
 /// The values of the parameters of a query, in order.
 macro_rules! values {
-    ($($value:expr),* $(,)?) => { vec![$($crate::jobs::sql::tx::Value::from($value)),*] };
+    ($($value:expr),* $(,)?) => { vec![$($crate::jobs::sql::codec::Value::from($value)),*] };
 }
 pub(super) use values;
 
-/// The error of a column whose content this version cannot read.
-pub(super) fn broken(error: &dyn std::error::Error) -> SqlError {
-    SqlError::Store(StoreError::Database(format!("a broken record: {error}")))
+/// The value of a parameter.
+#[derive(Clone, Debug)]
+pub(in crate::jobs) enum Value {
+    Int(Option<i64>),
+    Text(Option<String>),
+    Texts(Vec<String>),
+    Flag(bool),
+}
+
+impl From<i64> for Value {
+    fn from(value: i64) -> Self {
+        Self::Int(Some(value))
+    }
+}
+
+impl From<u32> for Value {
+    fn from(value: u32) -> Self {
+        Self::Int(Some(value.into()))
+    }
+}
+
+/// Counts beyond the range of the database do not occur; they would become its greatest value.
+impl From<u64> for Value {
+    fn from(value: u64) -> Self {
+        Self::Int(Some(i64::try_from(value).unwrap_or(i64::MAX)))
+    }
+}
+
+impl From<Timestamp> for Value {
+    fn from(at: Timestamp) -> Self {
+        Self::Int(Some(at.as_microsecond()))
+    }
+}
+
+impl From<Option<Timestamp>> for Value {
+    fn from(at: Option<Timestamp>) -> Self {
+        Self::Int(at.map(Timestamp::as_microsecond))
+    }
+}
+
+impl From<bool> for Value {
+    fn from(value: bool) -> Self {
+        Self::Flag(value)
+    }
+}
+
+impl From<JobId> for Value {
+    fn from(id: JobId) -> Self {
+        Self::Text(Some(id.to_string()))
+    }
+}
+
+impl From<&str> for Value {
+    fn from(text: &str) -> Self {
+        Self::Text(Some(text.to_owned()))
+    }
+}
+
+impl From<String> for Value {
+    fn from(text: String) -> Self {
+        Self::Text(Some(text))
+    }
+}
+
+impl From<&String> for Value {
+    fn from(text: &String) -> Self {
+        Self::Text(Some(text.clone()))
+    }
+}
+
+impl From<Option<String>> for Value {
+    fn from(text: Option<String>) -> Self {
+        Self::Text(text)
+    }
+}
+
+impl From<&Option<String>> for Value {
+    fn from(text: &Option<String>) -> Self {
+        Self::Text(text.clone())
+    }
+}
+
+impl From<Vec<String>> for Value {
+    fn from(texts: Vec<String>) -> Self {
+        Self::Texts(texts)
+    }
 }
 
 pub(super) fn json<T: serde::Serialize>(value: &T) -> String {

@@ -1,10 +1,11 @@
 //! Leases: expiry, renewal, the end of an attempt, cancelling. Every event goes through [`State::on`].
 
 use super::codec::{enum_from_sql, enum_to_sql, json, until, values};
+use super::error::SqlError;
 use super::operation::{Before, Done, Operation};
 use super::read::{self, known_job};
 use super::submit::insert_files;
-use super::tx::{SqlError, Tx};
+use super::tx::Tx;
 use crate::generate::Progress;
 use crate::jobs::job::{BackendReport, Job, JobId, LiveSection, Problem, Status};
 use crate::jobs::state::{self, AttemptEnd, Event, Fence, Next, State};

@@ -8,7 +8,7 @@
 //! | file | subject |
 //! |---|---|
 //! | `store` | the [`Store`](super::Store) trait over either engine; retries |
-//! | `tx`, `codec`, `operation` | connections, values, what runs in a transaction |
+//! | `tx`, `codec`, `error`, `operation` | connections, values, errors, what runs in a transaction |
 //! | `submit`, `batch`, `claim`, `lease`, `workers`, `upkeep` | the operations |
 //! | `order` | turns and positions in the queue |
 //! | `record`, `read` | rows to jobs and attempts; lists and counts |
@@ -16,6 +16,7 @@
 mod batch;
 mod claim;
 mod codec;
+mod error;
 mod lease;
 mod operation;
 mod order;
@@ -27,9 +28,10 @@ mod tx;
 mod upkeep;
 mod workers;
 
+pub(super) use error::SqlError;
 pub(super) use lease::Expire;
 pub(super) use operation::{Done, Operation};
 pub use store::SqlStore;
 pub(super) use store::{Engine, Reader, Trouble, run_or_find};
-pub(super) use tx::{Connection, SqlError, Time, Tx};
+pub(super) use tx::{Connection, Time, Tx};
 pub(super) use upkeep::FreeUpkeep;

@@ -1,6 +1,7 @@
 //! What runs in one transaction.
 
-use super::tx::{SqlError, Tx};
+use super::error::SqlError;
+use super::tx::Tx;
 use crate::jobs::store::{Change, StoreOptions};
 use std::future::Future;
 use std::time::Duration;

@@ -13,8 +13,9 @@
 //! counted, up to [`POSITIONS`].
 
 use super::codec::{enum_to_sql, values};
+use super::error::SqlError;
 use super::record::Record;
-use super::tx::{SqlError, Tx};
+use super::tx::Tx;
 use crate::generate::Backend;
 use crate::jobs::job::{Job, NewJob, Priority, Status};
 use crate::jobs::state;

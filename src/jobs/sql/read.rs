@@ -1,9 +1,10 @@
 //! Reading records: jobs, lists, attempts, counts.
 
-use super::codec::{enum_from_sql, enum_to_sql, values};
+use super::codec::{Value, enum_from_sql, enum_to_sql, values};
+use super::error::SqlError;
 use super::order::set_positions;
 use super::record::{Record, optional_enum, owned, select_jobs, to_record};
-use super::tx::{SqlError, Tx, Value};
+use super::tx::Tx;
 use crate::generate::Backend;
 use crate::jobs::job::{Job, JobId};
 use crate::jobs::store::{Attempt, Counts, LANES, ListFilter, Page, StoreError};

@@ -1,7 +1,8 @@
 //! Rows to jobs. Values that only a later version can read are left out; such a job is shown as far as it is understood.
 
 use super::codec::{enum_from_sql, parse};
-use super::tx::{Row, SqlError, Tx};
+use super::error::SqlError;
+use super::tx::{Row, Tx};
 use crate::generate::{Backend, Output};
 use crate::jobs::job::{BackendReport, BatchId, Job, JobId, Priority};
 use serde::de::DeserializeOwned;

@@ -2,10 +2,11 @@
 
 use super::batch::{self, DeleteBatch, SubmitBatch};
 use super::claim::{self, Claim};
+use super::error::SqlError;
 use super::lease::{Cancel, End, Expire, Record, Renew, SetCheckpoint};
 use super::operation::{Done, Operation};
 use super::submit::{self, Delete, Ids, Submit};
-use super::tx::{Connection, SqlError, Time, Tx};
+use super::tx::{Connection, Time, Tx};
 use super::upkeep::{self, AcquireUpkeep};
 use super::workers::{WorkerSeen, alive, workers};
 use super::{order, read};

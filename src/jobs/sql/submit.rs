@@ -1,10 +1,11 @@
 //! Queueing jobs and removing them.
 
-use super::codec::{enum_from_sql, enum_to_sql, json, values};
+use super::codec::{Value, enum_from_sql, enum_to_sql, json, values};
+use super::error::SqlError;
 use super::operation::{Before, Done, Operation};
 use super::order::{queue_room, rank, submitter, turn};
 use super::read::{self, known_job};
-use super::tx::{SqlError, Tx, Value};
+use super::tx::Tx;
 use crate::generate::{Backend, Output};
 use crate::jobs::job::{BatchId, File, Job, JobId, NewJob};
 use crate::jobs::state;

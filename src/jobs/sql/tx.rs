@@ -1,9 +1,9 @@
 //! A connection to either database, with the few types of values that records consist of.
 
-use super::codec::{broken, json, until};
+use super::codec::{Value, json, until};
+use super::error::{SqlError, broken};
 use crate::clock::{Clock, Stopwatch};
 use crate::jobs::job::JobId;
-use crate::jobs::store::StoreError;
 use jiff::Timestamp;
 use sqlx::postgres::{PgArguments, PgRow};
 use sqlx::query::Query;
@@ -12,26 +12,6 @@ use sqlx::{AssertSqlSafe, PgConnection, Postgres, Row as _, SqlSafeStr, SqlStr, 
 use std::borrow::Cow;
 #[cfg(test)]
 use std::time::Duration;
-
-/// Why an operation on the database failed.
-#[derive(Debug, thiserror::Error)]
-pub(in crate::jobs) enum SqlError {
-    /// A refusal by the store itself.
-    #[error(transparent)]
-    Store(#[from] StoreError),
-    /// The database failed or is unavailable.
-    #[error(transparent)]
-    Database(#[from] sqlx::Error),
-}
-
-impl From<SqlError> for StoreError {
-    fn from(error: SqlError) -> Self {
-        match error {
-            SqlError::Store(error) => error,
-            SqlError::Database(error) => Self::Database(error.to_string()),
-        }
-    }
-}
 
 /// Which dialect of SQL the database understands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,94 +64,6 @@ pub(in crate::jobs) struct Tx<'c> {
     connection: Connection<'c>,
     time: &'c Time,
     now: Option<Timestamp>,
-}
-
-/// The value of a parameter.
-#[derive(Clone, Debug)]
-pub(in crate::jobs) enum Value {
-    Int(Option<i64>),
-    Text(Option<String>),
-    Texts(Vec<String>),
-    Flag(bool),
-}
-
-impl From<i64> for Value {
-    fn from(value: i64) -> Self {
-        Self::Int(Some(value))
-    }
-}
-
-impl From<u32> for Value {
-    fn from(value: u32) -> Self {
-        Self::Int(Some(value.into()))
-    }
-}
-
-/// Counts beyond the range of the database do not occur; they would become its greatest value.
-impl From<u64> for Value {
-    fn from(value: u64) -> Self {
-        Self::Int(Some(i64::try_from(value).unwrap_or(i64::MAX)))
-    }
-}
-
-impl From<Timestamp> for Value {
-    fn from(at: Timestamp) -> Self {
-        Self::Int(Some(at.as_microsecond()))
-    }
-}
-
-impl From<Option<Timestamp>> for Value {
-    fn from(at: Option<Timestamp>) -> Self {
-        Self::Int(at.map(Timestamp::as_microsecond))
-    }
-}
-
-impl From<bool> for Value {
-    fn from(value: bool) -> Self {
-        Self::Flag(value)
-    }
-}
-
-impl From<JobId> for Value {
-    fn from(id: JobId) -> Self {
-        Self::Text(Some(id.to_string()))
-    }
-}
-
-impl From<&str> for Value {
-    fn from(text: &str) -> Self {
-        Self::Text(Some(text.to_owned()))
-    }
-}
-
-impl From<String> for Value {
-    fn from(text: String) -> Self {
-        Self::Text(Some(text))
-    }
-}
-
-impl From<&String> for Value {
-    fn from(text: &String) -> Self {
-        Self::Text(Some(text.clone()))
-    }
-}
-
-impl From<Option<String>> for Value {
-    fn from(text: Option<String>) -> Self {
-        Self::Text(text)
-    }
-}
-
-impl From<&Option<String>> for Value {
-    fn from(text: &Option<String>) -> Self {
-        Self::Text(text.clone())
-    }
-}
-
-impl From<Vec<String>> for Value {
-    fn from(texts: Vec<String>) -> Self {
-        Self::Texts(texts)
-    }
 }
 
 /// Queries are assembled from constants of this module's siblings; input of clients is only ever a parameter.

@@ -1,8 +1,9 @@
 //! Upkeep: which process may sweep, and which keys of the artifact store are in use.
 
 use super::codec::{until, values};
+use super::error::SqlError;
 use super::operation::{Done, Operation};
-use super::tx::{SqlError, Tx};
+use super::tx::Tx;
 use crate::jobs::store::{StoreOptions, UpkeepTask};
 use std::collections::BTreeSet;
 use std::time::Duration;

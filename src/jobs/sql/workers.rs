@@ -1,8 +1,9 @@
 //! Heartbeats of workers.
 
 use super::codec::{enum_from_sql, enum_to_sql, values};
+use super::error::SqlError;
 use super::operation::{Done, Operation};
-use super::tx::{SqlError, Tx};
+use super::tx::Tx;
 use crate::generate::Backend;
 use crate::jobs::job::JobId;
 use crate::jobs::store::{StoreOptions, WorkerInfo};

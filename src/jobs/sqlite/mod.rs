@@ -164,7 +164,7 @@ async fn check(path: &Path, connect: &SqliteConnectOptions) -> Result<(), StoreE
     };
     match found.await {
         Ok(found) if found == "ok" => Ok(()),
-        Ok(found) => Err(damaged(found.trim())),
+        Ok(found) => Err(damaged(&found.lines().collect::<Vec<_>>().join(" "))),
         Err(error) => match primary(&error) {
             Some(code::INTERRUPT) => {
                 let seconds = CHECK_TIME.as_secs();
