@@ -27,6 +27,8 @@ use tracing::Instrument;
 const STOP_WAIT: Duration = Duration::from_millis(300);
 /// How long an attempt that is released waits for its last checkpoint to be taken and stored.
 const SAVE_WAIT: Duration = Duration::from_secs(6);
+/// How long a job that was claimed before the threads were free waits for them; then another worker may have it.
+const SOON: Duration = Duration::from_secs(3);
 /// How long an interrupted upload may take to stop.
 const SETTLE: Duration = Duration::from_millis(500);
 /// The default time limit of a generation: this floor, and so many times the predicted seconds on one core. Machines that run
@@ -51,8 +53,8 @@ pub(super) struct Attempt<'a> {
 
 /// Where the generation of an attempt comes from.
 pub(super) enum Start {
-    /// It is to be started on the CPU, with the right to use its threads.
-    Cpu(OwnedSemaphorePermit),
+    /// It is to be started on the CPU, with the right to use its threads; without it, once they are free, if that is soon.
+    Cpu(Option<OwnedSemaphorePermit>),
     /// It runs as a member of a batch.
     Running(Generation),
 }
@@ -191,7 +193,12 @@ impl<'a> Attempt<'a> {
         let mut time = self.time_limit();
         let mut generation = match start {
             Start::Running(generation) => generation,
-            Start::Cpu(permit) => self.generate_on(cpu, permit).await?,
+            Start::Cpu(Some(permit)) => self.generate_on(cpu, permit).await?,
+            Start::Cpu(None) => {
+                let free = timeout(SOON, cpu.free());
+                let permit = self.lease.hold(&self.claim, &self.sink.progress, free).await?;
+                self.generate_on(cpu, permit.map_err(|_| verdict::of_busy_worker())?).await?
+            }
         };
         loop {
             let since = Stopwatch::start();
@@ -413,7 +420,7 @@ async fn write(
         Ending::Stored(finished) => commit(context, claimed, *finished).await,
         Ending::Failed(Verdict::Fail(problem)) => (End::Failed, store.fail(claimed, report, problem).await.map(drop)),
         Ending::Failed(Verdict::Retry(problem)) => (End::Retried, store.retry(claimed, problem).await.map(drop)),
-        Ending::Failed(Verdict::Storage { problem, .. }) => {
+        Ending::Failed(Verdict::Release(problem) | Verdict::Storage { problem, .. }) => {
             (End::Released, store.release_because(claimed, problem).await)
         }
         Ending::Interrupted(Interrupt::Lost) => (End::Lost, Ok(())),

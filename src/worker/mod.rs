@@ -7,8 +7,9 @@
 //! unavailable fails no job and counts no attempt.
 //!
 //! A CPU worker computes one job at a time, a GPU worker (one per adapter) a batch of jobs with the same batch key; each
-//! claims its next when its threads or its device are free, while the files of the one before are still being stored. Which
-//! worker takes which jobs:
+//! claims its next when its device is free, or when the job before has come to its certificate, so that its threads do not
+//! wait for the stores; a job that was claimed early and whose threads do not come free soon is released. Which worker takes
+//! which jobs:
 //! - `gpu` goes to GPU workers, `cpu` and `cpu-single` to CPU workers, whatever else is queued.
 //! - `auto` goes to GPU workers. A CPU worker takes it only while no GPU worker is alive, or while more jobs are queued
 //!   than the GPU workers take with their next two claims.

@@ -56,8 +56,8 @@ struct Slot {
 
 /// The rights that a worker needs to run what it claims.
 struct Free {
-    /// To use the threads of the CPU, or the device.
-    compute: OwnedSemaphorePermit,
+    /// To use the threads of the CPU, or the device; `None` if the threads are about to be free.
+    compute: Option<OwnedSemaphorePermit>,
     /// To hold one more claim.
     claim: OwnedSemaphorePermit,
 }
@@ -170,8 +170,9 @@ impl Opening {
     }
 }
 
-/// Claims jobs and runs them until the pool drains. The next is claimed when the threads (or the device) are free, while the
-/// files of the one before may still be on their way to the artifact store.
+/// Claims jobs and runs them until the pool drains. The next is claimed when the device is free, or once for each generation
+/// when the threads are about to be: so they do not wait for the stores. The files of the job before may still be on their
+/// way to the artifact store.
 async fn claim_loop(slot: Arc<Slot>, opening: Arc<Opening>) {
     let context = &slot.context;
     let mut phase = context.phase.clone();
@@ -277,8 +278,8 @@ impl Slot {
     async fn free(&self) -> Free {
         let claim = Arc::clone(&self.claims).acquire_owned().await.expect("the semaphore is never closed");
         let compute = match &self.gpu {
-            Some(gpu) => gpu.free().await,
-            None => self.cpu.free().await,
+            Some(gpu) => Some(gpu.free().await),
+            None => self.cpu.free_soon().await,
         };
         self.context.storage.wait_until_available(&self.context.artifacts, &self.context.scratch).await;
         Free { compute, claim }
@@ -328,7 +329,7 @@ impl Slot {
     }
 
     /// Runs a job on the CPU. Returns how many jobs have ended.
-    async fn run_one(&self, claimed: Vec<ClaimedJob>, share: &Share, compute: OwnedSemaphorePermit) -> u64 {
+    async fn run_one(&self, claimed: Vec<ClaimedJob>, share: &Share, compute: Option<OwnedSemaphorePermit>) -> u64 {
         // A CPU worker claims one job at a time.
         let Some(claimed) = claimed.into_iter().next() else { return 0 };
         let mut report = self.cpu.report(claimed.job().backend.requested);
@@ -343,7 +344,7 @@ impl Slot {
     }
 
     /// Runs the jobs that fit on the device together, and releases the others. Returns how many jobs have ended.
-    async fn run_batch(&self, gpu: &Gpu, claimed: Vec<ClaimedJob>, compute: OwnedSemaphorePermit) -> u64 {
+    async fn run_batch(&self, gpu: &Gpu, claimed: Vec<ClaimedJob>, compute: Option<OwnedSemaphorePermit>) -> u64 {
         let jobs: Vec<Job> = claimed.iter().map(|claimed| claimed.job().clone()).collect();
         let admitted = gpu.admit(jobs).await;
         let fits = |place: usize| admitted.as_ref().map_or(place == 0, |admitted| admitted[place]);

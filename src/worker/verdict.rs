@@ -5,7 +5,6 @@ use crate::generate::GenerateError;
 use crate::jobs::Problem;
 use crate::jobs::fault::Injected;
 use std::any::Any;
-use std::error::Error;
 use std::io;
 use std::time::Duration;
 use tokio::task::JoinError;
@@ -17,6 +16,8 @@ pub(super) enum Verdict {
     Fail(Problem),
     /// The error may be transient: retry, counted as an attempt.
     Retry(Problem),
+    /// Another worker may run it sooner: release it without counting an attempt.
+    Release(Problem),
     /// The storage is at fault, not the job: release it without counting an attempt, and pause claims.
     Storage {
         /// What is recorded with the attempt.
@@ -70,26 +71,20 @@ pub(super) fn of_error(error: &WorkError) -> Verdict {
 pub(super) fn is_storage_fault(error: &io::Error) -> bool {
     // EIO has no kind of its own.
     const EIO: i32 = 5;
-    let mut cause: Option<&(dyn Error + 'static)> = Some(error);
-    while let Some(error) = cause {
-        if let Some(error) = error.downcast_ref::<io::Error>()
-            && (error.raw_os_error() == Some(EIO)
-                || matches!(
-                    error.kind(),
-                    io::ErrorKind::StorageFull
-                        | io::ErrorKind::QuotaExceeded
-                        | io::ErrorKind::FileTooLarge
-                        | io::ErrorKind::ReadOnlyFilesystem
-                        | io::ErrorKind::StaleNetworkFileHandle
-                        | io::ErrorKind::NotADirectory
-                        | io::ErrorKind::NotFound
-                ))
-        {
-            return true;
-        }
-        cause = error.source();
-    }
-    false
+    let is_fault = error.raw_os_error() == Some(EIO)
+        || matches!(
+            error.kind(),
+            io::ErrorKind::StorageFull
+                | io::ErrorKind::QuotaExceeded
+                | io::ErrorKind::FileTooLarge
+                | io::ErrorKind::ReadOnlyFilesystem
+                | io::ErrorKind::StaleNetworkFileHandle
+                | io::ErrorKind::NotADirectory
+                | io::ErrorKind::NotFound
+        );
+    // Writers may wrap the error of the file below them.
+    let inner = error.get_ref().and_then(|inner| inner.downcast_ref::<io::Error>());
+    is_fault || inner.is_some_and(is_storage_fault)
 }
 
 /// The verdict on a generation whose thread returned nothing. After a panic, the same code on the same spec would panic again.
@@ -132,6 +127,12 @@ pub(super) fn of_scratch(detail: String) -> Verdict {
 pub(super) fn of_storage(detail: String) -> Verdict {
     let problem = problem(STORAGE, "The artifact store is unavailable", detail);
     Verdict::Storage { problem, scratch: false }
+}
+
+/// The verdict on a job that waited for the threads of its worker in vain.
+pub(super) fn of_busy_worker() -> Verdict {
+    let detail = "another worker may be free before this one".to_owned();
+    Verdict::Release(problem("busy", "The worker is busy", detail))
 }
 
 /// The verdict on files in scratch that are not what the generator wrote, or cannot be read.

@@ -25,6 +25,8 @@ enum Mode {
     Up,
     /// Refuses all of them.
     Away,
+    /// Refuses all of them, as when credentials have expired.
+    Forbidden,
     /// Refuses uploads in parts, as a disk with a little room left does.
     Small,
     /// Files of models wait until the mode changes.
@@ -59,6 +61,10 @@ impl Switch {
         let mode = *mode.wait_for(|mode| *mode != Mode::Slow || !is_model).await.unwrap();
         match mode {
             Mode::Away => Err(Error::Generic { store: "switch", source: "503 Slow Down".into() }),
+            Mode::Forbidden => {
+                let path = location.to_string();
+                Err(Error::Unauthenticated { path, source: "switch: the token has expired".into() })
+            }
             Mode::Small if !is_small => {
                 Err(Error::Generic { store: "switch", source: "507 Insufficient Storage".into() })
             }
@@ -179,6 +185,21 @@ async fn ten_minutes_without_an_artifact_store_cost_no_attempt_on_sqlite() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn ten_minutes_without_an_artifact_store_cost_no_attempt_on_postgres() {
     ten_minutes_without_an_artifact_store(Ground::Postgres).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn expired_credentials_cost_no_attempt() {
+    let (place, switch) = place(Ground::Sqlite).await;
+    switch.set(Mode::Forbidden);
+    let pool = place.start(|options| options.storage_wait = Duration::from_millis(5));
+    let id = place.queue("ok", 1).await;
+    place.until(id, |job| job.status == Status::Queued && job.attempts > 0).await;
+    switch.set(Mode::Up);
+    let job = place.ended(id).await;
+    assert_eq!(job.status, Status::Succeeded, "{:?}", job.problem);
+    assert!(released(&place.store.attempts(id).await.unwrap()) > 0);
+    pool.shutdown(Duration::from_secs(5)).await;
+    place.store.close().await;
 }
 
 /// The check of the artifact store passes, uploads of large files fail.

@@ -40,17 +40,20 @@ fn section() -> Section {
     Section { step: 10.0, z_um: 300.0, added: false, inner: ring(1000), outer: ring(100) }
 }
 
-/// `spec.script`: `ok`, `wait` (for a cancel), `hold` (until the gate of the
+/// `spec.script`: `ok`, `wait` (for a cancel), `prove` (likewise, at its certificate), `hold` (until the gate of the
 /// place opens, or for a cancel), `deaf` (until the gate opens, ignoring the cancel token), `slow` (1.2 s), `panic`,
 /// `memory`, `certificate`, `io`, `spec`.
 pub fn generate(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, WorkError> {
     let script = work.job.spec["script"].as_str().unwrap().to_owned();
     sink.progress(&progress(Stage::Simulate, 0.1));
     sink.section(&section());
+    if script == "prove" {
+        sink.progress(&progress(Stage::Certify, 0.8));
+    }
     let since = Stopwatch::start();
     let goes_on = || match script.as_str() {
         "hold" | "deaf" => !gate::is_open(&work.job.spec),
-        "wait" => since.elapsed() < Duration::from_secs(600),
+        "wait" | "prove" => since.elapsed() < Duration::from_secs(600),
         "slow" => since.elapsed() < Duration::from_millis(1200),
         _ => since.elapsed() < Duration::from_millis(20),
     };

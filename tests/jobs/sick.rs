@@ -23,7 +23,7 @@ fn quick(options: &mut PoolOptions) {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn without_its_scratch_directory_a_worker_claims_nothing() {
-    let place = Place::fresh(|_| {}).await;
+    let place = Place::fresh(|options| options.max_attempts = 1).await;
     let pool = place.start(quick);
     let folder = scratch(&place);
     let away = place.dir.join("away");
@@ -38,9 +38,13 @@ async fn without_its_scratch_directory_a_worker_claims_nothing() {
     assert_eq!(place.store.counts().await.unwrap().queued, 50, "jobs were claimed without a scratch directory");
     std::fs::remove_file(&folder).unwrap();
     std::fs::rename(&away, &folder).unwrap();
+    let mut attempts = 0;
     for job in join_all(ids.iter().map(|&id| place.ended(id))).await {
-        assert_eq!((job.status, job.attempts), (Status::Succeeded, 1), "{:?}", job.problem);
+        assert_eq!(job.status, Status::Succeeded, "{:?}", job.problem);
+        attempts += job.attempts;
     }
+    // Each of the two workers may have checked the directory just before it was taken away.
+    assert!((50..=52).contains(&attempts), "{attempts}");
     pool.shutdown(Duration::from_secs(5)).await;
 }
 

@@ -113,6 +113,32 @@ async fn a_running_job_stops_within_a_second_of_its_cancel() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_next_job_is_claimed_during_the_certificate_of_the_one_before_and_waits_for_its_threads() {
+    let place = Place::fresh(|_| {}).await;
+    let pool = place.start(|_| {});
+    let first = place.queue("prove", 1).await;
+    let next = place.queue("ok", 2).await;
+    let last = place.queue("ok", 3).await;
+    let claimed = place.until(next, |job| job.status == Status::Running).await;
+    assert_eq!((claimed.attempts, claimed.progress), (1, None));
+    // No other is claimed, and this one only for as long as the threads may soon be free.
+    let released = place.until(next, |job| job.status == Status::Queued).await;
+    let now = place.store.get(last).await.unwrap().unwrap();
+    assert_eq!((released.attempts, now.status, now.attempts), (1, Status::Queued, 0));
+    let attempts = place.store.attempts(next).await.unwrap();
+    assert!(attempts[0].detail.as_deref().unwrap_or_default().starts_with("busy: "), "{attempts:?}");
+    tokio::time::sleep(Duration::from_millis(1500)).await;
+    let now = place.store.get(next).await.unwrap().unwrap();
+    assert_eq!((now.status, now.attempts), (Status::Queued, 1), "it was claimed early twice");
+    place.store.cancel(first).await.unwrap();
+    for id in [next, last] {
+        assert_eq!(place.ended(id).await.status, Status::Succeeded);
+    }
+    assert_eq!(place.busy.most(), 1);
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn the_next_job_is_claimed_once_the_threads_are_free() {
     let place = Place::fresh(|_| {}).await;
     let pool = place.start(|options| options.heartbeat = Duration::from_millis(100));

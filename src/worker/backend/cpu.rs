@@ -1,14 +1,17 @@
 //! Generations on the CPU of a worker, one at a time.
 
 use super::{GenerateFailure, Generation, Task, request};
-use crate::generate::{Backend, CancelToken, Checkpoint, Outcome, Sink, generate, resume};
+use crate::generate::{Backend, CancelToken, Checkpoint, Outcome, Progress, Sink, Stage, generate, resume};
 use crate::jobs::BackendReport;
+use crate::model::Section;
 use crate::worker::generator::{Generator, Work, WorkError};
+use crate::worker::progress::AttemptSink;
 use crate::worker::verdict;
 use rayon::ThreadPool;
 use std::io;
 use std::sync::Arc;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use std::sync::atomic::{AtomicBool, Ordering};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
 /// The threads of a worker.
 pub(in crate::worker) struct Cpu {
@@ -17,6 +20,8 @@ pub(in crate::worker) struct Cpu {
     /// For `cpu-single`.
     single: Arc<ThreadPool>,
     free: Arc<Semaphore>,
+    /// Set when the certificate of the running generation begins.
+    nearly_free: watch::Sender<bool>,
 }
 
 impl Cpu {
@@ -26,7 +31,7 @@ impl Cpu {
     /// If threads cannot be created.
     pub(in crate::worker) fn new(worker: &str, count: usize) -> io::Result<Self> {
         let (all, single) = (threads(worker, count)?, threads(worker, 1)?);
-        Ok(Self { all, single, free: Arc::new(Semaphore::new(1)) })
+        Ok(Self { all, single, free: Arc::new(Semaphore::new(1)), nearly_free: watch::Sender::new(false) })
     }
 
     /// What a record says of a job that runs here, by the backend that it asked for.
@@ -46,6 +51,20 @@ impl Cpu {
         Arc::clone(&self.free).acquire_owned().await.expect("the semaphore is never closed")
     }
 
+    /// Waits until no generation uses the threads, or until the running one has come to its certificate: then `None`, once for
+    /// each generation.
+    pub(in crate::worker) async fn free_soon(&self) -> Option<OwnedSemaphorePermit> {
+        let mut nearly_free = self.nearly_free.subscribe();
+        tokio::select! {
+            biased;
+            permit = self.free() => Some(permit),
+            _ = nearly_free.wait_for(|nearly_free| *nearly_free) => {
+                self.nearly_free.send_replace(false);
+                None
+            }
+        }
+    }
+
     /// Starts a generation on a thread that may block and whose panics are caught; it keeps `permit` until it has stopped.
     pub(in crate::worker) fn generate(
         &self,
@@ -54,12 +73,14 @@ impl Cpu {
         task: Task,
         permit: OwnedSemaphorePermit,
     ) -> Generation {
-        let (pool, cancel) = (Arc::clone(self.pool(backend)), task.cancel.clone());
+        let (pool, cancel, nearly_free) = (Arc::clone(self.pool(backend)), task.cancel.clone(), self.nearly_free.clone());
+        nearly_free.send_replace(false);
         let thread = tokio::task::spawn_blocking(move || {
             let Task { job, dir, sink, cancel, memory_limit_bytes, checkpoint } = &task;
             let (memory_limit_bytes, checkpoint) = (*memory_limit_bytes, checkpoint.as_deref());
             let work = Work { job, backend, dir: dir.path(), memory_limit_bytes, checkpoint };
-            pool.install(|| sink.span().in_scope(|| generator.generate(work, &**sink, cancel)))
+            let sink = CertificateWatch { sink, nearly_free, begun: AtomicBool::new(false) };
+            pool.install(|| sink.sink.span().in_scope(|| generator.generate(work, &sink, cancel)))
         });
         let result = async move {
             match thread.await {
@@ -72,6 +93,34 @@ impl Cpu {
 
     fn pool(&self, backend: Backend) -> &Arc<ThreadPool> {
         if backend == Backend::CpuSingle { &self.single } else { &self.all }
+    }
+}
+
+/// Forwards to the sink of an attempt, and notes when its certificate begins.
+struct CertificateWatch<'a> {
+    sink: &'a AttemptSink,
+    nearly_free: watch::Sender<bool>,
+    begun: AtomicBool,
+}
+
+impl Sink for CertificateWatch<'_> {
+    fn progress(&self, progress: &Progress) {
+        if matches!(progress.stage, Stage::Certify | Stage::Export) && !self.begun.swap(true, Ordering::Relaxed) {
+            self.nearly_free.send_replace(true);
+        }
+        self.sink.progress(progress);
+    }
+
+    fn section(&self, section: &Section) {
+        self.sink.section(section);
+    }
+
+    fn wants_checkpoint(&self) -> bool {
+        self.sink.wants_checkpoint()
+    }
+
+    fn checkpoint(&self, bytes: Vec<u8>) {
+        self.sink.checkpoint(bytes);
     }
 }
 
