@@ -55,13 +55,13 @@ mod tests {
     #[test]
     fn models_of_one_key_differ_by_less_than_a_quarter() {
         let mut ranges = std::collections::BTreeMap::<String, Vec<u32>>::new();
-        for total in (400..4000).step_by(40) {
+        for total in (800..4000).step_by(40) {
             let patch = json!({ "particles": { "total": { "keys": [[0, 300], [1, total]] } } });
             let spec = ModelSpec::resolve(preset("paper").unwrap(), &patch).unwrap();
             let inner = spec.particles.total.at(1.0) - spec.particles.outer.at(1.0);
             ranges.entry(batch_key(&spec)).or_default().push(inner.round() as u32);
         }
-        assert!((9..=13).contains(&ranges.len()), "{ranges:?}");
+        assert!((9..=11).contains(&ranges.len()), "{ranges:?}");
         for inner in ranges.values() {
             let (least, most) = (inner.iter().min().unwrap(), inner.iter().max().unwrap());
             assert!(f64::from(*most) < 1.25 * f64::from(*least), "{inner:?}");
