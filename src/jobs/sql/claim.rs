@@ -199,11 +199,11 @@ impl Claim {
         let (jobs, now) = (select_jobs(tx), tx.now().await?);
         // Limits are in the text, so that a plan made once for all values expects few rows.
         let (due, of) = match batch_key {
-            // No index but that of batch keys has this order.
+            // Only the index of batch keys fits: no other has this order, and IS TRUE excludes the index by status.
             Some(key) => (
                 format!(
                     "due AS MATERIALIZED (SELECT id, ROW_NUMBER() OVER (ORDER BY rank, turn, id) AS place FROM (\
-                     SELECT rank, turn, id FROM jobs WHERE status = 'queued' AND batch_key = $1 \
+                     SELECT rank, turn, id FROM jobs WHERE (status = 'queued') IS TRUE AND batch_key = $1 \
                      AND (available_at <= $2 OR available_at > $5) \
                      ORDER BY rank, turn, id LIMIT {limit} FOR UPDATE SKIP LOCKED) AS heads)"
                 ),

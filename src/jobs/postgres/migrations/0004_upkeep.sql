@@ -3,10 +3,10 @@
 -- Which jobs a GPU may run together: those of the same key. NULL: alone. Jobs queued before this migration, and by
 -- processes of an older version, have none.
 ALTER TABLE jobs ADD COLUMN batch_key TEXT COLLATE "C";
--- Claims of GPU workers read the jobs of one key in the order of claims. No other index has this order, so the planner
--- cannot choose one that would read past jobs of other keys.
+-- Claims of GPU workers read the jobs of one key in the order of claims. No other index has this order; and with IS TRUE,
+-- here and in the query, the planner cannot choose the index by status, which would read all queued jobs.
 CREATE INDEX jobs_by_batch_key ON jobs (batch_key, rank, turn, id, available_at)
-WHERE status = 'queued' AND batch_key IS NOT NULL;
+WHERE (status = 'queued') IS TRUE AND batch_key IS NOT NULL;
 
 -- The ALTER TABLE above keeps others from changing jobs until this transaction ends.
 ALTER TABLE queue_length ADD COLUMN backend TEXT COLLATE "C";
