@@ -134,9 +134,10 @@ fn the_command_line_wins_over_variables_and_these_over_the_file() {
 #[test]
 fn unsupported_stores_are_refused_by_name() {
     let at = folder();
-    for (option, url, named) in
-        [("--database", "mysql://u:secret@h/d", "not mysql:"), ("--artifacts", "gs://bucket", "gs://bucket")]
-    {
+    for (option, url, named) in [
+        ("--database", "mysql://u:secret@h/d", "unsupported scheme `mysql:`"),
+        ("--artifacts", "gs://bucket", "gs://bucket"),
+    ] {
         let output = run(at.path(), &["serve", "--addr", "127.0.0.1:0", option, url]);
         assert_eq!(code(&output), 2, "{}", said(&output));
         assert!(said(&output).contains(named) && !said(&output).contains("secret"), "{}", said(&output));

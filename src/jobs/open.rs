@@ -28,7 +28,7 @@ impl Database {
             }
             // One letter is a drive, not a scheme.
             Some((scheme, _)) if scheme.len() > 1 && scheme.bytes().all(|b| b.is_ascii_alphanumeric()) => {
-                return Err(format!("unsupported scheme {scheme}: — use sqlite:PATH or postgres://…"));
+                return Err(format!("unsupported scheme `{scheme}:`: use sqlite:PATH or postgres://…"));
             }
             _ => url,
         };
