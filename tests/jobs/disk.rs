@@ -126,7 +126,7 @@ impl Service {
     }
 
     async fn ask(&self, method: Method, path: &str) -> (u16, Vec<u8>) {
-        let request = Request::builder().method(method).uri(path).body(Body::empty()).unwrap();
+        let request = Request::builder().method(method).uri(path).header("host", "here").body(Body::empty()).unwrap();
         let (parts, body) = self.0.clone().oneshot(request).await.unwrap().into_parts();
         (parts.status.as_u16(), body.collect().await.unwrap().to_bytes().to_vec())
     }

@@ -53,7 +53,7 @@ async fn a_stream_shows_what_another_process_does_within_half_a_second() {
     best_of_five(async |seed| {
         done.lock().unwrap().clear();
         let id = service.store.submit(scripted("ok", seed)).await.unwrap().job().id;
-        let request = Request::get(format!("/models/{id}/events")).body(Body::empty()).unwrap();
+        let request = Request::get(format!("/models/{id}/events")).header("host", "here").body(Body::empty()).unwrap();
         let response = router.clone().oneshot(request).await.unwrap();
         assert_eq!(response.status(), StatusCode::OK);
         let read = arrivals(response.into_body(), since);

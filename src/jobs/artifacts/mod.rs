@@ -323,7 +323,8 @@ impl Artifacts {
     pub(super) fn listing(&self, prefix: &str) -> Listing {
         match &self.local {
             Some(root) => Listing::Local(Some(root.walk(prefix))),
-            None => Listing::Remote(self.store.list(Some(&Key::from(prefix)))),
+            // Fused, since the last page is read on after the end.
+            None => Listing::Remote(self.store.list(Some(&Key::from(prefix))).fuse().boxed()),
         }
     }
 
