@@ -400,7 +400,7 @@ async fn record(context: &Context, claim: Claim, ending: Ending) -> bool {
     match &result {
         Ok(()) => tracing::info!(used = used.map(Backend::name), device, fallback, "attempt {how}"),
         Err(StoreError::Fenced) if counted == End::Deleted => {
-            tracing::info!("attempt {how}, but its model was deleted")
+            tracing::info!("attempt {how}, but its model was deleted");
         }
         Err(StoreError::Fenced) => tracing::warn!("attempt {how}, but its lease was lost"),
         Err(error) => tracing::error!(%error, "attempt {how}, but that was not recorded"),

@@ -55,14 +55,13 @@ impl Cpu {
     /// each generation.
     pub(in crate::worker) async fn free_soon(&self) -> Option<OwnedSemaphorePermit> {
         let mut nearly_free = self.nearly_free.subscribe();
-        tokio::select! {
+        let permit = tokio::select! {
             biased;
             permit = self.free() => Some(permit),
-            _ = nearly_free.wait_for(|nearly_free| *nearly_free) => {
-                self.nearly_free.send_replace(false);
-                None
-            }
-        }
+            _ = nearly_free.wait_for(|nearly_free| *nearly_free) => None,
+        };
+        self.nearly_free.send_replace(false);
+        permit
     }
 
     /// Starts a generation on a thread that may block and whose panics are caught; it keeps `permit` until it has stopped.
@@ -73,8 +72,8 @@ impl Cpu {
         task: Task,
         permit: OwnedSemaphorePermit,
     ) -> Generation {
-        let (pool, cancel, nearly_free) = (Arc::clone(self.pool(backend)), task.cancel.clone(), self.nearly_free.clone());
-        nearly_free.send_replace(false);
+        let (pool, cancel, nearly_free) =
+            (Arc::clone(self.pool(backend)), task.cancel.clone(), self.nearly_free.clone());
         let thread = tokio::task::spawn_blocking(move || {
             let Task { job, dir, sink, cancel, memory_limit_bytes, checkpoint } = &task;
             let (memory_limit_bytes, checkpoint) = (*memory_limit_bytes, checkpoint.as_deref());

@@ -71,7 +71,11 @@ impl Gpu {
 
     /// Starts a batch on a thread that may block; it keeps `permit` until the device is free again. Each task gets a
     /// generation of its own, in the same order.
-    pub(in crate::worker) fn generate(&self, tasks: Vec<Task>, permit: Option<OwnedSemaphorePermit>) -> Vec<Generation> {
+    pub(in crate::worker) fn generate(
+        &self,
+        tasks: Vec<Task>,
+        permit: Option<OwnedSemaphorePermit>,
+    ) -> Vec<Generation> {
         let (mut answers, mut generations): (Vec<Mutex<Option<Answer>>>, _) = (Vec::new(), Vec::new());
         for task in &tasks {
             let (answer, result) = oneshot::channel();
