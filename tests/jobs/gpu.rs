@@ -79,6 +79,29 @@ async fn jobs_that_fit_run_together_and_end_each_by_itself() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn jobs_of_another_batch_key_wait_for_a_batch_of_their_own() {
+    let place = Place::fresh(|_| {}).await;
+    let mut ids = Vec::new();
+    for (seed, key) in [(1, "small"), (2, "large"), (3, "small")] {
+        let spec = serde_json::json!({ "script": "ok", "size": 1 });
+        let new = NewJob { backend: Backend::Gpu, batch_key: Some(key.into()), spec, ..scripted("ok", seed) };
+        ids.push(place.store.submit(new).await.unwrap().job().id);
+    }
+    let gpu = FakeGpu::new(Fate::Well);
+    let pool = place.start_with_gpu(&gpu, no_cpu);
+    for id in ids {
+        let job = place.ended(id).await;
+        assert_eq!(
+            (job.status, job.attempts),
+            (Status::Succeeded, 1),
+            "it was claimed for a batch that it does not fit"
+        );
+    }
+    assert_eq!(*gpu.batches.lock().unwrap(), [vec![1, 3], vec![2]]);
+    pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_member_of_a_batch_stops_within_a_second_of_its_cancel() {
     let place = Place::fresh(|_| {}).await;
     let gpu = FakeGpu::new(Fate::Well);
