@@ -50,6 +50,14 @@ pub(super) struct Feed {
     /// Wakes the follower.
     pub(super) wake: Notify,
     loading: tokio::sync::Mutex<()>,
+    rounds: watch::Sender<Rounds>,
+}
+
+/// Rounds of the follower. In each it publishes all changes that were reported before the round began.
+#[derive(Clone, Copy, Debug, Default)]
+struct Rounds {
+    begun: u64,
+    finished: u64,
 }
 
 /// Whether all models are followed.
@@ -286,6 +294,28 @@ impl Feed {
             state: Mutex::new(state),
             wake: Notify::new(),
             loading: tokio::sync::Mutex::new(()),
+            rounds: watch::Sender::new(Rounds::default()),
+        }
+    }
+
+    /// The follower begins a round.
+    pub(super) fn begin_round(&self) {
+        self.rounds.send_modify(|rounds| rounds.begun += 1);
+    }
+
+    /// The follower has finished its round.
+    pub(super) fn finish_round(&self) {
+        self.rounds.send_modify(|rounds| rounds.finished = rounds.begun);
+    }
+
+    /// Waits until the changes are published that were reported before this call; at most for the time of a poll.
+    async fn caught_up(&self) {
+        let mut rounds = self.rounds.subscribe();
+        let begun = rounds.borrow().begun;
+        self.wake.notify_one();
+        let finished = rounds.wait_for(|rounds| rounds.finished > begun);
+        if !matches!(tokio::time::timeout(self.pace.poll, finished).await, Ok(Ok(_))) {
+            tracing::debug!("an event stream begins with states that may be old");
         }
     }
 
@@ -328,7 +358,7 @@ impl Feed {
 
     /// Follows all models from now on; reads those that a reader begins with, unless that was done before.
     pub(super) async fn follow(self: &Arc<Self>) -> Result<AllReader, StoreError> {
-        let _one_at_a_time = self.loading.lock().await;
+        let one_at_a_time = self.loading.lock().await;
         let loaded = {
             let mut state = self.lock();
             state.all = match state.all {
@@ -338,11 +368,12 @@ impl Feed {
             state.loaded
         };
         let reader = AllReader { feed: Arc::clone(self), last: self.last.subscribe() };
-        self.wake.notify_one();
         if !loaded {
             self.search().await?;
             self.lock().loaded = true;
         }
+        drop(one_at_a_time);
+        self.caught_up().await;
         Ok(reader)
     }
 

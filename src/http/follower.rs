@@ -75,11 +75,13 @@ impl Follower {
                 () = pause => {}
                 () = shutdown.cancelled() => return,
             }
+            self.feed.begin_round();
             self.poll();
             tokio::select! {
                 () = self.work() => {}
                 () = shutdown.cancelled() => return,
             }
+            self.feed.finish_round();
         }
     }
 

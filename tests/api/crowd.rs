@@ -65,7 +65,6 @@ async fn a_reader_that_lags_skips_to_the_newest_state() {
     let (app, _wire) = Wire::app(limits(), None).await;
     let model = app.model(7).await;
     let job = app.claim().await;
-    // The first heartbeat also reports the backend, which is a change of status.
     app.beat(&job, 1, None).await;
     let mut slow =
         [Stream::open(&app, "/events", None).await, Stream::open(&app, &format!("{model}/events"), None).await];

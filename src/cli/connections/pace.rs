@@ -67,6 +67,10 @@ impl Paced {
                     .waiting
                     .get_or_insert_with(|| Waiting { since: Stopwatch::start(), limit: Box::pin(sleep(left)) });
                 ready!(waiting.limit.as_mut().poll(cx));
+                // The bytes that the operating system buffers will not be received either.
+                if let Err(error) = socket2::SockRef::from(&self.stream).set_linger(Some(Duration::ZERO)) {
+                    tracing::trace!(%error, "the buffers of a connection are kept for a while");
+                }
                 Poll::Ready(Err(io::Error::new(io::ErrorKind::TimedOut, "the client receives too slowly")))
             }
         }

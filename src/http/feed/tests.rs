@@ -5,7 +5,7 @@ use super::*;
 use crate::jobs::StoreOptions;
 use crate::jobs::sqlite::SqliteStore;
 
-const PACE: Pace = Pace { interval: Duration::ZERO, poll: Duration::from_secs(600), keep: None };
+const PACE: Pace = Pace { interval: Duration::ZERO, poll: Duration::from_millis(1), keep: None };
 
 async fn feed() -> Arc<Feed> {
     Arc::new(Feed::new(Arc::new(SqliteStore::open_in_memory(StoreOptions::default()).await.unwrap()), PACE))
