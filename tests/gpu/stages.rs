@@ -274,6 +274,37 @@ fn outer_matches() {
     assert_close("outer velocities", &flat(&cpu.outer.v), &flat(&gpu.outer.v), 2e-3);
 }
 
+/// On a flat ellipse the wall buckles at the tips, so that particles are held between their neighbours.
+#[test]
+fn outer_matches_on_a_flat_ellipse() {
+    if no_vulkan() {
+        return;
+    }
+    let patch = json!({
+        "steps": 100, "burn_in": 50, "containment": { "squash": 0.3 }, "wall": { "lobes": 16 },
+        "particles": { "total": { "keys": [[0, 400], [1, 600]] }, "outer": { "keys": [[0, 110], [1, 300]] } },
+    });
+    let plan = plan(&patch, 2);
+    let mut simulation = CpuSimulation::new(plan.clone(), 1);
+    let flat = |p: &[[f32; 2]]| p.iter().flatten().copied().collect::<Vec<f32>>();
+    let mut least = f64::INFINITY;
+    for _ in 0..5 {
+        for _ in 0..8 {
+            simulation.step().unwrap();
+        }
+        let start = simulation.checkpoint();
+        let angles: Vec<f64> = start.outer.p.iter().map(|p| f64::from(p[1] / 0.3).atan2(f64::from(p[0]))).collect();
+        let turns =
+            angles.iter().zip(angles.iter().cycle().skip(1)).map(|(a, b)| (b - a).rem_euclid(std::f64::consts::TAU));
+        least = turns.fold(least, f64::min);
+        let (cpu, gpu) = both(&plan, &start);
+        assert_close("outer positions", &flat(&cpu.outer.p), &flat(&gpu.outer.p), 1e-5);
+        assert_close("outer velocities", &flat(&cpu.outer.v), &flat(&gpu.outer.v), 2e-3);
+    }
+    let mean = std::f64::consts::TAU / 110.0;
+    assert!(least < 0.25 * mean, "no particles come close to each other ({least} of {mean}): the test shows nothing");
+}
+
 /// Two straight strands 40 µm apart that come within the range of a barrier which was off when the lists were built.
 #[test]
 fn lists_follow_a_barrier_that_grows_between_growth_events() {
