@@ -74,17 +74,17 @@ fn glb_and_obj_hold_the_certified_surface() {
 /// The answer of the command for one file; it must come within two minutes, on a loaded machine too.
 fn check(file: &Path) -> Value {
     let mut command = Command::new(env!("CARGO_BIN_EXE_oviduct"));
-    let mut child = command.args(["check", "--json"]).arg(file).stdout(Stdio::piped()).spawn().unwrap();
+    let mut child = command.args(["check", "--json"]).arg(file).stdout(Stdio::piped()).spawn().expect("it starts");
     for _ in 0..1_200 {
-        if child.try_wait().unwrap().is_some() {
-            let output = child.wait_with_output().unwrap();
-            let answer: Value = serde_json::from_slice(&output.stdout).unwrap();
+        if child.try_wait().expect("it can be waited for").is_some() {
+            let output = child.wait_with_output().expect("its output can be read");
+            let answer: Value = serde_json::from_slice(&output.stdout).expect("JSON");
             assert_eq!(output.status.success(), answer[0]["certificate"]["passed"] == true);
             return answer[0].clone();
         }
         std::thread::sleep(Duration::from_millis(100));
     }
-    child.kill().unwrap();
+    child.kill().expect("it can be ended");
     panic!("no answer for {}", file.display());
 }
 

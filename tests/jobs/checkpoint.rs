@@ -189,7 +189,11 @@ async fn a_job_of_a_vanished_worker_resumes_from_its_checkpoint() {
     });
     until_saved(&place, job.id, 1).await;
     drop(pool);
-    let pool = start(&place, &resumed, |options| options.poll = Duration::from_millis(50));
+    // A process expires leases only when it has seen the store answer for one lease of its own.
+    let pool = start(&place, &resumed, |options| {
+        options.poll = Duration::from_millis(50);
+        (options.heartbeat, options.lease) = (Duration::from_millis(500), Duration::from_secs(2));
+    });
     let ended = place.ended(job.id).await;
     assert_eq!((ended.status, ended.attempts), (Status::Succeeded, 2), "{:?}", ended.problem);
     assert_eq!((hashes(&ended), resumed.load(Ordering::Relaxed)), (unbroken(), 1));

@@ -54,7 +54,7 @@ impl Root {
             match std::fs::remove_file(&path) {
                 Ok(()) => removed += 1,
                 Err(error) => {
-                    tracing::warn!(path = %path.display(), %error, "a file that no model names was not removed")
+                    tracing::warn!(path = %path.display(), %error, "a file that no model names was not removed");
                 }
             }
             for folder in path.ancestors().skip(1).take_while(|folder| *folder != self.0) {
