@@ -25,7 +25,7 @@ const OK: Health = Health { status: "ok", version: crate::ENGINE_VERSION };
 
 /// Tell whether the process works.
 ///
-/// It does not if a worker has not stopped for minutes although it was told to: then the process should be restarted.
+/// The answer is 503 if a worker has been stuck for minutes. The process should then be restarted.
 #[utoipa::path(
     get, path = "/healthz", operation_id = "get_health", tag = "service",
     responses((status = 200, description = "The process works", body = Health), Unhealthy)
@@ -41,8 +41,8 @@ pub(super) async fn alive(State(state): State<AppState>) -> Result<Json<Health>,
 
 /// Tell whether the process takes work.
 ///
-/// It does if the job store answers, the artifact store takes a small file, and the process is neither opening its GPUs nor
-/// shutting down.
+/// The answer is 503 while the job store is unavailable, the artifact store does not accept a small file, or the process is
+/// opening its GPUs or shutting down.
 #[utoipa::path(
     get, path = "/readyz", operation_id = "get_readiness", tag = "service",
     responses((status = 200, description = "The process takes work", body = Health), Unready)
