@@ -1,4 +1,4 @@
-//! Measures of sections and surfaces, and the certificate of a surface (see [`certify`](crate::measure::certify)).
+//! Measures of sections and surfaces, and the certificate of a surface (see [`certify`]).
 
 mod certificate;
 

@@ -1,7 +1,7 @@
 //! Reads surfaces from files in common formats, written by oviduct or not: glTF (binary or JSON), OBJ, STL, PLY.
 //!
 //! Invariants: no input makes a reader panic; what a reader cannot read it refuses, naming the place. Memory is allocated
-//! for data that exist, never for a count that the file merely states, and within [`limits`]. All vertex indices of a
+//! for data that exist, never for a count that the file merely states, and within `limits`. All vertex indices of a
 //! [`Surface`] are in range.
 
 mod accessor;

@@ -5,13 +5,13 @@
 //! model. Writers begin with `BEGIN IMMEDIATE`, so that what they read is still true when they write.
 //!
 //! Full disk: the write-ahead log is kept some megabytes longer than checkpoints need, so that records can still be changed
-//! and removed. When that is used up too, changes fail until there is space again; see [`Trouble::Outage`].
+//! and removed. When that is used up too, changes fail until there is space again.
 //!
 //! A file is opened by one process at a time (a lock file beside it ensures that), which is what makes
 //! [`SqliteStore::recover`] sound. Time is that of the process's clock; leases and delays use monotonic time, so that
 //! setting the clock ends no attempt.
 //!
-//! The file is checked at start ([`check`]): a damaged one would otherwise fail only at the first query that reads a
+//! The file is checked at start (`check`): a damaged one would otherwise fail only at the first query that reads a
 //! damaged page.
 
 use super::job::JobId;
