@@ -40,7 +40,8 @@ impl Upkeep {
     /// process uses, all that are older than this call. Call it before any worker starts.
     pub(super) fn start(context: UpkeepContext, retention: Retention) -> Self {
         let mut tasks = JoinSet::new();
-        let sweeper = Arc::new(Sweeper::new(Arc::clone(&context.store), context.artifacts.clone()));
+        let owner = uuid::Uuid::now_v7().to_string();
+        let sweeper = Arc::new(Sweeper::new(Arc::clone(&context.store), context.artifacts.clone(), owner));
         let start = context.clock.now();
         let first_age = if context.shared { ORPHAN_AGE } else { Duration::ZERO };
         let (clock, orphans) = (context.clock.clone(), Arc::clone(&sweeper));

@@ -175,6 +175,30 @@ pub struct NewJob {
     pub trace: Option<String>,
 }
 
+#[cfg(test)]
+impl NewJob {
+    /// A job for tests, with a digest of its own for each seed.
+    pub(super) fn sample(seed: u64) -> Self {
+        Self {
+            preset: "pig".into(),
+            seed,
+            spec: serde_json::json!({}),
+            outputs: vec![Output::Glb],
+            backend: Backend::Auto,
+            labels: BTreeMap::new(),
+            priority: Priority::default(),
+            digest: seed.to_string(),
+            engine: crate::ENGINE_VERSION.into(),
+            reuse: false,
+            missing: Vec::new(),
+            batch_key: None,
+            idempotency: None,
+            submitter: None,
+            trace: None,
+        }
+    }
+}
+
 /// The whole record of a job.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Job {

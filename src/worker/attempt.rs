@@ -99,7 +99,7 @@ impl End {
             Self::Failed => "failed",
             Self::Cancelled => "cancelled",
             Self::Retried => "retried",
-            Self::Released => "given back",
+            Self::Released => "released",
             Self::Lost => "lost",
             Self::Deleted => "deleted",
         }
@@ -421,12 +421,12 @@ async fn write(
         Ending::Failed(Verdict::Fail(problem)) => (End::Failed, store.fail(claimed, report, problem).await.map(drop)),
         Ending::Failed(Verdict::Retry(problem)) => (End::Retried, store.retry(claimed, problem).await.map(drop)),
         Ending::Failed(Verdict::Release(problem) | Verdict::Storage { problem, .. }) => {
-            (End::Released, store.release_because(claimed, problem).await)
+            (End::Released, store.release(claimed, Some(problem)).await)
         }
         Ending::Interrupted(Interrupt::Lost) => (End::Lost, Ok(())),
         Ending::Interrupted(Interrupt::Deleted) => (End::Deleted, Ok(())),
         Ending::Interrupted(Interrupt::Cancelled) => (End::Cancelled, store.cancelled(claimed).await.map(drop)),
-        Ending::Interrupted(Interrupt::Shutdown) => (End::Released, store.release(claimed).await),
+        Ending::Interrupted(Interrupt::Shutdown) => (End::Released, store.release(claimed, None).await),
     }
 }
 

@@ -372,7 +372,7 @@ impl Slot {
 
     async fn release_misfit(&self, claimed: ClaimedJob) {
         let id = claimed.job().id;
-        if let Err(error) = self.context.store.release_because(claimed, verdict::of_misfit()).await {
+        if let Err(error) = self.context.store.release(claimed, Some(verdict::of_misfit())).await {
             tracing::warn!(job = %id, %error, "a job that does not fit the batch was not released");
         }
     }

@@ -73,10 +73,7 @@ impl Store for Faulty {
     async fn cancelled(&self, _: ClaimedJob) -> Result<Job, StoreError> {
         away()
     }
-    async fn release(&self, _: ClaimedJob) -> Result<(), StoreError> {
-        away()
-    }
-    async fn release_because(&self, _: ClaimedJob, _: Problem) -> Result<(), StoreError> {
+    async fn release(&self, _: ClaimedJob, _: Option<Problem>) -> Result<(), StoreError> {
         away()
     }
     async fn retry(&self, _: ClaimedJob, _: Problem) -> Result<Job, StoreError> {

@@ -127,12 +127,8 @@ impl<E: Eye> Store for Between<E> {
         self.store.cancelled(claimed).await
     }
 
-    async fn release(&self, claimed: ClaimedJob) -> Result<(), StoreError> {
-        self.store.release(claimed).await
-    }
-
-    async fn release_because(&self, claimed: ClaimedJob, problem: Problem) -> Result<(), StoreError> {
-        self.store.release_because(claimed, problem).await
+    async fn release(&self, claimed: ClaimedJob, problem: Option<Problem>) -> Result<(), StoreError> {
+        self.store.release(claimed, problem).await
     }
 
     async fn retry(&self, claimed: ClaimedJob, problem: Problem) -> Result<Job, StoreError> {

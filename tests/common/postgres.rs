@@ -162,10 +162,13 @@ impl Cluster {
         String::from_utf8(output.stdout).unwrap()
     }
 
-    /// Stops the server as a crash would, and starts it again after `pause`.
-    pub fn crash(&self, pause: Duration) {
+    /// Stops the server as a crash would.
+    pub fn crash(&self) {
         assert!(self.control(&["-m", "immediate", "stop"]), "it was not stopped");
-        std::thread::sleep(pause);
+    }
+
+    /// Starts the server after a crash.
+    pub fn restart(&self) {
         let log = self.folder.join("log");
         // An outgoing connection may occupy its port for a moment.
         let start = |_| {

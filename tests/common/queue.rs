@@ -122,7 +122,7 @@ pub async fn costs(store: &dyn Store) -> Costs {
         store.delete(id).await.expect("it is removed");
     }
     for claimed in held.into_iter().chain(more) {
-        store.release(claimed).await.expect("it is released");
+        store.release(claimed, None).await.expect("it is released");
     }
     let names = ["claim", "claim of 4", "GPU claim of 4", "heartbeat", "submit", "look", "counts"];
     let seconds =

@@ -1,6 +1,6 @@
 //! Workers that are busy, or do not stop, hold up no jobs that others could run.
 
-use crate::scripted::{FakeGpu, Fate, Ground, Place, generate, scripted};
+use crate::scripted::{Database, FakeGpu, Fate, Place, generate, scripted};
 use futures_util::future::join_all;
 use oviduct::clock::Clock;
 use oviduct::generate::{Backend, CancelToken, Outcome, Progress, Sink, Stage};
@@ -151,7 +151,7 @@ async fn a_worker_whose_generation_does_not_stop_is_reported_as_stuck() {
 /// After their GPU was lost, jobs run on the CPU one at a time; waiting for the others does not count against the time limit.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn waiting_for_the_cpu_after_a_lost_gpu_does_not_count_against_the_time_limit() {
-    let place = Place::on(Ground::Sqlite, StoreOptions::default()).await;
+    let place = Place::on(Database::Sqlite, StoreOptions::default()).await;
     let mut ids: Vec<JobId> = Vec::new();
     for seed in 1..=5 {
         let spec = serde_json::json!({ "script": "slow", "size": 1 });

@@ -55,7 +55,7 @@ async fn jobs_end_with_their_files_and_orphans_go(place: &Place) {
     }
     place.artifacts.put_bytes("models/gone/1/model.glb", Bytes::from_static(b"orphan")).await.unwrap();
     let now = Clock::System.now() + Duration::from_secs(60);
-    let sweep = async |age| place.artifacts.sweep_orphans(&*place.store, now, age).await.unwrap();
+    let sweep = async |age| place.sweep_orphans(now, age).await;
     assert_eq!(sweep(Duration::from_secs(3600)).await, 0);
     assert_eq!(sweep(Duration::ZERO).await, 1);
     assert_eq!(sweep(Duration::ZERO).await, 0);

@@ -158,7 +158,7 @@ async fn a_shutdown_loses_nothing(place: &Place) {
     pool.shutdown(Duration::from_secs(5)).await;
     // The files are left, and at most two checkpoints for each attempt that ended while one was being stored.
     let far = Clock::System.now() + Duration::from_secs(3600);
-    let orphans = place.artifacts.sweep_orphans(&*place.store, far, Duration::ZERO).await.unwrap();
+    let orphans = place.sweep_orphans(far, Duration::ZERO).await;
     assert!(orphans <= 6, "{orphans}");
     for file in &ended.files {
         assert!(place.artifacts.read_all(&file.key).await.is_ok(), "{}", file.key);
@@ -207,7 +207,7 @@ async fn a_job_whose_checkpoint_is_gone_starts_from_the_beginning() {
     let job = place.store.submit(new_job("d")).await.unwrap().job().clone();
     let claimed = place.store.claim("w", Backend::Cpu, Duration::from_secs(8), 1).await.unwrap().pop().unwrap();
     place.store.set_checkpoint(&claimed, "models/lost/1/checkpoint-1").await.unwrap();
-    place.store.release(claimed).await.unwrap();
+    place.store.release(claimed, None).await.unwrap();
     let pool = start(&place, &resumed, |_| {});
     let ended = place.ended(job.id).await;
     assert_eq!((ended.status, hashes(&ended), resumed.load(Ordering::Relaxed)), (Status::Succeeded, unbroken(), 0));
@@ -242,7 +242,7 @@ async fn retention_is_by_age_and_by_size() {
     }
     pool.shutdown(Duration::from_secs(5)).await;
     let queued = place.store.submit(NewJob { reuse: false, ..scripted("ok", 14) }).await.unwrap().job().id;
-    let sweep = async |age, bytes| Retention { age, bytes }.sweep(&*place.store, &place.artifacts).await.unwrap();
+    let sweep = async |age, bytes| place.retain(Retention { age, bytes }).await;
     // Each has two files of a thousand bytes.
     let swept = sweep(None, Some(8000)).await;
     assert_eq!((swept.removed, swept.stored_bytes), (0, Some(8000)));

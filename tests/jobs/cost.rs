@@ -3,7 +3,7 @@
 
 use crate::cluster::Cluster;
 use crate::queue::{costs, fill_postgres, fill_sqlite, options};
-use crate::scripted::Ground;
+use crate::scripted::Database;
 use oviduct::jobs::{Counts, Store};
 
 const SHORT: u64 = 200;
@@ -44,7 +44,7 @@ async fn are_counted(store: &dyn Store, rows: u64) {
 async fn a_long_queue_costs_no_more_than_a_short_one_on_sqlite() {
     let queue = async |rows: u64| {
         let dir = tempfile::tempdir().unwrap();
-        let url = Ground::Sqlite.url(dir.path()).await;
+        let url = Database::Sqlite.url(dir.path()).await;
         oviduct::jobs::Database::parse(&url).unwrap().migrate().await.unwrap();
         fill_sqlite(&dir.path().join("jobs.db"), rows).await;
         let store = oviduct::jobs::open(&url, options()).await.unwrap();
@@ -62,7 +62,7 @@ async fn a_long_queue_costs_no_more_than_a_short_one_on_postgres() {
         tokio::task::spawn_blocking(move || Cluster::shared().psql(&url, &sql))
     };
     let queue = async |rows: u64| {
-        let url = Ground::Postgres.url("".as_ref()).await;
+        let url = Database::Postgres.url("".as_ref()).await;
         let store = oviduct::jobs::open(&url, options()).await.unwrap();
         psql(&url, &fill_postgres(rows)).await.unwrap();
         are_counted(&*store, rows).await;

@@ -262,7 +262,7 @@ async fn a_member_that_lost_its_lease_is_dropped_and_the_others_go_on() {
     assert_eq!((job.status, job.attempts), (Status::Succeeded, 2));
     pool.shutdown(Duration::from_secs(5)).await;
     assert_eq!(place.store.get(ids[0]).await.unwrap().unwrap().version, other.job().version);
-    place.store.release(other).await.unwrap();
+    place.store.release(other, None).await.unwrap();
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

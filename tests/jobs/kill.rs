@@ -2,7 +2,7 @@
 //! over.
 
 use crate::gate;
-use crate::scripted::{Ground, NAMES, Place, content, visible};
+use crate::scripted::{Database, NAMES, Place, content, visible};
 use oviduct::jobs::fault::{Faults, POINTS, VARIABLE};
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{ListFilter, Status};
@@ -59,9 +59,9 @@ pub fn start_child_with(folder: &Path, url: &str, fault: &str, workers: u32, lea
         .unwrap()
 }
 
-async fn kill_at(ground: Ground, point: &str) {
+async fn kill_at(database: Database, point: &str) {
     let dir = tempfile::tempdir().unwrap();
-    let url = ground.url(dir.path()).await;
+    let url = database.url(dir.path()).await;
     let place = Place::at(dir.path(), &url).await;
     for seed in 1..=JOBS {
         place.queue(if point == "during-renewal" { "hold" } else { "ok" }, seed).await;
@@ -96,7 +96,7 @@ async fn kill_at(ground: Ground, point: &str) {
     }
     // Files that the dead process uploaded and never committed are swept.
     let far = "2200-01-01T00:00:00Z".parse().unwrap();
-    place.artifacts.sweep_orphans(&*place.store, far, Duration::ZERO).await.unwrap();
+    place.sweep_orphans(far, Duration::ZERO).await;
     assert_eq!(place.visible().len() as u64, JOBS * NAMES.len() as u64, "{point}");
     assert!(place.scratch().is_empty(), "{point}");
 }
@@ -107,13 +107,13 @@ async fn a_killed_worker_loses_nothing_on_sqlite() {
         return work(Path::new(&folder)).await;
     }
     for point in POINTS {
-        kill_at(Ground::Sqlite, point).await;
+        kill_at(Database::Sqlite, point).await;
     }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_killed_worker_loses_nothing_on_postgres() {
     for point in POINTS {
-        kill_at(Ground::Postgres, point).await;
+        kill_at(Database::Postgres, point).await;
     }
 }

@@ -1,6 +1,6 @@
 //! Artifact stores that are unavailable: no job fails, no attempt counts, and work goes on once they answer again.
 
-use crate::scripted::{Ground, Place};
+use crate::scripted::{Database, Place};
 use async_trait::async_trait;
 use futures_util::future::join_all;
 use futures_util::stream::BoxStream;
@@ -111,8 +111,8 @@ impl ObjectStore for Switch {
 }
 
 /// Jobs whose first counted attempt would be their last, over an artifact store with a switch.
-async fn place(ground: Ground) -> (Place, Arc<Switch>) {
-    let mut place = Place::on(ground, StoreOptions { max_attempts: 1, ..StoreOptions::default() }).await;
+async fn place(database: Database) -> (Place, Arc<Switch>) {
+    let mut place = Place::on(database, StoreOptions { max_attempts: 1, ..StoreOptions::default() }).await;
     let switch = Switch::new();
     place.artifacts = Artifacts::over(Arc::<Switch>::clone(&switch));
     (place, switch)
@@ -131,10 +131,10 @@ fn released(attempts: &[Attempt]) -> usize {
 }
 
 /// Ten minutes, with 10 ms for each second of the waits of workers.
-async fn ten_minutes_without_an_artifact_store(ground: Ground) {
+async fn ten_minutes_without_an_artifact_store(database: Database) {
     const SECOND: Duration = Duration::from_millis(10);
     const WORKERS: u32 = 3;
-    let (place, switch) = place(ground).await;
+    let (place, switch) = place(database).await;
     let status = status::Status::default();
     let pool = place.start(|options| {
         options.workers = WORKERS;
@@ -179,17 +179,17 @@ async fn ten_minutes_without_an_artifact_store(ground: Ground) {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn ten_minutes_without_an_artifact_store_cost_no_attempt_on_sqlite() {
-    ten_minutes_without_an_artifact_store(Ground::Sqlite).await;
+    ten_minutes_without_an_artifact_store(Database::Sqlite).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn ten_minutes_without_an_artifact_store_cost_no_attempt_on_postgres() {
-    ten_minutes_without_an_artifact_store(Ground::Postgres).await;
+    ten_minutes_without_an_artifact_store(Database::Postgres).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn expired_credentials_cost_no_attempt() {
-    let (place, switch) = place(Ground::Sqlite).await;
+    let (place, switch) = place(Database::Sqlite).await;
     switch.set(Mode::Forbidden);
     let pool = place.start(|options| options.storage_wait = Duration::from_millis(5));
     let id = place.queue("ok", 1).await;
@@ -206,7 +206,7 @@ async fn expired_credentials_cost_no_attempt() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn claims_rest_for_longer_after_each_release_until_an_upload_succeeds() {
     const UNIT: Duration = Duration::from_millis(20);
-    let (place, switch) = place(Ground::Sqlite).await;
+    let (place, switch) = place(Database::Sqlite).await;
     switch.set(Mode::Small);
     let pool = place.start(|options| {
         options.storage_wait = UNIT;
@@ -234,7 +234,7 @@ async fn claims_rest_for_longer_after_each_release_until_an_upload_succeeds() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn the_next_model_grows_while_files_are_being_stored_and_no_more_than_that() {
-    let (place, switch) = place(Ground::Sqlite).await;
+    let (place, switch) = place(Database::Sqlite).await;
     switch.set(Mode::Slow);
     let pool = place.start(|_| {});
     let mut ids = Vec::new();

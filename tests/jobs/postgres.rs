@@ -4,7 +4,7 @@
 use crate::bounds::{best_of_five, within};
 use crate::cluster::Cluster;
 use crate::kill::start_child_with;
-use crate::scripted::{Ground, Place, scripted};
+use crate::scripted::{Database, Place, scripted};
 use crate::suite::{Factory, finished, new_job};
 use futures_util::FutureExt;
 use futures_util::future::join_all;
@@ -25,7 +25,7 @@ const DEADLINE: Duration = Duration::from_secs(600);
 
 const SERVER: Factory = |options| {
     async move {
-        let url = Ground::Postgres.url("".as_ref()).await;
+        let url = Database::Postgres.url("".as_ref()).await;
         let store: Arc<dyn Store> = Arc::new(PostgresStore::open(&url, options).await.unwrap());
         (store, Box::new(()) as Box<dyn Send>)
     }
@@ -42,7 +42,7 @@ async fn open(url: &str) -> Arc<dyn Store> {
 
 /// Two stores on one new database.
 async fn two() -> (Arc<dyn Store>, Arc<dyn Store>) {
-    let url = Ground::Postgres.url("".as_ref()).await;
+    let url = Database::Postgres.url("".as_ref()).await;
     // Both bring the tables up to date concurrently.
     tokio::join!(open(&url), open(&url))
 }
@@ -63,7 +63,7 @@ async fn a_change_in_one_process_is_notified_in_the_other() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_cancel_in_one_process_stops_a_job_in_the_other_within_a_second() {
     let dir = tempfile::tempdir().unwrap();
-    let url = Ground::Postgres.url(dir.path()).await;
+    let url = Database::Postgres.url(dir.path()).await;
     let (service, worker) = (Place::at(dir.path(), &url).await, Place::at(dir.path(), &url).await);
     // Neither a heartbeat nor polling would be in time.
     let pool = worker.start(|options| {
@@ -160,7 +160,7 @@ async fn claimers_of_several_processes_end_each_job_once() {
 /// The counts are sums of rows that every transaction adds to; the rows are merged now and then.
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn counts_of_several_processes_are_right_and_stay_few_rows() {
-    let url = Ground::Postgres.url("".as_ref()).await;
+    let url = Database::Postgres.url("".as_ref()).await;
     let (one, other) = tokio::join!(open(&url), open(&url));
     let clients = (0..4).map(|client| {
         let store = Arc::clone(if client % 2 == 0 { &one } else { &other });
@@ -212,7 +212,7 @@ fn signal(process: u32, name: &str) {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_stopped_worker_cannot_change_what_another_has_taken() {
     let dir = tempfile::tempdir().unwrap();
-    let url = Ground::Postgres.url(dir.path()).await;
+    let url = Database::Postgres.url(dir.path()).await;
     let place = Place::at(dir.path(), &url).await;
     let id = place.queue("hold", 7).await;
     let mut child = start_child_with(dir.path(), &url, "", 1, Duration::from_secs(5));
@@ -237,7 +237,7 @@ async fn a_stopped_worker_cannot_change_what_another_has_taken() {
     assert_eq!(outcomes, [Some(AttemptEnd::Vanished), Some(AttemptEnd::Succeeded)]);
     // If it was stopped during an upload, that may have completed; no record names the file.
     let far = "2200-01-01T00:00:00Z".parse().unwrap();
-    place.artifacts.sweep_orphans(&*place.store, far, Duration::ZERO).await.unwrap();
+    place.sweep_orphans(far, Duration::ZERO).await;
     assert_eq!(place.visible().len(), 2, "it left files");
 }
 
@@ -318,7 +318,12 @@ async fn a_server_that_crashes_under_load_loses_nothing() {
     for pause in [300, 1500] {
         tokio::time::sleep(Duration::from_millis(800)).await;
         let cluster = Arc::clone(&cluster);
-        tokio::task::spawn_blocking(move || cluster.crash(Duration::from_millis(pause))).await.unwrap();
+        let crash = move || {
+            cluster.crash();
+            std::thread::sleep(Duration::from_millis(pause));
+            cluster.restart();
+        };
+        tokio::task::spawn_blocking(crash).await.unwrap();
     }
     submitting.await.unwrap();
     let watched = tokio::time::timeout(DEADLINE, watcher).await.expect("jobs did not end");
@@ -346,7 +351,7 @@ async fn a_server_that_crashes_under_load_loses_nothing() {
 }
 
 /// The database is unavailable for three leases while four models grow and clients submit. Leases are by a manual clock; the
-/// outage is real, long enough for every claim and heartbeat to fail.
+/// outage is real, long enough for claims to fail.
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn an_outage_longer_than_three_leases_costs_no_attempt() {
     const LEASE: Duration = Duration::from_secs(8);
@@ -401,13 +406,16 @@ async fn an_outage_longer_than_three_leases_costs_no_attempt() {
             ids
         }
     });
-    let crash = {
+    let control = async |control: fn(&Cluster)| {
         let cluster = Arc::clone(&cluster);
-        tokio::task::spawn_blocking(move || cluster.crash(Duration::from_secs(3)))
+        tokio::task::spawn_blocking(move || control(&cluster)).await.unwrap();
     };
-    tokio::time::sleep(Duration::from_millis(1500)).await;
+    control(Cluster::crash).await;
+    // Both processes notice the outage.
+    let claim = async |store: &dyn Store| store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap_err();
+    tokio::join!(claim(&*place.store), claim(&*other.store));
     clock.advance(3 * LEASE);
-    crash.await.unwrap();
+    control(Cluster::restart).await;
     ids.extend(submitting.await.unwrap());
     place.open_gate();
     for id in ids {
@@ -421,7 +429,7 @@ async fn an_outage_longer_than_three_leases_costs_no_attempt() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_process_that_has_just_started_expires_no_lease() {
     const LEASE: Duration = Duration::from_secs(8);
-    let url = Ground::Postgres.url("".as_ref()).await;
+    let url = Database::Postgres.url("".as_ref()).await;
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let options = || StoreOptions { clock: clock.clone(), ..StoreOptions::default() };
     let holder = PostgresStore::open(&url, options()).await.unwrap();

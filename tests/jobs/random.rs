@@ -1,6 +1,6 @@
 //! A seeded schedule of 500 faults over four workers: each job ends once, with the right bytes.
 
-use crate::scripted::{Ground, NAMES, Place};
+use crate::scripted::{Database, NAMES, Place};
 use oviduct::clock::{Clock, Stopwatch};
 use oviduct::jobs::fault::Faults;
 use oviduct::jobs::state::AttemptEnd;
@@ -15,12 +15,12 @@ const SPEED: u32 = 20;
 /// Environment variable with the seed, to reproduce a run.
 const SEED: &str = "OVIDUCT_TEST_SEED";
 
-async fn survives(ground: Ground) {
+async fn survives(database: Database) {
     let seed = std::env::var(SEED).map_or(0x5eed, |text| text.parse().expect("a number"));
     let told = Told(seed);
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let options = StoreOptions { clock: clock.clone(), max_attempts: 10_000, ..StoreOptions::default() };
-    let place = Place::on(ground, options).await;
+    let place = Place::on(database, options).await;
     let faults = Faults::random(seed, 12, FAULTS, Duration::from_millis(1500));
     // A lease of 1 s, renewed every 150 ms; a stall outlasts it.
     let pool = place.start_by(clock.clone(), |options| {
@@ -81,10 +81,10 @@ async fn survives(ground: Ground) {
     }
     assert_eq!(jobs, queued, "jobs were lost");
     let far = "2200-01-01T00:00:00Z".parse().unwrap();
-    place.artifacts.sweep_orphans(&*place.store, far, Duration::ZERO).await.unwrap();
+    place.sweep_orphans(far, Duration::ZERO).await;
     assert_eq!(place.visible().len() as u64, jobs * NAMES.len() as u64);
     assert!(place.scratch().is_empty());
-    eprintln!("{ground:?}: {FAULTS} faults, {jobs} jobs, {attempts} attempts, {vanished} of them by lost leases");
+    eprintln!("{database:?}: {FAULTS} faults, {jobs} jobs, {attempts} attempts, {vanished} of them by lost leases");
     assert!(vanished > 0, "no lease was lost: the test shows too little");
     place.store.close().await;
     drop(told);
@@ -103,10 +103,10 @@ impl Drop for Told {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn random_faults_lose_nothing_on_sqlite() {
-    survives(Ground::Sqlite).await;
+    survives(Database::Sqlite).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn random_faults_lose_nothing_on_postgres() {
-    survives(Ground::Postgres).await;
+    survives(Database::Postgres).await;
 }

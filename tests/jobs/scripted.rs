@@ -3,10 +3,12 @@
 use crate::cluster::Cluster;
 use crate::gate::{self, Busy};
 use crate::suite::new_job;
+use jiff::Timestamp;
 use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{Backend, CancelToken, FileOutput, GenerateError, Outcome, Progress, Seconds, Sink, Stage};
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::sqlite::SqliteStore;
+use oviduct::jobs::sweep::{Retention, Sweeper, Swept};
 use oviduct::jobs::{Job, JobId, NewJob, Store, StoreOptions};
 use oviduct::model::{Ring, Section};
 use oviduct::sim::gpu::GpuError;
@@ -202,12 +204,12 @@ pub fn scripted(script: &str, seed: u64) -> NewJob {
 
 /// The database of a place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ground {
+pub enum Database {
     Sqlite,
     Postgres,
 }
 
-impl Ground {
+impl Database {
     /// The URL of a new database; in `dir` if it is a file.
     pub async fn url(self, dir: &Path) -> String {
         match self {
@@ -244,9 +246,9 @@ impl Place {
     }
 
     /// A place over a new database of this kind and a temporary directory.
-    pub async fn on(ground: Ground, options: StoreOptions) -> Self {
+    pub async fn on(database: Database, options: StoreOptions) -> Self {
         let own = tempfile::tempdir().unwrap();
-        let url = ground.url(own.path()).await;
+        let url = database.url(own.path()).await;
         let mut place = Self::with(own.path(), &url, options).await;
         place.own = Some(own);
         place
@@ -337,6 +339,20 @@ impl Place {
     /// All files in the scratch directory.
     pub fn scratch(&self) -> Vec<PathBuf> {
         visible(&self.dir.join("scratch"))
+    }
+
+    /// A round of retention by the only process.
+    pub async fn retain(&self, retention: Retention) -> Swept {
+        self.sweeper().retain(retention).await.unwrap().unwrap()
+    }
+
+    /// A sweep of orphans by the only process; returns how many files it removed.
+    pub async fn sweep_orphans(&self, now: Timestamp, age: Duration) -> u64 {
+        self.sweeper().sweep_orphans(now, age, Duration::ZERO).await.unwrap().unwrap()
+    }
+
+    fn sweeper(&self) -> Sweeper {
+        Sweeper::new(Arc::clone(&self.store), self.artifacts.clone(), "the only process")
     }
 
     /// Checks the job's files byte for byte.

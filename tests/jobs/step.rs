@@ -1,6 +1,6 @@
 //! Clocks that are wrong: set back, ahead of the database, behind the times of files.
 
-use crate::scripted::{Ground, Place, scripted};
+use crate::scripted::{Database, Place, scripted};
 use crate::suite::{LEASE, finished, new_job, problem};
 use crate::unread::execute;
 use oviduct::clock::Clock;
@@ -21,20 +21,20 @@ async fn claim(store: &dyn Store) -> Option<ClaimedJob> {
     store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop()
 }
 
-async fn a_clock_that_is_set_back_delays_no_job(ground: Ground) {
+async fn a_clock_that_is_set_back_delays_no_job(database: Database) {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let options = StoreOptions { clock: clock.clone(), ..StoreOptions::default() };
-    let place = Place::on(ground, options).await;
+    let place = Place::on(database, options).await;
     let submit = async |digest: &str| place.store.submit(new_job(digest)).await.unwrap().job().id;
     let (released, retried, queued) = (submit("a").await, submit("b").await, submit("c").await);
     let claimed = claim(&*place.store).await.unwrap();
     assert_eq!(claimed.job().id, released);
-    place.store.release(claimed).await.unwrap();
+    place.store.release(claimed, None).await.unwrap();
     let first = claim(&*place.store).await.unwrap();
     let claimed = claim(&*place.store).await.unwrap();
     assert_eq!((first.job().id, claimed.job().id), (released, retried));
     place.store.retry(claimed, problem("io")).await.unwrap();
-    place.store.release(first).await.unwrap();
+    place.store.release(first, None).await.unwrap();
     set_back(&clock, HOUR);
     let mut order: Vec<JobId> = Vec::new();
     while let Some(claimed) = claim(&*place.store).await {
@@ -48,12 +48,12 @@ async fn a_clock_that_is_set_back_delays_no_job(ground: Ground) {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_clock_that_is_set_back_delays_no_job_on_sqlite() {
-    a_clock_that_is_set_back_delays_no_job(Ground::Sqlite).await;
+    a_clock_that_is_set_back_delays_no_job(Database::Sqlite).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_clock_that_is_set_back_delays_no_job_on_postgres() {
-    a_clock_that_is_set_back_delays_no_job(Ground::Postgres).await;
+    a_clock_that_is_set_back_delays_no_job(Database::Postgres).await;
 }
 
 /// Ages are measured by the store's clock, which is years behind that of this process.
@@ -65,7 +65,7 @@ async fn retention_and_live_workers_are_by_the_clock_of_the_store() {
     let job = place.ended(place.queue("ok", 1).await).await;
     assert_eq!(job.status, Status::Succeeded);
     let keeps = Retention { age: Some(HOUR), bytes: None };
-    let sweep = async || keeps.sweep(&*place.store, &place.artifacts).await.unwrap().removed;
+    let sweep = async || place.retain(keeps).await.removed;
     assert_eq!(sweep().await, 0, "it ended just now");
     assert_eq!(place.store.alive(Backend::Cpu, HOUR).await.unwrap(), 1);
     assert_eq!(place.store.alive(Backend::Gpu, HOUR).await.unwrap(), 0);
@@ -89,7 +89,7 @@ async fn removed_models_reduce_the_stored_size() {
     let shared = place.store.submit(shared).await.unwrap().job().id;
     // Two files of a thousand bytes each; the first is removed without its files, which another model names.
     let keeps = Retention { age: None, bytes: Some(7999) };
-    let swept = keeps.sweep(&*place.store, &place.artifacts).await.unwrap();
+    let swept = place.retain(keeps).await;
     assert_eq!((swept.removed, swept.stored_bytes), (3, Some(6000)));
     assert_eq!(place.store.stored_bytes().await.unwrap(), 6000);
     assert!(place.store.get(shared).await.unwrap().is_some());
@@ -112,18 +112,18 @@ async fn a_sweep_leaves_the_files_of_a_running_attempt() {
     std::fs::write(&staged, "half").unwrap();
     // The clock of the files is behind: they seem older than the process.
     let now = Clock::System.now() + Duration::from_secs(60);
-    let sweep = async || place.artifacts.sweep_orphans(&*place.store, now, Duration::ZERO).await.unwrap();
+    let sweep = async || place.sweep_orphans(now, Duration::ZERO).await;
     assert_eq!(sweep().await, 1, "there is no second attempt yet");
     assert!(place.artifacts.read_all(&key(1)).await.is_ok() && staged.exists());
-    place.store.release(claimed).await.unwrap();
+    place.store.release(claimed, None).await.unwrap();
     assert_eq!(sweep().await, 2);
     assert!(place.visible().is_empty() && !staged.exists());
 }
 
 /// A batch is removed with its last model, and its idempotency key with it.
-async fn a_key_does_not_outlive_its_batch(ground: Ground) {
+async fn a_key_does_not_outlive_its_batch(database: Database) {
     let dir = tempfile::tempdir().unwrap();
-    let url = ground.url(dir.path()).await;
+    let url = database.url(dir.path()).await;
     let place = Place::with(dir.path(), &url, StoreOptions::default()).await;
     let batch = NewBatch {
         jobs: vec![new_job("a"), new_job("b"), new_job("c")],
@@ -146,7 +146,7 @@ async fn a_key_does_not_outlive_its_batch(ground: Ground) {
     // A batch without models that an older version left.
     let left = "INSERT INTO batches (id, created_at, idempotency_key, idempotency_body) \
                 VALUES ('01900000-0000-7000-8000-000000000000', 0, 'weekly', 'body')";
-    execute(ground, &url, left).await;
+    execute(database, &url, left).await;
     let weekly = NewBatch { idempotency: Some(("weekly".into(), "body".into())), ..batch };
     let submitted = place.store.submit_batch(weekly).await.unwrap();
     assert!(matches!(submitted, SubmittedBatch::Accepted(_)), "{submitted:?}");
@@ -155,10 +155,10 @@ async fn a_key_does_not_outlive_its_batch(ground: Ground) {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_key_does_not_outlive_its_batch_on_sqlite() {
-    a_key_does_not_outlive_its_batch(Ground::Sqlite).await;
+    a_key_does_not_outlive_its_batch(Database::Sqlite).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_key_does_not_outlive_its_batch_on_postgres() {
-    a_key_does_not_outlive_its_batch(Ground::Postgres).await;
+    a_key_does_not_outlive_its_batch(Database::Postgres).await;
 }

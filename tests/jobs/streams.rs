@@ -2,7 +2,7 @@
 //! other's worker.
 
 use crate::bounds::best_of_five;
-use crate::scripted::{Ground, Place, generate, scripted};
+use crate::scripted::{Database, Place, generate, scripted};
 use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use http_body_util::BodyExt;
@@ -23,7 +23,7 @@ const STEP: Duration = Duration::from_millis(400);
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn a_stream_shows_what_another_process_does_within_half_a_second() {
     let dir = tempfile::tempdir().unwrap();
-    let url = Ground::Postgres.url(dir.path()).await;
+    let url = Database::Postgres.url(dir.path()).await;
     let (service, worker) = (Place::at(dir.path(), &url).await, Place::at(dir.path(), &url).await);
     let since = Stopwatch::start();
     let done: Arc<Mutex<BTreeMap<u32, f64>>> = Arc::default();

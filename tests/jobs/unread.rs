@@ -1,7 +1,7 @@
 //! Records of a later version, which this one understands in part: a downgrade is possible.
 
 use crate::cluster::Cluster;
-use crate::scripted::{Ground, Place};
+use crate::scripted::{Database, Place};
 use crate::suite::{LEASE, finished, new_job};
 use oviduct::clock::Clock;
 use oviduct::generate::{Backend, Output};
@@ -10,23 +10,23 @@ use oviduct::jobs::{Counts, ListFilter, Status, StoreOptions};
 use std::time::Duration;
 
 /// Writes to a database as another program would.
-pub async fn execute(ground: Ground, url: &str, sql: &str) {
-    match ground {
-        Ground::Sqlite => {
+pub async fn execute(database: Database, url: &str, sql: &str) {
+    match database {
+        Database::Sqlite => {
             let pool = sqlx::SqlitePool::connect(url).await.unwrap();
             sqlx::raw_sql(sqlx::AssertSqlSafe(sql.to_owned())).execute(&pool).await.unwrap();
             pool.close().await;
         }
-        Ground::Postgres => {
+        Database::Postgres => {
             let (url, sql) = (url.to_owned(), sql.to_owned());
             tokio::task::spawn_blocking(move || Cluster::shared().psql(&url, &sql)).await.unwrap();
         }
     }
 }
 
-async fn records_of_a_later_version_block_no_others(ground: Ground) {
+async fn records_of_a_later_version_block_no_others(database: Database) {
     let dir = tempfile::tempdir().unwrap();
-    let url = ground.url(dir.path()).await;
+    let url = database.url(dir.path()).await;
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let options = StoreOptions { clock: clock.clone(), ..StoreOptions::default() };
     let place = Place::with(dir.path(), &url, options).await;
@@ -53,7 +53,7 @@ async fn records_of_a_later_version_block_no_others(ground: Ground) {
         outputs[1],
         clock.now().as_microsecond(),
     );
-    execute(ground, &url, &change).await;
+    execute(database, &url, &change).await;
     clock.advance(LEASE);
 
     // They are shown as far as they are understood.
@@ -88,7 +88,7 @@ async fn records_of_a_later_version_block_no_others(ground: Ground) {
 
     // With nothing else to claim, and with expired leases.
     let alone = submit("alone").await;
-    execute(ground, &url, &format!("UPDATE jobs SET outputs = '[\"stl\"]' WHERE id = '{alone}'")).await;
+    execute(database, &url, &format!("UPDATE jobs SET outputs = '[\"stl\"]' WHERE id = '{alone}'")).await;
     clock.advance(LEASE + Duration::from_secs(1));
     let again = claim(9).await;
     assert_eq!(again.len(), 2, "jobs with expired leases are claimed");
@@ -98,10 +98,10 @@ async fn records_of_a_later_version_block_no_others(ground: Ground) {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn records_of_a_later_version_block_no_others_on_sqlite() {
-    records_of_a_later_version_block_no_others(Ground::Sqlite).await;
+    records_of_a_later_version_block_no_others(Database::Sqlite).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn records_of_a_later_version_block_no_others_on_postgres() {
-    records_of_a_later_version_block_no_others(Ground::Postgres).await;
+    records_of_a_later_version_block_no_others(Database::Postgres).await;
 }

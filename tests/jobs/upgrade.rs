@@ -1,6 +1,6 @@
 //! Tables of the version before priorities, migrated with the jobs in them.
 
-use crate::scripted::Ground;
+use crate::scripted::Database;
 use crate::suite::{LEASE, finished, new_job};
 use oviduct::generate::Backend;
 use oviduct::jobs::sqlite::SqliteStore;
@@ -48,7 +48,7 @@ async fn goes_on(store: &dyn Store) {
     // Without a batch key, a GPU runs them one by one.
     let alone = store.claim("gpu", Backend::Gpu, LEASE, 16).await.unwrap().pop().unwrap();
     assert_eq!(alone.job().digest, "d5");
-    store.release(alone).await.unwrap();
+    store.release(alone, None).await.unwrap();
     let submit = async |digest: &str, priority: i64| {
         let priority = priority.try_into().unwrap();
         let new = NewJob { priority, submitter: Some("b".into()), ..new_job(digest) };
@@ -76,7 +76,7 @@ async fn goes_on(store: &dyn Store) {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn jobs_of_an_older_version_go_on_on_sqlite() {
     let dir = tempfile::tempdir().unwrap();
-    let url = Ground::Sqlite.url(dir.path()).await;
+    let url = Database::Sqlite.url(dir.path()).await;
     let before = sqlx::SqlitePool::connect(&format!("{url}?mode=rwc")).await.unwrap();
     Migrator::new(first(3, "sqlite").path()).await.unwrap().run(&before).await.unwrap();
     sqlx::raw_sql(JOBS).execute(&before).await.unwrap();
@@ -87,7 +87,7 @@ async fn jobs_of_an_older_version_go_on_on_sqlite() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn jobs_of_an_older_version_go_on_on_postgres() {
-    let url = Ground::Postgres.url("".as_ref()).await;
+    let url = Database::Postgres.url("".as_ref()).await;
     let before = sqlx::PgPool::connect(&url).await.unwrap();
     Migrator::new(first(1, "postgres").path()).await.unwrap().run(&before).await.unwrap();
     sqlx::raw_sql(JOBS).execute(&before).await.unwrap();

@@ -1,7 +1,7 @@
 //! The worker pool: success, every kind of failure, cancel, lost leases, shutdown, restart.
 
 use crate::bounds::{best_of_five, within};
-use crate::scripted::{Ground, Place, scripted};
+use crate::scripted::{Database, Place, scripted};
 use crate::suite::LEASE;
 use crate::watched::{Heartbeats, Watched};
 use futures_util::FutureExt;
@@ -260,7 +260,7 @@ async fn a_worker_that_lost_its_lease_stops_and_writes_nothing() {
     let job = place.store.get(id).await.unwrap().unwrap();
     assert_eq!((job.status, job.attempts, job.version), (Status::Running, 2, other.job().version));
     assert_eq!(place.visible().len(), 2);
-    place.store.release(other).await.unwrap();
+    place.store.release(other, None).await.unwrap();
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -337,17 +337,17 @@ async fn a_shutdown_lets_short_jobs_end_and_releases_long_ones() {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_error_at_any_point_costs_an_attempt_at_most_on_sqlite() {
-    errors_at_all_points(Ground::Sqlite).await;
+    errors_at_all_points(Database::Sqlite).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_error_at_any_point_costs_an_attempt_at_most_on_postgres() {
-    errors_at_all_points(Ground::Postgres).await;
+    errors_at_all_points(Database::Postgres).await;
 }
 
-async fn errors_at_all_points(ground: Ground) {
+async fn errors_at_all_points(database: Database) {
     let run = async |point: &'static str| {
-        let place = Place::on(ground, StoreOptions::default()).await;
+        let place = Place::on(database, StoreOptions::default()).await;
         let pool = place.start(|options| options.faults = Faults::parse(&format!("{point}:error")).unwrap());
         let script = if point == "during-renewal" { "slow" } else { "ok" };
         let job = place.ended(place.queue(script, 5).await).await;
@@ -380,7 +380,7 @@ async fn the_sweep_removes_files_that_no_job_names_and_no_others() {
     std::fs::write(&staged, "half").unwrap();
 
     let now = Clock::System.now() + Duration::from_secs(60);
-    let sweep = async |age| place.artifacts.sweep_orphans(&*place.store, now, age).await.unwrap();
+    let sweep = async |age| place.sweep_orphans(now, age).await;
     assert_eq!(sweep(Duration::from_secs(3600)).await, 0, "a young file may still be committed");
     assert!(staged.exists() && place.visible().len() == 3);
     assert_eq!(sweep(Duration::ZERO).await, 2);

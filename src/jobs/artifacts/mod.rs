@@ -3,7 +3,7 @@
 //! Invariants: a key shows either nothing or the whole file (a local file is staged beside its place, synced
 //! and renamed; an object store shows an upload when it is complete); a key belongs to one attempt
 //! ([`key()`]), so that two attempts never write the same one; a file counts only once a job's record names it. Files that
-//! no record names are removed by `Artifacts::sweep_orphans`. A file is hashed while it is uploaded, and its size compared
+//! no record names are removed by [`Sweeper`](super::sweep::Sweeper). A file is hashed while it is uploaded, and its size compared
 //! afterwards.
 //!
 //! | file | subject |

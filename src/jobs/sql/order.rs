@@ -6,7 +6,7 @@
 //! one after the last queued job of its submitter, but not before the present turn (that of the job claimed last, or of
 //! the first that waits). So submitters take turns however many jobs each has queued; a new submitter waits for one
 //! turn of each other; an absent one accumulates no credit; and with a single submitter and one priority the order is
-//! that of age. A job that is given back keeps its rank and turn. Between lanes the head of higher priority goes
+//! that of age. A released job keeps its rank and turn. Between lanes the head of higher priority goes
 //! first, then the older one.
 //!
 //! Every query here reads a few ends of indexes, whatever the length of the queue: a turn costs three; a position is

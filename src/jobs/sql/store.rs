@@ -326,12 +326,9 @@ impl<E: Engine> Store for SqlStore<E> {
         self.end(&claimed, Event::Stopped(claimed.fence()), Record::Nothing).await
     }
 
-    async fn release(&self, claimed: ClaimedJob) -> Result<(), StoreError> {
-        self.end(&claimed, Event::Release(claimed.fence()), Record::Nothing).await.map(drop)
-    }
-
-    async fn release_because(&self, claimed: ClaimedJob, problem: Problem) -> Result<(), StoreError> {
-        self.end(&claimed, Event::Release(claimed.fence()), Record::Fault(problem)).await.map(drop)
+    async fn release(&self, claimed: ClaimedJob, problem: Option<Problem>) -> Result<(), StoreError> {
+        let record = problem.map_or(Record::Nothing, Record::Fault);
+        self.end(&claimed, Event::Release(claimed.fence()), record).await.map(drop)
     }
 
     async fn retry(&self, claimed: ClaimedJob, problem: Problem) -> Result<Job, StoreError> {

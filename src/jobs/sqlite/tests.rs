@@ -3,30 +3,10 @@
 
 use super::*;
 use crate::clock::Clock;
-use crate::generate::{Backend, Output, Progress, Stage};
-use crate::jobs::{Directive, Finished, LiveSection, NewJob, Priority, Status, Store};
+use crate::generate::{Backend, Progress, Stage};
+use crate::jobs::{Directive, Finished, LiveSection, NewJob, Status, Store};
 
 const LEASE: Duration = Duration::from_secs(8);
-
-fn new_job(seed: u64) -> NewJob {
-    NewJob {
-        preset: "pig".into(),
-        seed,
-        spec: serde_json::json!({}),
-        outputs: vec![Output::Glb],
-        backend: Backend::Auto,
-        labels: std::collections::BTreeMap::new(),
-        priority: Priority::default(),
-        digest: seed.to_string(),
-        engine: crate::ENGINE_VERSION.into(),
-        reuse: false,
-        missing: Vec::new(),
-        batch_key: None,
-        idempotency: None,
-        submitter: None,
-        trace: None,
-    }
-}
 
 async fn set_full(store: &SqliteStore, full: bool) {
     let pages = if full { 1 } else { i64::from(i32::MAX) };
@@ -44,7 +24,7 @@ async fn open(clock: Clock) -> (SqliteStore, tempfile::TempDir) {
 #[tokio::test]
 async fn on_a_full_disk_a_finished_model_waits_and_other_changes_fail_after_five_seconds() {
     let (store, _dir) = open(Clock::System).await;
-    store.submit(new_job(1)).await.unwrap();
+    store.submit(NewJob::sample(1)).await.unwrap();
     let claimed = store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     set_full(&store, true).await;
     let finished = Finished {
@@ -57,7 +37,7 @@ async fn on_a_full_disk_a_finished_model_waits_and_other_changes_fail_after_five
         let store = store.clone();
         async move { store.finish(claimed, finished).await }
     });
-    let large = NewJob { spec: serde_json::json!("x".repeat(1 << 20)), ..new_job(2) };
+    let large = NewJob { spec: serde_json::json!("x".repeat(1 << 20)), ..NewJob::sample(2) };
     let since = Stopwatch::start();
     let refused = store.submit(large.clone()).await.unwrap_err();
     assert!(matches!(&refused, StoreError::Database(detail) if detail.contains("full")), "{refused}");
@@ -72,7 +52,7 @@ async fn on_a_full_disk_a_finished_model_waits_and_other_changes_fail_after_five
 async fn leases_that_could_not_be_renewed_on_a_full_disk_do_not_expire() {
     let clock = Clock::manual("2026-01-02T03:04:05Z".parse().unwrap());
     let (store, _dir) = open(clock.clone()).await;
-    let id = store.submit(new_job(1)).await.unwrap().job().id;
+    let id = store.submit(NewJob::sample(1)).await.unwrap().job().id;
     let claimed = store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().unwrap();
     set_full(&store, true).await;
     let inner = vec![[0.5, 1.5]; 100_000];

@@ -19,7 +19,7 @@ struct Expected {
     seen: Job,
 }
 
-/// A claimed job that has not been given back; its lease may be lost.
+/// A claimed job that has not been released; its lease may be lost.
 struct Held {
     id: JobId,
     fence: Fence,
@@ -206,7 +206,7 @@ impl History {
             }
             1 => (store.fail(claimed, by_cpu(), problem("panic")).await.map(drop), Event::Fail(fence)),
             2 => (store.cancelled(claimed).await.map(drop), Event::Stopped(fence)),
-            3 => (store.release(claimed).await, Event::Release(fence)),
+            3 => (store.release(claimed, None).await, Event::Release(fence)),
             _ => (store.retry(claimed, problem("io")).await.map(drop), Event::Retry(fence)),
         };
         match (result, self.apply(id, &event)) {

@@ -15,7 +15,7 @@ pub async fn a_checkpoint_passes_to_the_next_attempt(factory: Factory) {
     for (key, named) in [("k1", false), ("k2", true)] {
         assert_eq!(bench.uses(key).await, named, "{key}");
     }
-    bench.store.release(first).await.unwrap();
+    bench.store.release(first, None).await.unwrap();
     let second = bench.claim("b").await.unwrap();
     assert_eq!(second.job().checkpoint.as_deref(), Some("k2"));
     bench.clock.advance(LEASE + Duration::from_secs(1));
@@ -30,7 +30,7 @@ pub async fn a_checkpoint_passes_to_the_next_attempt(factory: Factory) {
     let job = bench.queue("e").await;
     let claimed = bench.claim("a").await.unwrap();
     bench.store.set_checkpoint(&claimed, "k4").await.unwrap();
-    bench.store.release(claimed).await.unwrap();
+    bench.store.release(claimed, None).await.unwrap();
     let cancelled = bench.store.cancel(job.id).await.unwrap().unwrap();
     assert_eq!(cancelled.checkpoint.as_deref(), Some("k4"), "to be removed");
     assert_eq!(bench.get(job.id).await.checkpoint, None);
@@ -135,7 +135,7 @@ pub async fn keys_of_records_and_of_running_attempts_are_in_use(factory: Factory
         used
     });
     assert!(bench.store.keys_in_use(&[]).await.unwrap().is_empty());
-    bench.store.release(claimed).await.unwrap();
+    bench.store.release(claimed, None).await.unwrap();
     assert!(!bench.uses(&key(running, 1, "model.glb")).await);
 }
 
@@ -175,7 +175,7 @@ pub async fn queued_jobs_are_counted_by_backend(factory: Factory) {
     bench.store.delete(ids[3]).await.unwrap();
     let claimed = bench.claim("w").await.unwrap();
     assert_eq!(counts().await, [("auto", 1), ("gpu", 1), ("cpu", 1), ("cpu-single", 0)]);
-    bench.store.release(claimed).await.unwrap();
+    bench.store.release(claimed, None).await.unwrap();
     assert_eq!(counts().await, [("auto", 2), ("gpu", 1), ("cpu", 1), ("cpu-single", 0)]);
     assert_eq!(bench.store.counts().await.unwrap().queued, 4);
 }

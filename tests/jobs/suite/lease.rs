@@ -94,7 +94,7 @@ pub async fn a_stale_attempt_changes_nothing(factory: Factory) {
     fenced(bench.store.finish(one, done.clone()).await.map(drop));
     fenced(bench.store.fail(stale.next().unwrap(), by_cpu(), problem("panic")).await.map(drop));
     fenced(bench.store.cancelled(stale.next().unwrap()).await.map(drop));
-    fenced(bench.store.release(stale.next().unwrap()).await);
+    fenced(bench.store.release(stale.next().unwrap(), None).await);
     assert_eq!(bench.get(id).await, before);
     assert!(!bench.uses(&done.files[0].key).await);
     let done = finished(&present);
@@ -140,7 +140,7 @@ pub async fn retries_wait_and_count_and_releases_do_not(factory: Factory) {
     let id = bench.queue("d").await.id;
     for _ in 0..4 {
         let claimed = bench.claim("w").await.unwrap();
-        bench.store.release(claimed).await.unwrap();
+        bench.store.release(claimed, None).await.unwrap();
     }
     let claimed = bench.claim("w").await.unwrap();
     let job = bench.store.retry(claimed, problem("io")).await.unwrap();

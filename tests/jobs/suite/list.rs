@@ -70,7 +70,7 @@ pub async fn queue_positions_are_by_age(factory: Factory) {
     };
     assert_eq!(positions().await, [None, None, Some(0), Some(1)]);
     // Released: at its old place.
-    bench.store.release(claimed).await.unwrap();
+    bench.store.release(claimed, None).await.unwrap();
     assert_eq!(positions().await, [Some(0), None, Some(1), Some(2)]);
 }
 
@@ -101,7 +101,7 @@ pub async fn workers_are_seen(factory: Factory) {
     let mut claimed = bench.store.claim("a", Backend::Cpu, LEASE, 4).await.unwrap();
     let jobs = async || bench.store.workers().await.unwrap().into_iter().map(|worker| worker.jobs).collect::<Vec<_>>();
     assert_eq!(jobs().await, [running.clone(), vec![]], "the oldest first");
-    bench.store.release(claimed.swap_remove(0)).await.unwrap();
+    bench.store.release(claimed.swap_remove(0), None).await.unwrap();
     assert_eq!(jobs().await, [running[..3].to_vec(), vec![]]);
     for claimed in claimed {
         let done = finished(&claimed);

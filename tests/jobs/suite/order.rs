@@ -33,14 +33,14 @@ pub async fn a_job_given_back_keeps_its_turn(factory: Factory) {
     }
     let first = bench.claim("w").await.unwrap();
     let second = bench.claim("w").await.unwrap();
-    bench.store.release(first).await.unwrap();
+    bench.store.release(first, None).await.unwrap();
     bench.queue("5").await;
     let mut order = Vec::new();
     while let Some(claimed) = bench.claim("w").await {
         order.push(claimed.job().digest.clone());
     }
     assert_eq!(order, ["0", "2", "3", "4", "5"]);
-    bench.store.release(second).await.unwrap();
+    bench.store.release(second, None).await.unwrap();
     assert_eq!(bench.claim("w").await.unwrap().job().digest, "1");
 }
 
@@ -121,7 +121,7 @@ pub async fn a_job_given_back_keeps_its_priority_and_turn(factory: Factory) {
     let retried = bench.claim("w").await.unwrap();
     let _expires = bench.claim("w").await.unwrap();
     assert_eq!(bench.waiting().await, ["d", "e"]);
-    bench.store.release(released).await.unwrap();
+    bench.store.release(released, None).await.unwrap();
     let retried = bench.store.retry(retried, problem("io")).await.unwrap();
     assert_eq!((retried.priority.get(), retried.queue_position), (3, Some(1)));
     bench.submit(urgent("f", 3)).await;
@@ -158,7 +158,7 @@ pub async fn a_claim_of_several_takes_due_jobs_of_all_lanes(factory: Factory) {
         let digests: Vec<&str> = claimed.iter().map(|claimed| claimed.job().digest.as_str()).collect();
         assert_eq!(digests, order, "{limit} at a time");
         for claimed in claimed {
-            bench.store.release(claimed).await.unwrap();
+            bench.store.release(claimed, None).await.unwrap();
         }
     }
 }
@@ -215,7 +215,7 @@ pub async fn a_gpu_claim_passes_over_jobs_that_are_not_due(factory: Factory) {
     assert_eq!(claimed.len(), 3);
     bench.store.retry(claimed.remove(1), problem("io")).await.unwrap();
     for claimed in claimed {
-        bench.store.release(claimed).await.unwrap();
+        bench.store.release(claimed, None).await.unwrap();
     }
     let digests = async || {
         let claimed = bench.store.claim("w", Backend::Gpu, LEASE, 3).await.unwrap();
