@@ -227,7 +227,13 @@ fn the_scanner_sees_circles_however_the_path_is_written() {
         circles(&arrows(&sources)).iter().map(std::collections::BTreeMap::len).collect::<Vec<_>>()
     };
     let lib = ("lib.rs", "pub mod room;");
-    for (case, parent, a, b) in [
+    let all_have = |expected: &[usize], cases: &[(&str, &str, &str, &str)]| {
+        for (case, parent, a, b) in cases {
+            let files = [lib, ("room/mod.rs", parent), ("room/a.rs", a), ("room/b.rs", b)];
+            assert_eq!(found(&files), expected, "{case}");
+        }
+    };
+    let circle = [
         ("crate", "mod a; mod b;", "use crate::room::b::B; struct A;", "use crate::room::a::A; struct B;"),
         ("super", "mod a; mod b;", "use super::b::B; struct A;", "fn f() { super::a::A::new() } struct B;"),
         ("group", "mod a; mod b;", "use super::{b::{self, B}}; struct A;", "use super::a::{A as C}; struct B;"),
@@ -248,11 +254,9 @@ fn the_scanner_sees_circles_however_the_path_is_written() {
             "macro_rules! m { () => { super::b::g() } } pub(super) use m;",
             "use super::a::m; fn g() {}",
         ),
-    ] {
-        let files = [lib, ("room/mod.rs", parent), ("room/a.rs", a), ("room/b.rs", b)];
-        assert_eq!(found(&files), [2], "{case}");
-    }
-    for (case, parent, a, b) in [
+    ];
+    all_have(&[2], &circle);
+    let no_circle = [
         ("one way", "mod a; mod b;", "use super::b::B; struct A;", "struct B;"),
         ("facade", "mod a; mod b; pub use a::A; pub use b::B;", "use super::B; struct A(B);", "struct B;"),
         (
@@ -273,10 +277,8 @@ fn the_scanner_sees_circles_however_the_path_is_written() {
         ("member", "mod a; mod b; pub use a::end; struct P; fn f(p: P) { p.end(); }", "use super::P; fn end() {}", ""),
         ("external", "mod a; mod b;", "use b::B; use std::a; struct A;", "use super::a::A;"),
         ("variant", "mod a; mod b;", "enum A { B }", "use super::a::A; fn f() { A::B; } struct B;"),
-    ] {
-        let files = [lib, ("room/mod.rs", parent), ("room/a.rs", a), ("room/b.rs", b)];
-        assert_eq!(found(&files), [0; 0], "{case}");
-    }
+    ];
+    all_have(&[], &no_circle);
     let three = |last: &str| {
         let c = format!("room/{last}.rs");
         let files = [

@@ -185,6 +185,25 @@ fn every_fault_of_a_spec_is_named_and_no_file_is_left() {
 }
 
 #[test]
+fn a_model_that_grew_poorly_is_reported_with_warnings() {
+    let at = folder();
+    let crowded = "particles.total={\"keys\":[[0,300],[1,2000]]}";
+    let arguments =
+        ["generate", "--out", "a", "--seed", "2", "--backend", "cpu", "--json", "--set", "steps=60", "--set", crowded];
+    let output = run(at.path(), &arguments);
+    let warnings = &json(&output)["warnings"];
+    let codes: Vec<&Value> = warnings.as_array().expect("an array").iter().map(|warning| &warning["code"]).collect();
+    assert_eq!(codes, ["splits-missing", "particles-short"]);
+    for (line, warning) in complaints(&output).iter().zip(warnings.as_array().expect("an array")) {
+        assert_eq!(line, &format!("warning: {}", warning["detail"].as_str().expect("text")));
+    }
+    assert_eq!(complaints(&output).len(), 2);
+    let report = std::fs::read(at.path().join("a/report.json")).expect("a report");
+    let report: Value = serde_json::from_slice(&report).expect("JSON");
+    assert_eq!(&report["summary"]["warnings"], warnings);
+}
+
+#[test]
 fn generate_check_and_a_broken_file() {
     let at = folder();
     let mut arguments = vec!["generate", "--out", "a/out", "--seed", "7", "--outputs", "glb,obj", "--json"];

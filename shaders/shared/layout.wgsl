@@ -176,7 +176,7 @@ const WALL_VX: u32 = 3u;
 const WALL_VY: u32 = 4u;
 const WALL_PULL_X: u32 = 5u;
 const WALL_PULL_Y: u32 = 6u;
-// Copies of the first five, while the loop grows.
+// Copies of the first five while the loop grows; during a step of the wall, its new positions.
 const WALL_OLD: u32 = 7u;
 const WALL_FIELDS: u32 = 12u;
 

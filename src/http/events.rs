@@ -25,7 +25,7 @@ use tokio_util::sync::CancellationToken;
 
 /// Sent when a stream opens, so that a client knows that it is open.
 const CONNECTED: Bytes = Bytes::from_static(b": connected\n\n");
-/// Sent after some silence, so that nothing between takes the connection for a dead one.
+/// Sent after some silence, so that proxies do not close the connection as idle.
 const COMMENT: Bytes = Bytes::from_static(b": still here\n\n");
 
 /// What a stream reads.

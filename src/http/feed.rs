@@ -105,7 +105,7 @@ impl State {
         self.follows_all() || self.watched.contains_key(&id)
     }
 
-    /// Has a model read soon.
+    /// Schedules a read of a model.
     pub(super) fn make_due(&mut self, id: JobId) {
         if self.is_due.insert(id) {
             self.due.push_back(id);
@@ -323,7 +323,7 @@ impl Feed {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Watches one model from now on: whether it exists is not asked.
+    /// Watches one model from now on; does not check that it exists.
     pub(super) fn watch(self: &Arc<Self>, id: JobId) -> ModelReader {
         let mut state = self.lock();
         let present = state.log.view(id).cloned();
@@ -336,7 +336,7 @@ impl Feed {
         ModelReader { feed: Arc::clone(self), id, view }
     }
 
-    /// Has a watched model read soon.
+    /// Schedules a read of a watched model.
     pub(super) fn read_soon(&self, id: JobId) {
         self.lock().make_due(id);
         self.wake.notify_one();

@@ -211,7 +211,7 @@ impl Follower {
             Some(job) => self.feed.offer(&job),
             None => {
                 let mut state = self.feed.lock();
-                // One that never was is not reported as deleted.
+                // A model that never existed is not reported as deleted.
                 if state.knows(id) || state.log.view(id).is_some() {
                     state.deleted(id);
                 }

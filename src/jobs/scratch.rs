@@ -1,7 +1,7 @@
-//! Folders that attempts write to before their files go to the artifact store.
+//! Directories that attempts write to before their files go to the artifact store: `<root>/<process>/<job>-<attempt>`.
 //!
-//! `<root>/<process>/<job>-<attempt>`: each process locks its folder, so that the next start can tell the
-//! leavings of a dead process, which it removes, from the work of a live one.
+//! Each process locks its directory while it runs. The next start removes directories that are not locked: their processes
+//! have ended.
 
 use super::job::JobId;
 use std::fs::File;
@@ -10,32 +10,32 @@ use std::path::{Path, PathBuf};
 
 const LOCK: &str = ".lock";
 
-/// The scratch folder of this process; removed when dropped.
+/// The scratch directory of this process; removed when dropped.
 #[derive(Debug)]
 pub struct Scratch {
     folder: PathBuf,
     _lock: File,
 }
 
-/// The scratch folder of an attempt; removed when dropped.
+/// The scratch directory of an attempt; removed when dropped.
 #[derive(Debug)]
 pub struct AttemptDir(PathBuf);
 
 impl Scratch {
-    /// Makes a folder for this process under `root`, and removes those of processes that are gone.
+    /// Creates a directory for this process under `root`, and removes those of processes that have ended.
     ///
     /// # Errors
-    /// Where `root` cannot be made or written to.
+    /// If `root` cannot be created or written to.
     pub fn open(root: &Path) -> io::Result<Self> {
         std::fs::create_dir_all(root)?;
-        // One process at a time looks around and makes its folder: a folder is never seen before it is locked. Where
-        // the file system knows no locks, folders stay single all the same, only leavings may be missed.
-        let door = File::create(root.join(LOCK))?;
-        let _ = door.lock();
+        // One process at a time, so that none removes a directory that another has created but not locked yet. On a file
+        // system without locks, directories of ended processes may stay.
+        let root_lock = File::create(root.join(LOCK))?;
+        let _ = root_lock.lock();
         for entry in std::fs::read_dir(root)?.flatten() {
             let folder = entry.path();
             let lock = File::open(folder.join(LOCK));
-            // A folder without a lock file was left half removed.
+            // A directory without a lock file was removed in part.
             if folder.is_dir() && !matches!(&lock, Ok(file) if file.try_lock().is_err()) {
                 remove(&folder);
             }
@@ -47,20 +47,20 @@ impl Scratch {
         Ok(Self { folder, _lock: lock })
     }
 
-    /// A new, empty folder for an attempt.
+    /// A new, empty directory for an attempt.
     ///
     /// # Errors
-    /// Where it cannot be made.
+    /// If it cannot be created.
     pub fn attempt(&self, job: JobId, attempt: u32) -> io::Result<AttemptDir> {
         let folder = self.folder.join(format!("{job}-{attempt}"));
         std::fs::create_dir(&folder)?;
         Ok(AttemptDir(folder))
     }
 
-    /// Fails where no folder for an attempt could be made just now.
+    /// Checks that a directory for an attempt can be created.
     ///
     /// # Errors
-    /// Why not.
+    /// If it cannot.
     pub fn probe(&self) -> io::Result<()> {
         let folder = self.folder.join(format!("probe-{}", uuid::Uuid::now_v7()));
         std::fs::create_dir(&folder)?;
@@ -113,7 +113,7 @@ impl Drop for Scratch {
     }
 }
 
-/// Removes a folder, which somebody else may be removing too. What stays is removed by the next start.
+/// Removes a directory, which another process may be removing too. What cannot be removed stays until the next start.
 fn remove(folder: &Path) {
     match std::fs::remove_dir_all(folder) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => {
@@ -142,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_start_removes_what_dead_processes_left_and_spares_the_living() {
+    fn a_start_removes_directories_of_ended_processes_only() {
         let root = tempfile::tempdir().unwrap();
         let dead = root.path().join("dead");
         std::fs::create_dir_all(dead.join("job-1")).unwrap();
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn processes_come_and_go_at_the_same_time() {
+    fn processes_start_and_end_concurrently() {
         let root = tempfile::tempdir().unwrap();
         std::thread::scope(|threads| {
             for n in 0..8 {

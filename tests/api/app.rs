@@ -83,6 +83,14 @@ impl App {
         Self::over(store, clock, limits)
     }
 
+    /// Keeps files there.
+    pub(super) fn with_artifacts(mut self, artifacts: Artifacts) -> Self {
+        self.state = AppState::new(self.store.clone(), artifacts.clone(), Limits::default(), self.shutdown.clone());
+        self.router = router(self.state.clone());
+        self.artifacts = artifacts;
+        self
+    }
+
     /// Reports this status at the probes.
     pub(super) fn with_status(mut self, status: Status) -> Self {
         self.state = self.state.clone().with_status(status);

@@ -206,6 +206,19 @@ async fn a_finished_model_of_the_same_digest_is_reused() {
     }
 }
 
+#[tokio::test]
+async fn a_model_whose_file_is_missing_is_not_reused() {
+    let app = App::new().await;
+    let first = app.finished(7, &files()).await;
+    let file = app.store.get(id(&first)).await.unwrap().unwrap().files[0].key.clone();
+    app.artifacts.delete(&[file]).await.unwrap();
+    let again = app.post("/models", &json!({ "seed": 7 })).await;
+    assert_eq!((again.status.as_u16(), &again.json()["reused_from"]), (202, &Value::Null));
+    app.finish(app.claim().await, &files()).await;
+    let reused = app.post("/models", &json!({ "seed": 7 })).await;
+    assert_eq!((reused.status.as_u16(), &reused.json()["reused_from"]), (201, &again.json()["id"]));
+}
+
 /// Its name is part of the files.
 #[tokio::test]
 async fn a_model_of_another_preset_is_not_reused() {

@@ -1,12 +1,15 @@
 //! The service itself: health, readiness, presets, workers, the description, faults.
 
-use super::app::{App, moment};
+use super::app::{App, Reply, moment};
 use super::faulty::Faulty;
 use axum::body::Body;
 use axum::http::{Method, header};
+use object_store::memory::InMemory;
+use object_store::throttle::{ThrottleConfig, ThrottledStore};
 use oviduct::clock::Clock;
 use oviduct::generate::Backend;
 use oviduct::http::Limits;
+use oviduct::jobs::artifacts::Artifacts;
 use oviduct::status::{Condition, Status};
 use serde_json::json;
 use std::sync::Arc;
@@ -55,6 +58,18 @@ async fn a_process_with_stuck_workers_is_not_healthy() {
     assert_eq!(app.get("/healthz").await.status, 200);
 }
 
+/// The first readiness probe that fails, within a minute: a slow check ends after the response of the probe that began it.
+async fn until_not_ready(app: &App) -> Reply {
+    for _ in 0..600 {
+        let reply = app.get("/readyz").await;
+        if reply.status != 200 {
+            return reply;
+        }
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    }
+    panic!("it stays ready");
+}
+
 #[tokio::test]
 async fn an_artifact_store_that_takes_no_files_is_named() {
     let app = App::new().await;
@@ -63,19 +78,23 @@ async fn an_artifact_store_that_takes_no_files_is_named() {
     let files = app.dir.path().join("files");
     std::fs::remove_dir_all(&files).unwrap();
     std::fs::write(&files, "").unwrap();
-    // A slow check ends after the response of the probe that began it.
-    let mut reply = app.get("/readyz").await;
-    for _ in 0..600 {
-        if reply.status != 200 {
-            break;
-        }
-        tokio::time::sleep(Duration::from_millis(100)).await;
-        reply = app.get("/readyz").await;
-    }
+    let reply = until_not_ready(&app).await;
     assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (503, "storage-unavailable"));
     let detail = reply.json()["detail"].as_str().unwrap().to_owned();
     assert!(detail.contains("artifact store") && !detail.contains("job store"), "{detail}");
     assert!(!detail.contains(files.to_str().unwrap()), "{detail}");
+}
+
+/// A write that hangs fails its check after five seconds; until then probes report the result of the latest write.
+#[tokio::test]
+async fn probes_do_not_wait_for_an_artifact_store_that_hangs() {
+    let throttle = ThrottleConfig { wait_put_per_call: Duration::from_secs(3600), ..ThrottleConfig::default() };
+    let store = ThrottledStore::new(InMemory::new(), throttle);
+    let app = App::new().await.with_artifacts(Artifacts::over(Arc::new(store)));
+    app.expect_faults();
+    assert_eq!(app.get("/readyz").await.status, 200);
+    let reply = until_not_ready(&app).await;
+    assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (503, "storage-unavailable"));
 }
 
 #[tokio::test]
@@ -156,7 +175,7 @@ async fn workers_are_listed() {
     let ids = [&old, &new].map(|model| model.strip_prefix("/models/").unwrap());
     assert_eq!((&worker["job"], &worker["jobs"]), (&json!(ids[0]), &json!(ids)));
     for job in running {
-        app.store.release(job).await.unwrap();
+        app.store.release(job, None).await.unwrap();
     }
     assert_eq!(app.get("/workers").await.json(), want);
 }
