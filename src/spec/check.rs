@@ -183,11 +183,11 @@ fn too_slow(p: &Parameters) -> Option<String> {
         }
         let least = if end == p.steps { 1.0 } else { KEEPS_UP };
         if let Some(k) = (0..2).find(|&k| has[k] < least * wanted[k]) {
-            let which = ["inner", "outer"][k];
+            let (which, schedule) = [("inner", "/particles/total"), ("outer", "/particles/outer")][k];
+            let more = if every > 1 { "more /steps, a smaller /particles/every" } else { "more /steps" };
             return Some(format!(
-                "is {every} steps, too many for this growth: each growth event can at most double a loop, so at step {end} of {} \
-                 the {which} loop would have {:.0} of its {:.0} particles (use more /steps, a smaller /particles/every or \
-                 a flatter /particles/total)",
+                "cannot follow the scheduled counts: each growth event can at most double a loop, so at step {end} of {} the {which} loop \
+                 would have {:.0} of its {:.0} particles (use {more} or a flatter {schedule})",
                 p.steps, has[k], wanted[k]
             ));
         }
