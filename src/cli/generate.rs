@@ -126,6 +126,7 @@ fn report(request: &Request, outcome: &Outcome, fallback: Option<&str>) -> Value
 /// The output without `--json`.
 fn summary(request: &Request, outcome: &Outcome) -> [String; 3] {
     let (of, proof, seconds) = (&outcome.summary, &outcome.certificate, &outcome.seconds);
+    let gap = proof["min_gap_um"].as_f64().map(|gap| format!("; minimum gap {gap:.2} µm")).unwrap_or_default();
     [
         format!(
             "{}, seed {}: {} sections ({} added), {} to {} particles, {} vertices, {} triangles",
@@ -138,10 +139,7 @@ fn summary(request: &Request, outcome: &Outcome) -> [String; 3] {
             of["vertices"],
             of["triangles"],
         ),
-        format!(
-            "certified: closed, manifold, oriented, Euler number {}, no triangles intersect; minimum gap {} µm",
-            proof["euler"], proof["min_gap_um"],
-        ),
+        format!("certified: closed, manifold, oriented, Euler number {}, no triangles intersect{gap}", proof["euler"]),
         format!(
             "{:.1} s: simulate {:.1}, mesh {:.1}, certify {:.1}, export {:.1}",
             seconds.total, seconds.simulate, seconds.mesh, seconds.certify, seconds.export,
