@@ -8,13 +8,14 @@
 //!
 //! | floor | modules |
 //! |---|---|
-//! | 0 | [`clock`], [`metrics`], [`status`], [`random`], [`tls`], [`model`], [`geometry`] |
+//! | 0 | [`clock`], [`metrics`], [`status`], [`availability`], [`random`], [`tls`], [`model`], [`geometry`] |
 //! | 1 | [`spec`] |
 //! | 2 | [`sim`], [`mesh`], [`measure`], [`export`], [`render`] |
 //! | 3 | [`generate`], [`jobs`] |
 //! | 4 | [`worker`], [`http`] |
 //! | 5 | [`cli`] |
 
+pub mod availability;
 pub mod clock;
 pub mod geometry;
 pub mod metrics;

@@ -3,12 +3,13 @@
 use super::AppState;
 use super::problem::{Kind, Problem};
 use super::responses::{Unhealthy, Unready};
-use crate::jobs::artifacts::Artifacts;
+use crate::jobs::StoreError;
 use crate::status::Condition;
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, header};
 use serde::Serialize;
+use std::future::Future;
 use std::time::Duration;
 use utoipa::ToSchema;
 
@@ -51,12 +52,12 @@ pub(super) async fn ready(State(state): State<AppState>) -> Result<Json<Health>,
     if let Some((condition, detail)) = state.status.not_ready() {
         return Err(not_ready(condition, format!("The process is {}: {detail}.", condition.name())));
     }
-    match tokio::join!(state.store.ready(), check_artifacts(state.artifacts.clone())) {
+    match tokio::join!(check_jobs(&state), check_artifacts(&state)) {
         (Ok(()), Ok(())) => Ok(Json(OK)),
         (Err(store), artifacts) => {
             let both = "The job store and the artifact store are unavailable. Try again later.";
             let one = "The job store is unavailable. Try again later.";
-            Err(Problem::from(store).with_detail(if artifacts.is_err() { both } else { one }))
+            Err(Problem::from(StoreError::Database(store)).with_detail(if artifacts.is_err() { both } else { one }))
         }
         // The message is logged, not sent: it may contain names of hosts and paths.
         (Ok(()), Err(error)) => {
@@ -67,17 +68,36 @@ pub(super) async fn ready(State(state): State<AppState>) -> Result<Json<Health>,
     }
 }
 
-/// Checks the artifact store. A check that takes longer than [`CHECK_TIME`], as it does on a busy disk, goes on in the
-/// background; until it has ended, the result of the latest write counts.
-async fn check_artifacts(artifacts: Artifacts) -> Result<(), String> {
-    let check = tokio::spawn({
-        let artifacts = artifacts.clone();
-        async move { artifacts.check().await }
-    });
-    match tokio::time::timeout(CHECK_TIME, check).await {
-        Ok(Ok(checked)) => checked.map_err(|error| error.to_string()),
+async fn check_jobs(state: &AppState) -> Result<(), String> {
+    let (store, availability) = (state.store.clone(), state.job_store.clone());
+    let check = async move {
+        let read = async {
+            store.ready().await.map_err(|error| match error {
+                StoreError::Database(detail) => detail,
+                other => other.to_string(),
+            })
+        };
+        availability.check(read).await
+    };
+    in_time(check, || state.job_store.outage()).await
+}
+
+async fn check_artifacts(state: &AppState) -> Result<(), String> {
+    let artifacts = state.artifacts.clone();
+    let check = async move { artifacts.check().await.map_err(|error| error.to_string()) };
+    in_time(check, || state.artifacts.outage()).await
+}
+
+/// The result of `check`. One that takes longer than [`CHECK_TIME`], as on a busy disk or behind thousands of requests,
+/// goes on in the background; until it has ended, the latest `outage` counts.
+async fn in_time(
+    check: impl Future<Output = Result<(), String>> + Send + 'static,
+    outage: impl FnOnce() -> Option<String>,
+) -> Result<(), String> {
+    match tokio::time::timeout(CHECK_TIME, tokio::spawn(check)).await {
+        Ok(Ok(checked)) => checked,
         Ok(Err(panic)) => Err(panic.to_string()),
-        Err(_) => artifacts.outage().map_or(Ok(()), Err),
+        Err(_) => outage().map_or(Ok(()), Err),
     }
 }
 
@@ -86,7 +106,7 @@ pub(super) fn not_ready(condition: Condition, detail: impl Into<String>) -> Prob
     Problem::new(Kind::NotReady, detail).with("condition", condition.name()).with_header(header::RETRY_AFTER, LATER)
 }
 
-/// Longest time that a probe waits for the artifact store. Orchestrators commonly give a probe a second.
+/// Longest time that a probe waits for a store. Orchestrators commonly give a probe a second.
 const CHECK_TIME: Duration = Duration::from_millis(50);
 /// Seconds.
 const LATER: HeaderValue = HeaderValue::from_static("5");

@@ -43,6 +43,7 @@ pub use envelope::REQUEST_ID;
 pub use request::SEED_MAX;
 pub use router::{openapi_yaml, router, watch_router};
 
+use crate::availability::Availability;
 use crate::jobs::Store;
 use crate::jobs::artifacts::Artifacts;
 use crate::metrics::Metrics;
@@ -119,6 +120,8 @@ pub struct AppState {
     pub(crate) shutdown: CancellationToken,
     pub(crate) metrics: Metrics,
     status: Status,
+    /// What the checks of `store` found.
+    job_store: Arc<Availability>,
     feed: Arc<Feed>,
     streams: Arc<Semaphore>,
     held: Arc<Semaphore>,
@@ -135,8 +138,19 @@ impl AppState {
         let feed = follower::start(Arc::clone(&store), pace, shutdown.clone());
         let [streams, held, downloads] =
             [limits.streams, limits.held, limits.downloads].map(|most| Arc::new(Semaphore::new(most)));
-        let (limits, metrics, status) = (Arc::new(limits), Metrics::default(), Status::default());
-        Self { store, artifacts, limits, shutdown, metrics, status, feed, streams, held, downloads }
+        Self {
+            store,
+            artifacts,
+            limits: Arc::new(limits),
+            shutdown,
+            metrics: Metrics::default(),
+            status: Status::default(),
+            job_store: Arc::default(),
+            feed,
+            streams,
+            held,
+            downloads,
+        }
     }
 
     /// Counts into `metrics`.

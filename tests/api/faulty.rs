@@ -1,4 +1,4 @@
-//! A job store that is unavailable, and panics in one method.
+//! A job store that is unavailable, or hangs when it is checked, and panics in one method.
 
 use async_trait::async_trait;
 use oviduct::generate::{Backend, Progress};
@@ -13,11 +13,17 @@ use tokio::sync::broadcast;
 /// Fails each call; panics in `list`.
 pub(super) struct Faulty {
     changes: broadcast::Sender<Change>,
+    hangs: bool,
 }
 
 impl Faulty {
     pub(super) fn new() -> Self {
-        Self { changes: broadcast::Sender::new(1) }
+        Self { changes: broadcast::Sender::new(1), hangs: false }
+    }
+
+    /// A store whose check never ends.
+    pub(super) fn hanging() -> Self {
+        Self { hangs: true, ..Self::new() }
     }
 }
 
@@ -104,6 +110,9 @@ impl Store for Faulty {
         self.changes.subscribe()
     }
     async fn ready(&self) -> Result<(), StoreError> {
+        if self.hangs {
+            std::future::pending::<()>().await;
+        }
         away()
     }
     async fn submit_batch(&self, _: NewBatch) -> Result<SubmittedBatch, StoreError> {

@@ -97,6 +97,17 @@ async fn probes_do_not_wait_for_an_artifact_store_that_hangs() {
     assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (503, "storage-unavailable"));
 }
 
+/// A read that hangs fails its check after five seconds; until then probes report the result of the latest check.
+#[tokio::test]
+async fn probes_do_not_wait_for_a_job_store_that_hangs() {
+    let app = App::over(Arc::new(Faulty::hanging()), Clock::System, Limits::default());
+    app.expect_faults();
+    let reply = tokio::time::timeout(Duration::from_secs(2), app.get("/readyz")).await;
+    assert_eq!(reply.expect("a probe that does not wait for the check").status, 200);
+    let reply = until_not_ready(&app).await;
+    assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (503, "store-unavailable"));
+}
+
 #[tokio::test]
 async fn an_unavailable_store_is_a_problem_without_secrets() {
     let app = App::over(Arc::new(Faulty::new()), Clock::System, Limits::default());

@@ -55,7 +55,7 @@ def main():
             for path in ["/healthz", "/readyz"]:
                 sent = time.monotonic()
                 assert service.call("GET", path)[0] == 200
-                probes.append((time.monotonic() - sent, path))
+                probes.append((time.monotonic() - sent, path, age))
             if pending is None:
                 pending = service.json("POST", "/models", {"reuse": False, "spec": SMALL})["id"]
             elif (status := service.json("GET", f"/models/{pending}")["status"]) not in ("queued", "running"):
@@ -69,10 +69,11 @@ def main():
             files = max(files, len(os.listdir(f"/proc/{pid}/fd")))
             time.sleep(0.25)
         for path in ["/healthz", "/readyz"]:
-            times = sorted(took for took, asked in probes if asked == path)
-            within = f"99 % within {1e3 * times[len(times) * 99 // 100]:.1f} ms"
-            print(f"{len(times)} probes of {path}: {within}, the slowest {1e3 * times[-1]:.1f} ms")
-        slowest = max(took for took, _ in probes)
+            times = sorted((took, age) for took, asked, age in probes if asked == path)
+            within = f"99 % within {1e3 * times[len(times) * 99 // 100][0]:.1f} ms"
+            print(f"{len(times)} probes of {path}: {within}, the slowest {1e3 * times[-1][0]:.1f} ms", end=" ")
+            print(f"after {times[-1][1]:.1f} s")
+        slowest = max(took for took, _, _ in probes)
         print(f"{len(os.listdir(f'/proc/{pid}/fd'))} descriptors at the end")
         print(f"at most {memory:.0f} MB resident and {files} descriptors; {done} models ended meanwhile")
         first = "none" if first_cut is None else f"the first after {first_cut:.0f} s"

@@ -10,10 +10,8 @@
 //! |---|---|
 //! | `local`, `s3` | the two kinds of store |
 //! | `listing` | objects in pages, for sweeps |
-//! | `health` | outages and checks |
 
 mod error;
-mod health;
 mod listing;
 mod local;
 mod object;
@@ -23,12 +21,12 @@ pub use error::ArtifactError;
 pub(super) use listing::Listing;
 
 use super::job::JobId;
+use crate::availability::Availability;
 use bytes::Bytes;
 use error::chain;
 use futures_util::future::BoxFuture;
 use futures_util::stream::BoxStream;
 use futures_util::{FutureExt, StreamExt, TryStreamExt};
-use health::Health;
 use local::Root;
 use object_store::buffered::BufWriter;
 use object_store::path::Path as Key;
@@ -92,7 +90,7 @@ pub struct Artifacts {
     local: Option<Root>,
     /// Signs URLs, if the store supports that.
     signing: Option<s3::Signing>,
-    health: Arc<Health>,
+    availability: Arc<Availability>,
 }
 
 impl Artifacts {
@@ -122,7 +120,7 @@ impl Artifacts {
     /// Files in any object store.
     #[must_use]
     pub fn over(store: Arc<dyn ObjectStore>) -> Self {
-        Self { store, local: None, signing: None, health: Arc::default() }
+        Self { store, local: None, signing: None, availability: Arc::default() }
     }
 
     /// Where the file of `key` lies; not below a symbolic link.
@@ -140,7 +138,7 @@ impl Artifacts {
     /// # Errors
     /// [`ArtifactError::Scratch`], [`ArtifactError::Link`], [`ArtifactError::Store`]; then nothing is visible.
     pub async fn put_file(&self, key: &str, path: &Path) -> Result<Stored, ArtifactError> {
-        self.health.note(self.write_file(key, path).await)
+        self.noted(self.write_file(key, path).await)
     }
 
     async fn write_file(&self, key: &str, path: &Path) -> Result<Stored, ArtifactError> {
@@ -194,7 +192,7 @@ impl Artifacts {
     /// # Errors
     /// [`ArtifactError::Link`], [`ArtifactError::Store`].
     pub async fn put_bytes(&self, key: &str, bytes: Bytes) -> Result<(), ArtifactError> {
-        self.health.note(self.write_bytes(key, bytes).await)
+        self.noted(self.write_bytes(key, bytes).await)
     }
 
     async fn write_bytes(&self, key: &str, bytes: Bytes) -> Result<(), ArtifactError> {
@@ -308,15 +306,28 @@ impl Artifacts {
             let written = self.write_bytes(&key, Bytes::from_static(&[0; PROBE])).await;
             // If this fails, the sweep of orphans removes the probe.
             let _ = self.delete(&[key]).await;
-            written
+            written.map_err(|error| match error {
+                ArtifactError::Store(detail) => detail,
+                other => other.to_string(),
+            })
         };
-        self.health.check(probe).await
+        self.availability.check(probe).await.map_err(ArtifactError::Store)
+    }
+
+    /// Remembers whether a write failed. Errors that are not the store's (an unreadable scratch file) change nothing.
+    fn noted<T>(&self, result: Result<T, ArtifactError>) -> Result<T, ArtifactError> {
+        match &result {
+            Ok(_) => self.availability.note(Ok(())),
+            Err(ArtifactError::Store(error)) => self.availability.note(Err(error.clone())),
+            Err(_) => {}
+        }
+        result
     }
 
     /// The error of the latest write; `None` if it succeeded, or if there was none yet.
     #[must_use]
     pub fn outage(&self) -> Option<String> {
-        self.health.outage()
+        self.availability.outage()
     }
 
     /// All objects whose keys begin with `prefix/`; of a local folder also uploads that were interrupted.
