@@ -94,6 +94,9 @@ fn help_goes_to_stdout_and_wrong_use_to_stderr() {
         assert_eq!(code(&output), 0);
         assert!(String::from_utf8_lossy(&output.stdout).contains("oviduct"));
     }
+    // Without a command, it serves.
+    let help = run(at.path(), &["--help"]);
+    assert!(String::from_utf8_lossy(&help.stdout).contains("Usage: oviduct [OPTIONS] [COMMAND]\n"));
     for arguments in [&["serve", "--nonsense"][..], &["nonsense"], &["generate"], &["check"], &["--addr", "nowhere"]] {
         let output = run(at.path(), arguments);
         assert_eq!((code(&output), output.stdout.len()), (2, 0), "{arguments:?}");

@@ -17,7 +17,7 @@ use std::time::Duration;
 /// in capitals) or in the file given by --config. The command line overrides variables, and variables override the file.
 /// Exit codes: 0 success, 1 failure, 2 invalid usage or an invalid spec, 130 interrupted.
 #[derive(Debug, Parser)]
-#[command(name = "oviduct", version, arg_required_else_help = false)]
+#[command(name = "oviduct", version, arg_required_else_help = false, override_usage = "oviduct [OPTIONS] [COMMAND]")]
 pub(super) struct Cli {
     #[command(flatten)]
     pub(super) global: Global,

@@ -54,11 +54,10 @@ fn as_text(file: &Path, found: &anyhow::Result<Certificate>) -> Vec<String> {
     };
     let verdict = if certificate.passed { "passed" } else { "FAILED" };
     let (v, t, c) = (certificate.vertices, certificate.triangles, certificate.components);
+    let noun = if c == 1 { "component" } else { "components" };
     let euler: Vec<String> = certificate.bodies.iter().map(|body| body.euler.to_string()).collect();
-    let mut lines = vec![format!(
-        "{file}: {verdict}: {v} vertices, {t} triangles, {c} components, Euler number {}",
-        euler.join(", ")
-    )];
+    let mut lines =
+        vec![format!("{file}: {verdict}: {v} vertices, {t} triangles, {c} {noun}, Euler number {}", euler.join(", "))];
     lines.extend(certificate.failures.iter().map(|failure| format!("  {failure}")));
     lines
 }

@@ -69,7 +69,7 @@ pub(super) async fn ready(State(state): State<AppState>) -> Result<Json<Health>,
 }
 
 async fn check_jobs(state: &AppState) -> Result<(), String> {
-    let (store, availability) = (state.store.clone(), state.job_store.clone());
+    let (store, availability) = (state.store.clone(), state.store_availability.clone());
     let check = async move {
         let read = async {
             store.ready().await.map_err(|error| match error {
@@ -79,7 +79,7 @@ async fn check_jobs(state: &AppState) -> Result<(), String> {
         };
         availability.check(read).await
     };
-    in_time(check, || state.job_store.outage()).await
+    in_time(check, || state.store_availability.outage()).await
 }
 
 async fn check_artifacts(state: &AppState) -> Result<(), String> {

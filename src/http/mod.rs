@@ -121,7 +121,7 @@ pub struct AppState {
     pub(crate) metrics: Metrics,
     status: Status,
     /// What the checks of `store` found.
-    job_store: Arc<Availability>,
+    store_availability: Arc<Availability>,
     feed: Arc<Feed>,
     streams: Arc<Semaphore>,
     held: Arc<Semaphore>,
@@ -145,7 +145,7 @@ impl AppState {
             shutdown,
             metrics: Metrics::default(),
             status: Status::default(),
-            job_store: Arc::default(),
+            store_availability: Arc::default(),
             feed,
             streams,
             held,

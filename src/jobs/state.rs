@@ -51,9 +51,9 @@ pub enum Event {
     Fail(Fence),
     /// The holder stopped because the job was cancelled.
     Stopped(Fence),
-    /// The holder gives the job back, not counted.
+    /// The holder releases the job; the attempt does not count.
     Release(Fence),
-    /// The holder gives the job back after a fault that may pass, counted.
+    /// The holder met a fault that may pass; the attempt counts.
     Retry(Fence),
 }
 
@@ -67,7 +67,7 @@ pub enum AttemptEnd {
     Failed,
     /// By cancelling.
     Cancelled,
-    /// Given back, not counted.
+    /// The job was released; not counted.
     Released,
     /// With a fault that may pass; counted.
     Retried,

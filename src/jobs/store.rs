@@ -387,10 +387,10 @@ pub trait Store: Send + Sync + 'static {
     async fn fail(&self, claimed: ClaimedJob, backend: BackendReport, problem: Problem) -> Result<Job, StoreError>;
     /// Ends the job as cancelled.
     async fn cancelled(&self, claimed: ClaimedJob) -> Result<Job, StoreError>;
-    /// Gives the job back to its place in the queue; the attempt does not count. If there is a problem, the attempt's row
+    /// Returns the job to its place in the queue; the attempt does not count. If there is a problem, the attempt's row
     /// records it as `kind: detail`. A job that was cancelled meanwhile ends as cancelled.
     async fn release(&self, claimed: ClaimedJob, problem: Option<Problem>) -> Result<(), StoreError>;
-    /// Gives the job back after a fault that may pass; the attempt counts. The job is due again after a delay (1 s, doubled
+    /// Queues the job again after a fault that may pass; the attempt counts. The job is due again after a delay (1 s, doubled
     /// for each counted attempt); after the last attempt it fails (`attempts-exhausted`, with the history).
     async fn retry(&self, claimed: ClaimedJob, problem: Problem) -> Result<Job, StoreError>;
     /// The attempts of a job, oldest first; empty if there is no such job.

@@ -66,10 +66,10 @@ macro_rules! over {
             submitters_take_turns
             the_higher_priority_goes_first
             submitters_take_turns_within_a_priority
-            a_job_given_back_keeps_its_priority_and_turn
+            a_released_job_keeps_its_priority_and_turn
             a_claim_of_several_takes_due_jobs_of_all_lanes
             a_batch_has_one_priority
-            a_job_given_back_keeps_its_turn
+            a_released_job_keeps_its_turn
             claims_keep_to_their_backend
             a_gpu_claims_due_jobs_of_one_batch_key
             a_gpu_claim_passes_over_jobs_that_are_not_due

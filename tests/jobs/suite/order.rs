@@ -26,7 +26,7 @@ pub async fn submitters_take_turns(factory: Factory) {
     assert!(bench.claim("w").await.is_none());
 }
 
-pub async fn a_job_given_back_keeps_its_turn(factory: Factory) {
+pub async fn a_released_job_keeps_its_turn(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     for n in 0..5 {
         bench.queue(&n.to_string()).await;
@@ -112,7 +112,7 @@ pub async fn submitters_take_turns_within_a_priority(factory: Factory) {
 }
 
 /// A job that is released or retried, or whose lease expires, goes back to its place among those of its priority.
-pub async fn a_job_given_back_keeps_its_priority_and_turn(factory: Factory) {
+pub async fn a_released_job_keeps_its_priority_and_turn(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     for (digest, priority) in [("a", 3), ("b", 3), ("c", 3), ("d", 3), ("e", 0)] {
         bench.submit(urgent(digest, priority)).await;
