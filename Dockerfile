@@ -23,10 +23,9 @@ USER nonroot
 WORKDIR /data
 VOLUME /data
 EXPOSE 8080
-# A container has its own loopback, so the service must listen on all addresses to be reachable from outside. It has no
-# authentication yet: publish the port on the host's loopback only (as above), or put a proxy in front of it.
+# A container has its own loopback, so the service must listen on all addresses to be reachable from outside. Without keys
+# it then makes a first admin key and prints it (docs/access.md); OVIDUCT_INSECURE_NO_AUTH=true serves anyone instead.
 ENV OVIDUCT_ADDR=0.0.0.0:8080 \
-    OVIDUCT_INSECURE_NO_AUTH=true \
     OVIDUCT_DATA=/data \
     OVIDUCT_LOG_FORMAT=json
 # The time until SIGKILL (docker stop --time) must exceed --grace, so that running jobs are released to the queue.

@@ -11,6 +11,10 @@ check:
 quick:
     scripts/test quick
 
+# Fuzz what reads requests and files, 20 s a target
+fuzz:
+    scripts/fuzz
+
 # Grow a pig's oviduct, save it to ./demo, and exit
 demo:
     cargo run --release -- demo --exit

@@ -13,7 +13,7 @@
 //! | 2 | [`sim`], [`mesh`], [`measure`], [`export`], [`render`] |
 //! | 3 | [`generate`], [`jobs`] |
 //! | 4 | [`worker`], [`http`] |
-//! | 5 | [`cli`] |
+//! | 5 | [`cli`], and `fuzzing` in builds with that feature |
 
 pub mod availability;
 pub mod clock;
@@ -40,6 +40,10 @@ pub mod http;
 pub mod worker;
 
 pub mod cli;
+
+#[cfg(feature = "fuzzing")]
+#[doc(hidden)]
+pub mod fuzzing;
 
 /// Version of the engine: part of every digest, so that a model is reused only where the same code
 /// would grow the same bytes.

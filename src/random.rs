@@ -20,6 +20,10 @@ pub enum Stream {
     Lobes = 5,
     /// Starting displacement of a particle; index: id of the particle.
     Start = 6,
+    /// Times and calls of `oviduct load`; index: ordinal of the call.
+    Load = 8,
+    /// Latin hypercubes; index: sample and dimension.
+    Study = 7,
 }
 
 fn pcg4d(mut v: [u32; 4]) -> [u32; 4] {
@@ -60,6 +64,15 @@ pub fn unit(word: u32) -> f32 {
     (word >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
+/// Maps two words to `[0, 1)` with 53 bits.
+#[must_use]
+pub fn unit_f64(high: u32, low: u32) -> f64 {
+    let bits = (u64::from(high) << 32 | u64::from(low)) >> 11;
+    #[expect(clippy::cast_precision_loss, reason = "53 bits are exact")]
+    let exact = bits as f64;
+    exact / 9_007_199_254_740_992.0
+}
+
 /// Maps a word to `0..n` without division by the multiply-high method; `n` at most 65,536.
 #[must_use]
 pub fn below(word: u32, n: u32) -> u32 {
@@ -98,6 +111,13 @@ mod tests {
         let expected = f64::from(n) / 20.0;
         let chi2: f64 = bins.iter().map(|&b| (f64::from(b) - expected).powi(2) / expected).sum();
         assert!(chi2 < 43.8, "chi-square {chi2} is beyond the 0.999 quantile of 19 degrees of freedom");
+    }
+
+    #[test]
+    fn two_words_give_all_bits_of_a_double() {
+        assert_eq!(unit_f64(0, 0), 0.0);
+        assert_eq!(unit_f64(1 << 31, 0), 0.5);
+        assert_eq!(unit_f64(u32::MAX, u32::MAX), 1.0 - f64::EPSILON / 2.0);
     }
 
     #[test]

@@ -3,11 +3,14 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by it")]
 
 mod api {
+    mod access;
     mod app;
     mod bad_input;
     mod batches;
     #[path = "../common/between.rs"]
     mod between;
+    mod browser;
+    mod bulk;
     mod create;
     mod crowd;
     mod events;
@@ -15,11 +18,15 @@ mod api {
     mod files;
     mod greedy;
     mod models;
+    mod narrow;
     mod net;
+    mod operators;
+    mod prefix;
     mod replays;
     mod rfc;
     mod sections;
     mod service;
+    mod studies;
     mod waiting;
     mod wire;
 }

@@ -274,6 +274,87 @@ fn all_replicas_together_fit_into_the_connections_of_postgresql() {
     assert!(config.contains(&format!("up to {sum} connections")), "config.yaml must name {sum} connections");
 }
 
+/// The settings of a unit of systemd. Those that are given more than once keep all values.
+fn unit(path: &str) -> BTreeMap<String, Vec<String>> {
+    let mut settings: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for line in std::fs::read_to_string(root().join(path)).unwrap().lines() {
+        if line.is_empty() || line.starts_with(['#', '[']) {
+            continue;
+        }
+        let (name, value) = line.split_once('=').unwrap_or_else(|| panic!("{path}: {line}"));
+        settings.entry(name.to_owned()).or_default().push(value.to_owned());
+    }
+    settings
+}
+
+#[test]
+fn the_unit_of_systemd_fits_its_options() {
+    let unit = unit("systemd/oviduct.service");
+    let only = |name: &str| match unit[name].as_slice() {
+        [value] => value.clone(),
+        values => panic!("{name}: {values:?}"),
+    };
+    let line: Vec<String> = only("ExecStart").split(' ').skip(1).map(str::to_owned).collect();
+    assert_eq!(check_call("oviduct.service", &line, std::iter::empty()), "serve");
+    // Without TLS and keys it listens on loopback.
+    for address in ["--addr", "--metrics-addr"] {
+        assert!(option(&line, address).unwrap().starts_with("127.0.0.1:"), "{address}");
+    }
+    assert_eq!(option(&line, "--data").unwrap(), format!("/var/lib/{}", only("StateDirectory")));
+    let drain = option(&line, "--drain-delay").map_or(0, seconds);
+    let stop: u64 = only("TimeoutStopSec").parse().unwrap();
+    assert!(stop >= drain + seconds(option(&line, "--grace").unwrap()) + 20, "SIGKILL after {stop} s");
+    // Exit code 2 is invalid usage, which a restart repeats; systemd gives up after some.
+    assert_eq!((only("Restart").as_str(), only("NoNewPrivileges").as_str()), ("on-failure", "yes"));
+    assert_eq!((only("ProtectSystem").as_str(), only("DynamicUser").as_str()), ("strict", "yes"));
+    assert!(only("EnvironmentFile").starts_with('-'), "the file is optional");
+    assert!(only("LimitNOFILE").parse::<u32>().unwrap() >= 65_536);
+}
+
+/// systemd's own check, where it is installed: names of settings, values, and how exposed the service is.
+#[test]
+fn systemd_accepts_its_unit() {
+    let path = tempfile::tempdir().unwrap();
+    let file = path.path().join("oviduct.service");
+    let text = std::fs::read_to_string(root().join("systemd/oviduct.service")).unwrap();
+    let drop_in = std::fs::read_to_string(root().join("systemd/oviduct.service.d/gpu.conf")).unwrap();
+    let program = text.replace("/usr/local/bin/oviduct", env!("CARGO_BIN_EXE_oviduct"));
+    let analyze = |arguments: &[&str]| Command::new("systemd-analyze").args(arguments).arg(&file).output();
+    for (variant, exposure) in [(program.clone(), "20"), (format!("{program}\n{drop_in}"), "30")] {
+        std::fs::write(&file, variant).unwrap();
+        let Ok(verified) = analyze(&["verify"]) else {
+            eprintln!("systemd-analyze is not installed");
+            return;
+        };
+        let said = String::from_utf8_lossy(&verified.stderr).into_owned();
+        assert!(verified.status.success() && said.is_empty(), "{said}");
+        let exposed = analyze(&["security", "--offline=true", &format!("--threshold={exposure}")]).unwrap();
+        assert!(exposed.status.success(), "{}", String::from_utf8_lossy(&exposed.stdout));
+    }
+}
+
+/// The address, the size of bodies and the times of both proxies fit the defaults of the service. `tests/outside/proxy.py`
+/// runs nginx.
+#[test]
+fn proxies_leave_limits_to_the_service() {
+    let read = |path: &str| std::fs::read_to_string(root().join(path)).unwrap();
+    let (caddy, nginx) = (read("caddy/Caddyfile"), read("nginx/oviduct.conf"));
+    let unit = unit("systemd/oviduct.service").remove("ExecStart").unwrap().remove(0);
+    let address = option(&unit.split(' ').map(str::to_owned).collect::<Vec<_>>(), "--addr").unwrap().to_owned();
+    for (text, proxy) in [(&caddy, format!("reverse_proxy {address}")), (&nginx, format!("server {address};"))] {
+        assert!(text.contains(&proxy), "{proxy}");
+    }
+    // The default of --max-body is 1 MiB; held answers take up to 60 s.
+    for setting in ["client_max_body_size 2m;", "proxy_read_timeout 90s;", "proxy_buffering off;", "gzip off;"] {
+        assert!(nginx.contains(setting), "{setting}");
+    }
+    let sites = caddy.matches("reverse_proxy").count();
+    for setting in ["max_size 2MB", "flush_interval -1", "response_header_timeout 90s", "respond /metrics 404"] {
+        assert_eq!(caddy.matches(setting).count(), sites, "{setting}");
+    }
+    assert!(!caddy.contains("\tencode"), "event streams must not be compressed");
+}
+
 #[test]
 fn the_guide_describes_every_option_as_its_help_does() {
     let guide = std::fs::read_to_string(root().join("../docs/operations.md")).unwrap();

@@ -60,5 +60,5 @@ fn every_operation_has_a_summary_and_documents_its_faults() {
             assert!(!path.contains('{') || responses.contains_key("404"), "{method} {path}");
         }
     }
-    assert_eq!(operations, 23);
+    assert_eq!(operations, 37);
 }

@@ -2,9 +2,20 @@
 //!
 //! Environment variables are not declared here: [`super::config`] gives every long option its `OVIDUCT_…` variable.
 
+mod limits;
+mod remote;
+mod workers;
+
+pub(super) use limits::LimitArgs;
+pub(super) use remote::RemoteArgs;
+pub(super) use workers::{WorkersAction, WorkersArgs};
+
+use super::load::{Arrivals, Mix, Rate};
 use super::units;
 use crate::generate::{Backend, Output};
+use crate::http::Origin;
 use crate::jobs::Priority;
+use crate::jobs::keys::{Owner, Scope};
 use clap::builder::FalseyValueParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::net::SocketAddr;
@@ -77,6 +88,11 @@ pub(super) enum Command {
     Openapi,
     /// Grow models for services on other machines that use the same PostgreSQL database and artifact store
     Worker(WorkerArgs),
+    /// Make, list, revoke and rotate the keys of clients; a running service takes changes up within a second
+    #[command(subcommand)]
+    Keys(Keys),
+    /// List the workers of a service; pause, resume or drain them
+    Workers(WorkersArgs),
     /// Update the database schema and exit (serve and worker also do this when they start)
     Migrate(DatabaseArgs),
     /// Check that a service is alive (exit code 0 or 1); for container health checks
@@ -105,9 +121,19 @@ pub(super) struct ServeArgs {
     /// Address to listen on
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8080")]
     pub(super) addr: SocketAddr,
-    /// Allow an address other than loopback, although the service has no authentication
+    /// Without keys, serve anyone at an address other than loopback, instead of making a first admin key
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) insecure_no_auth: bool,
+    /// Requests per second of a key that has no limit of its own, on average [0: no limit]
+    #[arg(long, value_name = "N", value_parser = units::rate, default_value = "0")]
+    pub(super) key_rate: f64,
+    /// Maximum number of queued and running models of an owner whose key has no limit of its own [default: no limit]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(super) key_models: Option<u64>,
+    /// Total size of the files of an owner whose key has no limit of its own, such as 50GB, above which it may not request
+    /// models [default: no limit]
+    #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
+    pub(super) key_bytes: Option<u64>,
     /// Second address for /healthz, /readyz and /metrics, with connections of its own [default: --addr only]
     #[arg(long, value_name = "HOST:PORT")]
     pub(super) metrics_addr: Option<SocketAddr>,
@@ -115,6 +141,10 @@ pub(super) struct ServeArgs {
     /// remove this process first
     #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "0s")]
     pub(super) drain_delay: Duration,
+    /// Let pages of this origin call the service, such as https://lab.example:8443; may be given several times. `*` lets
+    /// those of any origin, which is safe only if the service has keys or nothing to hide [default: no other origin]
+    #[arg(long = "cors-origin", value_name = "ORIGIN", value_delimiter = ',')]
+    pub(super) cors_origins: Vec<Origin>,
     /// Number of queued models above which new requests are refused (429)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), default_value_t = 10_000)]
     pub(super) queue_limit: u64,
@@ -133,6 +163,8 @@ pub(super) struct ServeArgs {
     /// Total size of all files above which the models that ended first are deleted, such as 500GB [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
     pub(super) keep_bytes: Option<u64>,
+    #[command(flatten)]
+    pub(super) limits: LimitArgs,
     #[command(flatten)]
     pub(super) process: ProcessArgs,
 }
@@ -162,6 +194,83 @@ pub(super) struct WorkerArgs {
     pub(super) process: ProcessArgs,
 }
 
+/// What to do with keys.
+#[derive(Clone, Debug, Subcommand)]
+pub(super) enum Keys {
+    /// Make a key and print its secret, which is shown only this once
+    Add(KeysAddArgs),
+    /// List the keys, without their secrets
+    List(KeysListArgs),
+    /// End a key
+    Revoke(KeysRevokeArgs),
+    /// Replace a key by a new one with the same owner, scopes, limits and end, and print its secret
+    Rotate(KeysRotateArgs),
+}
+
+/// Options of `keys add`.
+#[derive(Clone, Debug, Args)]
+pub(super) struct KeysAddArgs {
+    /// Who owns what is requested with it: 1 to 64 letters, digits, `.`, `_`, `-`, `@`. Several keys may share an owner
+    #[arg(long, value_name = "NAME")]
+    pub(super) owner: Owner,
+    /// What it allows, separated by commas: read and submit (the owner's own models), admin (everything)
+    #[arg(long, value_name = "LIST", value_delimiter = ',', required = true)]
+    pub(super) scopes: Vec<Scope>,
+    /// Time after which it ends, such as 30d [default: never]
+    #[arg(long, value_name = "TIME", value_parser = units::positive_duration)]
+    pub(super) expires: Option<Duration>,
+    /// Requests per second, on average [default: --key-rate of the service]
+    #[arg(long, value_name = "N", value_parser = units::positive_rate)]
+    pub(super) rate: Option<f64>,
+    /// Maximum number of queued and running models of its owner [default: --key-models of the service]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(super) models: Option<u64>,
+    /// Total size of the files of its owner above which it may not request models [default: --key-bytes of the service]
+    #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
+    pub(super) bytes: Option<u64>,
+    /// Print one JSON object
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) json: bool,
+    #[command(flatten)]
+    pub(super) database: DatabaseArgs,
+}
+
+/// Options of `keys list`.
+#[derive(Clone, Debug, Args)]
+pub(super) struct KeysListArgs {
+    /// Print one JSON array
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) json: bool,
+    #[command(flatten)]
+    pub(super) database: DatabaseArgs,
+}
+
+/// Options of `keys revoke`.
+#[derive(Clone, Debug, Args)]
+pub(super) struct KeysRevokeArgs {
+    /// The 8 digits after `oviduct_` in the key, as `keys list` shows them
+    #[arg(value_name = "PREFIX")]
+    pub(super) prefix: String,
+    #[command(flatten)]
+    pub(super) database: DatabaseArgs,
+}
+
+/// Options of `keys rotate`.
+#[derive(Clone, Debug, Args)]
+pub(super) struct KeysRotateArgs {
+    /// The 8 digits after `oviduct_` in the key, as `keys list` shows them
+    #[arg(value_name = "PREFIX")]
+    pub(super) prefix: String,
+    /// Time for which the old key goes on to work, such as 1h [0: none]
+    #[arg(long, value_name = "TIME", value_parser = units::duration_or_zero, default_value = "0")]
+    pub(super) overlap: Duration,
+    /// Print one JSON object
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) json: bool,
+    #[command(flatten)]
+    pub(super) database: DatabaseArgs,
+}
+
 /// Location of the job store.
 #[derive(Clone, Debug, Args)]
 pub(super) struct DatabaseArgs {
@@ -181,6 +290,9 @@ pub(super) struct ProcessArgs {
     /// Maximum number of connections to PostgreSQL, not counting one for notifications
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..), default_value_t = 12)]
     pub(super) database_connections: u32,
+    /// Maximum number of connections that read an SQLite database
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 4)]
+    pub(super) database_readers: u32,
     /// Artifact store for finished files: `s3://BUCKET/PREFIX` with the usual AWS_… variables, `file:PATH` or a path
     /// [default: DATA/artifacts]
     #[arg(long, value_name = "URL")]
@@ -306,9 +418,8 @@ pub(super) struct DemoArgs {
 /// Options of `submit`.
 #[derive(Clone, Debug, Args)]
 pub(super) struct SubmitArgs {
-    /// Address of the service
-    #[arg(long, value_name = "URL", default_value = "http://127.0.0.1:8080")]
-    pub(super) url: String,
+    #[command(flatten)]
+    pub(super) service: RemoteArgs,
     #[command(flatten)]
     pub(super) model: ModelArgs,
     /// Label as NAME:VALUE; may be repeated
@@ -337,23 +448,59 @@ pub(super) struct SubmitArgs {
 /// Options of `load`.
 #[derive(Clone, Debug, Args)]
 pub(super) struct LoadArgs {
-    /// Address of the service
-    #[arg(long, value_name = "URL", default_value = "http://127.0.0.1:8080")]
-    pub(super) url: String,
-    /// Number of models; their seeds are consecutive, starting with --seed
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), default_value_t = 100)]
-    pub(super) models: u64,
-    /// Number of models requested at the same time
+    #[command(flatten)]
+    pub(super) service: RemoteArgs,
+    /// Open loop: send calls at this rate, such as 200/s or 12000/min, whether or not earlier ones were answered. Latency
+    /// is counted from the planned start [default: closed loop]
+    #[arg(long, value_name = "RATE", conflicts_with_all = ["concurrency", "models", "direct"])]
+    pub(super) rate: Option<Rate>,
+    /// How the calls of the open loop are spread over time
+    #[arg(long, value_enum, requires = "rate", default_value_t = Arrivals::Poisson)]
+    pub(super) arrivals: Arrivals,
+    /// Most calls of the open loop in flight; further ones are dropped and counted
+    #[arg(long, value_name = "N", requires = "rate", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 500)]
+    pub(super) max_in_flight: u32,
+    /// Closed loop: number of models, or of calls of the mix, that are requested at the same time, each after the last has
+    /// ended
     #[arg(long, value_name = "C", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 4)]
     pub(super) concurrency: u32,
+    /// Number of models of the closed loop; their seeds are consecutive, starting with --seed [default: 100, or as many as
+    /// fit in --duration]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..1 << 40), conflicts_with = "mix")]
+    pub(super) models: Option<u64>,
+    /// Calls with their weights, such as submit=1,get=3; each model, file or event stream is one of this run's models
+    /// [default: submit=8,get=4,list=2,download=1,events=1 in the open loop, whole models in the closed loop]
+    #[arg(long, value_name = "LIST", conflicts_with = "direct")]
+    pub(super) mix: Option<Mix>,
+    /// Length of the run after the warm-up [default: 60s; with --models until all have ended]
+    #[arg(long, value_name = "TIME", value_parser = units::positive_duration, conflicts_with = "direct")]
+    pub(super) duration: Option<Duration>,
+    /// Time at the start that is not counted [default: 5s in the open loop, else 0s]
+    #[arg(long, value_name = "TIME", value_parser = units::duration_or_zero, conflicts_with = "direct")]
+    pub(super) warm_up: Option<Duration>,
+    /// Number of event streams held open for the whole run; each follows a model of this run to its end, then the next
+    #[arg(long, value_name = "N", conflicts_with = "direct", default_value_t = 0)]
+    pub(super) streams: u32,
+    /// Longest time to wait at the end for the models that were accepted [0: do not wait]
+    #[arg(long, value_name = "TIME", value_parser = units::duration_or_zero, default_value = "5m")]
+    pub(super) wait: Duration,
+    /// Time after which a call of the open loop or of a mix is an error if it has no answer
+    #[arg(long, value_name = "TIME", value_parser = units::positive_duration, default_value = "30s")]
+    pub(super) timeout: Duration,
     #[command(flatten)]
     pub(super) model: ModelArgs,
     /// Grow the models in this process without a service, C at a time, as a baseline for comparison
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) direct: bool,
+    /// Afterwards grow a few models on all cores of this machine without the service, and compare models per second
+    #[arg(long, value_parser = FalseyValueParser::new(), conflicts_with = "direct")]
+    pub(super) efficiency: bool,
     /// Print one JSON object
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) json: bool,
+    /// SVG file for a plot of latency over time and by percentile
+    #[arg(long, value_name = "FILE", conflicts_with = "direct")]
+    pub(super) plot: Option<PathBuf>,
 }
 
 /// Options of `check`.

@@ -2,21 +2,22 @@
 
 mod wire;
 
-pub(super) use wire::{Model, Warning};
+pub(super) use wire::{Model, RemoteFile, Warning};
 
 use super::exit::Failure;
 use super::scratch::Scratch;
+use super::secret::Key;
 use super::sse::{Event, Parser};
 use crate::clock::Stopwatch;
 use anyhow::{Context, anyhow};
-use reqwest::{RequestBuilder, Response, StatusCode, header};
+use reqwest::{Method, RequestBuilder, Response, StatusCode, header};
 use serde::Deserialize;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-use wire::{Fault, Problem, RemoteFile};
+use wire::{Fault, Problem};
 
 /// Maximum silence of an event stream; the service sends at least a comment every 15 seconds.
 const SILENCE: Duration = Duration::from_secs(45);
@@ -103,7 +104,12 @@ impl ErrorKind {
         }
         match error.chain().find_map(|cause| cause.downcast_ref::<reqwest::Error>()) {
             Some(error) if error.is_timeout() => Self::Timeout,
-            Some(error) if !error.is_decode() && !error.is_builder() => Self::Connection,
+            // A body that breaks off is an error of decoding too, but not one of JSON.
+            Some(sent)
+                if !sent.is_builder() && !error.chain().any(<dyn std::error::Error>::is::<serde_json::Error>) =>
+            {
+                Self::Connection
+            }
             _ => Self::Other,
         }
     }
@@ -140,23 +146,31 @@ struct Cursor {
 }
 
 impl Client {
-    /// A client of the service at `url`.
+    /// A client of the service at `url` that sends this key with each request.
     ///
     /// # Errors
-    /// [`Failure::Usage`] if that is not an `http:` or `https:` URL.
-    pub(super) fn new(url: &str) -> Result<Self, Failure> {
+    /// [`Failure::Usage`] if that is not an `http:` or `https:` URL, or the key cannot be part of a header.
+    pub(super) fn new(url: &str, key: Option<&Key>) -> Result<Self, Failure> {
         let parsed = reqwest::Url::parse(url).map_err(|e| Failure::usage(format!("--url {url}: {e}")))?;
         if !matches!(parsed.scheme(), "http" | "https") || !parsed.has_host() {
             return Err(Failure::usage(format!("--url {url}: must start with http:// or https:// and name a host")));
         }
+        let key = key.map(Key::authorization).transpose()?;
+        let headers = key.map(|value| (header::AUTHORIZATION, value)).into_iter().collect();
         crate::tls::install();
-        let http = reqwest::Client::builder().connect_timeout(Duration::from_secs(10)).build()?;
+        let builder = reqwest::Client::builder().connect_timeout(Duration::from_secs(10)).default_headers(headers);
+        let http = builder.build()?;
         Ok(Self { http, base: url.trim_end_matches('/').to_owned(), retries: Retries::default() })
     }
 
     /// The URL of a path on the service.
     pub(super) fn address(&self, path: &str) -> String {
         format!("{}{path}", self.base)
+    }
+
+    /// A request for a path of the service.
+    pub(super) fn request(&self, method: Method, path: &str) -> RequestBuilder {
+        self.http.request(method, self.address(path))
     }
 
     /// Gets a small resource.
@@ -168,13 +182,24 @@ impl Client {
         accept(answer.with_context(|| format!("GET {}", self.address(path)))?).await
     }
 
+    /// Posts without a body to the path with these segments, which are percent-encoded.
+    ///
+    /// # Errors
+    /// [`Failure::Failed`] if the service is unavailable or answers with an error.
+    pub(super) async fn post(&self, path: &[&str]) -> Result<Response, Failure> {
+        let mut url = reqwest::Url::parse(&self.base)?;
+        url.path_segments_mut().map_err(|()| anyhow!("{} has no path", self.base))?.pop_if_empty().extend(path);
+        let answer = self.http.post(url.clone()).timeout(Duration::from_secs(30)).send().await;
+        accept(answer.with_context(|| format!("POST {url}"))?).await
+    }
+
     /// Requests a model.
     ///
     /// # Errors
     /// [`Failure::Usage`] with each fault if the request is invalid; [`Failure::Failed`] if the service is unavailable or
     /// refuses it.
     pub(super) async fn submit(&self, body: &Value, idempotency_key: &str) -> Result<Value, Failure> {
-        Ok(accept(self.post_model(body, idempotency_key).await?).await?.json().await?)
+        model_of(accept(self.post_model(body, idempotency_key).await?).await?).await
     }
 
     /// Requests a model, and again while the queue is full. Also returns the number of answers 429.
@@ -186,7 +211,7 @@ impl Client {
         loop {
             let answer = self.post_model(body, key).await?;
             if answer.status() != StatusCode::TOO_MANY_REQUESTS {
-                return Ok((accept(answer).await?.json().await?, refused));
+                return Ok((model_of(accept(answer).await?).await?, refused));
             }
             refused += 1;
             let seconds = answer.headers().get(header::RETRY_AFTER).and_then(|v| v.to_str().ok()?.parse().ok());
@@ -214,7 +239,7 @@ impl Client {
     /// # Errors
     /// [`Failure::Failed`] if the service is unavailable or has no such model.
     pub(super) async fn model(&self, id: &str) -> Result<Value, Failure> {
-        Ok(self.get(&format!("/models/{id}")).await?.json().await?)
+        model_of(self.get(&format!("/models/{id}")).await?).await
     }
 
     /// Follows the events of a model until it ends. A lost connection is opened again, with `Last-Event-ID`, so that no
@@ -301,7 +326,7 @@ impl Client {
         if name.starts_with('.') || Path::new(name).file_name() != Some(name.as_ref()) {
             return Err(anyhow!("the service named a file `{name}`, which is not a valid file name").into());
         }
-        let answer = self.http.get(self.address(&file.href)).send().await;
+        let answer = self.http.get(&file.href).send().await;
         let mut answer = accept(answer.with_context(|| format!("GET {}", file.href))?).await?;
         let mut out = std::fs::File::create(dir.join(name)).with_context(|| name.to_owned())?;
         let (mut hash, mut bytes) = (Sha256::new(), 0);
@@ -316,6 +341,19 @@ impl Client {
         }
         Ok(())
     }
+}
+
+/// The model in an answer, with the URLs of its files instead of references relative to the answer's URL.
+async fn model_of(answer: Response) -> Result<Value, Failure> {
+    let url = answer.url().clone();
+    let mut model: Value = answer.json().await?;
+    for file in model.get_mut("files").and_then(Value::as_array_mut).into_iter().flatten() {
+        let Some(href) = file.get_mut("href") else { continue };
+        if let Some(absolute) = href.as_str().and_then(|relative| url.join(relative).ok()) {
+            *href = absolute.as_str().into();
+        }
+    }
+    Ok(model)
 }
 
 /// Opens an event stream.
@@ -352,7 +390,10 @@ fn take(event: &Event, seen: &mut impl FnMut(Followed<'_>)) -> Result<Option<End
 }
 
 /// Turns an answer with an error status into a failure.
-async fn accept(answer: Response) -> Result<Response, Failure> {
+///
+/// # Errors
+/// [`Failure::Usage`] with each fault if the answer lists faults of the request; else [`Failure::Failed`].
+pub(super) async fn accept(answer: Response) -> Result<Response, Failure> {
     let status = answer.status();
     if status.is_success() {
         return Ok(answer);

@@ -78,7 +78,7 @@ pub(super) fn downloads() -> usize {
 }
 
 /// How many descriptors the process may have.
-fn descriptors() -> u64 {
+pub(super) fn descriptors() -> u64 {
     let limits = std::fs::read_to_string("/proc/self/limits").unwrap_or_default();
     let soft = limits.lines().find_map(|line| line.strip_prefix("Max open files")?.split_whitespace().next());
     soft.and_then(|text| text.parse().ok()).unwrap_or(DESCRIPTORS)

@@ -60,7 +60,7 @@ async fn listen() -> anyhow::Result<TcpListener> {
 
 /// Requests the model, follows it, saves it, and checks its certificate.
 async fn show(url: &str, body: &Value, last: bool) -> Ended {
-    let client = Client::new(url)?;
+    let client = Client::new(url, None)?;
     let accepted = client.submit(body, &uuid::Uuid::now_v7().to_string()).await?;
     let id = submit::read(&accepted)?.id;
     term::print(&format!(

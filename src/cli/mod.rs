@@ -11,15 +11,19 @@ mod config;
 mod connections;
 mod demo;
 mod exit;
+mod first_key;
 mod generate;
 mod gpu;
 mod interrupt;
+mod keys;
 mod load;
 mod migrate;
 mod model;
+mod plot;
 mod print;
 mod restart;
 mod scratch;
+mod secret;
 mod serve;
 mod service;
 mod sse;
@@ -29,6 +33,7 @@ mod term;
 mod units;
 mod upkeep;
 mod worker;
+mod workers;
 
 use args::{Cli, Command};
 use exit::Ended;
@@ -80,9 +85,11 @@ async fn dispatch(command: Command) -> Ended {
         Command::Bench(args) => bench::run(args).await,
         Command::Presets(args) => print::presets(&args),
         Command::Worker(args) => worker::run(args).await,
+        Command::Keys(args) => keys::run(args).await,
+        Command::Workers(args) => workers::run(args).await,
         Command::Migrate(args) => migrate::run(args).await,
         Command::Schema => print::schema(),
         Command::Openapi => print::openapi(),
-        Command::Healthcheck(args) => client::Client::new(&args.url)?.get("/healthz").await.map(|_| ()),
+        Command::Healthcheck(args) => client::Client::new(&args.url, None)?.get("/healthz").await.map(|_| ()),
     }
 }

@@ -5,17 +5,16 @@ use super::exit::{Ended, Failure};
 use super::interrupt::Signals;
 use super::service::Service;
 use super::term;
+use crate::http::Origin;
 use anyhow::Context;
 use std::net::SocketAddr;
 use tokio::net::TcpListener;
 
 pub(super) async fn run(args: ServeArgs) -> Ended {
-    if !args.addr.ip().is_loopback() && !args.insecure_no_auth {
-        return Err(Failure::usage(format!(
-            "--addr {}: the service has no authentication, so anyone who can reach this address can use it; add \
-             --insecure-no-auth to allow that",
-            args.addr
-        )));
+    if args.cors_origins.iter().any(Origin::is_any) {
+        tracing::warn!(
+            "--cors-origin *: any page that a user of this service visits can call it from the user's browser"
+        );
     }
     // Before the address is known to anyone who could send a signal.
     let mut signals = Signals::listen();

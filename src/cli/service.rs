@@ -4,17 +4,18 @@
 use super::args::{DatabaseArgs, ProcessArgs, ServeArgs};
 use super::connections::{self, Connections};
 use super::exit::Failure;
-use super::gpu;
 use super::upkeep::{Upkeep, UpkeepContext};
+use super::{first_key, gpu, term};
 use crate::clock::Clock;
-use crate::http::{AppState, Limits, router, watch_router};
+use crate::http::{AccessOptions, AppState, Limits, WithoutKeys, router, watch_router};
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::fault::Faults;
+use crate::jobs::keys::KeyLimits;
 use crate::jobs::sweep::Retention;
-use crate::jobs::{Database, Store, StoreOptions};
+use crate::jobs::{Database, Quota, Store, StoreOptions};
 use crate::metrics::Metrics;
 use crate::status::{Condition, Status};
-use crate::worker::{BatchGenerator, PoolOptions, WorkerPool, generate_on_cpu};
+use crate::worker::{ALIVE_HEARTBEATS, BatchGenerator, PoolOptions, WorkerPool, generate_on_cpu};
 use anyhow::Context;
 use axum::Router;
 use std::net::SocketAddr;
@@ -104,6 +105,7 @@ impl Stores {
             max_attempts: args.max_attempts,
             queue_limit: queue_limit.unwrap_or(defaults.queue_limit),
             connections: args.database_connections,
+            readers: args.database_readers,
             ..defaults
         };
         let jobs = database
@@ -230,12 +232,13 @@ impl Service {
         };
         // Before the workers: it deletes what is older than its start.
         let upkeep = Upkeep::start(context, Retention { age: args.keep, bytes: args.keep_bytes });
+        let access = access(args, address, &*stores.jobs).await?;
         let runtime = Runtime::over(stores, &args.process, gpus, metrics)?;
 
         let connections = connections(&args.process);
         let shutdown = CancellationToken::new();
         let probes_shutdown = CancellationToken::new();
-        let state = runtime.state(limits(args, connections.most), &shutdown);
+        let state = runtime.state(limits(args, connections.most)?, &shutdown).with_access(access);
         if let Some(listener) = probes {
             serve_probes(listener, watch_router(state.clone()), &probes_shutdown);
         }
@@ -286,25 +289,53 @@ pub(super) fn serve_probes(listener: TcpListener, router: Router, shutdown: &Can
     tokio::spawn(connections::serve(listener, router, Connections::for_probes(), shutdown.clone()));
 }
 
+/// How requests are admitted at this address. Makes the first key, if there must be one, and prints it.
+async fn access(args: &ServeArgs, address: SocketAddr, store: &dyn Store) -> Result<AccessOptions, Failure> {
+    let without_keys = match (args.insecure_no_auth, address.ip().is_loopback()) {
+        (true, _) => WithoutKeys::Anyone,
+        (false, true) => WithoutKeys::Loopback,
+        (false, false) => WithoutKeys::Nobody,
+    };
+    if without_keys == WithoutKeys::Nobody
+        && let Some(secret) = first_key::make(store).await?
+    {
+        term::print(&format!("first admin key, shown only this once: {}", secret.reveal()))?;
+    }
+    let quota = Quota { unfinished: args.key_models, bytes: args.key_bytes };
+    let limits = KeyLimits { rate: Some(args.key_rate).filter(|rate| *rate > 0.0), quota };
+    Ok(AccessOptions { without_keys, limits, ..AccessOptions::default() })
+}
+
 /// The limits on connections that the options set.
 fn connections(args: &ProcessArgs) -> Connections {
     Connections::new(args.connections, args.write_timeout).with_grace(args.grace.max(LAST_ANSWERS))
 }
 
+/// The limits of every process with workers.
+pub(super) fn process_limits(args: &ProcessArgs) -> Limits {
+    Limits { worker_memory: ALIVE_HEARTBEATS * args.heartbeat, ..Limits::default() }
+}
+
 /// The limits on requests that the options set, for a service with this many connections.
-fn limits(args: &ServeArgs, connections: usize) -> Limits {
-    let defaults = Limits::default();
-    Limits {
-        // Streams and held answers must leave connections for short requests, such as health checks.
-        streams: defaults.streams.min(connections / 2),
-        held: defaults.held.min(connections / 4),
-        downloads: connections::downloads(),
+///
+/// # Errors
+/// [`Failure::Usage`] for limits that contradict each other.
+fn limits(args: &ServeArgs, connections: usize) -> Result<Limits, Failure> {
+    let defaults = process_limits(&args.process);
+    let (streams, held) = args.limits.holders(connections, defaults.streams, defaults.held)?;
+    Ok(Limits {
+        streams,
+        held,
+        downloads: args.limits.downloads(connections::downloads()),
+        body_bytes: args.limits.body_bytes(),
+        cost: args.limits.cost(),
         batch: args.batch_limit as usize,
         keep: args.keep,
         redirect_downloads: args.redirect_downloads,
         gpu_expected: args.expect_gpu_workers,
+        cors_origins: args.cors_origins.clone(),
         ..defaults
-    }
+    })
 }
 
 /// The artifact store selected by the options, and whether other processes may use it.
@@ -370,13 +401,46 @@ mod tests {
         assert_eq!(shown("postgres://h/d"), "postgres://h/d");
     }
 
+    fn limits_of(options: &[&str], connections: usize) -> Result<Limits, Failure> {
+        limits(&ServeArgs::with(options).expect("valid"), connections)
+    }
+
     #[test]
     fn options_of_serve_reach_the_limits() {
-        let args = ServeArgs::with(&["--expect-gpu-workers", "--keep", "30d", "--batch-limit", "7"]).expect("valid");
-        let limits = limits(&args, 16);
-        assert!(limits.gpu_expected && !limits.redirect_downloads);
-        assert_eq!((limits.keep, limits.batch), (Some(Duration::from_secs(30 * 86_400)), 7));
-        assert_eq!((limits.streams, limits.held), (8, 4));
-        assert!(!super::limits(&ServeArgs::with(&[]).expect("valid"), 16).gpu_expected);
+        let found = limits_of(&["--expect-gpu-workers", "--keep", "30d", "--batch-limit", "7"], 16).expect("valid");
+        assert!(found.gpu_expected && !found.redirect_downloads);
+        assert_eq!((found.keep, found.batch), (Some(Duration::from_secs(30 * 86_400)), 7));
+        assert_eq!((found.streams, found.held), (8, 4));
+        let defaults = limits_of(&[], 10_000).expect("valid");
+        assert!(!defaults.gpu_expected);
+        let expected = Limits::default();
+        assert_eq!(defaults.cost, expected.cost);
+        assert_eq!(
+            (defaults.body_bytes, defaults.streams, defaults.held, defaults.worker_memory),
+            (expected.body_bytes, expected.streams, expected.held, expected.worker_memory)
+        );
+    }
+
+    #[test]
+    fn limits_of_requests_are_options() {
+        let options = ["--max-model-time", "90s", "--max-model-memory", "1GiB", "--max-model-vertices", "9"];
+        let options = [&options[..], &["--max-model-size", "2kB", "--max-body", "64KiB", "--heartbeat", "1s"]].concat();
+        let found = limits_of(&options, 16).expect("valid");
+        let cost = crate::spec::Limits {
+            max_cost_seconds: 90.0,
+            max_memory_bytes: 1 << 30,
+            max_vertices: 9,
+            max_output_bytes: 2000,
+        };
+        assert_eq!((found.cost, found.body_bytes, found.worker_memory), (cost, 65_536, Duration::from_secs(10)));
+        let options = ["--event-streams", "9000", "--held-answers", "0", "--downloads", "3"];
+        let found = limits_of(&options, 10_000).expect("valid");
+        assert_eq!((found.streams, found.held, found.downloads), (9000, 0, 3));
+        // Health checks need connections too.
+        let Err(Failure::Usage(lines)) = limits_of(&options, 9000) else { panic!("no connection is left") };
+        assert!(lines[0].contains("--event-streams 9000") && lines[0].contains("--connections"), "{lines:?}");
+        for zero in ["--max-model-time=0s", "--max-body=0", "--max-model-memory=0", "--event-streams=0"] {
+            assert!(ServeArgs::with(&[zero]).is_err(), "{zero}");
+        }
     }
 }

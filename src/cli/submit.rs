@@ -9,7 +9,7 @@ use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
 pub(super) async fn run(args: SubmitArgs) -> Ended {
-    let client = Client::new(&args.url)?;
+    let client = Client::new(&args.service.url, args.service.key.as_ref())?;
     let mut body = request(&args.model)?;
     if !args.label.is_empty() {
         body["labels"] = labels(&args.label)?;

@@ -48,6 +48,25 @@ pub(super) fn duration_or_zero(text: &str) -> Result<Duration, String> {
     if text.trim() == "0" { Ok(Duration::ZERO) } else { duration(text) }
 }
 
+/// A rate per second, such as `10` or `0.5`; zero is accepted.
+///
+/// # Errors
+/// A message for the command line if the text is not such a number.
+pub(super) fn rate(text: &str) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(rate) if rate.is_finite() && rate >= 0.0 => Ok(rate),
+        _ => Err("must be a number of 0 or more".to_owned()),
+    }
+}
+
+/// A [`rate`] above zero.
+///
+/// # Errors
+/// A message for the command line if the text is not a number above zero.
+pub(super) fn positive_rate(text: &str) -> Result<f64, String> {
+    rate(text).and_then(|rate| if rate > 0.0 { Ok(rate) } else { Err("must be more than 0".to_owned()) })
+}
+
 /// A size in bytes such as `400MB` (decimal), `2GiB` (binary) or `65536`.
 ///
 /// # Errors
@@ -66,6 +85,17 @@ pub(super) fn bytes(text: &str) -> Result<u64, String> {
     };
     let size = number * factor;
     if size < 9.0e15 { Ok(size as u64) } else { Err(format!("`{text}` is too large")) }
+}
+
+/// A size of [`bytes`] above zero.
+///
+/// # Errors
+/// A message for the command line if the text is not a size, or is zero.
+pub(super) fn positive_bytes(text: &str) -> Result<u64, String> {
+    match bytes(text)? {
+        0 => Err("must be more than 0".to_owned()),
+        size => Ok(size),
+    }
 }
 
 /// A size in decimal units with one digit after the point: `12.3 MB`.

@@ -3,8 +3,8 @@
 use super::args::WorkerArgs;
 use super::exit::{Ended, Failure};
 use super::interrupt::Signals;
-use super::service::{Runtime, WorkerRequirement, database, serve_probes};
-use crate::http::{Limits, watch_router};
+use super::service::{Runtime, WorkerRequirement, database, process_limits, serve_probes};
+use crate::http::watch_router;
 use anyhow::Context;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
@@ -23,7 +23,7 @@ pub(super) async fn run(args: WorkerArgs) -> Ended {
     let shutdown = CancellationToken::new();
     if let Some(address) = args.metrics_addr {
         let listener = TcpListener::bind(address).await.with_context(|| format!("--metrics-addr {address}"))?;
-        serve_probes(listener, watch_router(runtime.state(Limits::default(), &shutdown)), &shutdown);
+        serve_probes(listener, watch_router(runtime.state(process_limits(&args.process), &shutdown)), &shutdown);
     }
     tracing::info!(workers = args.process.cpu_workers, "started");
     signals.asked_to_stop().await;

@@ -2,6 +2,9 @@
 //!
 //! No writer reads a clock or draws a random number: the same input gives the same bytes.
 
+#[cfg(feature = "fuzzing")]
+#[doc(hidden)]
+pub mod fuzzing;
 pub mod glb;
 pub mod hashing;
 pub mod obj;

@@ -5,6 +5,9 @@
 //! whole file a SHA-256; damaged input gives an error, never a panic or wrong data. `docs/sections-bin.md` describes the
 //! format.
 
+#[cfg(feature = "fuzzing")]
+#[doc(hidden)]
+pub mod fuzzing;
 mod payload;
 mod reader;
 mod writer;
@@ -208,7 +211,8 @@ impl Trailer {
             if previous_end.is_some_and(|end| end != entry.offset) {
                 return Err(SectionsError::Corrupt("the sections do not follow each other"));
             }
-            previous_end = entry.offset.checked_add(u64::from(entry.length));
+            let end = entry.offset.checked_add(u64::from(entry.length));
+            previous_end = Some(end.ok_or(SectionsError::Corrupt("an index entry is out of bounds"))?);
         }
         if previous_end.is_some_and(|end| end != self.index_offset) {
             return Err(SectionsError::Corrupt("the sections do not end at the index"));

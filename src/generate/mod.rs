@@ -8,6 +8,9 @@ mod batch;
 mod checkpoint;
 mod device;
 mod files;
+#[cfg(feature = "fuzzing")]
+#[doc(hidden)]
+pub mod fuzzing;
 mod grow;
 mod pace;
 mod types;

@@ -175,4 +175,8 @@ fn a_model_of_one_step_has_two_sections() {
     let spec = small(&json!({ "steps": 1, "particles": { "total": 300, "outer": 60 } }));
     let outcome = generate(&request(spec, Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
     assert_eq!(outcome.summary["sections"], 2);
+    let figures = outcome.figures();
+    assert_eq!((&figures["sections"], &figures["certificate"]["passed"]), (&json!(2), &json!(true)));
+    assert_eq!(figures["certificate"]["min_angle_deg"], outcome.certificate["min_angle_deg"]);
+    assert_eq!((figures["certificate"].get("bodies"), outcome.summary.get("certificate")), (None, None));
 }

@@ -195,6 +195,21 @@ pub struct Outcome {
     pub seconds: Seconds,
 }
 
+impl Outcome {
+    /// What the record of a job keeps: the summary, and as its member `certificate` the figures of the certificate, without
+    /// the lists of bodies and failures.
+    #[must_use]
+    pub fn figures(&self) -> serde_json::Value {
+        let mut figures = self.summary.clone();
+        let mut certificate = self.certificate.clone();
+        if let Some(members) = certificate.as_object_mut() {
+            members.retain(|name, _| !["bodies", "failures"].contains(&name.as_str()));
+        }
+        figures["certificate"] = certificate;
+        figures
+    }
+}
+
 /// Why a generation ended without a model.
 #[derive(Debug, thiserror::Error)]
 pub enum GenerateError {

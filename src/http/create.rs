@@ -3,11 +3,14 @@
 //! All checks are made before anything is queued.
 
 use super::AppState;
+use super::access::{Caller, audit};
+use super::detail::Detail;
 use super::dto::Model;
 use super::faults::{Fault, Faults};
 use super::headers::{IDEMPOTENCY_REPLAYED, PREFERENCE_APPLIED, idempotency_key, wait};
 use super::health::not_ready;
 use super::json::{JsonBody, canonical};
+use super::links::At;
 use super::models::{answer, retry_after};
 use super::problem::{Kind, Problem};
 use super::request::{ModelRequest, SEED_MAX};
@@ -15,7 +18,7 @@ use super::responses::{BodyProblems, ModelRequest as ModelRequestDoc, QueueFull,
 use crate::generate::Backend;
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{Job, NewJob, StoreError, Submitted};
-use crate::spec::{Cost, ModelSpec, OverLimit, batch_key, preset, presets};
+use crate::spec::{Cost, ModelSpec, OverLimit, Preset, batch_key, preset, presets};
 use crate::status::Condition;
 use crate::trace;
 use axum::Json;
@@ -44,30 +47,45 @@ async fn check_body(state: &AppState, body: &Value) -> Result<Accepted, Problem>
 
 /// Checks a request in which `faults` were found so far.
 pub(super) async fn check(state: &AppState, request: ModelRequest, mut faults: Faults) -> Result<Accepted, Problem> {
-    let resolved = preset(&request.preset).map(|preset| ModelSpec::resolve(preset, &request.spec));
-    match &resolved {
-        Some(Err(wrong)) => faults.extend(wrong.iter().map(|f| Fault::at(format!("/spec{}", f.pointer), &f.detail))),
-        None if !faults.names("/preset") => {
-            let names: Vec<_> = presets().iter().map(|p| p.name.as_str()).collect();
-            faults.push(Fault::at("/preset", format!("is unknown; the presets are {}", names.join(", "))));
-        }
-        _ => {}
+    let resolved = find_preset(&request, &mut faults).map(|preset| ModelSpec::resolve(preset, &request.spec));
+    if let Some(Err(wrong)) = &resolved {
+        faults.extend(wrong.iter().map(|f| Fault::at(format!("/spec{}", f.pointer), &f.detail)));
     }
     let spec = match resolved {
         Some(Ok(spec)) if faults.is_empty() => spec,
         _ => return Err(Problem::invalid(faults)),
     };
-    let outputs: Vec<String> =
-        request.outputs.iter().filter_map(|o| serde_json::to_value(o).ok()?.as_str().map(str::to_owned)).collect();
-    let cost = spec.cost(&outputs.iter().map(String::as_str).collect::<Vec<_>>());
+    check_limits(state, request, spec).await
+}
+
+/// Checks what a model would cost, and whether there is a worker for it.
+pub(super) async fn check_limits(
+    state: &AppState,
+    request: ModelRequest,
+    spec: ModelSpec,
+) -> Result<Accepted, Problem> {
+    let cost = cost(&request, &spec);
     state.limits.cost.check(&cost).map_err(|over| too_much(&cost, &over))?;
-    if request.backend == Backend::Gpu && !state.limits.gpu_expected {
-        check_gpu(state).await?;
-    }
+    check_backend(state, &request).await?;
     Ok(Accepted { request, spec, cost })
 }
 
-fn too_much(cost: &Cost, over: &[OverLimit]) -> Problem {
+/// The preset of a request, or a fault.
+pub(super) fn find_preset(request: &ModelRequest, faults: &mut Faults) -> Option<&'static Preset> {
+    let found = preset(&request.preset);
+    if found.is_none() && !faults.names("/preset") {
+        let names: Vec<_> = presets().iter().map(|p| p.name.as_str()).collect();
+        faults.push(Fault::at("/preset", format!("is unknown; the presets are {}", names.join(", "))));
+    }
+    found
+}
+
+/// The predicted cost of a model with the outputs of the request.
+pub(super) fn cost(request: &ModelRequest, spec: &ModelSpec) -> Cost {
+    spec.cost(&request.outputs.iter().map(|output| output.extension()).collect::<Vec<_>>())
+}
+
+pub(super) fn too_much(cost: &Cost, over: &[OverLimit]) -> Problem {
     let errors = over.iter().map(|o| Fault::at("/spec", o.to_string())).collect();
     let detail = over.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
     let limits: serde_json::Map<_, _> = over.iter().map(|o| (o.quantity.clone(), o.limit.into())).collect();
@@ -79,7 +97,10 @@ fn too_much(cost: &Cost, over: &[OverLimit]) -> Problem {
 
 /// Refuses a request for a GPU if no GPU worker is alive. While workers of this process open their devices, that is not
 /// known yet, so the request waits for at most [`super::Limits::gpu_wait`].
-async fn check_gpu(state: &AppState) -> Result<(), Problem> {
+pub(super) async fn check_backend(state: &AppState, request: &ModelRequest) -> Result<(), Problem> {
+    if request.backend != Backend::Gpu || state.limits.gpu_expected {
+        return Ok(());
+    }
     let alive = async || Ok::<_, StoreError>(state.store.alive(Backend::Gpu, state.limits.gpu_memory).await? > 0);
     if alive().await? {
         return Ok(());
@@ -109,14 +130,14 @@ async fn check_gpu(state: &AppState) -> Result<(), Problem> {
     request_body(content = ModelRequestDoc, content_type = "application/json"),
     responses(
         (status = 202, description = "Accepted: queued or running", body = Model, headers(
-            ("location" = String, description = "Path of the model"),
+            ("location" = String, description = "The model, relative to this URL"),
             ("retry-after" = u32, description = "Seconds to wait before the next request"),
             ("preference-applied" = String, description = "`wait=N`, if the response was held"),
             ("idempotency-replayed" = String, description = "`true` if the key returned a model that it had created before"))),
         (status = 201, description = "A finished model with the same digest and preset was reused: it has succeeded already", body = Model, headers(
-            ("location" = String, description = "Path of the model"))),
+            ("location" = String, description = "The model, relative to this URL"))),
         (status = 200, description = "Ended: during the requested wait, or before the key was used again", body = Model, headers(
-            ("location" = String, description = "Path of the model"),
+            ("location" = String, description = "The model, relative to this URL"),
             ("preference-applied" = String, description = "`wait=N`, if the response was held"),
             ("idempotency-replayed" = String, description = "`true` if the key returned a model that it had created before"))),
         BodyProblems, QueueFull, StoreAwayOrOpening,
@@ -124,37 +145,48 @@ async fn check_gpu(state: &AppState) -> Result<(), Problem> {
 )]
 pub(super) async fn create(
     State(state): State<AppState>,
+    caller: Caller,
     headers: HeaderMap,
     JsonBody(body): JsonBody,
 ) -> Result<Response, Problem> {
     let key = key_of(&headers, &body)?;
     let submitted = match check_body(&state, &body).await {
-        Ok(accepted) => submit(&state, accepted, key).await?,
+        Ok(accepted) => queue(&state, NewJob { idempotency: key, ..new_job(&caller, accepted) }).await?,
         // A replayed request is not refused because of what has changed since: a lower limit, or a GPU worker that has gone.
-        Err(refusal) => Submitted::Replayed(earlier(&state, key).await.ok_or(refusal)?),
+        Err(refusal) => Submitted::Replayed(earlier(&state, caller.owner(), key).await.ok_or(refusal)?),
     };
     let replayed = matches!(submitted, Submitted::Replayed(_));
+    if !replayed {
+        audit(&caller, "model created", submitted.job().id);
+    }
     let mut job = submitted.job().clone();
     tracing::Span::current().record("model", tracing::field::display(job.id));
     let waited = wait(&headers).and_then(|time| Some((time, state.held.try_acquire().ok()?)));
     if let Some((time, _)) = waited {
         job = until_ended(&state, job, time).await;
     }
+    let mut response = created(&state, &job, replayed, At::Root)?;
+    let headers = response.headers_mut();
+    if let Some(Ok(applied)) = waited.map(|(time, _)| HeaderValue::try_from(format!("wait={}", time.as_secs()))) {
+        headers.insert(PREFERENCE_APPLIED, applied);
+    }
+    Ok(response)
+}
+
+/// The answer to a request that made this model, or that is a repetition of such a request.
+pub(super) fn created(state: &AppState, job: &Job, replayed: bool, at: At) -> Result<Response, Problem> {
     let status = match () {
         () if job.reused_from.is_some() => StatusCode::CREATED,
         () if job.status.is_ended() => StatusCode::OK,
         () => StatusCode::ACCEPTED,
     };
-    let mut response = answer(&state, status, &job)?;
+    let mut response = answer(state, status, job, Detail::Full, at)?;
     let headers = response.headers_mut();
-    if let Ok(location) = HeaderValue::try_from(format!("/models/{}", job.id)) {
+    if let Ok(location) = HeaderValue::try_from(at.model(job.id)) {
         headers.insert(header::LOCATION, location);
     }
     if status == StatusCode::ACCEPTED {
-        headers.insert(header::RETRY_AFTER, retry_after(&job));
-    }
-    if let Some(Ok(applied)) = waited.map(|(time, _)| HeaderValue::try_from(format!("wait={}", time.as_secs()))) {
-        headers.insert(PREFERENCE_APPLIED, applied);
+        headers.insert(header::RETRY_AFTER, retry_after(job));
     }
     if replayed {
         headers.insert(IDEMPOTENCY_REPLAYED, HeaderValue::from_static("true"));
@@ -168,18 +200,15 @@ pub(super) fn key_of(headers: &HeaderMap, body: &Value) -> Result<Option<(String
 }
 
 /// The model that the key created before, if there is one.
-async fn earlier(state: &AppState, key: Option<(String, String)>) -> Option<Job> {
+pub(super) async fn earlier(state: &AppState, owner: Option<&str>, key: Option<(String, String)>) -> Option<Job> {
     let (key, body) = key?;
-    state.store.replayed(&key, &body).await.ok().flatten()
+    state.store.replayed(owner, &key, &body).await.ok().flatten()
 }
 
-async fn submit(
-    state: &AppState,
-    Accepted { request, spec, .. }: Accepted,
-    idempotency: Option<(String, String)>,
-) -> Result<Submitted, StoreError> {
+/// The job of an accepted request.
+pub(super) fn new_job(caller: &Caller, Accepted { request, spec, .. }: Accepted) -> NewJob {
     let seed = request.seed.unwrap_or_else(draw_seed);
-    let mut new = NewJob {
+    NewJob {
         preset: request.preset,
         seed,
         spec: spec.to_json(),
@@ -192,10 +221,16 @@ async fn submit(
         reuse: request.reuse,
         missing: Vec::new(),
         batch_key: Some(batch_key(&spec)),
-        idempotency,
-        submitter: None,
+        idempotency: None,
+        owner: caller.owner().map(str::to_owned),
+        quota: caller.quota(),
         trace: trace::current(),
-    };
+        retry_of: None,
+    }
+}
+
+/// Queues a job, or reuses a finished model that has all its files.
+pub(super) async fn queue(state: &AppState, mut new: NewJob) -> Result<Submitted, StoreError> {
     exclude_missing_files(&*state.store, &state.artifacts, std::slice::from_mut(&mut new)).await?;
     state.store.submit(new).await
 }

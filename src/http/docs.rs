@@ -34,7 +34,7 @@ fn write(document: &Value) -> String {
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<title>{title} {version}: interface</title>\n\
          <style>\n{STYLE}</style>\n</head>\n<body>\n<header>\n<h1>{title} <small>{version}</small></h1>\n<p>{description}</p>\n\
-         <p>For programs: <a href=\"/openapi.yaml\">/openapi.yaml</a>.</p>\n<nav aria-label=\"Subjects\"><ul>{links}\
+         <p>For programs: <a href=\"openapi.yaml\">/openapi.yaml</a>.</p>\n<nav aria-label=\"Subjects\"><ul>{links}\
          <li><a href=\"#problems\">problems</a></li><li><a href=\"#schemas\">schemas</a></li></ul></nav>\n</header>\n<main>\n\
          {subjects}{problems}{schemas}</main>\n</body>\n</html>\n",
         title = escape(text(&document["info"], "title")),

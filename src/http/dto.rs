@@ -1,8 +1,11 @@
 //! Bodies of responses. Members that do not apply are null, never absent.
 
+use super::detail::Detail;
+use super::links::At;
 use super::problem::TYPE_PREFIX;
+use super::study::BatchStudy;
 use crate::generate::{Output, Progress, Stage};
-use crate::jobs::{BackendReport, Job, LiveSection, Priority, Status, WorkerInfo};
+use crate::jobs::{BackendReport, Job, LiveSection, Priority, Status, WorkerInfo, WorkerState};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -26,9 +29,6 @@ pub struct Model {
     /// Seed.
     #[schema(minimum = 0, maximum = 9007199254740991i64)]
     pub seed: u64,
-    /// The complete resolved spec, as `GET /schema` describes it.
-    #[schema(value_type = Object)]
-    pub spec: Value,
     /// Requested file formats.
     pub outputs: Vec<Output>,
     /// Labels.
@@ -36,8 +36,14 @@ pub struct Model {
     /// Of the queued models, those of higher priority are started first.
     #[schema(value_type = i64, minimum = -100, maximum = 100)]
     pub priority: Priority,
+    /// Who submitted it; null if that was done without a key.
+    pub owner: Option<String>,
+    /// Id of the batch that it belongs to.
+    pub batch: Option<Uuid>,
     /// Requested and used backend.
     pub backend: BackendReport,
+    /// Name of the worker that grows it, or made the last attempt; null before the first.
+    pub worker: Option<String>,
     /// Position and waiting time in the queue.
     pub queue: Queue,
     /// Progress; null until it has started.
@@ -59,7 +65,7 @@ pub struct Model {
     pub expires_at: Option<Timestamp>,
     /// Its files, once it has succeeded.
     pub files: Vec<ModelFile>,
-    /// Counts and measures, once it has succeeded.
+    /// Counts and measures, and in `certificate` the figures of the certificate, once it has succeeded.
     #[schema(value_type = Option<Object>)]
     pub summary: Option<Value>,
     /// Signs of poor growth, once it has succeeded; empty if there are none.
@@ -70,6 +76,12 @@ pub struct Model {
     pub digest: String,
     /// Id of the finished model whose files it shares.
     pub reused_from: Option<Uuid>,
+    /// Id of the failed model that it repeats.
+    pub retry_of: Option<Uuid>,
+    /// The complete resolved spec, as `GET /schema` describes it. Present with `view=full`, absent with `view=summary`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Object, required = false, nullable = false)]
+    pub spec: Option<Value>,
 }
 
 /// Position and waiting time of a model in the queue.
@@ -95,7 +107,8 @@ pub struct ModelFile {
     pub bytes: u64,
     /// SHA-256, lower-case hex.
     pub sha256: String,
-    /// Path to download it from.
+    /// Where to download it: a reference relative to the URL of the answer or stream that names it.
+    #[schema(format = "uri-reference")]
     pub href: String,
 }
 
@@ -120,11 +133,11 @@ pub struct ModelProblem {
 }
 
 impl Model {
-    /// The model of a job. Models are removed `keep` after their end.
+    /// The model of a job, in an answer whose URL lies `at`. Models are removed `keep` after their end.
     #[must_use]
-    pub fn of(job: &Job, keep: Option<Duration>) -> Self {
+    pub(super) fn of(job: &Job, keep: Option<Duration>, detail: Detail, at: At) -> Self {
         let file = |file: &crate::jobs::File| ModelFile {
-            href: format!("/models/{}/files/{}", job.id, file.name),
+            href: format!("{}/files/{}", at.model(job.id), file.name),
             name: file.name.clone(),
             media_type: file.media_type.clone(),
             bytes: file.bytes,
@@ -143,11 +156,13 @@ impl Model {
             version: job.version,
             preset: job.preset.clone(),
             seed: job.seed,
-            spec: job.spec.clone(),
             outputs: job.outputs.clone(),
             labels: job.labels.clone(),
             priority: job.priority,
+            owner: job.owner.clone(),
+            batch: job.batch.map(|id| id.0),
             backend: job.backend.clone(),
+            worker: job.worker.clone(),
             queue: Queue { position: job.queue_position, wait_seconds },
             progress: if job.status == Status::Succeeded { Some(whole(job)) } else { job.progress },
             attempts: job.attempts,
@@ -161,6 +176,8 @@ impl Model {
             problem: job.problem.as_ref().map(problem),
             digest: job.digest.clone(),
             reused_from: job.reused_from.map(|id| id.0),
+            retry_of: job.retry_of.map(|id| id.0),
+            spec: (detail == Detail::Full).then(|| job.spec.clone()),
         }
     }
 }
@@ -196,11 +213,13 @@ pub struct ModelList {
     pub next: Option<String>,
 }
 
-/// A batch: many models of one spec, requested together. Models that were deleted individually are not listed.
+/// A batch: many models of one spec, or of the points of a study, requested together. Models that were deleted individually are not listed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
 pub struct Batch {
     /// Identifier, a UUIDv7.
     pub id: Uuid,
+    /// Who submitted it; null if that was done without a key.
+    pub owner: Option<String>,
     /// When it was accepted.
     #[schema(value_type = String, format = DateTime)]
     pub created_at: Timestamp,
@@ -209,8 +228,34 @@ pub struct Batch {
     pub priority: Priority,
     /// Number of its models by status.
     pub counts: BatchCounts,
-    /// Ids of its models, in the order of the seeds.
-    pub models: Vec<Uuid>,
+    /// Ids of its models, in the order of the seeds; of a study, in the order of the points, each with its seeds; then those of
+    /// retries. Absent in lists.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(required = false, nullable = false)]
+    pub models: Option<Vec<Uuid>>,
+    /// The study that its models are the points of; null if it has none. Absent in lists.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<BatchStudy>, required = false)]
+    pub study: Option<Option<BatchStudy>>,
+}
+
+/// A page of batches, newest first.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct BatchList {
+    /// The batches.
+    pub batches: Vec<Batch>,
+    /// Value of `cursor` for the next page; null on the last page.
+    pub next: Option<String>,
+}
+
+/// What a request for many models did.
+#[derive(Clone, Copy, Debug, Serialize, ToSchema)]
+pub(super) struct Applied {
+    /// Number of models that were cancelled or deleted, or with `dry_run` would be.
+    #[schema(minimum = 0)]
+    pub count: u64,
+    /// Whether nothing was done.
+    pub dry_run: bool,
 }
 
 /// Number of models of a batch by status.
@@ -241,6 +286,7 @@ impl From<&crate::jobs::Batch> for Batch {
         let counts = &batch.counts;
         Self {
             id: batch.id.0,
+            owner: batch.owner.clone(),
             created_at: batch.created_at,
             priority: batch.priority,
             counts: BatchCounts {
@@ -251,12 +297,14 @@ impl From<&crate::jobs::Batch> for Batch {
                 failed: counts.failed,
                 cancelled: counts.cancelled,
             },
-            models: batch.jobs.iter().map(|job| job.0).collect(),
+            models: Some(batch.jobs.iter().map(|job| job.0).collect()),
+            study: Some(BatchStudy::of(batch)),
         }
     }
 }
 
-/// The data of an event: the whole state of a model, and in `section` events its latest contour.
+/// The data of an event: the whole state of a model, without its spec unless `view=full`, and in `section` events its
+/// latest contour.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct ModelEvent {
     /// The model.
@@ -305,10 +353,31 @@ pub struct Worker {
     /// Last heartbeat.
     #[schema(value_type = String, format = DateTime)]
     pub heartbeat_at: Timestamp,
+    /// Whether it starts models, unless all workers are paused.
+    pub state: WorkerState,
+    /// Its own pause; null if it is active.
+    pub pause: Option<Pause>,
+}
+
+/// A pause of a worker or of all.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, ToSchema)]
+pub struct Pause {
+    /// When it began.
+    #[schema(value_type = String, format = DateTime)]
+    pub since: Timestamp,
+    /// Who asked for it; null if unknown.
+    pub by: Option<String>,
+}
+
+impl From<crate::jobs::Pause> for Pause {
+    fn from(pause: crate::jobs::Pause) -> Self {
+        Self { since: pause.since, by: pause.by }
+    }
 }
 
 impl From<WorkerInfo> for Worker {
     fn from(worker: WorkerInfo) -> Self {
+        let state = worker.state();
         Self {
             id: worker.id,
             host: worker.host,
@@ -318,6 +387,8 @@ impl From<WorkerInfo> for Worker {
             jobs: worker.jobs.iter().map(|id| id.0).collect(),
             jobs_done: worker.jobs_done,
             heartbeat_at: worker.heartbeat_at,
+            state,
+            pause: worker.pause.map(Into::into),
         }
     }
 }
@@ -325,6 +396,8 @@ impl From<WorkerInfo> for Worker {
 /// Workers that sent a heartbeat within the last minutes.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct WorkerList {
+    /// The pause of all workers; null while those that are active start models.
+    pub pause: Option<Pause>,
     /// The workers.
     pub workers: Vec<Worker>,
 }

@@ -2,6 +2,8 @@
 //!
 //! Invariant: every error response has a problem body, also those of the framework.
 
+use super::cors::{self, Origin};
+use super::headers::REQUEST_ID;
 use super::host;
 use super::problem::{Kind, MEDIA_TYPE, Problem};
 use crate::clock::Stopwatch;
@@ -9,15 +11,12 @@ use crate::trace;
 use axum::Router;
 use axum::body::Body;
 use axum::extract::Request;
-use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use tower_http::catch_panic::CatchPanicLayer;
 use tracing::Instrument;
 use uuid::Uuid;
-
-/// Header of the request id: that of the client if it has at most 128 visible ASCII characters, else a new one.
-pub const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
 const REQUEST_ID_MAX: usize = 128;
 
@@ -29,10 +28,10 @@ fn request_id(headers: &HeaderMap) -> String {
         .map_or_else(|| Uuid::now_v7().to_string(), str::to_owned)
 }
 
-/// Puts the envelope around a router. It is no layer of that router, because a router adds `Allow` to its responses after
-/// its own layers.
-pub(super) fn enclose(router: Router) -> Router {
-    let inner = router.layer(CatchPanicLayer::custom(panicked));
+/// Puts the envelope around a router whose answers pages of other `origins` may read. It is no layer of that router, because
+/// a router adds `Allow` to its responses after its own layers.
+pub(super) fn enclose(router: Router, origins: &[Origin]) -> Router {
+    let inner = cors::allow(router.layer(CatchPanicLayer::custom(panicked)), origins);
     Router::new().fallback_service(inner).layer(axum::middleware::from_fn(envelope))
 }
 
@@ -40,7 +39,7 @@ async fn envelope(request: Request, next: Next) -> Response {
     let id = request_id(request.headers());
     let method = request.method().clone();
     let path = request.uri().path().to_owned();
-    let span = tracing::info_span!("request", %method, %path, request_id = %id, model = tracing::field::Empty);
+    let span = tracing::info_span!("request", %method, %path, request_id = %id, model = tracing::field::Empty, key = tracing::field::Empty);
     trace::adopt(&span, request.headers().get(trace::TRACEPARENT).and_then(|value| value.to_str().ok()));
     let watch = Stopwatch::start();
     let response = match host::check(request.version(), request.headers()) {
@@ -131,7 +130,7 @@ mod tests {
     }
 
     fn app() -> Router {
-        enclose(Router::new().route("/boom", get(boom)))
+        enclose(Router::new().route("/boom", get(boom)), &[])
     }
 
     #[tokio::test]

@@ -1,5 +1,6 @@
 //! Extractors whose rejections are problems.
 
+use super::access::TICKET;
 use super::faults::{Fault, Faults};
 use super::problem::{Kind, Problem};
 use crate::jobs::{self, JobId};
@@ -56,10 +57,15 @@ impl<S: Send + Sync> FromRequestParts<S> for PathTexts {
     }
 }
 
-/// Query parameters in order.
+/// Query parameters in order, without a ticket.
 pub(super) struct Parameters(pub(super) Vec<(String, String)>);
 
 impl Parameters {
+    /// The first value of this name.
+    pub(super) fn get(&self, name: &str) -> Option<&str> {
+        self.0.iter().find(|(known, _)| known == name).map(|(_, value)| value.as_str())
+    }
+
     /// Faults of parameters that are not in `known`, or that are given more than once and are not in `repeatable`.
     pub(super) fn faults(&self, known: &[&str], repeatable: &[&str]) -> Faults {
         let mut faults = Faults::default();
@@ -81,7 +87,10 @@ impl<S: Send + Sync> FromRequestParts<S> for Parameters {
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Problem> {
         Query::try_from_uri(&parts.uri)
-            .map(|Query(pairs)| Self(pairs))
+            .map(|Query::<Vec<(String, String)>>(mut pairs)| {
+                pairs.retain(|(name, _)| name != TICKET);
+                Self(pairs)
+            })
             .map_err(|_| Problem::new(Kind::BadRequest, "The query string is malformed."))
     }
 }

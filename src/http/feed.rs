@@ -8,10 +8,11 @@
 
 mod log;
 
+use super::interest::{Interest, Part, Traits};
 use super::track::Track;
 use super::view::{Name, View};
 use crate::clock::Stopwatch;
-use crate::jobs::{Job, JobId, ListFilter, Status, Store, StoreError};
+use crate::jobs::{Job, JobId, ListFilter, Page, Status, Store, StoreError};
 use log::Log;
 pub(super) use log::Next;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
@@ -70,6 +71,13 @@ pub(super) enum All {
     Until(Duration),
 }
 
+/// A model that has not ended.
+pub(super) struct Tracked {
+    track: Track,
+    /// Kept here too, because the log may drop its state.
+    traits: Option<Arc<Traits>>,
+}
+
 pub(super) struct Watched {
     readers: usize,
     view: watch::Sender<Option<Arc<View>>>,
@@ -78,7 +86,7 @@ pub(super) struct Watched {
 pub(super) struct State {
     pub(super) log: Log,
     /// Models that have not ended.
-    pub(super) tracks: BTreeMap<JobId, Track>,
+    pub(super) tracks: BTreeMap<JobId, Tracked>,
     /// The newest models whose end was published.
     pub(super) ended: BTreeSet<JobId>,
     pub(super) watched: HashMap<JobId, Watched>,
@@ -112,10 +120,14 @@ impl State {
         }
     }
 
-    fn publish(&mut self, view: View) {
+    /// Publishes a state; gives it to the readers of this model as `of_one` makes it.
+    fn publish(&mut self, view: View, of_one: impl FnOnce(Arc<View>) -> Arc<View>) {
         let view = self.log.insert(view);
+        if let Some(tracked) = self.tracks.get_mut(&view.id()) {
+            tracked.traits = view.traits().cloned();
+        }
         if let Some(watched) = self.watched.get(&view.id()) {
-            watched.view.send_replace(Some(view));
+            watched.view.send_replace(Some(of_one(view)));
         }
     }
 
@@ -130,13 +142,13 @@ impl State {
             // The end is published once; but a later reader of this model must get it.
             let unseen = self.watched.get(&job.id).filter(|watched| watched.view.borrow().is_none());
             if let Some(watched) = unseen.filter(|_| job.status.is_ended()) {
-                let end = View::of(job, pace.keep, &[Name::End], self.log.last(), None);
-                watched.view.send_replace(Some(Arc::new(end)));
+                let end = Arc::new(View::of(job, pace.keep, &[Name::End], self.log.last(), None));
+                watched.view.send_replace(Some(end.of_one(job, pace.keep)));
             }
             return;
         }
-        let track = self.tracks.entry(job.id).or_insert_with(|| Track::new(pace.interval));
-        let (names, again) = track.next(job, now);
+        let new = || Tracked { track: Track::new(pace.interval), traits: None };
+        let (names, again) = self.tracks.entry(job.id).or_insert_with(new).track.next(job, now);
         match again {
             Some(again) => self.later.insert(job.id, now + again),
             None => self.later.remove(&job.id),
@@ -149,7 +161,8 @@ impl State {
             }
         }
         if !names.is_empty() {
-            self.publish(View::of(job, pace.keep, &names, self.log.last() + 1, before.as_deref()));
+            let view = View::of(job, pace.keep, &names, self.log.last() + 1, before.as_deref());
+            self.publish(view, |view| view.of_one(job, pace.keep));
         }
     }
 
@@ -157,9 +170,11 @@ impl State {
     pub(super) fn deleted(&mut self, id: JobId) {
         let before = self.log.view(id).cloned();
         if self.wants(id) && before.as_ref().is_none_or(|view| view.status().is_some()) {
+            let traits = before.as_ref().and_then(|view| view.traits().cloned());
+            let traits = traits.or_else(|| self.tracks.get(&id)?.traits.clone());
             self.forget(id);
             self.ended.remove(&id);
-            self.publish(View::deleted(id, self.log.last() + 1, before.as_deref()));
+            self.publish(View::deleted(id, self.log.last() + 1, before.as_deref(), traits), |view| view);
         }
     }
 
@@ -218,23 +233,62 @@ impl Drop for ModelReader {
     }
 }
 
-/// A reader of all models.
+/// A reader of all models, or of those of an interest.
 pub(super) struct AllReader {
     feed: Arc<Feed>,
     last: watch::Receiver<u64>,
 }
 
 impl AllReader {
-    /// The first state after `number`.
-    pub(super) fn after(&mut self, number: u64) -> Next {
+    /// The first state after `number` that is of interest.
+    pub(super) fn after(&mut self, number: u64, interest: &Interest) -> Next {
         self.last.mark_unchanged();
-        self.feed.lock().log.after(number)
+        self.feed.lock().log.after(number, interest)
     }
 
-    /// The models that a reader begins with, oldest first, and the number from which it goes on.
+    /// The models that a reader of all begins with, oldest first, and the number from which it goes on.
     pub(super) fn first(&self, with_ended: bool) -> (VecDeque<JobId>, u64) {
         let state = self.feed.lock();
         (state.log.first(with_ended).into_iter().collect(), state.log.last())
+    }
+
+    /// What a reader of some models begins with, and the number from which it goes on.
+    pub(super) fn first_of(&self, interest: &Interest, with_ended: bool) -> (Vec<Part>, u64) {
+        (interest.first(with_ended, log::FIRST as u32), self.feed.lock().log.last())
+    }
+
+    /// Reads a page of the models that a reader begins with.
+    pub(super) async fn page(&self, filter: &ListFilter) -> Result<Page, StoreError> {
+        self.feed.store.list(filter).await
+    }
+
+    /// The state of a model just read, for a reader that begins at `number`; `None` if it gets that state as one after
+    /// `number`. A model that has not ended is followed from now on.
+    pub(super) fn state_of(&self, job: &Job, number: u64) -> Option<Arc<View>> {
+        if !job.status.is_ended() {
+            self.feed.offer(job);
+        }
+        let known = self.view(job.id);
+        match known {
+            Some(view) if view.number() > number => None,
+            Some(view) if view.version() >= job.version => Some(view),
+            _ => Some(Arc::new(View::of(job, self.feed.pace.keep, &[], number, None))),
+        }
+    }
+
+    /// Whether a reader at `number` has the end of all models of a finite interest. They are all followed, if it began with
+    /// them.
+    pub(super) fn is_over(&self, interest: &Interest, number: u64) -> bool {
+        let state = self.feed.lock();
+        let mut open = state.tracks.iter();
+        interest.is_finite()
+            && !open.any(|(id, tracked)| interest.includes(*id, tracked.traits.as_deref()))
+            && matches!(state.log.after(number, interest), Next::Nothing(_))
+    }
+
+    /// How often the store is asked again.
+    pub(super) fn poll(&self) -> Duration {
+        self.feed.pace.poll
     }
 
     /// The latest state of a model.
@@ -249,14 +303,9 @@ impl AllReader {
         }
     }
 
-    /// The cursor of `number`.
-    pub(super) fn cursor(&self, number: u64) -> String {
-        format!("{}-{number}", self.feed.name)
-    }
-
-    /// The number of a cursor of this feed.
-    pub(super) fn number(&self, cursor: &str) -> Option<u64> {
-        cursor.strip_prefix(&self.feed.name)?.strip_prefix('-')?.parse().ok()
+    /// Name of this feed, for cursors.
+    pub(super) fn name(&self) -> &str {
+        &self.feed.name
     }
 }
 

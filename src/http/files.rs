@@ -4,6 +4,7 @@
 //! so their entity tag is their SHA-256, and they may be cached forever.
 
 use super::AppState;
+use super::access::Caller;
 use super::conditional::ETag;
 use super::extract::{ModelId, PathTexts, no_model};
 use super::problem::{Kind, Problem};
@@ -52,12 +53,13 @@ const SIGNED_FOR: Duration = Duration::from_secs(300);
 )]
 pub(super) async fn download(
     State(state): State<AppState>,
+    caller: Caller,
     ModelId(id): ModelId,
     path: PathTexts,
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let (job, file) = find(&state, id, path.get("name")).await?;
+    let (job, file) = find(&state, &caller, id, path.get("name")).await?;
     let disposition = format!("attachment; filename=\"{}-{}-{}\"", job.preset, job.seed, file.name);
     if let Some(redirect) = redirect(&state, &job, &file, &method, &headers).await? {
         return Ok(redirect);
@@ -128,10 +130,11 @@ pub(super) struct Report {
 )]
 pub(super) async fn report(
     State(state): State<AppState>,
+    caller: Caller,
     ModelId(id): ModelId,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let (job, file) = find(&state, id, "report.json").await?;
+    let (job, file) = find(&state, &caller, id, "report.json").await?;
     let _permit = permit(&state)?;
     let chunks: Vec<_> = state.artifacts.get_range(&file.key, None).await?.stream.try_collect().await?;
     let mut stored: Map<String, Value> = serde_json::from_slice(&chunks.concat()).map_err(|error| {
@@ -161,8 +164,8 @@ pub(super) fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> 
 }
 
 /// A model and its file of this name.
-pub(super) async fn find(state: &AppState, id: JobId, name: &str) -> Result<(Job, File), Problem> {
-    let job = state.store.get(id).await?.ok_or_else(|| no_model(id))?;
+pub(super) async fn find(state: &AppState, caller: &Caller, id: JobId, name: &str) -> Result<(Job, File), Problem> {
+    let job = caller.job(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
     let Some(file) = job.files.iter().find(|file| file.name == name).cloned() else {
         let detail = if job.status.is_ended() {
             let names: Vec<_> = job.files.iter().map(|file| file.name.as_str()).collect();

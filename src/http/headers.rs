@@ -5,6 +5,8 @@ use super::problem::Problem;
 use axum::http::{HeaderMap, HeaderName, header};
 use std::time::Duration;
 
+/// Header of the request id: that of the client if it has at most 128 visible ASCII characters, else a new one.
+pub const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 /// `Prefer`.
 pub(super) const PREFER: HeaderName = HeaderName::from_static("prefer");
 /// `Preference-Applied`.

@@ -127,7 +127,8 @@ impl<'de> Visitor<'de> for StrictVisitor {
         let mut map = Map::new();
         while let Some(key) = entries.next_key::<String>()? {
             if map.contains_key(&key) {
-                return Err(de::Error::custom(format_args!("the member {} is given twice", Value::from(key))));
+                let name: String = key.chars().take(100).collect();
+                return Err(de::Error::custom(format_args!("the member {} is given twice", Value::from(name))));
             }
             let Strict(value) = entries.next_value()?;
             map.insert(key, value);
@@ -197,6 +198,13 @@ mod tests {
         assert_eq!(place(b"[NaN]").0, 1);
         assert_eq!(place(b"[1e999]").0, 1);
         assert_eq!(place(b"[\"\\ud800\"]").0, 1);
+    }
+
+    #[test]
+    fn a_long_name_given_twice_is_not_repeated_in_full() {
+        let name = "n".repeat(100_000);
+        let body = parse(format!("{{\"{name}\":1,\"{name}\":2}}").as_bytes()).unwrap_err().body("", "");
+        assert!(body.detail.len() < 200, "{}", body.detail);
     }
 
     #[test]

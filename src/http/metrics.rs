@@ -1,18 +1,22 @@
 //! `GET /metrics`: what this process counts, and gauges read from the stores, as OpenMetrics text for Prometheus.
 
 use super::AppState;
+use super::headers::PREFERENCE_APPLIED;
 use crate::clock::Stopwatch;
-use crate::jobs::Counts;
+use crate::generate::Backend;
+use crate::jobs::{Counts, PoolUse, StoreError, WorkerState};
 use crate::metrics::{MEDIA_TYPE, Metrics};
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::header;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use std::time::Duration;
+use tokio::sync::Semaphore;
 
 /// Read the metrics of this process, and the depth of the queue.
 #[utoipa::path(
     get, path = "/metrics", operation_id = "get_metrics", tag = "service",
-    responses((status = 200, description = "OpenMetrics text. While the job store is unavailable, gauges of the queue keep their last values",
+    responses((status = 200, description = "OpenMetrics text. While the job store is unavailable, the gauges read from it keep their last values and `oviduct_job_store_up` is 0",
         content_type = "application/openmetrics-text", body = String))
 )]
 pub(super) async fn read(State(state): State<AppState>) -> Response {
@@ -20,18 +24,46 @@ pub(super) async fn read(State(state): State<AppState>) -> Response {
     ([(header::CONTENT_TYPE, MEDIA_TYPE)], state.metrics.text()).into_response()
 }
 
+/// Longest wait for the job store. Prometheus gives an answer ten seconds by default.
+const STORE_TIME: Duration = Duration::from_secs(3);
+
 /// Sets the gauges that are read when they are asked for. Metrics stay readable while a store is unavailable.
 async fn read_gauges(state: &AppState) {
-    state.metrics.set_streams(state.open_streams());
-    match state.store.counts().await {
-        Ok(counts) => state.metrics.set_jobs(by_status(&counts)),
-        Err(error) => tracing::warn!(%error, "jobs could not be counted"),
+    let AppState { metrics, limits, .. } = state;
+    let used = |most: usize, semaphore: &Semaphore| most - semaphore.available_permits();
+    metrics.set_streams(state.open_streams(), limits.streams);
+    metrics.set_held(used(limits.held, &state.held), limits.held);
+    metrics.set_downloads(used(limits.downloads, &state.downloads), limits.downloads);
+    metrics.set_artifact_store_up(state.artifacts.outage().is_none());
+    for PoolUse { name, open, idle, most } in state.store.pools() {
+        metrics.set_connections(name, open.saturating_sub(idle), idle, most);
     }
-    match state.store.queued_by_backend().await {
-        Ok(queued) => state.metrics.set_queued(queued.map(|(backend, count)| (backend.name(), count))),
-        Err(error) => tracing::warn!(%error, "queued jobs could not be counted"),
+    let read = tokio::time::timeout(STORE_TIME, read_store(state)).await;
+    let fault = match read {
+        Ok(Ok(())) => None,
+        Ok(Err(error)) => Some(error.to_string()),
+        Err(_) => Some(format!("no answer within {} s", STORE_TIME.as_secs())),
+    };
+    if let Some(fault) = &fault {
+        tracing::warn!(fault, "the gauges of the job store could not be read");
     }
-    state.metrics.set_artifact_store_up(state.artifacts.outage().is_none());
+    metrics.set_job_store_up(fault.is_none());
+}
+
+async fn read_store(state: &AppState) -> Result<(), StoreError> {
+    let AppState { metrics, store, limits, .. } = state;
+    metrics.set_jobs(by_status(&store.counts().await?));
+    metrics.set_queued(store.queued_by_backend().await?.map(|(backend, count)| (backend.name(), count)));
+    metrics.set_oldest(store.queue_ages().await?.map(|(backend, age)| (backend.name(), age)));
+    metrics.set_paused(store.paused().await?.is_some());
+    let workers = store.workers_within(limits.worker_memory).await?;
+    metrics.set_workers([Backend::Cpu, Backend::Gpu].into_iter().flat_map(|backend| {
+        WorkerState::ALL.map(|state| {
+            let count = workers.iter().filter(|worker| worker.backend == backend && worker.state() == state).count();
+            (backend.name(), state.name(), count as u64)
+        })
+    }));
+    Ok(())
 }
 
 fn by_status(counts: &Counts) -> [(&'static str, u64); 5] {
@@ -44,7 +76,7 @@ fn by_status(counts: &Counts) -> [(&'static str, u64); 5] {
     ]
 }
 
-/// Counts each response by the pattern of its path.
+/// Counts and times each response by the pattern of its path.
 pub(super) async fn count(State(metrics): State<Metrics>, request: Request, next: Next) -> Response {
     let method = match request.method().as_str() {
         known @ ("GET" | "HEAD" | "POST" | "PUT" | "PATCH" | "DELETE" | "OPTIONS") => known.to_owned(),
@@ -53,6 +85,7 @@ pub(super) async fn count(State(metrics): State<Metrics>, request: Request, next
     let route = request.extensions().get::<MatchedPath>().map_or("none", MatchedPath::as_str).to_owned();
     let watch = Stopwatch::start();
     let response = next.run(request).await;
-    metrics.request(&method, &route, response.status().as_u16(), watch.elapsed());
+    let held = response.headers().contains_key(PREFERENCE_APPLIED);
+    metrics.request(&method, &route, response.status().as_u16(), watch.elapsed(), held);
     response
 }

@@ -3,9 +3,14 @@
 //! Handlers translate between the wire and the stores, nothing more: no SQL, no computing of models, no reading of
 //! clocks. Every error response is a problem (RFC 9457, [`problem`]). All routes are in `router.rs`.
 
+mod access;
 mod batches;
+mod bulk;
+mod compress;
 mod conditional;
+mod cors;
 mod create;
+mod detail;
 mod docs;
 mod dto;
 mod envelope;
@@ -15,11 +20,17 @@ mod faults;
 mod feed;
 mod files;
 mod follower;
+#[cfg(feature = "fuzzing")]
+#[doc(hidden)]
+pub mod fuzzing;
 mod headers;
 mod health;
 mod home;
 mod host;
+mod interest;
 mod json;
+mod links;
+mod many;
 mod metrics;
 mod models;
 mod openapi;
@@ -28,26 +39,39 @@ pub mod problem;
 mod range;
 mod request;
 mod responses;
+mod retry;
 mod router;
 #[cfg(test)]
 mod samples;
 mod sections;
+mod select;
+mod stream;
+mod study;
+mod tickets;
 mod track;
 mod view;
 mod workers;
 
+pub use access::{AccessOptions, WithoutKeys};
+#[cfg(feature = "fuzzing")]
+#[doc(hidden)]
+pub use batches::fuzzing as batch_fuzzing;
+pub use cors::{NoOrigin, Origin};
 pub use dto::{
-    Batch, BatchCounts, Model, ModelEvent, ModelFile, ModelList, ModelProblem, ModelWarning, Queue, Worker, WorkerList,
+    Batch, BatchCounts, BatchList, Model, ModelEvent, ModelFile, ModelList, ModelProblem, ModelWarning, Pause, Queue,
+    Worker, WorkerList,
 };
-pub use envelope::REQUEST_ID;
+pub use headers::REQUEST_ID;
 pub use request::SEED_MAX;
 pub use router::{openapi_yaml, router, watch_router};
+pub use study::{BatchStudy, StudyModel};
 
 use crate::availability::Availability;
 use crate::jobs::Store;
 use crate::jobs::artifacts::Artifacts;
 use crate::metrics::Metrics;
 use crate::status::Status;
+use access::Access;
 use feed::{Feed, Pace};
 use std::sync::Arc;
 use std::time::Duration;
@@ -75,6 +99,8 @@ pub struct Limits {
     pub event_comment: Duration,
     /// Time since its last heartbeat after which a GPU worker no longer counts.
     pub gpu_memory: Duration,
+    /// Time since its last heartbeat after which a worker is not counted in the metrics.
+    pub worker_memory: Duration,
     /// Whether models for `gpu` are queued although no GPU worker is alive, because one will be started for them.
     pub gpu_expected: bool,
     /// Longest time that a request for `gpu` waits while workers of this process open their devices.
@@ -85,6 +111,8 @@ pub struct Limits {
     pub keep: Option<Duration>,
     /// Whether downloads are redirected to the artifact store, if it can sign addresses.
     pub redirect_downloads: bool,
+    /// Other origins whose pages may call the service.
+    pub cors_origins: Vec<Origin>,
     /// Greatest predicted cost of one model.
     pub cost: crate::spec::Limits,
 }
@@ -101,11 +129,13 @@ impl Default for Limits {
             event_poll: Duration::from_secs(2),
             event_comment: Duration::from_secs(15),
             gpu_memory: Duration::from_secs(300),
+            worker_memory: Duration::from_secs(20),
             gpu_wait: Duration::from_secs(20),
             batch: 1000,
             keep: None,
             redirect_downloads: false,
             gpu_expected: false,
+            cors_origins: Vec::new(),
             cost: crate::spec::Limits::default(),
         }
     }
@@ -119,6 +149,7 @@ pub struct AppState {
     pub(crate) limits: Arc<Limits>,
     pub(crate) shutdown: CancellationToken,
     pub(crate) metrics: Metrics,
+    access: Arc<Access>,
     status: Status,
     /// What the checks of `store` found.
     store_availability: Arc<Availability>,
@@ -138,12 +169,14 @@ impl AppState {
         let feed = follower::start(Arc::clone(&store), pace, shutdown.clone());
         let [streams, held, downloads] =
             [limits.streams, limits.held, limits.downloads].map(|most| Arc::new(Semaphore::new(most)));
+        let access = Arc::new(Access::new(Arc::clone(&store), AccessOptions::default(), limits.cors_origins.clone()));
         Self {
             store,
             artifacts,
             limits: Arc::new(limits),
             shutdown,
             metrics: Metrics::default(),
+            access,
             status: Status::default(),
             store_availability: Arc::default(),
             feed,
@@ -151,6 +184,13 @@ impl AppState {
             held,
             downloads,
         }
+    }
+
+    /// Admits requests by these options.
+    #[must_use]
+    pub fn with_access(self, options: AccessOptions) -> Self {
+        let access = Access::new(Arc::clone(&self.store), options, self.limits.cors_origins.clone());
+        Self { access: Arc::new(access), ..self }
     }
 
     /// Counts into `metrics`.

@@ -3,10 +3,11 @@
 //! The committed `openapi.yaml` is this, byte for byte; a test compares them. Regenerate it with
 //! `cargo run -- openapi > openapi.yaml`.
 
+use super::batches::BatchRequest;
 use super::dto::{DeletedEvent, ModelEvent};
 use super::faults::Fault;
 use super::problem::{Kind, ProblemBody, TYPE_PREFIX};
-use super::request::{BatchRequest, ModelRequest};
+use super::request::ModelRequest;
 use super::responses::problem_responses;
 use crate::export::{glb, obj, sections_bin};
 use crate::generate::{Backend, Output};
@@ -19,12 +20,14 @@ use utoipa::OpenApi;
 
 #[derive(OpenApi)]
 #[openapi(
-    components(schemas(ProblemBody, Fault, Backend, Output, super::sections::Format, ModelEvent, DeletedEvent)),
+    components(schemas(super::detail::Detail, ProblemBody, Fault, Backend, Output, super::sections::Format, super::batches::table::TableFormat,
+        super::batches::archive::ArchiveFormat, ModelEvent, DeletedEvent)),
     tags(
         (name = "models", description = "Request, find, cancel and delete models"),
         (name = "batches", description = "Many models of one spec in one request"),
         (name = "events", description = "Follow models while they grow"),
         (name = "files", description = "Files, sections and reports of finished models"),
+        (name = "access", description = "Tickets for what cannot send a key"),
         (name = "presets", description = "Presets and the parameters of a spec"),
         (name = "service", description = "Health, metrics, workers and this description"),
     )
@@ -65,11 +68,15 @@ pub(super) fn describe(routes: utoipa::openapi::OpenApi) -> Value {
     let schemas = &mut document["components"]["schemas"];
     schemas["ModelRequest"] = ModelRequest::schema();
     schemas["BatchRequest"] = BatchRequest::schema(super::Limits::default().batch);
+    schemas["Vary"] = crate::spec::study::schema(super::Limits::default().batch);
+    schemas["Table"]["properties"]["rows"]["items"]["items"] = crate::spec::study::value_schema();
     spec_patch(schemas);
     schemas["ServerSentEvent"] = server_sent_event();
     describe_problems(&mut schemas["Problem"]);
     let paths = &mut document["paths"];
     describe_files(&mut paths["/models/{id}/files/{name}"]["get"]["responses"]);
+    let archive = json!({ "application/zip": {}, "application/x-tar": {} });
+    paths["/batches/{id}/archive"]["get"]["responses"]["200"]["content"] = archive;
     // Without a schema: a client that parses YAML finds an object where a schema of text says string.
     paths["/openapi.yaml"]["get"]["responses"]["200"]["content"] = json!({ "application/yaml": {} });
     for item in document["paths"].as_object_mut().into_iter().flat_map(Map::values_mut) {

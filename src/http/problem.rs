@@ -11,6 +11,11 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
+/// `RateLimit` and `RateLimit-Policy` (draft-ietf-httpapi-ratelimit-headers-10).
+pub(super) const RATE_LIMIT: HeaderName = HeaderName::from_static("ratelimit");
+/// See [`RATE_LIMIT`].
+pub(super) const RATE_LIMIT_POLICY: HeaderName = HeaderName::from_static("ratelimit-policy");
+
 /// Prefix of every `type`.
 pub const TYPE_PREFIX: &str = "urn:oviduct:problem:";
 
@@ -50,6 +55,14 @@ kinds! {
     BadRequest = "bad-request", BAD_REQUEST, "The request is malformed";
     /// The body is not JSON; `line` and `column` say where.
     InvalidJson = "invalid-json", BAD_REQUEST, "The body is not valid JSON";
+    /// The request has no key or ticket that works.
+    Unauthorized = "unauthorized", UNAUTHORIZED, "A key is required";
+    /// The key does not allow this.
+    Forbidden = "forbidden", FORBIDDEN, "The key does not allow this";
+    /// A page of this origin may not send requests.
+    ForbiddenOrigin = "forbidden-origin", FORBIDDEN, "The origin is not allowed";
+    /// The service does not answer to this name.
+    UnknownHost = "unknown-host", MISDIRECTED_REQUEST, "The service does not answer to this host name";
     /// No resource has this path.
     NotFound = "not-found", NOT_FOUND, "There is no resource at this path";
     /// No model has this id.
@@ -62,10 +75,14 @@ kinds! {
     SectionNotFound = "section-not-found", NOT_FOUND, "The model has no such section";
     /// No preset has this name.
     PresetNotFound = "preset-not-found", NOT_FOUND, "There is no such preset";
+    /// No worker of this name was seen lately.
+    WorkerNotFound = "worker-not-found", NOT_FOUND, "There is no such worker";
     /// The resource does not support this method; `Allow` lists those it supports.
     MethodNotAllowed = "method-not-allowed", METHOD_NOT_ALLOWED, "The method is not allowed here";
     /// No representation matches `Accept`.
     NotAcceptable = "not-acceptable", NOT_ACCEPTABLE, "No representation matches the Accept header";
+    /// Only a failed model can be retried.
+    NotFailed = "not-failed", CONFLICT, "The model has not failed";
     /// The body did not arrive in time.
     RequestTimeout = "request-timeout", REQUEST_TIMEOUT, "The request body did not arrive in time";
     /// The body is over the limit.
@@ -84,6 +101,10 @@ kinds! {
     IdempotencyConflict = "idempotency-key-reused", UNPROCESSABLE_ENTITY, "The idempotency key was used for another request";
     /// The queue is at its limit.
     QueueFull = "queue-full", TOO_MANY_REQUESTS, "The queue is full";
+    /// The owner of the key has used up its quota; `limit` is the limit.
+    QuotaExceeded = "quota-exceeded", TOO_MANY_REQUESTS, "The quota is used up";
+    /// The key has sent too many requests.
+    RateLimited = "rate-limited", TOO_MANY_REQUESTS, "Too many requests";
     /// The service failed.
     Internal = "internal", INTERNAL_SERVER_ERROR, "The service failed";
     /// The job store is unavailable.
@@ -143,6 +164,11 @@ impl Problem {
         };
         let problem = Self { errors, ..Self::new(Kind::InvalidRequest, detail) };
         if left_out > 0 { problem.with("errors_left_out", left_out) } else { problem }
+    }
+
+    /// Refuses a request with faults.
+    pub(super) fn check(faults: Faults) -> Result<(), Self> {
+        if faults.is_empty() { Ok(()) } else { Err(Self::invalid(faults)) }
     }
 
     /// With another detail.
@@ -239,7 +265,7 @@ pub struct ProblemBody {
 /// A failure of the job store. Its message is logged, not sent to the client.
 impl From<crate::jobs::StoreError> for Problem {
     fn from(error: crate::jobs::StoreError) -> Self {
-        use crate::jobs::StoreError;
+        use crate::jobs::{Quantity, StoreError};
         match error {
             StoreError::IdempotencyConflict => Self::new(
                 Kind::IdempotencyConflict,
@@ -250,6 +276,25 @@ impl From<crate::jobs::StoreError> for Problem {
                 Self::new(Kind::QueueFull, format!("The queue is at its limit of {limit} models. Try again later."))
                     .with("limit", limit)
                     .with_header(header::RETRY_AFTER, HeaderValue::from_static("10"))
+            }
+            StoreError::QuotaExceeded { what, used, limit } => {
+                let policy = match what {
+                    Quantity::Unfinished => "models",
+                    Quantity::Bytes => "bytes",
+                };
+                let problem =
+                    Self::new(Kind::QuotaExceeded, format!("You have {used} {} of at most {limit}.", what.unit()));
+                let fields = [
+                    (header::RETRY_AFTER, "10".to_owned()),
+                    (RATE_LIMIT, format!("\"{policy}\";r={}", limit.saturating_sub(used))),
+                    (RATE_LIMIT_POLICY, format!("\"{policy}\";q={limit}")),
+                ];
+                fields.into_iter().fold(problem.with("limit", limit), |problem, (name, value)| {
+                    match HeaderValue::try_from(value) {
+                        Ok(value) => problem.with_header(name, value),
+                        Err(_) => problem,
+                    }
+                })
             }
             StoreError::Fenced => {
                 tracing::error!("the job store fenced out a request, as it does with workers");

@@ -22,8 +22,6 @@ pub(super) const LABEL_KEY_MAX: usize = 64;
 pub(super) const LABEL_VALUE_MAX: usize = 256;
 
 const MEMBERS: [&str; 8] = ["preset", "seed", "spec", "outputs", "backend", "labels", "priority", "reuse"];
-const BATCH_MEMBERS: [&str; 9] =
-    ["preset", "seeds", "count", "spec", "outputs", "backend", "labels", "priority", "reuse"];
 
 /// A request whose members are well formed. The spec is checked later, by resolving it on the preset.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,7 +43,7 @@ impl ModelRequest {
     }
 
     /// Reads a body that may have the members in `known`.
-    fn read_members(body: &Value, known: &[&str], faults: &mut Faults) -> Self {
+    pub(super) fn read_members(body: &Value, known: &[&str], faults: &mut Faults) -> Self {
         let empty = Map::new();
         let members = body.as_object().unwrap_or_else(|| {
             faults.push(Fault::at("", format!("must be an object, not {}", describe(body))));
@@ -97,90 +95,6 @@ impl ModelRequest {
     }
 }
 
-/// The seeds of a batch.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum Seeds {
-    /// These seeds.
-    These(Vec<u64>),
-    /// So many random seeds.
-    Count(usize),
-}
-
-/// A request for a batch.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct BatchRequest {
-    pub(super) seeds: Seeds,
-    /// The members that all models have in common.
-    pub(super) each: ModelRequest,
-}
-
-impl BatchRequest {
-    /// Reads a body like [`ModelRequest::read`]; `most` is the greatest number of models.
-    pub(super) fn read(body: &Value, most: usize, faults: &mut Faults) -> Self {
-        let each = ModelRequest::read_members(body, &BATCH_MEMBERS, faults);
-        let seeds = match (body.get("seeds"), body.get("count")) {
-            (Some(list), None) => seeds(list, most, faults),
-            (None, Some(value)) => count(value, most, faults),
-            (None, None) if !body.is_object() => None,
-            _ => {
-                faults.push(Fault::at("", "must have either seeds or count"));
-                None
-            }
-        };
-        Self { seeds: seeds.unwrap_or(Seeds::Count(0)), each }
-    }
-
-    /// JSON Schema of a request; `most` is the greatest number of models by default.
-    pub(super) fn schema(most: usize) -> Value {
-        let mut schema = ModelRequest::schema();
-        schema["description"] =
-            json!("Many models of one spec: either `seeds` or `count`; the other members are those of a ModelRequest.");
-        schema["example"] = json!({ "preset": "pig", "count": 100, "labels": { "study": "A3" } });
-        schema["properties"]["seeds"] = json!({ "type": "array", "uniqueItems": true, "minItems": 1, "maxItems": most,
-            "items": { "type": "integer", "format": "int64", "minimum": 0, "maximum": SEED_MAX },
-            "description": "One model per seed. The greatest number of models is a setting of the service." });
-        schema["properties"]["count"] = json!({ "type": "integer", "minimum": 1, "maximum": most,
-            "description": "Number of models. The service draws their seeds." });
-        if let Some(members) = schema["properties"].as_object_mut() {
-            members.remove("seed");
-        }
-        schema["oneOf"] = json!([{ "required": ["seeds"] }, { "required": ["count"] }]);
-        schema
-    }
-}
-
-fn seeds(value: &Value, most: usize, faults: &mut Faults) -> Option<Seeds> {
-    let Some(items) = value.as_array() else {
-        faults.push(Fault::at("/seeds", format!("must be an array, not {}", describe(value))));
-        return None;
-    };
-    if !(1..=most).contains(&items.len()) {
-        faults.push(Fault::at("/seeds", format!("must have 1 to {most} members, not {}", items.len())));
-        return None;
-    }
-    let mut seen = std::collections::BTreeSet::new();
-    let mut list = Vec::with_capacity(items.len());
-    for (i, item) in items.iter().enumerate() {
-        let pointer = format!("/seeds/{i}");
-        if let Some(seed) = seed(item, &pointer, faults) {
-            if !seen.insert(seed) {
-                faults.push(Fault::at(pointer, "is given more than once"));
-            }
-            list.push(seed);
-        }
-    }
-    Some(Seeds::These(list))
-}
-
-fn count(value: &Value, most: usize, faults: &mut Faults) -> Option<Seeds> {
-    let whole = value.as_u64().or_else(|| value.as_f64().filter(|x| x.fract() == 0.0 && *x >= 0.0).map(|x| x as u64));
-    let count = whole.and_then(|n| usize::try_from(n).ok()).filter(|n| (1..=most).contains(n));
-    if count.is_none() {
-        faults.push(Fault::at("/count", format!("must be an integer from 1 to {most}, not {}", describe(value))));
-    }
-    count.map(Seeds::Count)
-}
-
 fn text(value: &Value, pointer: &str, faults: &mut Faults) -> String {
     value.as_str().map_or_else(
         || {
@@ -198,7 +112,7 @@ fn flag(value: &Value, pointer: &str, faults: &mut Faults) -> bool {
     })
 }
 
-fn seed(value: &Value, pointer: &str, faults: &mut Faults) -> Option<u64> {
+pub(super) fn seed(value: &Value, pointer: &str, faults: &mut Faults) -> Option<u64> {
     let whole = value.as_u64().or_else(|| {
         // 62.0 is an integer in JSON.
         value.as_f64().filter(|x| x.fract() == 0.0 && (0.0..=SEED_MAX as f64).contains(x)).map(|x| x as u64)
@@ -229,12 +143,13 @@ fn spec(value: &Value, faults: &mut Faults) -> Value {
 }
 
 fn choice<T: DeserializeOwned>(value: &Value, pointer: &str, faults: &mut Faults) -> Option<T> {
-    if !value.is_string() {
+    let Some(name) = value.as_str() else {
         faults.push(Fault::at(pointer, format!("must be a string, not {}", describe(value))));
         return None;
-    }
-    // The message of serde lists the valid ones: "unknown variant `x`, expected one of …".
-    serde_json::from_value(value.clone()).map_err(|e| faults.push(Fault::at(pointer, e.to_string()))).ok()
+    };
+    // The message of serde lists the valid ones: "unknown variant `x`, expected one of …". No name is longer than 40.
+    let name: String = name.chars().take(41).collect();
+    serde_json::from_value(name.into()).map_err(|e| faults.push(Fault::at(pointer, e.to_string()))).ok()
 }
 
 fn outputs(value: &Value, faults: &mut Faults) -> Vec<Output> {
@@ -289,13 +204,13 @@ fn labels(value: &Value, faults: &mut Faults) -> BTreeMap<String, String> {
 }
 
 /// A member name as part of a JSON pointer, cut after 100 characters.
-fn escape(name: &str) -> String {
+pub(super) fn escape(name: &str) -> String {
     let name: String = name.chars().take(100).collect();
     name.replace('~', "~0").replace('/', "~1")
 }
 
 /// A short description of a value.
-fn describe(value: &Value) -> String {
+pub(super) fn describe(value: &Value) -> String {
     match value {
         Value::Null => "null".into(),
         Value::Bool(b) => b.to_string(),
@@ -319,6 +234,14 @@ mod tests {
         } else {
             Err(faults.into_parts().0.into_iter().filter_map(|f| f.pointer).collect())
         }
+    }
+
+    #[test]
+    fn a_long_name_is_not_repeated_in_full() {
+        let mut faults = Faults::default();
+        ModelRequest::read(&json!({ "backend": "b".repeat(100_000) }), &mut faults);
+        let (kept, _) = faults.into_parts();
+        assert!(kept[0].detail.contains("cpu-single") && kept[0].detail.len() < 200, "{}", kept[0].detail);
     }
 
     #[test]
@@ -407,44 +330,11 @@ mod tests {
     }
 
     #[test]
-    fn a_batch_has_either_seeds_or_a_count() {
-        let read = |body: Value| {
-            let mut faults = Faults::default();
-            let request = BatchRequest::read(&body, 3, &mut faults);
-            if faults.is_empty() {
-                Ok(request.seeds)
-            } else {
-                Err(faults.into_parts().0.into_iter().filter_map(|f| f.pointer).collect())
-            }
-        };
-        assert_eq!(read(json!({"seeds": [7, 8.0]})), Ok(Seeds::These(vec![7, 8])));
-        assert_eq!(read(json!({"count": 3, "preset": "pig"})), Ok(Seeds::Count(3)));
-        let faults: [(Value, Vec<&str>); 9] = [
-            (json!({}), vec![""]),
-            (json!({"seeds": [1], "count": 1}), vec![""]),
-            (json!({"seeds": []}), vec!["/seeds"]),
-            (json!({"seeds": [1, 2, 3, 4]}), vec!["/seeds"]),
-            (json!({"seeds": [1, 1, -1]}), vec!["/seeds/1", "/seeds/2"]),
-            (json!({"count": 4}), vec!["/count"]),
-            (json!({"count": 0}), vec!["/count"]),
-            (json!({"count": 2, "seed": 1}), vec!["/seed"]),
-            (json!([]), vec![""]),
-        ];
-        for (body, pointers) in faults {
-            assert_eq!(read(body.clone()), Err(pointers.into_iter().map(str::to_owned).collect::<Vec<_>>()), "{body}");
-        }
-    }
-
-    #[test]
     fn the_schema_names_the_members_that_are_read() {
-        for (schema, members) in
-            [(ModelRequest::schema(), MEMBERS.as_slice()), (BatchRequest::schema(9), BATCH_MEMBERS.as_slice())]
-        {
-            let mut named: Vec<_> = schema["properties"].as_object().unwrap().keys().cloned().collect();
-            let mut members = members.to_vec();
-            named.sort();
-            members.sort_unstable();
-            assert_eq!(named, members);
-        }
+        let mut named: Vec<_> = ModelRequest::schema()["properties"].as_object().unwrap().keys().cloned().collect();
+        let mut members = MEMBERS;
+        named.sort();
+        members.sort_unstable();
+        assert_eq!(named, members);
     }
 }

@@ -55,6 +55,8 @@ problems! {
     SectionMissing: ModelNotFound, FileNotFound, SectionNotFound;
     /// No preset has this name.
     PresetMissing: PresetNotFound;
+    /// No worker has this name.
+    WorkerMissing: WorkerNotFound;
     /// The range lies outside the file.
     RangeOutside: RangeNotSatisfiable;
     /// No representation matches `Accept`.
@@ -63,8 +65,14 @@ problems! {
     BadParameters: BadRequest, InvalidRequest;
     /// The body or a header is invalid.
     BodyProblems: BadRequest, InvalidJson, RequestTimeout, PayloadTooLarge, UnsupportedMediaType, InvalidRequest, CostLimit, GpuUnavailable, IdempotencyConflict;
-    /// The queue is full.
-    QueueFull: QueueFull;
+    /// The body of a request for a ticket is invalid.
+    TicketProblems: BadRequest, InvalidJson, RequestTimeout, PayloadTooLarge, UnsupportedMediaType, InvalidRequest;
+    /// The model has not failed.
+    NotFailed: NotFailed;
+    /// The model cannot be grown any more, or a header is invalid.
+    RetryProblems: InvalidRequest, CostLimit, GpuUnavailable, IdempotencyConflict;
+    /// The queue is full, or the quota of the key is used up.
+    QueueFull: QueueFull, QuotaExceeded;
     /// One of the stores is unavailable.
     StoreAway: StoreUnavailable, StorageUnavailable;
     /// A store is unavailable, or GPU workers are still opening their devices.

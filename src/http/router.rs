@@ -1,40 +1,68 @@
-//! All routes.
+//! All routes, by what a key must allow for them.
 
+use super::access::Rule;
+use super::compress::compress;
 use super::envelope::enclose;
 use super::openapi::Description;
 use super::{
-    AppState, batches, create, docs, events, files, health, home, metrics, models, openapi, presets, sections, workers,
+    AppState, batches, bulk, create, docs, events, files, health, home, metrics, models, openapi, presets, retry,
+    sections, tickets, workers,
 };
 use axum::routing::get;
 use axum::{Extension, Router};
 use serde_json::Value;
-use std::sync::LazyLock;
+use std::sync::{Arc, LazyLock};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-/// The routes with their descriptions.
+/// The routes with their descriptions. Each is in the group of its rule; there is no other way to add one.
 fn routes() -> OpenApiRouter<AppState> {
-    OpenApiRouter::new()
-        .routes(routes!(models::list, create::create))
+    let open =
+        OpenApiRouter::new().routes(routes!(health::alive)).routes(routes!(health::ready)).routes(routes!(docs::page));
+    let any_key = OpenApiRouter::new()
+        .routes(routes!(presets::list))
+        .routes(routes!(presets::get))
+        .routes(routes!(presets::spec_schema))
+        .routes(routes!(openapi::document));
+    let read = OpenApiRouter::new()
+        .routes(routes!(models::list))
+        .routes(routes!(models::get))
         .routes(routes!(create::validate))
-        .routes(routes!(models::get, models::delete))
-        .routes(routes!(models::cancel))
-        .routes(routes!(batches::create))
-        .routes(routes!(batches::get, batches::delete))
+        .routes(routes!(batches::create::validate))
+        .routes(routes!(batches::read::list))
+        .routes(routes!(batches::read::get))
+        .routes(routes!(batches::table::table))
+        .routes(routes!(batches::archive::archive))
         .routes(routes!(events::of_model))
         .routes(routes!(events::of_all))
         .routes(routes!(files::download))
         .routes(routes!(files::report))
         .routes(routes!(sections::section))
-        .routes(routes!(presets::list))
-        .routes(routes!(presets::get))
-        .routes(routes!(presets::spec_schema))
         .routes(routes!(workers::list))
-        .routes(routes!(health::alive))
-        .routes(routes!(health::ready))
+        .routes(routes!(tickets::create));
+    let submit = OpenApiRouter::new()
+        .routes(routes!(create::create))
+        .routes(routes!(models::delete))
+        .routes(routes!(models::cancel))
+        .routes(routes!(retry::retry))
+        .routes(routes!(bulk::cancel))
+        .routes(routes!(bulk::delete))
+        .routes(routes!(bulk::cancel_batch))
+        .routes(routes!(batches::create::create))
+        .routes(routes!(batches::read::delete));
+    let admin = OpenApiRouter::new()
         .routes(routes!(metrics::read))
-        .routes(routes!(openapi::document))
-        .routes(routes!(docs::page))
+        .routes(routes!(workers::pause_all))
+        .routes(routes!(workers::resume_all))
+        .routes(routes!(workers::pause))
+        .routes(routes!(workers::resume))
+        .routes(routes!(workers::drain));
+    Rule::Open
+        .guard(open)
+        .merge(Rule::AnyKey.guard(any_key))
+        .merge(Rule::Read.guard(read))
+        .merge(Rule::Submit.guard(submit))
+        .merge(Rule::Admin.guard(admin))
 }
 
 /// The description of all routes.
@@ -53,7 +81,9 @@ pub fn openapi_yaml() -> String {
 pub fn router(state: AppState) -> Router {
     let counting = axum::middleware::from_fn_with_state(state.metrics.clone(), metrics::count);
     let routes = Router::from(routes()).route("/", get(home::page)).layer(Extension(Description(description)));
-    enclose(routes.layer(counting).with_state(state))
+    let origins = state.limits.cors_origins.clone();
+    let routes = routes.layer(Extension(Arc::clone(&state.access))).layer(counting).with_state(state);
+    enclose(compress(routes), &origins)
 }
 
 /// Health, readiness and metrics only: for a process without an API, and for an address that only operators reach.
@@ -62,5 +92,5 @@ pub fn watch_router(state: AppState) -> Router {
         .routes(routes!(health::alive))
         .routes(routes!(health::ready))
         .routes(routes!(metrics::read));
-    enclose(Router::from(routes).with_state(state))
+    enclose(Router::from(routes).with_state(state), &[])
 }

@@ -7,6 +7,7 @@ use serde_json::json;
 /// A queued job.
 pub(super) fn job() -> Job {
     Job {
+        owner: None,
         id: JobId(uuid::Uuid::from_u128(7)),
         status: Status::Queued,
         version: 1,
@@ -22,6 +23,7 @@ pub(super) fn job() -> Job {
         progress: None,
         section: None,
         attempts: 0,
+        worker: None,
         cancel_requested: false,
         created_at: jiff::Timestamp::UNIX_EPOCH,
         started_at: None,
@@ -34,6 +36,7 @@ pub(super) fn job() -> Job {
         batch: None,
         checkpoint: None,
         reused_from: None,
+        retry_of: None,
     }
 }
 

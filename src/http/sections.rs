@@ -3,6 +3,7 @@
 //! Reads only the trailer, the index and this section from the artifact store, never the whole file.
 
 use super::AppState;
+use super::access::Caller;
 use super::conditional::ETag;
 use super::extract::{ModelId, Parameters, PathTexts};
 use super::faults::Fault;
@@ -97,13 +98,14 @@ impl From<Ring> for RingAnswer {
 )]
 pub(super) async fn section(
     State(state): State<AppState>,
+    caller: Caller,
     ModelId(id): ModelId,
     path: PathTexts,
     parameters: Parameters,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let format = format(&parameters, &headers)?;
-    let (_, file) = find(&state, id, "sections.bin").await?;
+    let (_, file) = find(&state, &caller, id, "sections.bin").await?;
     let _permit = permit(&state)?;
     let k = path.get("k");
     let k = k.parse::<u64>().map_err(|_| no_section(&format!("`{k}` is not the index of a section.")))?;
@@ -134,8 +136,7 @@ pub(super) async fn section(
 
 fn format(parameters: &Parameters, headers: &HeaderMap) -> Result<Format, Problem> {
     let mut faults = parameters.faults(&["format"], &[]);
-    let asked = parameters.0.iter().find(|(name, _)| name == "format").map(|(_, value)| value.as_str());
-    let format = match asked {
+    let format = match parameters.get("format") {
         Some("json") => Some(Format::Json),
         Some("svg") => Some(Format::Svg),
         Some(_) => {

@@ -1,12 +1,16 @@
 //! The state of a model as bytes of server-sent events (WHATWG HTML, section 9.2).
 //!
-//! A state is serialised once. All readers share its bytes; what differs between them is only the line with the event's
-//! name and id.
+//! A state is serialised once, and the spec of a model once for all its states. All readers share these bytes; what differs
+//! between them is only the lines with the event's name and id, and whether the spec is sent.
 
+use super::detail::Detail;
 use super::dto::{Deleted, DeletedEvent, Model};
+use super::interest::Traits;
+use super::links::At;
 use crate::jobs::{Job, JobId, Status};
 use bytes::Bytes;
 use serde::Serialize;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Names of events.
@@ -43,16 +47,20 @@ struct Numbers {
 }
 
 /// One published state of a model.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct View {
     id: JobId,
     version: u64,
     /// `None` if the model was deleted.
     status: Option<Status>,
     numbers: Numbers,
-    /// The model as JSON, and the end of the event.
+    /// `None` if the model was deleted before it was known.
+    traits: Option<Arc<Traits>>,
+    /// The model without its spec as JSON, and the end of the event.
     model: Bytes,
-    /// The member `section` that a `section` event has after the members of the model, with the end of the event.
+    /// The member `spec`, which goes after the members of the model. Empty if the model was deleted.
+    spec: Bytes,
+    /// The member `section` that a `section` event has after all others, with the end of the event.
     section: Option<((u32, u32), Bytes)>,
 }
 
@@ -73,27 +81,31 @@ impl View {
         let section = job.section.as_ref().filter(|_| !job.status.is_ended()).map(|section| {
             let key = (section.index, section.step);
             let known = before.and_then(|before| before.section.clone()).filter(|(before, _)| *before == key);
-            known.unwrap_or_else(|| {
-                let mut bytes = b",\"section\":".to_vec();
-                write(&mut bytes, section);
-                bytes.extend_from_slice(END);
-                (key, bytes.into())
-            })
+            known.unwrap_or_else(|| (key, member(",\"section\":", section, END)))
         });
-        let mut model = Vec::new();
-        write(&mut model, &Model::of(job, keep));
-        model.extend_from_slice(&END[1..]);
-        Self { id: job.id, version: job.version, status: Some(job.status), numbers, model: model.into(), section }
+        let spec = before.map(|before| before.spec.clone()).filter(|spec| !spec.is_empty());
+        let spec = spec.unwrap_or_else(|| member(",\"spec\":", &job.spec, b""));
+        let model = member("", &Model::of(job, keep, Detail::Summary, At::Root), &END[1..]);
+        let traits = before.and_then(|before| before.traits.clone()).or_else(|| Some(Arc::new(Traits::of(job))));
+        Self { id: job.id, version: job.version, status: Some(job.status), numbers, traits, model, spec, section }
     }
 
-    /// The last state of a deleted model.
-    pub(super) fn deleted(id: JobId, number: u64, before: Option<&Self>) -> Self {
+    /// The same state for the stream of this model, whose URL lies elsewhere than that of the stream of all: references to
+    /// files differ.
+    pub(super) fn of_one(self: Arc<Self>, job: &Job, keep: Option<Duration>) -> Arc<Self> {
+        if job.files.is_empty() {
+            return self;
+        }
+        let model = member("", &Model::of(job, keep, Detail::Summary, At::Model), &END[1..]);
+        Arc::new(Self { model, ..Self::clone(&self) })
+    }
+
+    /// The last state of a deleted model. `traits` are those it had, if that is known.
+    pub(super) fn deleted(id: JobId, number: u64, before: Option<&Self>, traits: Option<Arc<Traits>>) -> Self {
         let numbers = Numbers { first: number, last: number, ..Numbers::default() };
-        let mut model = Vec::new();
-        write(&mut model, &DeletedEvent { id: id.0, status: Deleted::Deleted });
-        model.extend_from_slice(&END[1..]);
+        let model = member("", &DeletedEvent { id: id.0, status: Deleted::Deleted }, &END[1..]);
         let version = before.map_or(0, |before| before.version) + 1;
-        Self { id, version, status: None, numbers, model: model.into(), section: None }
+        Self { id, version, status: None, numbers, traits, model, spec: Bytes::new(), section: None }
     }
 
     pub(super) fn id(&self) -> JobId {
@@ -120,14 +132,22 @@ impl View {
         self.numbers.last
     }
 
+    /// What of the model an interest is about.
+    pub(super) fn traits(&self) -> Option<&Arc<Traits>> {
+        self.traits.as_ref()
+    }
+
     /// Bytes that it keeps in memory.
     pub(super) fn bytes(&self) -> usize {
-        self.model.len() + self.section.as_ref().map_or(0, |(_, bytes)| bytes.len())
+        self.traits.as_ref().map_or(0, |traits| traits.bytes())
+            + self.model.len()
+            + self.spec.len()
+            + self.section.as_ref().map_or(0, |(_, bytes)| bytes.len())
     }
 
     /// The events for a reader that has everything published up to `number`, as pieces to be sent one after the other.
     /// A reader that has nothing is at 0.
-    pub(super) fn events_after(&self, number: u64, id: &str) -> Vec<Bytes> {
+    pub(super) fn events_after(&self, number: u64, id: &str, detail: Detail) -> Vec<Bytes> {
         let Numbers { first, status, progress, section, .. } = self.numbers;
         let names = if self.is_last() {
             [Some(Name::End), None, None]
@@ -143,20 +163,27 @@ impl View {
         let mut pieces = Vec::new();
         for name in names.into_iter().flatten() {
             pieces.push(Bytes::from(format!("event: {}\nid: {id}\ndata: ", name.text())));
-            match (&self.section, name) {
-                (Some((_, section)), Name::Section) => {
-                    pieces.push(self.model.slice(..self.model.len() - END.len()));
-                    pieces.push(section.clone());
-                }
-                _ => pieces.push(self.model.clone()),
+            let spec = Some(&self.spec).filter(|spec| detail == Detail::Full && !spec.is_empty());
+            let section = self.section.as_ref().filter(|_| name == Name::Section);
+            if spec.is_none() && section.is_none() {
+                pieces.push(self.model.clone());
+                continue;
             }
+            let (members, end) = (self.model.len() - END.len(), Bytes::from_static(END));
+            pieces.push(self.model.slice(..members));
+            pieces.extend(spec.cloned());
+            pieces.push(section.map_or(end, |(_, section)| section.clone()));
         }
         pieces
     }
 }
 
-fn write(out: &mut Vec<u8>, value: &impl Serialize) {
-    serde_json::to_writer(out, value).expect("a model has string keys only, and a Vec takes all bytes");
+/// A value as JSON between these texts.
+fn member(before: &str, value: &impl Serialize, after: &[u8]) -> Bytes {
+    let mut bytes = before.as_bytes().to_vec();
+    serde_json::to_writer(&mut bytes, value).expect("a model has string keys only, and a Vec takes all bytes");
+    bytes.extend_from_slice(after);
+    bytes.into()
 }
 
 #[cfg(test)]

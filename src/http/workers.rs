@@ -1,9 +1,12 @@
-//! `GET /workers`: the workers of the installation, their devices and their models.
+//! `/workers`: the workers of the installation, their devices and models; to pause, resume and drain them.
 
 use super::AppState;
-use super::dto::WorkerList;
-use super::problem::Problem;
-use super::responses::StoreAway;
+use super::access::{Caller, audit};
+use super::dto::{Worker, WorkerList};
+use super::extract::PathTexts;
+use super::problem::{Kind, Problem};
+use super::responses::{StoreAway, WorkerMissing};
+use crate::jobs::{Instruction, JobId};
 use axum::Json;
 use axum::extract::State;
 
@@ -12,7 +15,121 @@ use axum::extract::State;
     get, path = "/workers", operation_id = "list_workers", tag = "service",
     responses((status = 200, description = "The workers", body = WorkerList), StoreAway)
 )]
-pub(super) async fn list(State(state): State<AppState>) -> Result<Json<WorkerList>, Problem> {
-    let workers = state.store.workers().await?.into_iter().map(Into::into).collect();
-    Ok(Json(WorkerList { workers }))
+pub(super) async fn list(State(state): State<AppState>, caller: Caller) -> Result<Json<WorkerList>, Problem> {
+    let pause = state.store.paused().await?.map(Into::into);
+    let mut workers = state.store.workers().await?;
+    if caller.only().is_some() {
+        for worker in &mut workers {
+            worker.jobs = visible(&state, &caller, &worker.jobs).await?;
+        }
+    }
+    Ok(Json(WorkerList { pause, workers: workers.into_iter().map(Into::into).collect() }))
+}
+
+/// Those of the jobs that the caller sees.
+async fn visible(state: &AppState, caller: &Caller, jobs: &[JobId]) -> Result<Vec<JobId>, Problem> {
+    let mut visible = Vec::new();
+    for &id in jobs {
+        visible.extend(caller.job(state.store.get(id).await?).map(|job| job.id));
+    }
+    Ok(visible)
+}
+
+/// Pause all workers, also those that start later.
+///
+/// They start no more models. The models that they grow go on, and requests are accepted and queued. The pause holds across
+/// restarts until `POST /workers/resume`.
+#[utoipa::path(
+    post, path = "/workers/pause", operation_id = "pause_workers", tag = "service",
+    responses((status = 200, description = "The workers", body = WorkerList), StoreAway)
+)]
+pub(super) async fn pause_all(State(state): State<AppState>, caller: Caller) -> Result<Json<WorkerList>, Problem> {
+    set_paused(&state, &caller, true).await?;
+    list(State(state), caller).await
+}
+
+/// End the pause of all workers. Those that are paused or drained one by one remain so.
+#[utoipa::path(
+    post, path = "/workers/resume", operation_id = "resume_workers", tag = "service",
+    responses((status = 200, description = "The workers", body = WorkerList), StoreAway)
+)]
+pub(super) async fn resume_all(State(state): State<AppState>, caller: Caller) -> Result<Json<WorkerList>, Problem> {
+    set_paused(&state, &caller, false).await?;
+    list(State(state), caller).await
+}
+
+/// Pause a worker: it starts no more models; those that it grows go on.
+///
+/// The pause holds until the worker is resumed, also for a worker that is started again under the same name.
+#[utoipa::path(
+    post, path = "/workers/{id}/pause", operation_id = "pause_worker", tag = "service",
+    params(("id" = String, Path, description = "Name of the worker")),
+    responses((status = 200, description = "The worker", body = Worker), WorkerMissing, StoreAway)
+)]
+pub(super) async fn pause(
+    State(state): State<AppState>,
+    caller: Caller,
+    texts: PathTexts,
+) -> Result<Json<Worker>, Problem> {
+    instruct(&state, &caller, texts.get("id"), Instruction::Pause).await
+}
+
+/// Let a worker that was paused or drained start models again.
+#[utoipa::path(
+    post, path = "/workers/{id}/resume", operation_id = "resume_worker", tag = "service",
+    params(("id" = String, Path, description = "Name of the worker")),
+    responses((status = 200, description = "The worker", body = Worker), WorkerMissing, StoreAway)
+)]
+pub(super) async fn resume(
+    State(state): State<AppState>,
+    caller: Caller,
+    texts: PathTexts,
+) -> Result<Json<Worker>, Problem> {
+    instruct(&state, &caller, texts.get("id"), Instruction::Resume).await
+}
+
+/// Drain a worker: it starts no more models, ends those that it grows, and is `drained` then.
+///
+/// A drained worker can be stopped without interrupting a model. It idles until it is stopped or resumed.
+#[utoipa::path(
+    post, path = "/workers/{id}/drain", operation_id = "drain_worker", tag = "service",
+    params(("id" = String, Path, description = "Name of the worker")),
+    responses((status = 200, description = "The worker", body = Worker), WorkerMissing, StoreAway)
+)]
+pub(super) async fn drain(
+    State(state): State<AppState>,
+    caller: Caller,
+    texts: PathTexts,
+) -> Result<Json<Worker>, Problem> {
+    instruct(&state, &caller, texts.get("id"), Instruction::Drain).await
+}
+
+/// Pauses or resumes all workers.
+async fn set_paused(state: &AppState, caller: &Caller, paused: bool) -> Result<(), Problem> {
+    state.store.set_paused(paused, caller.owner()).await?;
+    audit(caller, if paused { "workers paused" } else { "workers resumed" }, "*");
+    Ok(())
+}
+
+/// Tells a worker what to do, and answers with its record.
+async fn instruct(
+    state: &AppState,
+    caller: &Caller,
+    name: &str,
+    instruction: Instruction,
+) -> Result<Json<Worker>, Problem> {
+    let missing =
+        || Problem::new(Kind::WorkerNotFound, format!("No worker {name} sent a heartbeat within five minutes."));
+    // No name has a NUL, which PostgreSQL refuses.
+    if name.contains('\0') || !state.store.instruct(name, instruction, caller.owner()).await? {
+        return Err(missing());
+    }
+    let action = match instruction {
+        Instruction::Pause => "worker paused",
+        Instruction::Resume => "worker resumed",
+        Instruction::Drain => "worker drained",
+    };
+    audit(caller, action, name);
+    let found = state.store.workers().await?.into_iter().find(|worker| worker.id == name);
+    Ok(Json(found.ok_or_else(missing)?.into()))
 }

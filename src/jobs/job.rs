@@ -10,6 +10,25 @@ use std::collections::BTreeMap;
 #[serde(transparent)]
 pub struct JobId(pub uuid::Uuid);
 
+impl JobId {
+    /// The least id of the millisecond of `at`. Ids begin with the time of the record in milliseconds; if the clock is set
+    /// back, with the last time before that, so that they still ascend.
+    #[must_use]
+    pub fn least_at(at: Timestamp) -> Self {
+        Self::of_millisecond(at.as_millisecond())
+    }
+
+    /// The least id of the millisecond after that of `at`.
+    #[must_use]
+    pub fn least_after(at: Timestamp) -> Self {
+        Self::of_millisecond(at.as_millisecond() + 1)
+    }
+
+    fn of_millisecond(milliseconds: i64) -> Self {
+        Self(uuid::Uuid::from_u128(u128::try_from(milliseconds).unwrap_or_default() << 80))
+    }
+}
+
 impl std::fmt::Display for JobId {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         self.0.hyphenated().fmt(f)
@@ -44,6 +63,18 @@ pub enum Status {
 }
 
 impl Status {
+    /// Its name in records and answers.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Queued => "queued",
+            Self::Running => "running",
+            Self::Succeeded => "succeeded",
+            Self::Failed => "failed",
+            Self::Cancelled => "cancelled",
+        }
+    }
+
     /// Whether it is final: the job never changes again.
     #[must_use]
     pub fn is_ended(self) -> bool {
@@ -137,6 +168,17 @@ impl TryFrom<i64> for Priority {
     }
 }
 
+/// What one owner may have at a time. `None`: no limit.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Quota {
+    /// Queued and running jobs.
+    pub unfinished: Option<u64>,
+    /// Bytes of files that the records of its jobs name. A file that several jobs share counts for each of them. Checked
+    /// before a job is queued, when its own files are not known yet.
+    pub bytes: Option<u64>,
+}
+
 /// A job to be queued.
 #[derive(Clone, Debug)]
 pub struct NewJob {
@@ -169,10 +211,14 @@ pub struct NewJob {
     pub batch_key: Option<String>,
     /// Idempotency key, with a hash of the canonical request body.
     pub idempotency: Option<(String, String)>,
-    /// Who submits it, for a fair share of the workers; all unknown submitters are one.
-    pub submitter: Option<String>,
+    /// Who submits it: whose it is, and whose turn it takes in the queue. `None` without keys; all such jobs share one turn.
+    pub owner: Option<String>,
+    /// What its owner may have, this job included.
+    pub quota: Quota,
     /// The trace that its attempts belong to, as W3C `traceparent`.
     pub trace: Option<String>,
+    /// The failed job that it repeats, into whose batch it goes.
+    pub retry_of: Option<JobId>,
 }
 
 #[cfg(test)]
@@ -193,8 +239,10 @@ impl NewJob {
             missing: Vec::new(),
             batch_key: None,
             idempotency: None,
-            submitter: None,
+            owner: None,
+            quota: Quota::default(),
             trace: None,
+            retry_of: None,
         }
     }
 }
@@ -204,6 +252,8 @@ impl NewJob {
 pub struct Job {
     /// Identity.
     pub id: JobId,
+    /// Who submitted it; `None` if that was done without a key.
+    pub owner: Option<String>,
     /// State.
     pub status: Status,
     /// Grows by at least one with every change of the record.
@@ -233,6 +283,8 @@ pub struct Job {
     pub section: Option<LiveSection>,
     /// Attempts so far.
     pub attempts: u32,
+    /// The worker of the last attempt: the one that holds the lease, while it runs.
+    pub worker: Option<String>,
     /// Whether a client has cancelled it while it was running.
     pub cancel_requested: bool,
     /// When it was accepted.
@@ -243,7 +295,7 @@ pub struct Job {
     pub finished_at: Option<Timestamp>,
     /// Its files, once succeeded.
     pub files: Vec<File>,
-    /// Counts and measures in short, once succeeded.
+    /// Counts and measures in short, with the figures of the certificate, once succeeded.
     pub summary: Option<serde_json::Value>,
     /// Why it failed.
     pub problem: Option<Problem>,
@@ -258,4 +310,6 @@ pub struct Job {
     pub checkpoint: Option<String>,
     /// The model whose files it reuses.
     pub reused_from: Option<JobId>,
+    /// The failed job that it repeats.
+    pub retry_of: Option<JobId>,
 }

@@ -5,9 +5,12 @@
 //! it claimed, so that a worker that lost its lease cannot change a job that another worker holds.
 
 pub mod artifacts;
+mod error;
 pub mod fault;
 mod job;
+pub mod keys;
 mod open;
+mod operators;
 pub mod postgres;
 pub mod reuse;
 pub mod scratch;
@@ -17,10 +20,13 @@ pub mod state;
 mod store;
 pub mod sweep;
 
-pub use job::{BackendReport, BatchId, File, Job, JobId, LiveSection, NewJob, NoPriority, Priority, Problem, Status};
+pub use job::{
+    BackendReport, BatchId, File, Job, JobId, LiveSection, NewJob, NoPriority, Priority, Problem, Quota, Status,
+};
 pub use open::{Database, open};
+pub use operators::{Instruction, Pause, PoolUse, WorkerInfo, WorkerState};
 pub use sql::SqlStore;
 pub use store::{
-    Attempt, Batch, Change, ClaimedJob, Counts, Directive, Finished, ListFilter, NewBatch, Page, Store, StoreError,
-    StoreOptions, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo,
+    Applied, Attempt, Batch, BatchFilter, BatchPage, Change, ClaimedJob, Counts, Directive, Finished, ListFilter,
+    NewBatch, Page, Quantity, Store, StoreError, StoreOptions, Submitted, SubmittedBatch, UpkeepTask,
 };

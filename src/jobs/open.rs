@@ -60,6 +60,17 @@ impl Database {
         }
     }
 
+    /// Opens it to manage keys, also while a service has it open.
+    ///
+    /// # Errors
+    /// [`StoreError::Database`].
+    pub async fn open_for_keys(&self) -> Result<Arc<dyn Store>, StoreError> {
+        match self {
+            Self::Sqlite(path) => Ok(Arc::new(SqliteStore::open_for_keys(path).await?)),
+            Self::Postgres(url) => Ok(Arc::new(PostgresStore::open(url, StoreOptions::default()).await?)),
+        }
+    }
+
     /// Only brings the tables up to date.
     ///
     /// # Errors

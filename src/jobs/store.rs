@@ -1,6 +1,10 @@
 //! The contract of a job store. One test suite runs over every implementation.
 
-use super::job::{BackendReport, BatchId, File, Job, JobId, LiveSection, NewJob, Priority, Problem, Status};
+pub use super::error::{Quantity, StoreError};
+
+use super::job::{BackendReport, BatchId, File, Job, JobId, LiveSection, NewJob, Priority, Problem, Quota, Status};
+use super::keys::KeyStore;
+use super::operators::{Instruction, Pause, PoolUse, WorkerInfo};
 use super::state::{AttemptEnd, Fence};
 use crate::clock::Clock;
 use crate::generate::{Backend, Progress};
@@ -24,11 +28,13 @@ pub struct StoreOptions {
     pub queue_limit: u64,
     /// Maximum number of connections to PostgreSQL, not counting the one that receives notifications; at least 2.
     pub connections: u32,
+    /// Maximum number of connections that read a SQLite file; at least 1.
+    pub readers: u32,
 }
 
 impl Default for StoreOptions {
     fn default() -> Self {
-        Self { clock: Clock::System, max_attempts: 5, queue_limit: 10_000, connections: 12 }
+        Self { clock: Clock::System, max_attempts: 5, queue_limit: 10_000, connections: 12, readers: 4 }
     }
 }
 
@@ -56,10 +62,16 @@ impl Submitted {
 /// Jobs to be queued together, all or none.
 #[derive(Clone, Debug)]
 pub struct NewBatch {
-    /// The jobs, in order; their own `idempotency` and `priority` are ignored.
+    /// The jobs, in order; their own `idempotency`, `priority`, `owner` and `quota` are ignored.
     pub jobs: Vec<NewJob>,
+    /// Who submits it, and so owns all of them.
+    pub owner: Option<String>,
+    /// What its owner may have, these jobs included.
+    pub quota: Quota,
     /// How urgent all of them are.
     pub priority: Priority,
+    /// The parameter study that they are the points of, as JSON; the store does not look into it.
+    pub study: Option<serde_json::Value>,
     /// Idempotency key, with a hash of the canonical request body. Keys of batches and of jobs are separate.
     pub idempotency: Option<(String, String)>,
 }
@@ -103,6 +115,8 @@ impl Counts {
 pub struct Batch {
     /// Identity.
     pub id: BatchId,
+    /// Who submitted it.
+    pub owner: Option<String>,
     /// When it was accepted.
     pub created_at: Timestamp,
     /// How urgent its jobs are.
@@ -111,6 +125,10 @@ pub struct Batch {
     pub counts: Counts,
     /// Its jobs, in the order of the request.
     pub jobs: Vec<JobId>,
+    /// The place of each of its jobs among those that were submitted, from 0: their order, with gaps where jobs were deleted.
+    pub places: Vec<u32>,
+    /// The parameter study, as it was submitted; `None` also if only a later version can read it.
+    pub study: Option<serde_json::Value>,
 }
 
 /// The result of a batch submission.
@@ -135,12 +153,22 @@ impl SubmittedBatch {
 /// Which jobs to list; newest first.
 #[derive(Clone, Debug, Default)]
 pub struct ListFilter {
+    /// Only of this owner.
+    pub owner: Option<String>,
     /// Only of this status.
     pub status: Option<Status>,
     /// Only of this preset.
     pub preset: Option<String>,
     /// Only with all of these labels.
     pub labels: Vec<(String, String)>,
+    /// Only these; empty for any.
+    pub ids: Vec<JobId>,
+    /// Only of this batch.
+    pub batch: Option<BatchId>,
+    /// Only those accepted then or later.
+    pub created_after: Option<Timestamp>,
+    /// Only those accepted before.
+    pub created_before: Option<Timestamp>,
     /// Only those older than this one (the cursor).
     pub before: Option<JobId>,
     /// At most this many.
@@ -154,6 +182,39 @@ pub struct Page {
     pub jobs: Vec<Job>,
     /// Where the next page begins.
     pub next: Option<JobId>,
+}
+
+/// Which batches to list; newest first.
+#[derive(Clone, Debug, Default)]
+pub struct BatchFilter {
+    /// Only of this owner.
+    pub owner: Option<String>,
+    /// Only those accepted then or later.
+    pub created_after: Option<Timestamp>,
+    /// Only those accepted before.
+    pub created_before: Option<Timestamp>,
+    /// Only those older than this one (the cursor).
+    pub before: Option<BatchId>,
+    /// At most this many, and at most 100.
+    pub limit: u32,
+}
+
+/// A page of batches, without the ids of their jobs.
+#[derive(Clone, Debug)]
+pub struct BatchPage {
+    /// The batches; their `jobs` are left empty.
+    pub batches: Vec<Batch>,
+    /// Where the next page begins.
+    pub next: Option<BatchId>,
+}
+
+/// What was done to many jobs.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Applied {
+    /// Number of jobs that it changed.
+    pub jobs: u64,
+    /// Keys for removal from the artifact store.
+    pub keys: Vec<String>,
 }
 
 /// A job that a worker holds the lease of. Only [`Store::claim`] makes one; [`Store::finish`],
@@ -252,25 +313,6 @@ pub struct Finished {
     pub engine: String,
 }
 
-/// A worker, as listed.
-#[derive(Clone, Debug, PartialEq)]
-pub struct WorkerInfo {
-    /// Name, unique in the installation: host, process and ordinal.
-    pub id: String,
-    /// Host name.
-    pub host: String,
-    /// Its backend.
-    pub backend: Backend,
-    /// Name of the device.
-    pub device: String,
-    /// The jobs whose leases it holds, the oldest first. Filled in by the store; ignored by [`Store::worker_seen`].
-    pub jobs: Vec<JobId>,
-    /// Jobs it has ended.
-    pub jobs_done: u64,
-    /// Last heartbeat.
-    pub heartbeat_at: Timestamp,
-}
-
 /// A change of a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Change {
@@ -278,26 +320,6 @@ pub struct Change {
     pub id: JobId,
     /// Its version now; `None` if it was deleted.
     pub version: Option<u64>,
-}
-
-/// Why the store refused or failed.
-#[derive(Debug, thiserror::Error)]
-pub enum StoreError {
-    /// The idempotency key was used with another body.
-    #[error("the idempotency key was used before with another request body")]
-    IdempotencyConflict,
-    /// No jobs are accepted until the queue is shorter.
-    #[error("the queue is full ({limit} jobs)")]
-    QueueFull {
-        /// The limit.
-        limit: u64,
-    },
-    /// The worker's lease was lost; nothing was written.
-    #[error("the lease was lost to another attempt")]
-    Fenced,
-    /// The database failed or is unavailable.
-    #[error("the job store failed: {0}")]
-    Database(String),
 }
 
 /// A periodic task that one process at a time does for all that share the stores.
@@ -322,12 +344,12 @@ impl UpkeepTask {
 
 /// A job store. Every call is atomic, and durable when it returns.
 #[async_trait]
-pub trait Store: Send + Sync + 'static {
+pub trait Store: KeyStore {
     /// Queues a job, or answers with an earlier one.
     async fn submit(&self, new: NewJob) -> Result<Submitted, StoreError>;
-    /// The job that was made with this idempotency key and body, if any; see [`NewJob::idempotency`].
-    async fn replayed(&self, key: &str, body: &str) -> Result<Option<Job>, StoreError>;
-    /// The finished model that [`Store::submit`] would reuse for `new`, if any.
+    /// The job that its owner made with this idempotency key and body, if any; see [`NewJob::idempotency`].
+    async fn replayed(&self, owner: Option<&str>, key: &str, body: &str) -> Result<Option<Job>, StoreError>;
+    /// The finished model of the same owner that [`Store::submit`] would reuse for `new`, if any.
     async fn reusable(&self, new: &NewJob) -> Result<Option<Job>, StoreError>;
     /// A job by id.
     async fn get(&self, id: JobId) -> Result<Option<Job>, StoreError>;
@@ -340,17 +362,28 @@ pub trait Store: Send + Sync + 'static {
     /// its checkpoint, and those of files that no other job names. `None` if there is no such job.
     async fn delete(&self, id: JobId) -> Result<Option<Vec<String>>, StoreError>;
 
+    /// The ids of the jobs of a page, newest first.
+    async fn ids(&self, filter: &ListFilter) -> Result<Vec<JobId>, StoreError>;
+    /// Cancels these jobs as [`Store::cancel`] does, in one transaction. Jobs that have ended or do not exist are passed over.
+    async fn cancel_many(&self, ids: Vec<JobId>) -> Result<Applied, StoreError>;
+    /// Removes these jobs as [`Store::delete`] does, in one transaction.
+    async fn delete_many(&self, ids: Vec<JobId>) -> Result<Applied, StoreError>;
+
     /// Queues all jobs of a batch in one transaction, or none ([`StoreError::QueueFull`] if there is no room for all).
     /// Each is an ordinary job; finished models are reused as by [`Store::submit`]. Ids ascend in the order of the jobs.
     async fn submit_batch(&self, new: NewBatch) -> Result<SubmittedBatch, StoreError>;
-    /// The batch that was made with this idempotency key and body, if any.
-    async fn replayed_batch(&self, key: &str, body: &str) -> Result<Option<Batch>, StoreError>;
+    /// The batch that its owner made with this idempotency key and body, if any.
+    async fn replayed_batch(&self, owner: Option<&str>, key: &str, body: &str) -> Result<Option<Batch>, StoreError>;
+    /// The jobs of a batch after `after`, in the order of the request, without their positions in the queue; at most `limit`.
+    async fn batch_jobs(&self, id: BatchId, after: Option<JobId>, limit: u32) -> Result<Vec<Job>, StoreError>;
     /// A batch by id.
     async fn batch(&self, id: BatchId) -> Result<Option<Batch>, StoreError>;
+    /// A page of batches, newest first.
+    async fn batches(&self, filter: &BatchFilter) -> Result<BatchPage, StoreError>;
     /// Removes a batch with all its jobs, in one transaction; returns as [`Store::delete`] does.
     async fn delete_batch(&self, id: BatchId) -> Result<Option<Vec<String>>, StoreError>;
 
-    /// Claims up to `limit` jobs that `backend` may run, in the order in which they are due: the higher priority first;
+    /// Claims up to `limit` jobs that `backend` may run, none while the worker or all workers are paused, in the order in which they are due: the higher priority first;
     /// within a priority, submitters take turns, and the jobs of each go oldest first. For [`Backend::Gpu`], the jobs after
     /// the first are due jobs with the first one's [`NewJob::batch_key`], by priority, turn and age; without a key, there are
     /// none.
@@ -400,8 +433,21 @@ pub trait Store: Send + Sync + 'static {
     async fn worker_seen(&self, worker: &WorkerInfo) -> Result<(), StoreError>;
     /// Workers seen in the last five minutes.
     async fn workers(&self) -> Result<Vec<WorkerInfo>, StoreError>;
+    /// Workers seen within this time, by the store's clock.
+    async fn workers_within(&self, within: Duration) -> Result<Vec<WorkerInfo>, StoreError>;
     /// How many workers of `backend` were seen within this time, by the store's clock.
     async fn alive(&self, backend: Backend, within: Duration) -> Result<u64, StoreError>;
+    /// How many of those have no pause of their own.
+    async fn claimers(&self, backend: Backend, within: Duration) -> Result<u64, StoreError>;
+    /// Pauses all workers, also those that start later, or ends that pause; the pauses of single workers stay. A pause
+    /// holds for every claim that begins after this returns. `by` is who asked for it. No effect if it is so already.
+    async fn set_paused(&self, paused: bool, by: Option<&str>) -> Result<(), StoreError>;
+    /// The pause of all workers, if there is one.
+    async fn paused(&self) -> Result<Option<Pause>, StoreError>;
+    /// Pauses, drains or resumes one worker, as [`Store::set_paused`] does all. It holds for the worker of this name until
+    /// it is resumed, also after a restart under the same name. Returns whether [`Store::workers`] lists the worker; if not,
+    /// nothing happens.
+    async fn instruct(&self, worker: &str, instruction: Instruction, by: Option<&str>) -> Result<bool, StoreError>;
 
     /// Takes the lock of an upkeep task for `lease`, or renews it. Returns whether `owner` now holds it.
     async fn acquire_upkeep(&self, task: UpkeepTask, owner: &str, lease: Duration) -> Result<bool, StoreError>;
@@ -416,9 +462,16 @@ pub trait Store: Send + Sync + 'static {
     async fn counts(&self) -> Result<Counts, StoreError>;
     /// Queued jobs by the backend asked for. The cost does not depend on their number.
     async fn queued_by_backend(&self) -> Result<[(Backend, u64); 4], StoreError>;
+    /// Time since the oldest queued job was accepted, by the backend asked for; zero if none is queued. The cost does not
+    /// depend on their number.
+    async fn queue_ages(&self) -> Result<[(Backend, Duration); 4], StoreError>;
 
     /// Changes as they happen. A receiver that lags gets an error and must read the records again.
     fn changes(&self) -> broadcast::Receiver<Change>;
+    /// The use of this process's connections to the database.
+    fn pools(&self) -> Vec<PoolUse> {
+        Vec::new()
+    }
     /// Fails if the store is unavailable.
     async fn ready(&self) -> Result<(), StoreError>;
     /// Closes the store, which cannot be used afterwards.

@@ -64,7 +64,7 @@ fn overlaid(base: &Map<String, Value>, patch: &Map<String, Value>) -> Map<String
 }
 
 /// A hint at the parameter that was probably meant by a name that is not one of `fields`.
-fn hint(fields: &[Field], name: &str) -> String {
+pub(super) fn hint(fields: &[Field], name: &str) -> String {
     if let Some(near) = nearest(name, fields.iter().map(|field| field.name)) {
         return format!("; did you mean `{near}`?");
     }

@@ -14,6 +14,7 @@
 //! | `canonical` | a unique text of a specification, for the digest |
 //! | `batch_key` | which models a GPU may grow together |
 //! | `cost`, `limits` | the predicted cost of a model, and its limits |
+//! | `study` | parameter studies: designs and their points |
 
 mod batch_key;
 mod bounds;
@@ -21,6 +22,9 @@ mod canonical;
 mod check;
 mod cost;
 mod fault;
+#[cfg(feature = "fuzzing")]
+#[doc(hidden)]
+pub mod fuzzing;
 mod limits;
 mod merge;
 mod parameters;
@@ -30,6 +34,7 @@ mod reader;
 mod schedule;
 mod schema;
 mod stability;
+pub mod study;
 mod table;
 
 #[cfg(test)]
@@ -75,7 +80,16 @@ impl ModelSpec {
     /// # Errors
     /// All faults, ordered by pointer.
     pub fn resolve(preset: &Preset, patch: &Value) -> Result<Self, Vec<Fault>> {
-        Self::build(&preset.spec, patch)
+        Self::resolve_all(preset, &[patch])
+    }
+
+    /// Applies several patches, one after the other, and checks the result. In all but the first, `null` leaves what the
+    /// patches before it gave.
+    ///
+    /// # Errors
+    /// All faults, ordered by pointer.
+    pub fn resolve_all(preset: &Preset, patches: &[&Value]) -> Result<Self, Vec<Fault>> {
+        Self::build(&preset.spec, patches)
     }
 
     /// Reads a whole specification, such as the result of [`ModelSpec::to_json`], without a preset.
@@ -83,12 +97,15 @@ impl ModelSpec {
     /// # Errors
     /// All faults; a missing parameter is a fault.
     pub fn from_json(whole: &Value) -> Result<Self, Vec<Fault>> {
-        Self::build(&Value::Null, whole)
+        Self::build(&Value::Null, &[whole])
     }
 
-    fn build(base: &Value, patch: &Value) -> Result<Self, Vec<Fault>> {
+    fn build(base: &Value, patches: &[&Value]) -> Result<Self, Vec<Fault>> {
         let mut faults = Vec::new();
-        let mut values = merge::merge(parameters::table(), base, patch, "", &mut faults);
+        let mut values = base.clone();
+        for patch in patches {
+            values = merge::merge(parameters::table(), &values, patch, "", &mut faults);
+        }
         let mut reader = reader::Reader::default();
         let mut parameters = read(&mut reader, &values);
         if parameters.is_none() {

@@ -29,12 +29,29 @@ impl Reader {
 
     /// Records that a value is not one of the names of a choice.
     pub(super) fn not_a_choice<T>(&mut self, site: Site<'_>, value: &Value, names: &[(&str, &str)]) -> Option<T> {
-        let known = names.iter().map(|(name, _)| format!("\"{name}\"")).collect::<Vec<_>>().join(", ");
+        let names: Vec<&str> = names.iter().map(|(name, _)| *name).collect();
+        self.not_a_choice_of(site.at, value, &names)
+    }
+
+    /// Records that the value at `at` is not one of `names`.
+    pub(super) fn not_a_choice_of<T>(&mut self, at: &str, value: &Value, names: &[&str]) -> Option<T> {
+        let known = names.iter().map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", ");
         let hint = value
             .as_str()
-            .and_then(|wrong| nearest(wrong, names.iter().map(|(name, _)| *name)))
+            .and_then(|wrong| nearest(wrong, names.iter().copied()))
             .map_or_else(String::new, |name| format!("; did you mean \"{name}\"?"));
-        self.fault(site.at, format!("must be one of {known}, not {}{hint}", describe(value)))
+        self.fault(at, format!("must be one of {known}, not {}{hint}", describe(value)))
+    }
+
+    /// Reads a whole number from `least` to `most`; 7.0 is one.
+    pub(super) fn size(&mut self, at: &str, value: &Value, least: usize, most: usize) -> Option<usize> {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to be a whole number")]
+        let whole =
+            value.as_u64().or_else(|| value.as_f64().filter(|x| x.fract() == 0.0 && *x >= 0.0).map(|x| x as u64));
+        match whole.and_then(|n| usize::try_from(n).ok()).filter(|n| (least..=most).contains(n)) {
+            Some(size) => Some(size),
+            None => self.fault(at, format!("must be an integer from {least} to {most}, not {}", describe(value))),
+        }
     }
 
     /// Reads a finite number.

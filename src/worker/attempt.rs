@@ -182,10 +182,11 @@ impl<'a> Attempt<'a> {
             upload::remove(self.context, &files).await;
             return Err(ending);
         }
+        let summary = outcome.figures();
         self.claim.report.used = Some(outcome.used);
         self.claim.report.device = Some(outcome.device);
         let (backend, engine) = (self.claim.report.clone(), crate::ENGINE_VERSION.to_owned());
-        Ok(Finished { backend, files, summary: outcome.summary, engine })
+        Ok(Finished { backend, files, summary, engine })
     }
 
     /// The outcome of the generation. Its threads are free by then, unless it was told to stop and has not yet.

@@ -16,6 +16,8 @@
 //! - A job that a GPU worker holds and its device cannot grow (it does not fit; the device is lost or out of memory)
 //!   continues, within the same attempt, on the CPU of that worker if it is `auto`, and fails if it is `gpu`.
 //!
+//! A worker that is paused or drained (`jobs::Store::instruct`) claims nothing, and `auto` is not left to it.
+//!
 //! Whenever `auto` does not run on a GPU, `backend.fallback` says why.
 //!
 //! Each file imports only from files above it in this table:
@@ -26,6 +28,7 @@
 //! | `generator` | the interface to what a worker runs: [`Generator`], [`BatchGenerator`] |
 //! | `verdict` | what an error means for the job |
 //! | `policy` | who takes what; pauses of claims while storage is unavailable |
+//! | `busy` | whether a worker runs anything, for the metrics |
 //! | `context` | what all slots and attempts of a pool share |
 //! | `checkpoint` | checkpoints to the artifact store, and back to the next attempt |
 //! | `progress` | the sink of a generation: progress and sections for the heartbeats |
@@ -37,6 +40,7 @@
 
 mod attempt;
 mod backend;
+mod busy;
 mod checkpoint;
 mod context;
 mod generator;
@@ -51,5 +55,5 @@ mod verdict;
 pub use backend::cpu::generate_on_cpu;
 pub use backend::gpu::GpuGenerator;
 pub use generator::{BatchEnds, BatchGenerator, BatchWork, Generator, Work, WorkError};
-pub use options::PoolOptions;
+pub use options::{ALIVE_HEARTBEATS, PoolOptions};
 pub use pool::WorkerPool;

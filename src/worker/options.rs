@@ -6,6 +6,9 @@ use crate::status::Status;
 use std::path::PathBuf;
 use std::time::Duration;
 
+/// Heartbeats without which a worker counts as gone: twice what an idle one lets pass.
+pub const ALIVE_HEARTBEATS: u32 = 10;
+
 /// Settings of a pool.
 #[derive(Clone, Debug)]
 pub struct PoolOptions {

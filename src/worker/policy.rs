@@ -2,7 +2,8 @@
 //! files cannot be stored.
 //!
 //! **Who takes what.** `auto` is left to GPU workers while one is alive, unless more jobs are queued than they take with their
-//! next two claims. A GPU worker is alive while its last heartbeat is younger than [`ALIVE`] of this pool's heartbeats.
+//! next two claims. A GPU worker is alive while its last heartbeat is younger than [`ALIVE_HEARTBEATS`] of this pool's heartbeats, and it
+//! is not paused.
 //!
 //! **Storage.** A failed upload, a failed checkpoint and a job released for storage start an outage: the artifact store refuses
 //! writes, or the scratch directory is full, read-only or gone. All slots of the process stop claiming. The outage ends when
@@ -10,7 +11,7 @@
 //! left), so claims rest for longer after each further release until an upload succeeds: models are not grown and thrown away
 //! without end.
 
-use super::options::PoolOptions;
+use super::options::{ALIVE_HEARTBEATS, PoolOptions};
 use crate::generate::Backend;
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::scratch::Scratch;
@@ -21,9 +22,6 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{Mutex, watch};
 use tokio::time::{Instant, sleep_until};
-
-/// Heartbeats without which a GPU worker counts as gone: twice what an idle one lets pass.
-const ALIVE: u32 = 10;
 
 /// What a CPU worker may take.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -51,7 +49,7 @@ impl Share {
 
 /// What a CPU worker may take now.
 pub(super) async fn share(store: &dyn Store, options: &PoolOptions) -> Result<Share, StoreError> {
-    let alive = store.alive(Backend::Gpu, ALIVE * options.heartbeat).await?;
+    let alive = store.claimers(Backend::Gpu, ALIVE_HEARTBEATS * options.heartbeat).await?;
     if alive == 0 {
         let why = options.no_gpu.clone().unwrap_or_else(|| "no GPU worker is alive".to_owned());
         return Ok(Share::Auto { why, cause: Fallback::NoGpu });

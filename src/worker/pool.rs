@@ -4,6 +4,7 @@ use super::attempt::{Attempt, Start};
 use super::backend::Generation;
 use super::backend::cpu::Cpu;
 use super::backend::gpu::Gpu;
+use super::busy::Busy;
 use super::context::{Context, Phase};
 use super::generator::{BatchGenerator, Generator};
 use super::options::PoolOptions;
@@ -49,6 +50,7 @@ struct Slot {
     /// Makes it a GPU worker.
     gpu: Option<Gpu>,
     claims: Arc<Semaphore>,
+    busy: Arc<Busy>,
     state: Mutex<State>,
     /// Held from reading `state` until it is recorded, so that the last record is true.
     recording: tokio::sync::Mutex<()>,
@@ -263,12 +265,14 @@ impl Slot {
         let threads = context.options.threads.max(1);
         let cpu = Cpu::new(&id, threads)?;
         let gpu = generator.map(|generator| Gpu::new(&id, threads, generator)).transpose()?;
+        let busy = Busy::new(&context.options.metrics, if gpu.is_some() { Backend::Gpu } else { Backend::Cpu });
         Ok(Arc::new(Self {
             id,
             context: Arc::clone(context),
             cpu,
             gpu,
             claims: Arc::new(Semaphore::new(CLAIMS)),
+            busy,
             state: Mutex::default(),
             recording: tokio::sync::Mutex::default(),
         }))
@@ -320,6 +324,7 @@ impl Slot {
 
     async fn run(self: Arc<Self>, claimed: Vec<ClaimedJob>, share: Share, free: Free) {
         let Free { compute, claim } = free;
+        let _running = self.busy.begin();
         let ended = match &self.gpu {
             Some(gpu) => self.run_batch(gpu, claimed, compute).await,
             None => self.run_one(claimed, &share, compute).await,
@@ -403,6 +408,7 @@ impl Slot {
             jobs: Vec::new(),
             jobs_done: state.jobs_done,
             heartbeat_at: self.context.clock.now(),
+            pause: None,
         };
         if let Err(error) = self.context.store.worker_seen(&worker).await {
             tracing::warn!(worker = self.id, %error, "the worker's heartbeat was not recorded");

@@ -10,8 +10,9 @@ use http_body_util::BodyExt;
 use jiff::Timestamp;
 use oviduct::clock::Clock;
 use oviduct::generate::{Backend, Progress, Stage};
-use oviduct::http::{AppState, Limits, REQUEST_ID, router};
+use oviduct::http::{AccessOptions, AppState, Limits, REQUEST_ID, WithoutKeys, router};
 use oviduct::jobs::artifacts::{Artifacts, key};
+use oviduct::jobs::keys::{KeyLimits, NewKey, Scope, Secret};
 use oviduct::jobs::sqlite::SqliteStore;
 use oviduct::jobs::{
     BackendReport, ClaimedJob, Directive, File, Finished, JobId, LiveSection, Store, StoreOptions, WorkerInfo,
@@ -56,6 +57,13 @@ impl Reply {
         self.headers.get(name).map(|v| v.to_str().unwrap())
     }
 
+    /// The path of what `Location` names, for an answer to a request to a path of one segment.
+    pub(super) fn location(&self) -> String {
+        let reference = self.header(header::LOCATION).unwrap();
+        assert!(!reference.starts_with(['/', '.']), "{reference}");
+        format!("/{reference}")
+    }
+
     /// The last part of the problem's type.
     pub(super) fn slug(&self) -> String {
         self.json()["type"].as_str().unwrap().strip_prefix("urn:oviduct:problem:").unwrap().to_owned()
@@ -96,6 +104,39 @@ impl App {
         self.state = self.state.clone().with_status(status);
         self.router = router(self.state.clone());
         self
+    }
+
+    /// Admits requests by these options.
+    pub(super) fn with_access(mut self, without_keys: WithoutKeys, limits: KeyLimits) -> Self {
+        let options = AccessOptions { without_keys, limits, refresh: Duration::ZERO };
+        self.state = self.state.clone().with_access(options);
+        self.router = router(self.state.clone());
+        self
+    }
+
+    /// Makes a key; returns the value of `Authorization`.
+    pub(super) async fn key(&self, owner: &str, scopes: &[Scope]) -> String {
+        self.key_with(owner, scopes, KeyLimits::default(), None).await
+    }
+
+    pub(super) async fn key_with(
+        &self,
+        owner: &str,
+        scopes: &[Scope],
+        limits: KeyLimits,
+        expires_at: Option<Timestamp>,
+    ) -> String {
+        let secret = Secret::generate();
+        let new = NewKey {
+            prefix: secret.prefix().into(),
+            hash: secret.hash(),
+            owner: owner.parse().unwrap(),
+            scopes: scopes.iter().copied().collect(),
+            limits,
+            expires_at,
+        };
+        self.store.add_key(new).await.unwrap();
+        format!("Bearer {}", secret.reveal())
     }
 
     pub(super) fn over(store: Arc<dyn Store>, clock: Clock, limits: Limits) -> Self {
@@ -177,7 +218,7 @@ impl App {
     pub(super) async fn model(&self, seed: u64) -> String {
         let reply = self.post("/models", &json!({ "seed": seed, "reuse": false })).await;
         assert_eq!(reply.status, 202, "{reply:?}");
-        reply.header(header::LOCATION).unwrap().to_owned()
+        reply.location()
     }
 
     /// Takes the next model as a worker would.
@@ -231,6 +272,7 @@ impl App {
             jobs: Vec::new(),
             jobs_done: 3,
             heartbeat_at: self.clock.now(),
+            pause: None,
         };
         self.store.worker_seen(&worker).await.unwrap();
     }

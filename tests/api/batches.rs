@@ -18,7 +18,7 @@ async fn a_batch_is_many_models_in_one_request() {
     let reply = app.post("/batches", &body).await;
     assert_eq!(reply.status, 202, "{reply:?}");
     assert!(reply.header(header::RETRY_AFTER).is_some());
-    let address = reply.header(header::LOCATION).unwrap().to_owned();
+    let address = reply.location();
     let batch = reply.json();
     assert_eq!(address, format!("/batches/{}", batch["id"].as_str().unwrap()));
     assert_eq!(batch["counts"], counts(3, 0, 0, 0, 0));

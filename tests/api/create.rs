@@ -32,13 +32,13 @@ async fn a_model_is_accepted_and_queued() {
     let reply = app.post("/models", &body).await;
     assert_eq!(reply.status, 202);
     let model = reply.json();
-    assert_eq!(reply.header(header::LOCATION).unwrap(), format!("/models/{}", model["id"].as_str().unwrap()));
+    assert_eq!(reply.location(), format!("/models/{}", model["id"].as_str().unwrap()));
     assert!(reply.header(header::RETRY_AFTER).unwrap().parse::<u32>().unwrap() >= 1);
     assert_eq!(reply.header(header::ETAG).unwrap(), format!("\"{}\"", model["version"]));
     assert_eq!(reply.header("preference-applied"), None);
     assert_eq!(reply.header("idempotency-replayed"), None);
     insta::assert_json_snapshot!(steady(model));
-    assert_eq!(app.get(reply.header(header::LOCATION).unwrap()).await.json(), reply.json());
+    assert_eq!(app.get(&reply.location()).await.json(), reply.json());
 }
 
 #[tokio::test]
@@ -166,7 +166,7 @@ async fn an_idempotency_key_gives_the_same_model() {
     assert_ne!(another.json()["id"], first.json()["id"]);
 
     // A key is valid as long as its model exists.
-    app.delete(first.header(header::LOCATION).unwrap()).await;
+    app.delete(&first.location()).await;
     let fresh = app.post_with("/models", &key, &json!({ "preset": "paper" })).await;
     assert_eq!((fresh.status.as_u16(), fresh.header("idempotency-replayed")), (202, None));
 }
@@ -176,7 +176,7 @@ async fn a_replay_of_an_ended_model_shows_it_as_it_is() {
     let app = App::new().await;
     let headers = [("idempotency-key", "k"), ("prefer", "wait=1")];
     let reply = app.post_with("/models", &headers[..1], &json!({ "seed": 1 })).await;
-    app.store.cancel(id(reply.header(header::LOCATION).unwrap())).await.unwrap();
+    app.store.cancel(id(&reply.location())).await.unwrap();
     let again = app.post_with("/models", &headers, &json!({ "seed": 1 })).await;
     assert_eq!((again.status.as_u16(), again.header("idempotency-replayed")), (200, Some("true")));
     assert_eq!(again.json()["status"], "cancelled");
@@ -192,9 +192,9 @@ async fn a_finished_model_of_the_same_digest_is_reused() {
     let model = reply.json();
     assert_eq!(model["status"], "succeeded");
     assert_eq!(model["reused_from"].as_str().unwrap(), id(&first).to_string());
-    let location = reply.header(header::LOCATION).unwrap();
+    let location = reply.location();
     assert_ne!(location, first);
-    assert_eq!(model["files"][0]["href"], format!("{location}/files/model.glb"));
+    assert_eq!(model["files"][0]["href"], format!("{}/files/model.glb", &location[1..]));
 
     // The files are kept as long as one of the two exists.
     assert_eq!(app.delete(&first).await.status, 204);

@@ -24,6 +24,7 @@ pub(super) struct Stream {
     body: BodyDataStream,
     text: String,
     comments: Vec<String>,
+    last_id: Option<String>,
 }
 
 impl Stream {
@@ -40,7 +41,7 @@ impl Stream {
             (&headers["cache-control"], &headers["x-accel-buffering"]),
             (&"no-cache".parse().unwrap(), &"no".parse().unwrap())
         );
-        Self { body: response.into_body().into_data_stream(), text: String::new(), comments: vec![] }
+        Self { body: response.into_body().into_data_stream(), text: String::new(), comments: vec![], last_id: None }
     }
 
     /// The next event; `None` if the stream has closed.
@@ -53,6 +54,8 @@ impl Stream {
             while let Some(end) = self.text.find("\n\n") {
                 let block: String = self.text.drain(..end + 2).collect();
                 let field = |name: &str| block.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(": "));
+                // Also of a block without an event.
+                self.last_id = field("id").map(str::to_owned).or(self.last_id.take());
                 match field("event") {
                     Some(name) => {
                         return Some(Event {
@@ -67,6 +70,11 @@ impl Stream {
             let chunk = self.body.next().await?.unwrap();
             self.text.push_str(std::str::from_utf8(&chunk).unwrap());
         }
+    }
+
+    /// The id that a browser would send when it reconnects.
+    pub(super) fn last_id(&self) -> Option<String> {
+        self.last_id.clone()
     }
 
     /// The next event of this name.
@@ -95,7 +103,8 @@ async fn a_model_is_followed_from_the_queue_to_its_end() {
     let path = format!("{model}/events");
     let mut stream = Stream::open(&app, &path, None).await;
     let first = stream.next().await.unwrap();
-    assert_eq!((first.name.as_str(), &first.data), ("status", &app.get(&model).await.json()), "at once, and whole");
+    let summary = format!("{model}?view=summary");
+    assert_eq!((first.name.as_str(), &first.data), ("status", &app.get(&summary).await.json()), "at once");
     assert_eq!(first.id, first.data["version"].to_string());
 
     let job = app.claim().await;
@@ -113,7 +122,12 @@ async fn a_model_is_followed_from_the_queue_to_its_end() {
     app.finish(job, &[("model.glb", "model/gltf-binary", b"glTF".to_vec())]).await;
     let end = stream.until("end").await;
     assert_eq!((&end.data["status"], &end.data["files"][0]["name"]), (&json!("succeeded"), &json!("model.glb")));
-    assert_eq!(end.data, app.get(&model).await.json());
+    // References are relative to the address of the stream, and to that of the model.
+    let mut same = app.get(&summary).await.json();
+    let href = end.data["files"][0]["href"].clone();
+    assert_eq!(href.as_str(), Some(&*format!("../{}", same["files"][0]["href"].as_str().unwrap())));
+    same["files"][0]["href"] = href;
+    assert_eq!(end.data, same);
     assert_eq!(stream.next().await, None, "the stream closes after the end");
 
     // A stream of an ended model ends at once.
@@ -121,6 +135,30 @@ async fn a_model_is_followed_from_the_queue_to_its_end() {
         let mut late = Stream::open(&app, &path, last).await;
         assert_eq!(late.next().await.unwrap(), end);
         assert_eq!(late.next().await, None);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_spec_is_sent_only_on_request() {
+    let app = app().await;
+    let model = app.model(7).await;
+    let whole = app.get(&model).await.json();
+    assert!(whole["spec"].is_object());
+    let mut short = whole.clone();
+    short.as_object_mut().unwrap().remove("spec");
+    for (path, list) in [(model.clone(), false), ("/models".into(), true)] {
+        for (query, expected) in [("", &whole), ("?view=full", &whole), ("?view=summary", &short)] {
+            let answer = app.get(&format!("{path}{query}")).await.json();
+            assert_eq!(if list { &answer["models"][0] } else { &answer }, expected, "{path}{query}");
+        }
+    }
+    for path in ["/events".to_owned(), format!("{model}/events")] {
+        for (query, expected) in [("", &short), ("?view=summary", &short), ("?view=full", &whole)] {
+            let mut stream = Stream::open(&app, &format!("{path}{query}"), None).await;
+            assert_eq!(&stream.next().await.unwrap().data, expected, "{path}{query}");
+        }
+        let wrong = app.get(&format!("{path}?view=all&colour=red")).await;
+        assert_eq!((wrong.status.as_u16(), wrong.places()), (422, vec!["colour".to_owned(), "view".to_owned()]));
     }
 }
 
@@ -241,7 +279,11 @@ async fn all_models_are_followed_on_one_connection() {
     app.post(&format!("{done}/cancel"), &json!({})).await;
     let mut stream = Stream::open(&app, "/events", None).await;
     let first = stream.next().await.unwrap();
-    assert_eq!((first.name.as_str(), &first.data), ("status", &app.get(&before).await.json()), "at once");
+    assert_eq!(
+        (first.name.as_str(), &first.data),
+        ("status", &app.get(&format!("{before}?view=summary")).await.json()),
+        "at once"
+    );
 
     let later = app.model(3).await;
     // The end of the cancelled model may still come.
@@ -294,7 +336,7 @@ async fn a_silent_stream_sends_comments() {
         }
     };
     tokio::time::timeout(SOON, comments).await.expect("comments come soon");
-    assert!(stream.comments.iter().all(|c| c.starts_with(':')));
+    assert!(stream.comments.iter().all(|c| c.starts_with(':') || c.starts_with("id: ")));
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -1,10 +1,13 @@
 //! A job store that is unavailable, or hangs when it is checked, and panics in one method.
 
 use async_trait::async_trait;
+use jiff::Timestamp;
 use oviduct::generate::{Backend, Progress};
+use oviduct::jobs::keys::{Key, KeyStore, NewKey, NewTicket};
 use oviduct::jobs::{
-    Attempt, BackendReport, Batch, BatchId, Change, ClaimedJob, Counts, Directive, Finished, Job, JobId, ListFilter,
-    LiveSection, NewBatch, NewJob, Page, Problem, Store, StoreError, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo,
+    Applied, Attempt, BackendReport, Batch, BatchFilter, BatchId, BatchPage, Change, ClaimedJob, Counts, Directive,
+    Finished, Instruction, Job, JobId, ListFilter, LiveSection, NewBatch, NewJob, Page, Pause, Problem, Store,
+    StoreError, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo,
 };
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -32,14 +35,37 @@ fn away<T>() -> Result<T, StoreError> {
 }
 
 #[async_trait]
+impl KeyStore for Faulty {
+    async fn add_key(&self, _: NewKey) -> Result<Key, StoreError> {
+        away()
+    }
+    async fn add_first_key(&self, _: NewKey) -> Result<Option<Key>, StoreError> {
+        away()
+    }
+    /// It has none: so far as keys are concerned, everyone is let through.
+    async fn keys(&self) -> Result<(Timestamp, Vec<Key>), StoreError> {
+        Ok((Timestamp::UNIX_EPOCH, Vec::new()))
+    }
+    async fn revoke_key(&self, _: &str, _: Duration) -> Result<Option<Key>, StoreError> {
+        away()
+    }
+    async fn add_ticket(&self, _: NewTicket) -> Result<Timestamp, StoreError> {
+        away()
+    }
+    async fn use_ticket(&self, _: &str, _: &str) -> Result<Option<String>, StoreError> {
+        away()
+    }
+}
+
+#[async_trait]
 impl Store for Faulty {
     async fn submit(&self, _: NewJob) -> Result<Submitted, StoreError> {
         away()
     }
-    async fn replayed(&self, _: &str, _: &str) -> Result<Option<Job>, StoreError> {
+    async fn replayed(&self, _: Option<&str>, _: &str, _: &str) -> Result<Option<Job>, StoreError> {
         away()
     }
-    async fn replayed_batch(&self, _: &str, _: &str) -> Result<Option<Batch>, StoreError> {
+    async fn replayed_batch(&self, _: Option<&str>, _: &str, _: &str) -> Result<Option<Batch>, StoreError> {
         away()
     }
     async fn get(&self, _: JobId) -> Result<Option<Job>, StoreError> {
@@ -52,6 +78,18 @@ impl Store for Faulty {
         away()
     }
     async fn delete(&self, _: JobId) -> Result<Option<Vec<String>>, StoreError> {
+        away()
+    }
+    async fn ids(&self, _: &ListFilter) -> Result<Vec<JobId>, StoreError> {
+        away()
+    }
+    async fn cancel_many(&self, _: Vec<JobId>) -> Result<Applied, StoreError> {
+        away()
+    }
+    async fn delete_many(&self, _: Vec<JobId>) -> Result<Applied, StoreError> {
+        away()
+    }
+    async fn batches(&self, _: &BatchFilter) -> Result<BatchPage, StoreError> {
         away()
     }
     async fn claim(&self, _: &str, _: Backend, _: Duration, _: u32) -> Result<Vec<ClaimedJob>, StoreError> {
@@ -94,6 +132,24 @@ impl Store for Faulty {
     async fn workers(&self) -> Result<Vec<WorkerInfo>, StoreError> {
         away()
     }
+    async fn workers_within(&self, _: Duration) -> Result<Vec<WorkerInfo>, StoreError> {
+        away()
+    }
+    async fn claimers(&self, _: Backend, _: Duration) -> Result<u64, StoreError> {
+        away()
+    }
+    async fn set_paused(&self, _: bool, _: Option<&str>) -> Result<(), StoreError> {
+        away()
+    }
+    async fn paused(&self) -> Result<Option<Pause>, StoreError> {
+        away()
+    }
+    async fn instruct(&self, _: &str, _: Instruction, _: Option<&str>) -> Result<bool, StoreError> {
+        away()
+    }
+    async fn queue_ages(&self) -> Result<[(Backend, Duration); 4], StoreError> {
+        away()
+    }
     async fn reusable(&self, _: &NewJob) -> Result<Option<Job>, StoreError> {
         away()
     }
@@ -119,6 +175,9 @@ impl Store for Faulty {
         away()
     }
     async fn batch(&self, _: BatchId) -> Result<Option<Batch>, StoreError> {
+        away()
+    }
+    async fn batch_jobs(&self, _: BatchId, _: Option<JobId>, _: u32) -> Result<Vec<Job>, StoreError> {
         away()
     }
     async fn delete_batch(&self, _: BatchId) -> Result<Option<Vec<String>>, StoreError> {

@@ -59,7 +59,7 @@ async fn a_replayed_model_that_has_ended_is_not_reported_as_accepted() {
     let app = App::new().await;
     let body = json!({ "seed": 1 });
     let first = app.post_with("/models", &KEY, &body).await;
-    app.store.cancel(id(first.header(header::LOCATION).unwrap())).await.unwrap();
+    app.store.cancel(id(&first.location())).await.unwrap();
     let again = app.post_with("/models", &KEY, &body).await;
     assert_eq!((again.status.as_u16(), again.header("idempotency-replayed")), (200, Some("true")));
     assert_eq!(again.header(header::RETRY_AFTER), None);

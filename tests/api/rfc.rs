@@ -15,11 +15,14 @@ async fn app() -> (App, Vec<(String, BTreeSet<String>)>) {
     let glb = ("model.glb", "model/gltf-binary", vec![7; 1000]);
     let files = [glb, ("report.json", "application/json", report), ("sections.bin", MEDIA_TYPE, sections::stored(3))];
     let model = app.finished(7, &files).await;
-    let batch = app.post("/batches", &json!({ "count": 1 })).await.header(header::LOCATION).unwrap().to_owned();
+    let batch = app.post("/batches", &json!({ "count": 1 })).await.location();
     let document: Value = yaml_serde::from_slice(&app.get("/openapi.yaml").await.body).unwrap();
     let mut addresses = Vec::new();
     for (path, item) in document["paths"].as_object().unwrap() {
-        let path = path.replace("/models/{id}", &model).replace("/batches/{id}", &batch);
+        let path = path
+            .replace("/models/{id}", &model)
+            .replace("/batches/{id}", &batch)
+            .replace("/workers/{id}", "/workers/w1");
         let path =
             path.replace("{name}", if path.contains("presets") { "pig" } else { "model.glb" }).replace("{k}", "1");
         assert!(!path.contains('{'), "{path}");

@@ -174,10 +174,10 @@ async fn the_schema_is_a_schema() {
 #[tokio::test]
 async fn workers_are_listed() {
     let app = App::new().await;
-    assert_eq!(app.get("/workers").await.json(), json!({ "workers": [] }));
+    assert_eq!(app.get("/workers").await.json(), json!({ "pause": null, "workers": [] }));
     app.worker(Backend::CpuSingle).await;
-    let want = json!({ "workers": [{ "id": "w1", "host": "here", "backend": "cpu-single", "device": "test", "job": null,
-        "jobs": [], "jobs_done": 3, "heartbeat_at": moment(&app.clock) }] });
+    let want = json!({ "pause": null, "workers": [{ "id": "w1", "host": "here", "backend": "cpu-single", "device": "test", "job": null,
+        "jobs": [], "jobs_done": 3, "heartbeat_at": moment(&app.clock), "state": "active", "pause": null }] });
     assert_eq!(app.get("/workers").await.json(), want);
     // All that it runs is named, the oldest first.
     let (old, new) = (app.model(1).await, app.model(2).await);
@@ -239,8 +239,8 @@ async fn the_links_of_the_home_page_work() {
     let page = String::from_utf8(reply.body.to_vec()).unwrap();
     let links: Vec<_> = page.split("href=\"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();
     assert!(links.len() >= 7);
-    for link in links.into_iter().filter(|link| *link != "/events") {
-        assert_eq!(app.get(link).await.status, 200, "{link}");
+    for link in links.into_iter().filter(|link| *link != "events") {
+        assert_eq!(app.get(&format!("/{link}")).await.status, 200, "{link}");
     }
 }
 
@@ -261,6 +261,6 @@ async fn head_and_options_are_answered() {
     let missing = app.request(Method::HEAD, "/nowhere", &[], Body::empty()).await;
     assert_eq!((missing.status.as_u16(), missing.body.len()), (404, 0));
     let options = app.request(Method::OPTIONS, "/models", &[], Body::empty()).await;
-    assert_eq!((options.status.as_u16(), options.header(header::ALLOW)), (204, Some("GET,HEAD,POST,OPTIONS")));
+    assert_eq!((options.status.as_u16(), options.header(header::ALLOW)), (204, Some("GET,HEAD,POST,DELETE,OPTIONS")));
     assert_eq!(app.request(Method::OPTIONS, "/nowhere", &[], Body::empty()).await.status, 404);
 }

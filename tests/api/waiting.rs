@@ -2,7 +2,6 @@
 
 use super::app::{App, Reply, id};
 use super::wire::Wire;
-use axum::http::header;
 use oviduct::http::Limits;
 use oviduct::jobs::ListFilter;
 use serde_json::json;
@@ -24,7 +23,7 @@ async fn a_queued_model_is_never_reported_as_refused() {
     let reply = ask(&app, "wait=1", 1).await;
     assert_eq!((reply.status.as_u16(), reply.json()["status"].clone()), (202, json!("queued")));
     wire.set_broken(false);
-    assert_eq!(app.get(reply.header(header::LOCATION).unwrap()).await.json(), reply.json());
+    assert_eq!(app.get(&reply.location()).await.json(), reply.json());
 }
 
 #[tokio::test]

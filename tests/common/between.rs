@@ -1,10 +1,13 @@
 //! A store that forwards every call to another one; an [`Eye`] observes the calls that matter to a test, or interferes.
 
 use async_trait::async_trait;
+use jiff::Timestamp;
 use oviduct::generate::{Backend, Progress};
+use oviduct::jobs::keys::{Key, KeyStore, NewKey, NewTicket};
 use oviduct::jobs::{
-    Attempt, BackendReport, Batch, BatchId, Change, ClaimedJob, Counts, Directive, Finished, Job, JobId, ListFilter,
-    LiveSection, NewBatch, NewJob, Page, Problem, Store, StoreError, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo,
+    Applied, Attempt, BackendReport, Batch, BatchFilter, BatchId, BatchPage, Change, ClaimedJob, Counts, Directive,
+    Finished, Instruction, Job, JobId, ListFilter, LiveSection, NewBatch, NewJob, Page, Pause, PoolUse, Problem, Store,
+    StoreError, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo,
 };
 use std::collections::BTreeSet;
 use std::ops::Deref;
@@ -53,6 +56,33 @@ impl<E> Deref for Between<E> {
 }
 
 #[async_trait]
+impl<E: Eye> KeyStore for Between<E> {
+    async fn add_key(&self, new: NewKey) -> Result<Key, StoreError> {
+        self.store.add_key(new).await
+    }
+
+    async fn add_first_key(&self, new: NewKey) -> Result<Option<Key>, StoreError> {
+        self.store.add_first_key(new).await
+    }
+
+    async fn keys(&self) -> Result<(Timestamp, Vec<Key>), StoreError> {
+        self.store.keys().await
+    }
+
+    async fn revoke_key(&self, prefix: &str, after: Duration) -> Result<Option<Key>, StoreError> {
+        self.store.revoke_key(prefix, after).await
+    }
+
+    async fn add_ticket(&self, new: NewTicket) -> Result<Timestamp, StoreError> {
+        self.store.add_ticket(new).await
+    }
+
+    async fn use_ticket(&self, hash: &str, path: &str) -> Result<Option<String>, StoreError> {
+        self.store.use_ticket(hash, path).await
+    }
+}
+
+#[async_trait]
 impl<E: Eye> Store for Between<E> {
     fn changes(&self) -> broadcast::Receiver<Change> {
         self.eye.changes(&*self.store)
@@ -62,12 +92,12 @@ impl<E: Eye> Store for Between<E> {
         self.store.submit(new).await
     }
 
-    async fn replayed(&self, key: &str, body: &str) -> Result<Option<Job>, StoreError> {
-        self.store.replayed(key, body).await
+    async fn replayed(&self, owner: Option<&str>, key: &str, body: &str) -> Result<Option<Job>, StoreError> {
+        self.store.replayed(owner, key, body).await
     }
 
-    async fn replayed_batch(&self, key: &str, body: &str) -> Result<Option<Batch>, StoreError> {
-        self.store.replayed_batch(key, body).await
+    async fn replayed_batch(&self, owner: Option<&str>, key: &str, body: &str) -> Result<Option<Batch>, StoreError> {
+        self.store.replayed_batch(owner, key, body).await
     }
 
     async fn get(&self, id: JobId) -> Result<Option<Job>, StoreError> {
@@ -85,6 +115,22 @@ impl<E: Eye> Store for Between<E> {
 
     async fn delete(&self, id: JobId) -> Result<Option<Vec<String>>, StoreError> {
         self.store.delete(id).await
+    }
+
+    async fn ids(&self, filter: &ListFilter) -> Result<Vec<JobId>, StoreError> {
+        self.store.ids(filter).await
+    }
+
+    async fn cancel_many(&self, ids: Vec<JobId>) -> Result<Applied, StoreError> {
+        self.store.cancel_many(ids).await
+    }
+
+    async fn delete_many(&self, ids: Vec<JobId>) -> Result<Applied, StoreError> {
+        self.store.delete_many(ids).await
+    }
+
+    async fn batches(&self, filter: &BatchFilter) -> Result<BatchPage, StoreError> {
+        self.store.batches(filter).await
     }
 
     async fn claim(
@@ -147,6 +193,34 @@ impl<E: Eye> Store for Between<E> {
         self.store.workers().await
     }
 
+    async fn workers_within(&self, within: Duration) -> Result<Vec<WorkerInfo>, StoreError> {
+        self.store.workers_within(within).await
+    }
+
+    async fn claimers(&self, backend: Backend, within: Duration) -> Result<u64, StoreError> {
+        self.store.claimers(backend, within).await
+    }
+
+    async fn set_paused(&self, paused: bool, by: Option<&str>) -> Result<(), StoreError> {
+        self.store.set_paused(paused, by).await
+    }
+
+    async fn paused(&self) -> Result<Option<Pause>, StoreError> {
+        self.store.paused().await
+    }
+
+    async fn instruct(&self, worker: &str, instruction: Instruction, by: Option<&str>) -> Result<bool, StoreError> {
+        self.store.instruct(worker, instruction, by).await
+    }
+
+    async fn queue_ages(&self) -> Result<[(Backend, Duration); 4], StoreError> {
+        self.store.queue_ages().await
+    }
+
+    fn pools(&self) -> Vec<PoolUse> {
+        self.store.pools()
+    }
+
     async fn reusable(&self, new: &NewJob) -> Result<Option<Job>, StoreError> {
         self.store.reusable(new).await
     }
@@ -169,6 +243,10 @@ impl<E: Eye> Store for Between<E> {
 
     async fn submit_batch(&self, new: NewBatch) -> Result<SubmittedBatch, StoreError> {
         self.store.submit_batch(new).await
+    }
+
+    async fn batch_jobs(&self, id: BatchId, after: Option<JobId>, limit: u32) -> Result<Vec<Job>, StoreError> {
+        self.store.batch_jobs(id, after, limit).await
     }
 
     async fn batch(&self, id: BatchId) -> Result<Option<Batch>, StoreError> {

@@ -74,8 +74,10 @@ fn new_job(n: usize) -> NewJob {
         missing: Vec::new(),
         batch_key: Some("size 1".into()),
         idempotency: Some((format!("key {n}"), String::new())),
-        submitter: Some("key 3".into()),
+        owner: Some("key 3".into()),
+        quota: Default::default(),
         trace: None,
+        retry_of: None,
     }
 }
 
@@ -115,6 +117,7 @@ pub async fn costs(store: &dyn Store) -> Costs {
         let since = Stopwatch::start();
         store.counts().await.expect("counts");
         store.queued_by_backend().await.expect("counts");
+        store.queue_ages().await.expect("ages");
         counts.push(since.seconds());
         ids.push(id);
     }

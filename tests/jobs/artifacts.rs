@@ -166,7 +166,14 @@ async fn a_model_whose_files_are_gone_is_grown_again() {
     place.check_files(&whole).await;
     let mut jobs = vec![wish(), scripted("ok", 1)];
     exclude_missing_files(&*place.store, &place.artifacts, &mut jobs).await.unwrap();
-    let batch = NewBatch { jobs, priority: Priority::default(), idempotency: None };
+    let batch = NewBatch {
+        jobs,
+        owner: None,
+        quota: Default::default(),
+        priority: Priority::default(),
+        study: None,
+        idempotency: None,
+    };
     let batch = place.store.submit_batch(batch).await.unwrap().batch().clone();
     let sources = [place.ended(batch.jobs[0]).await.reused_from, place.ended(batch.jobs[1]).await.reused_from];
     assert_eq!(sources, [Some(whole.id), None]);

@@ -329,6 +329,7 @@ async fn while_no_gpu_worker_is_alive_a_cpu_worker_takes_auto_and_records_why() 
         jobs: Vec::new(),
         jobs_done: 3,
         heartbeat_at: clock.now(),
+        pause: None,
     };
     place.store.worker_seen(&dead).await.unwrap();
     clock.advance(Duration::from_secs(60));

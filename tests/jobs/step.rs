@@ -126,8 +126,11 @@ async fn a_key_does_not_outlive_its_batch(database: Database) {
     let url = database.url(dir.path()).await;
     let place = Place::with(dir.path(), &url, StoreOptions::default()).await;
     let batch = NewBatch {
+        owner: None,
+        quota: Default::default(),
         jobs: vec![new_job("a"), new_job("b"), new_job("c")],
         priority: Priority::default(),
+        study: None,
         idempotency: Some(("nightly".into(), "body".into())),
     };
     let mut before = None;

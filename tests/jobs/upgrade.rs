@@ -51,7 +51,7 @@ async fn goes_on(store: &dyn Store) {
     store.release(alone, None).await.unwrap();
     let submit = async |digest: &str, priority: i64| {
         let priority = priority.try_into().unwrap();
-        let new = NewJob { priority, submitter: Some("b".into()), ..new_job(digest) };
+        let new = NewJob { priority, owner: Some("b".into()), ..new_job(digest) };
         store.submit(new).await.unwrap().job().clone()
     };
     assert_eq!(submit("urgent", 1).await.queue_position, Some(0));

@@ -16,6 +16,7 @@ import tempfile
 import threading
 import time
 import urllib.request
+from urllib.parse import urljoin
 
 import boto3
 from postgres import Cluster
@@ -171,7 +172,7 @@ def main(binary, folder, cluster, bucket):
         whole = {file["name"]: file["sha256"] for file in found["files"]}
         for service in apis:
             for file in found["files"]:
-                status, _, content = service.call("GET", file["href"])
+                status, _, content = service.call("GET", urljoin(f"/models/{model}", file["href"]))
                 assert status == 200 and hashlib.sha256(content).hexdigest() == file["sha256"], (file, status)
         if seed in (0, 1, MODELS - 1):
             assert whole == generated(binary, folder, seed), f"the bytes differ from those of the generator, seed {seed}"

@@ -11,6 +11,7 @@ import os
 import sys
 import tempfile
 import time
+from urllib.parse import urljoin
 
 from postgres import Cluster
 from service import SMALL, Service
@@ -46,7 +47,7 @@ def verify(service, ids):
         names = [file["name"] for file in found["files"]]
         assert sorted(names) == ["model.glb", "model.obj", "report.json", "sections.bin"], names
         for file in found["files"]:
-            status, _, content = service.call("GET", file["href"])
+            status, _, content = service.call("GET", urljoin(f"/models/{model}", file["href"]))
             assert status == 200 and len(content) == file["bytes"], (file, status, len(content))
             assert hashlib.sha256(content).hexdigest() == file["sha256"], file
     listed, cursor = [], ""

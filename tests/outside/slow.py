@@ -14,6 +14,7 @@ import socket
 import sys
 import tempfile
 import time
+from urllib.parse import urljoin
 
 sys.path.insert(0, os.path.dirname(__file__))
 from service import SMALL, Service
@@ -33,13 +34,14 @@ def main():
         pid = service.process.pid
         model = service.ended(service.json("POST", "/models", {"seed": 1, "spec": {"steps": 400}})["id"])
         file = next(file for file in model["files"] if file["name"] == "model.glb")
+        path = urljoin(f"/models/{model['id']}", file["href"])
         print(f"file of {file['bytes'] >> 20} MiB, {megabytes(pid, 'VmRSS'):.0f} MB resident before", flush=True)
         clients, poll = {}, select.epoll()
         for _ in range(options.clients):
             client = socket.socket()
             client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             client.connect(("127.0.0.1", service.port))
-            client.sendall(f"GET {file['href']} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+            client.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
             clients[client.fileno()] = client
             poll.register(client, select.EPOLLRDHUP | select.EPOLLERR | select.EPOLLHUP)
         start, next_byte, probes, done, memory, files = time.monotonic(), 0, [], 0, 0, 0

@@ -55,7 +55,7 @@ fn a_service_can_be_stopped_as_soon_as_it_answers() {
             let Ok(mut stream) = TcpStream::connect(&address) else { return false };
             // The socket listens before the service answers.
             stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-            let asked = stream.write_all(b"GET /readyz HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n");
+            let asked = stream.write_all(b"GET /readyz HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n");
             let mut answer = String::new();
             asked.is_ok() && stream.read_to_string(&mut answer).is_ok() && answer.starts_with("HTTP/1.1 200")
         });
@@ -96,7 +96,7 @@ fn service(at: &Path, options: &[&str]) -> (Child, String) {
 fn status(address: &str, path: &str) -> Option<String> {
     let mut stream = TcpStream::connect(address).ok()?;
     stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-    stream.write_all(format!("GET {path} HTTP/1.1\r\nhost: x\r\nconnection: close\r\n\r\n").as_bytes()).ok()?;
+    stream.write_all(format!("GET {path} HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n").as_bytes()).ok()?;
     let mut line = String::new();
     BufReader::new(stream).read_line(&mut line).ok()?;
     Some(line)
@@ -124,7 +124,7 @@ fn open_requests_have_the_grace_on_a_process_without_workers() {
     let mut stream = TcpStream::connect(&address).unwrap();
     let body = r#"{"preset": "pig", "seed": 7}"#;
     let (first, rest) = body.split_at(5);
-    let head = "POST /models HTTP/1.1\r\nhost: x\r\nconnection: close\r\ncontent-type: application/json\r\n";
+    let head = "POST /models HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\ncontent-type: application/json\r\n";
     stream.write_all(format!("{head}content-length: {}\r\n\r\n{first}", body.len()).as_bytes()).unwrap();
     std::thread::sleep(Duration::from_millis(500));
     terminate(&child);

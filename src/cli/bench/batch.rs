@@ -1,6 +1,6 @@
 //! `bench batch`: models per second on the GPU by batch size.
 
-use super::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
+use super::super::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
 use super::report::Report;
 use super::{device, machine};
 use crate::cli::args::GpuArgs;
@@ -78,6 +78,7 @@ fn measure(device: &GpuDevice, spec: &ModelSpec, what: &str, quick: bool) -> any
         title: format!("Models a second by the size of the batch: {}", device::label(device)),
         x: "models in the batch",
         y: "models per second",
+        x_tick: plot::whole,
         names: SeriesLabelPosition::LowerRight,
     };
     let line = Line { label: what.to_owned(), points };

@@ -13,7 +13,6 @@ mod device;
 mod machine;
 mod overhead;
 mod paper;
-mod plot;
 mod probe;
 mod report;
 mod scaling;

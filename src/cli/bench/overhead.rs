@@ -5,7 +5,7 @@
 use super::super::args::ServeArgs;
 use super::super::client::Client;
 use super::super::exit::Failure;
-use super::super::load::{self, Lost, Model, One, Seeds};
+use super::super::load::{self, Grown, Lost, Model, Seeds};
 use super::super::service::Service;
 use super::machine;
 use super::report::Report;
@@ -70,7 +70,7 @@ pub(super) async fn run(quick: bool) -> anyhow::Result<Report> {
     args.process.grace = Duration::ZERO;
     let listener = TcpListener::bind(("127.0.0.1", 0)).await.context("no port is free")?;
     let service = Service::start(&args, listener, None).await.map_err(plain)?;
-    let client = Client::new(&format!("http://{}", service.address())).map_err(plain)?;
+    let client = Client::new(&format!("http://{}", service.address()), None).map_err(plain)?;
     let mut rows = Vec::new();
     for size in SIZES {
         rows.push(measure(&client, size, workers, rounds, seconds_a_round).await?);
@@ -113,8 +113,8 @@ async fn measure(
     // Both once without measurement; the first determines the number of models per round.
     let first = load::direct(&model, seeds(u64::from(asked)), workers, 1).await.map_err(plain)?;
     let first = succeeded(first)?;
-    succeeded(load::through(client, &body, seeds(u64::from(asked)), asked).await.map_err(plain)?)?;
-    let each = median(first.iter().map(|one| one.ended).collect());
+    load::through(client, &body, seeds(u64::from(asked)), asked).await.map_err(plain)?;
+    let each = median(first.iter().map(|one| one.seconds).collect());
     let count = (seconds_a_round * f64::from(workers) / each).ceil().max(f64::from(asked)) as u64;
     let mut row = Row {
         label: format!("{steps} steps, {from} to {to} particles"),
@@ -131,14 +131,13 @@ async fn measure(
             if direct {
                 let all = load::direct(&model, seeds(count), workers, 1).await.map_err(plain)?;
                 row.direct.push(count as f64 / watch.seconds());
-                times.extend(succeeded(all)?.iter().map(|one| one.ended));
+                times.extend(succeeded(all)?.iter().map(|one| one.seconds));
             } else {
                 let before = computed(client).await?;
-                let all = load::through(client, &body, seeds(count), asked).await.map_err(plain)?;
+                load::through(client, &body, seeds(count), asked).await.map_err(plain)?;
                 let seconds = watch.seconds();
                 row.service.push(count as f64 / seconds);
                 row.computing.push((computed(client).await? - before) / (f64::from(workers) * seconds));
-                succeeded(all)?;
             }
         }
     }
@@ -147,8 +146,8 @@ async fn measure(
 }
 
 /// All of these models, if each of them succeeded.
-fn succeeded(all: Vec<Result<One, Lost>>) -> anyhow::Result<Vec<One>> {
-    let all: Vec<One> = all.into_iter().collect::<Result<_, _>>().map_err(|lost| anyhow!(lost.message))?;
+fn succeeded(all: Vec<Result<Grown, Lost>>) -> anyhow::Result<Vec<Grown>> {
+    let all: Vec<Grown> = all.into_iter().collect::<Result<_, _>>().map_err(|lost| anyhow!(lost.message))?;
     anyhow::ensure!(all.iter().all(|one| one.succeeded), "not all models succeeded");
     Ok(all)
 }

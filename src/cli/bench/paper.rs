@@ -4,8 +4,8 @@
 //! pairs would take minutes to a quarter of an hour: their time per step is measured at a few particle counts, on states
 //! of a real run, and integrated over the counts of that run's steps. The output states which method was used.
 
+use super::super::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
 use super::curve::{self, Point};
-use super::plot::{self, Axes, Line, Scale, SeriesLabelPosition};
 use super::probe::{self, Run, Variant};
 use super::report::Report;
 use super::{device, machine};
@@ -209,6 +209,7 @@ fn report(mut versions: Vec<Version>, plan: &Plan, basis: &Basis) -> anyhow::Res
         title: format!("Time per step, preset paper: {}", machine::line()),
         x: "particles (both loops)",
         y: "time per step, ms",
+        x_tick: plot::whole,
         names: SeriesLabelPosition::UpperLeft,
     };
     let files = vec![

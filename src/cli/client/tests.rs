@@ -17,7 +17,7 @@ async fn serve(router: Router) -> Client {
     let url = format!("http://{}/", listener.local_addr().expect("an address"));
     tokio::spawn(async move { axum::serve(listener, router).await });
     let retries = Retries { most: 4, wait: Duration::from_millis(1) };
-    Client { retries, ..Client::new(&url).expect("a URL") }
+    Client { retries, ..Client::new(&url, None).expect("a URL") }
 }
 
 fn stream(text: &'static str) -> axum::response::Response {
@@ -117,7 +117,7 @@ async fn errors_have_kinds() {
     assert_eq!(kind("c").await, ErrorKind::Status(404));
     // Nobody listens on a port that was just closed.
     let port = std::net::TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("bound").port();
-    let nobody = Client::new(&format!("http://127.0.0.1:{port}")).expect("a URL");
+    let nobody = Client::new(&format!("http://127.0.0.1:{port}"), None).expect("a URL");
     assert_eq!(ErrorKind::of(&nobody.model("x").await.expect_err("fails")), ErrorKind::Connection);
     assert_eq!(ErrorKind::of(&Failure::from(Silent)), ErrorKind::Timeout);
 }
@@ -145,7 +145,7 @@ async fn files_are_saved_only_if_they_match_their_hash() {
     let right = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
     let file = |name: &str, bytes, sha256: &str| {
         json!({ "id": "x", "status": "succeeded",
-                "files": [{ "name": name, "bytes": bytes, "sha256": sha256, "href": "/f" }] })
+                "files": [{ "name": name, "bytes": bytes, "sha256": sha256, "href": client.address("/f") }] })
     };
     let dir = tempfile::tempdir().expect("a folder");
     for (name, bytes, sha256, good) in [
@@ -162,10 +162,25 @@ async fn files_are_saved_only_if_they_match_their_hash() {
     assert_eq!(left, ["a.glb"]);
 }
 
+#[tokio::test]
+async fn the_key_is_sent_with_every_request() {
+    let id = |headers: HeaderMap| async move {
+        let sent = headers.get("authorization").map_or("-", |v| v.to_str().expect("ASCII")).to_owned();
+        axum::Json(json!({ "id": sent, "status": "queued" }))
+    };
+    let client = serve(Router::new().route("/models", post(id)).route("/models/x", get(id))).await;
+    assert_eq!(client.model("x").await.expect("answered")["id"], "-");
+    let key = "s3cret".parse().expect("any text");
+    let client = Client::new(&client.base, Some(&key)).expect("valid");
+    assert_eq!(client.model("x").await.expect("answered")["id"], "Bearer s3cret");
+    assert_eq!(client.submit(&json!({}), "k").await.expect("answered")["id"], "Bearer s3cret");
+    assert!(!format!("{client:?}").contains("s3cret"), "{client:?}");
+}
+
 #[test]
 fn addresses() {
-    assert_eq!(Client::new("http://h:1/").expect("good").address("/models"), "http://h:1/models");
+    assert_eq!(Client::new("http://h:1/", None).expect("good").address("/models"), "http://h:1/models");
     for wrong in ["h:1", "ftp://h", "", "http://"] {
-        assert!(matches!(Client::new(wrong), Err(Failure::Usage(_))), "{wrong}");
+        assert!(matches!(Client::new(wrong, None), Err(Failure::Usage(_))), "{wrong}");
     }
 }

@@ -10,6 +10,8 @@ use crate::model::{Ring, Section};
 /// Bytes of a point before compression: id, x, y.
 const POINT_LEN: usize = 12;
 const PLANE_BYTES: usize = 4;
+/// Most bytes that one compressed byte becomes: a block of zstd takes at least 4 bytes and becomes at most 128 KiB.
+const EXPANSION: usize = (128 << 10) / 4;
 
 /// Encodes both rings into `raw`, which is cleared first.
 pub(super) fn encode(section: &Section, raw: &mut Vec<u8>) {
@@ -58,6 +60,10 @@ pub fn read_section_from_bytes(entry: &SectionEntry, bytes: &[u8]) -> Result<Sec
     }
     let counts = [entry.inner as usize, entry.outer as usize];
     let expected = POINT_LEN * (counts[0] + counts[1]);
+    // So that memory is allocated for data that can exist, not for any count.
+    if expected > bytes.len() * EXPANSION {
+        return Err(SectionsError::Corrupt("compressed data"));
+    }
     let raw = zstd::bulk::decompress(bytes, expected).map_err(|_| SectionsError::Corrupt("compressed data"))?;
     if raw.len() != expected {
         return Err(SectionsError::Corrupt("a section is too short"));

@@ -107,6 +107,35 @@ fn a_smooth_contour_takes_less_than_raw_floats() {
     assert!(packed * 3 < raw * 2, "{packed} of {raw}");
 }
 
+/// The file of one section with these bytes at `at` of its index entry, and the checksum of the index made right.
+fn forged(at: usize, bytes: &[u8]) -> Vec<u8> {
+    let mut file = file(&samples()[..1]);
+    let head = file.len() - TRAILER_LEN;
+    let index = head - ENTRY_LEN;
+    file[index + at..][..bytes.len()].copy_from_slice(bytes);
+    let sum = checksum(&file[index..head]);
+    file[head + 16..head + 24].copy_from_slice(&sum);
+    file
+}
+
+#[test]
+fn a_section_that_ends_beyond_the_greatest_offset_is_refused() {
+    let file = forged(0, &(u64::MAX - 1).to_le_bytes());
+    let (body, tail) = file.split_last_chunk::<TRAILER_LEN>().unwrap();
+    let trailer = Trailer::parse(tail, file.len() as u64).unwrap();
+    let index = trailer.parse_index(&body[trailer.index_offset as usize..]);
+    assert!(matches!(index, Err(SectionsError::Corrupt("an index entry is out of bounds"))), "{index:?}");
+}
+
+#[test]
+fn more_points_than_the_bytes_can_hold_are_refused_before_memory_is_taken() {
+    let file = forged(12, &MAX_POINTS.to_le_bytes());
+    let mut reader = SectionsReader::open(Cursor::new(&file)).unwrap();
+    let length = reader.entries()[0].length as usize;
+    assert!(length * (128 << 10) / 4 < 12 * MAX_POINTS as usize, "the section has {length} bytes");
+    assert!(matches!(reader.section(0), Err(SectionsError::Corrupt("compressed data"))));
+}
+
 fn any_ring() -> impl Strategy<Value = Ring> {
     prop::collection::vec((any::<u32>(), prop::array::uniform2(prop::num::f32::ANY)), 0..50).prop_map(|all| {
         let (ids, points) = all.into_iter().unzip();

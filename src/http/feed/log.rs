@@ -5,6 +5,7 @@
 //! The log is bounded in bytes: it drops the states that were published first, except those of running models. A reader
 //! behind a dropped state begins anew.
 
+use super::super::interest::Interest;
 use super::super::view::View;
 use crate::jobs::{JobId, Status};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
@@ -31,8 +32,8 @@ pub(in crate::http) struct Log {
 pub(in crate::http) enum Next {
     /// This state.
     View(Arc<View>),
-    /// Nothing yet.
-    Nothing,
+    /// Nothing up to this number.
+    Nothing(u64),
     /// The number is of another log, or states after it were dropped.
     Unknown,
 }
@@ -93,12 +94,14 @@ impl Log {
         self.bytes = self.views.values().map(|view| view.bytes()).sum();
     }
 
-    /// The first state after `number`.
-    pub(super) fn after(&self, number: u64) -> Next {
+    /// The first state after `number` that is of interest.
+    pub(super) fn after(&self, number: u64, interest: &Interest) -> Next {
         if !(self.floor..=self.last).contains(&number) {
             return Next::Unknown;
         }
-        self.views.range(number + 1..).next().map_or(Next::Nothing, |(_, view)| Next::View(Arc::clone(view)))
+        let mut views = self.views.range(number + 1..).map(|(_, view)| view);
+        let found = views.find(|view| interest.includes(view.id(), view.traits().map(|traits| &**traits)));
+        found.map_or(Next::Nothing(self.last), |view| Next::View(Arc::clone(view)))
     }
 
     /// The models that a reader begins with, oldest first: all that run, the newest that wait, and if `with_ended` the

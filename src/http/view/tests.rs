@@ -10,7 +10,7 @@ fn view(job: &Job, names: &[Name], number: u64, before: Option<&View>) -> View {
 }
 
 fn text(view: &View, number: u64) -> String {
-    String::from_utf8(view.events_after(number, "14").concat()).unwrap()
+    String::from_utf8(view.events_after(number, "14", Detail::Summary).concat()).unwrap()
 }
 
 /// Names of the events after `number`.
@@ -20,17 +20,33 @@ fn names(view: &View, number: u64) -> Vec<String> {
 }
 
 #[test]
-fn an_event_holds_the_whole_model_on_one_line() {
+fn an_event_holds_the_model_on_one_line() {
     let job = running(10);
     let text = text(&view(&job, &[Name::Status, Name::Section], 5, None), 0);
     let lines: Vec<_> = text.lines().collect();
     assert_eq!((lines[0], lines[1], lines[3], lines[4]), ("event: status", "id: 14", "", "event: section"));
     let data = |line: &str| serde_json::from_str::<Value>(line.strip_prefix("data: ").unwrap()).unwrap();
-    let model = Model::of(&job, None);
+    let model = Model::of(&job, None, Detail::Summary, At::Root);
     assert_eq!(data(lines[2]), serde_json::to_value(&model).unwrap());
     let event = ModelEvent { model, section: job.section };
     assert_eq!(data(lines[6]), serde_json::to_value(event).unwrap());
     assert!(lines.len() == 8 && text.ends_with("\n\n"));
+}
+
+#[test]
+fn the_spec_comes_with_the_full_view() {
+    let job = Job { spec: json!({ "steps": 2000 }), ..running(10) };
+    let view = view(&job, &[Name::Status, Name::Section], 5, None);
+    let events = String::from_utf8(view.events_after(0, "14", Detail::Full).concat()).unwrap();
+    let data: Vec<Value> =
+        events.lines().filter_map(|line| serde_json::from_str(line.strip_prefix("data: ")?).ok()).collect();
+    let model = Model::of(&job, None, Detail::Full, At::Root);
+    assert_eq!(model.spec, Some(job.spec.clone()));
+    let event = ModelEvent { model: model.clone(), section: job.section.clone() };
+    assert_eq!(data, [serde_json::to_value(model).unwrap(), serde_json::to_value(event).unwrap()]);
+    assert!(!text(&view, 0).contains("2000"), "and not with the other");
+    let end = View::deleted(job.id, 6, Some(&view), None);
+    assert_eq!(end.events_after(5, "14", Detail::Full).concat(), end.events_after(5, "14", Detail::Summary).concat());
 }
 
 #[test]
@@ -50,7 +66,7 @@ fn a_reader_gets_the_events_that_it_lacks() {
 #[test]
 fn a_deleted_model_ends_with_the_next_version() {
     let before = view(&job(), &[Name::Status], 5, None);
-    let deleted = View::deleted(job().id, 6, Some(&before));
+    let deleted = View::deleted(job().id, 6, Some(&before), None);
     assert_eq!((deleted.version(), deleted.is_last()), (before.version() + 1, true));
     let data = json!({ "id": job().id.to_string(), "status": "deleted" });
     assert_eq!(text(&deleted, 5), format!("event: end\nid: 14\ndata: {data}\n\n"));
@@ -59,10 +75,15 @@ fn a_deleted_model_ends_with_the_next_version() {
 #[test]
 fn readers_share_the_bytes_of_a_state() {
     let view = view(&running(10), &[Name::Status], 5, None);
-    let [one, two] = [0, 0].map(|number| view.events_after(number, "14"));
+    let [one, two] = [0, 0].map(|number| view.events_after(number, "14", Detail::Summary));
     assert!(one.len() == 5 && one[1].as_ptr() == two[1].as_ptr() && one[1].as_ptr() == one[3].as_ptr());
     assert_eq!(one[4].as_ptr(), two[4].as_ptr(), "the contour");
     // A contour that has not changed is not serialised again.
     let next = super::View::of(&running(10), None, &[Name::Status], 6, Some(&view));
-    assert_eq!(next.events_after(0, "15")[4].as_ptr(), one[4].as_ptr());
+    assert_eq!(next.events_after(0, "15", Detail::Summary)[4].as_ptr(), one[4].as_ptr());
+    // Neither is the spec; a reader of all members shares the others.
+    let [one, next] = [view, next].map(|view| view.events_after(0, "15", Detail::Full));
+    assert_eq!(one[2], ",\"spec\":{}");
+    assert_eq!((one[2].as_ptr(), one[2].as_ptr()), (next[2].as_ptr(), one[6].as_ptr()));
+    assert_eq!(one[1].as_ptr(), two[1].as_ptr());
 }

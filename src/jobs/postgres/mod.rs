@@ -11,6 +11,7 @@
 
 mod notify;
 
+use super::operators::PoolUse;
 use super::sql::{Connection, Done, Engine, Operation, Reader, SqlError, SqlStore, Time, Trouble, Tx, run_or_find};
 use super::store::{Change, StoreError, StoreOptions};
 use crate::clock::Clock;
@@ -160,6 +161,16 @@ impl Engine for Postgres {
 
     fn time(&self) -> &Time {
         &self.time
+    }
+
+    fn pools(&self) -> Vec<PoolUse> {
+        let idle = u32::try_from(self.pool.num_idle()).unwrap_or(u32::MAX);
+        vec![PoolUse {
+            name: "postgres",
+            open: self.pool.size(),
+            idle,
+            most: self.pool.options().get_max_connections(),
+        }]
     }
 
     fn notify(&self, changes: &[Change]) {

@@ -1,14 +1,17 @@
 //! Batches: jobs that are queued, read and removed together.
 
-use super::codec::{enum_from_sql, values};
+use super::codec::{Value, enum_from_sql, json, values};
 use super::error::SqlError;
 use super::operation::{Before, Done, Operation};
 use super::order::queue_room;
-use super::record::priority;
+use super::quota;
+use super::record::{owner, parse_optional, priority, select_jobs, submitter, to_record};
 use super::submit::{self, Ids, place};
 use super::tx::Tx;
-use crate::jobs::job::{BatchId, JobId, NewJob};
-use crate::jobs::store::{Batch, Change, Counts, NewBatch, StoreError, StoreOptions, SubmittedBatch};
+use crate::jobs::job::{BatchId, Job, JobId, NewJob};
+use crate::jobs::store::{
+    Batch, BatchFilter, BatchPage, Change, Counts, NewBatch, StoreError, StoreOptions, SubmittedBatch,
+};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Queues the jobs of a batch, or finds the batch that was made before with the same idempotency key.
@@ -30,7 +33,9 @@ impl Operation for SubmitBatch {
     type Output = SubmittedBatch;
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<SubmittedBatch>, SqlError> {
+        let whose = self.new.owner.as_deref();
         let (key, body) = self.new.idempotency.clone().unzip();
+        let key = key.map(|key| submit::scoped(whose, &key));
         if key.is_some() {
             // Earlier versions kept the keys of batches whose jobs have all been deleted.
             let empty = "DELETE FROM batches WHERE idempotency_key = $1 \
@@ -49,15 +54,25 @@ impl Operation for SubmitBatch {
         let first = || BatchId(self.ids.at(now).0);
         let id = *self.tried.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(first);
         tx.execute(
-            "INSERT INTO batches (id, created_at, idempotency_key, idempotency_body, priority) \
-             VALUES ($1, $2, $3, $4, $5)",
-            values![id.to_string(), now, key, body, self.new.priority.get()],
+            "INSERT INTO batches (id, created_at, idempotency_key, idempotency_body, priority, submitter, study) \
+             VALUES ($1, $2, $3, $4, $5, $6, $7)",
+            values![
+                id.to_string(),
+                now,
+                key,
+                body,
+                self.new.priority.get(),
+                submitter(whose),
+                self.new.study.as_ref().map(json),
+            ],
         )
         .await?;
         let mut room = queue_room(tx, options).await?;
-        for new in &self.new.jobs {
-            let alone = NewJob { idempotency: None, priority: self.new.priority, ..new.clone() };
-            place(tx, options, self.ids.at(now), &alone, Some(id), &mut room).await?;
+        quota::check(tx, whose, self.new.quota, self.new.jobs.len() as u64).await?;
+        for (index, new) in (0_u32..).zip(&self.new.jobs) {
+            let owner = self.new.owner.clone();
+            let alone = NewJob { idempotency: None, priority: self.new.priority, owner, ..new.clone() };
+            place(tx, options, self.ids.at(now), &alone, Some((id, Some(index))), &mut room).await?;
         }
         Ok(accepted(known(tx, id).await?))
     }
@@ -72,10 +87,15 @@ impl Operation for SubmitBatch {
     }
 }
 
-/// The batch that was made with this key and body.
-pub(super) async fn replayed(tx: &mut Tx<'_>, key: &str, body: &str) -> Result<Option<Batch>, SqlError> {
+/// The batch that its owner made with this key and body.
+pub(super) async fn replayed(
+    tx: &mut Tx<'_>,
+    owner: Option<&str>,
+    key: &str,
+    body: &str,
+) -> Result<Option<Batch>, SqlError> {
     let sql = "SELECT id FROM batches WHERE idempotency_key = $1 AND idempotency_body = $2";
-    match tx.optional(sql, values![key, body]).await? {
+    match tx.optional(sql, values![submit::scoped(owner, key), body]).await? {
         Some(row) => {
             let JobId(id) = row.id("id")?;
             read(tx, BatchId(id)).await
@@ -88,8 +108,8 @@ pub(super) async fn read(tx: &mut Tx<'_>, id: BatchId) -> Result<Option<Batch>, 
     // One statement, so that the jobs are those of one moment.
     let rows = tx
         .all(
-            "SELECT b.created_at, b.priority, j.id, j.status FROM batches b LEFT JOIN jobs j ON j.batch = b.id WHERE b.id = $1 \
-             ORDER BY j.id",
+            "SELECT b.created_at, b.priority, b.submitter, j.id, j.status, j.batch_index FROM batches b \
+             LEFT JOIN jobs j ON j.batch = b.id WHERE b.id = $1 ORDER BY j.id",
             values![id.to_string()],
         )
         .await?;
@@ -98,14 +118,93 @@ pub(super) async fn read(tx: &mut Tx<'_>, id: BatchId) -> Result<Option<Batch>, 
     };
     let created_at = first.time("created_at")?;
     let priority = priority(first.int("priority")?);
-    let mut batch = Batch { id, created_at, priority, counts: Counts::default(), jobs: Vec::with_capacity(rows.len()) };
-    for row in &rows {
+    // A study never changes. It is read apart, because a join would repeat it for each job.
+    let study = tx.optional("SELECT study FROM batches WHERE id = $1", values![id.to_string()]).await?;
+    let study = study.map(|row| parse_optional(&row, "study")).transpose()?.flatten();
+    let (jobs, places) = (Vec::with_capacity(rows.len()), Vec::with_capacity(rows.len()));
+    let (owner, counts) = (owner(first)?, Counts::default());
+    let mut batch = Batch { id, owner, created_at, priority, counts, jobs, places, study };
+    for (row, order) in rows.iter().zip(0_u32..) {
         if let Some(job) = row.optional_id("id")? {
             batch.jobs.push(job);
+            // Versions before studies recorded no place.
+            let place = row.optional_int("batch_index")?.and_then(|place| u32::try_from(place).ok());
+            batch.places.push(place.unwrap_or(order));
             *batch.counts.of_mut(enum_from_sql(row.text("status")?)?) += 1;
         }
     }
     Ok(Some(batch))
+}
+
+/// A page of a batch's jobs.
+pub(super) async fn jobs(tx: &mut Tx<'_>, id: BatchId, after: Option<JobId>, limit: u32) -> Result<Vec<Job>, SqlError> {
+    let sql = format!("{}FROM jobs j WHERE j.batch = $1 AND j.id > $2 ORDER BY j.id LIMIT {limit}", select_jobs(tx));
+    let after = after.map_or_else(String::new, |id| id.to_string());
+    let rows = tx.all(sql, values![id.to_string(), after]).await?;
+    rows.iter().map(|row| Ok(to_record(row)?.job)).collect()
+}
+
+/// Most batches on a page.
+const PAGE: u32 = 100;
+
+pub(super) async fn list(tx: &mut Tx<'_>, filter: &BatchFilter) -> Result<BatchPage, SqlError> {
+    let limit = filter.limit.clamp(1, PAGE);
+    let mut sql = "SELECT id, created_at, priority, submitter FROM batches WHERE TRUE".to_owned();
+    let mut values = Vec::new();
+    let mut and = |condition: &str, value: Value| {
+        values.push(value);
+        sql += &format!(" AND {condition} ${}", values.len());
+    };
+    if let Some(owner) = &filter.owner {
+        and("submitter =", owner.into());
+    }
+    if let Some(after) = filter.created_after {
+        and("id >=", JobId::least_at(after).into());
+        and("created_at >=", after.into());
+    }
+    if let Some(before) = filter.created_before {
+        and("id <", JobId::least_after(before).into());
+        and("created_at <", before.into());
+    }
+    if let Some(before) = filter.before {
+        and("id <", before.to_string().into());
+    }
+    sql += &format!(" ORDER BY id DESC LIMIT {}", limit + 1);
+    let rows = tx.all(sql, values).await?;
+    let more = rows.len() > limit as usize;
+    let mut batches = Vec::new();
+    for row in rows.iter().take(limit as usize) {
+        let JobId(id) = row.id("id")?;
+        batches.push(Batch {
+            id: BatchId(id),
+            owner: owner(row)?,
+            created_at: row.time("created_at")?,
+            priority: priority(row.int("priority")?),
+            counts: Counts::default(),
+            jobs: Vec::new(),
+            places: Vec::new(),
+            study: None,
+        });
+    }
+    count(tx, &mut batches).await?;
+    let next = if more { batches.last().map(|batch| batch.id) } else { None };
+    Ok(BatchPage { batches, next })
+}
+
+/// Counts the jobs of batches by status, in the index alone.
+async fn count(tx: &mut Tx<'_>, batches: &mut [Batch]) -> Result<(), SqlError> {
+    let sql = format!(
+        "SELECT batch, status, COUNT(*) AS n FROM jobs{}$1)) AND batch IS NOT NULL GROUP BY batch, status",
+        tx.either(" INDEXED BY jobs_by_batch WHERE batch IN (SELECT value FROM json_each(", " WHERE batch = ANY ((",),
+    );
+    let ids: Vec<String> = batches.iter().map(|batch| batch.id.to_string()).collect();
+    for row in tx.all(sql, values![ids]).await? {
+        let Some(JobId(id)) = row.optional_id("batch")? else { continue };
+        if let Some(batch) = batches.iter_mut().find(|batch| batch.id.0 == id) {
+            *batch.counts.of_mut(enum_from_sql(row.text("status")?)?) = row.count("n")?;
+        }
+    }
+    Ok(())
 }
 
 async fn known(tx: &mut Tx<'_>, id: BatchId) -> Result<Batch, SqlError> {

@@ -14,11 +14,12 @@ use super::codec::{Value, enum_to_sql, until, values};
 use super::error::SqlError;
 use super::lease::{self, End, Record as Ending};
 use super::operation::{Done, Operation};
+use super::pause::unpaused;
 use super::read;
 use super::record::{Record, select_jobs, to_record};
 use super::tx::{Dialect, Tx};
 use crate::generate::Backend;
-use crate::jobs::job::{JobId, Problem};
+use crate::jobs::job::{Job, JobId, Problem};
 use crate::jobs::state::{self, Event};
 use crate::jobs::store::{Change, ClaimedJob, StoreOptions};
 use jiff::Timestamp;
@@ -37,21 +38,21 @@ pub(super) struct Claim {
     pub(super) limit: u32,
 }
 
-/// What a claim would find.
+/// What a claim of a worker would find.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Found {
     /// The time of the look, by the clock of leases.
     pub(super) at: Timestamp,
     /// Whether leases have expired.
     pub(super) expired: bool,
-    /// Whether jobs are due.
+    /// Whether jobs are due, and the worker is not paused.
     pub(super) due: bool,
 }
 
 /// Looks whether there is anything to do. Usually there is not, and no writer is needed.
-pub(super) async fn look(tx: &mut Tx<'_>, backend: Backend) -> Result<Found, SqlError> {
+pub(super) async fn look(tx: &mut Tx<'_>, worker: &str, backend: Backend) -> Result<Found, SqlError> {
     let now = tx.steady().await?;
-    let mut values = values![now, until(now, LONGEST_DELAY)];
+    let mut values = values![now, until(now, LONGEST_DELAY), worker];
     // Not EXISTS: for that PostgreSQL may choose to read the table, in the hope of an early match.
     let lane = |lane| {
         values.push(Value::from(enum_to_sql(lane)));
@@ -64,8 +65,9 @@ pub(super) async fn look(tx: &mut Tx<'_>, backend: Backend) -> Result<Found, Sql
     let lanes: Vec<String> = state::accepted(backend).iter().map(lane).collect();
     let sql = format!(
         "SELECT (SELECT 1 FROM jobs WHERE status = 'running' AND lease_until <= $1 ORDER BY lease_until LIMIT 1) \
-         IS NOT NULL AS expired, {} AS due",
-        lanes.join(" OR ")
+         IS NOT NULL AS expired, ({}) AND {} AS due",
+        lanes.join(" OR "),
+        unpaused("$3")
     );
     let row = tx.one(sql, values).await?;
     Ok(Found { at: now, expired: row.flag("expired")?, due: row.flag("due")? })
@@ -136,6 +138,8 @@ impl Claim {
             };
             let mut all_read = true;
             for Record { job, unread, batch_key, .. } in taken {
+                // The row of the attempt was written after the record was read.
+                let job = Job { worker: Some(self.worker.clone()), ..job };
                 let job = ClaimedJob { attempt: job.attempts, worker: self.worker.clone(), job };
                 if let Some(why) = unread {
                     claimed.changes.extend(fail(tx, options, &job, why).await?);
@@ -171,10 +175,12 @@ impl Claim {
         for (index, column, value) in lanes {
             let sql = format!(
                 "SELECT rank, id FROM jobs INDEXED BY {index} WHERE status = 'queued' \
-                 AND {column} = $1 AND (available_at <= $2 OR available_at > $3) \
-                 ORDER BY rank, turn, id LIMIT $4"
+                 AND {column} = $1 AND (available_at <= $2 OR available_at > $3) AND {} \
+                 ORDER BY rank, turn, id LIMIT $4",
+                unpaused("$5")
             );
-            let waiting = tx.all(sql, values![value, steady, until(steady, LONGEST_DELAY), limit]).await?;
+            let values = values![value, steady, until(steady, LONGEST_DELAY), limit, &self.worker];
+            let waiting = tx.all(sql, values).await?;
             let waiting: Result<VecDeque<_>, SqlError> =
                 waiting.iter().map(|row| Ok((row.int("rank")?, row.id("id")?))).collect();
             queues.push(waiting?);
@@ -196,7 +202,7 @@ impl Claim {
     }
 
     async fn at_once(&self, tx: &mut Tx<'_>, limit: u32, batch_key: Option<&str>) -> Result<Vec<Record>, SqlError> {
-        let (jobs, now) = (select_jobs(tx), tx.now().await?);
+        let (jobs, now, unpaused) = (select_jobs(tx), tx.now().await?, unpaused("$3"));
         // Limits are in the text, so that a plan made once for all values expects few rows.
         let (due, of) = match batch_key {
             // Only the index of batch keys fits: no other has this order, and IS TRUE excludes the index by status.
@@ -204,7 +210,7 @@ impl Claim {
                 format!(
                     "due AS MATERIALIZED (SELECT id, ROW_NUMBER() OVER (ORDER BY rank, turn, id) AS place FROM (\
                      SELECT rank, turn, id FROM jobs WHERE (status = 'queued') IS TRUE AND batch_key = $1 \
-                     AND (available_at <= $2 OR available_at > $5) \
+                     AND (available_at <= $2 OR available_at > $5) AND {unpaused} \
                      ORDER BY rank, turn, id LIMIT {limit} FOR UPDATE SKIP LOCKED) AS heads)"
                 ),
                 Value::from(key),
@@ -214,7 +220,7 @@ impl Claim {
                 format!(
                     "heads AS MATERIALIZED (SELECT lane.name, head.* FROM unnest($1::text[]) AS lane (name) \
                      CROSS JOIN LATERAL (SELECT rank, turn, id FROM jobs WHERE status = 'queued' \
-                     AND backend_requested = lane.name AND (available_at <= $2 OR available_at > $5) \
+                     AND backend_requested = lane.name AND (available_at <= $2 OR available_at > $5) AND {unpaused} \
                      ORDER BY rank, turn, id LIMIT {limit} FOR UPDATE SKIP LOCKED) AS head), \
                      due AS MATERIALIZED (SELECT id, ROW_NUMBER() OVER (ORDER BY rank, last, turn, id) AS place FROM (\
                      SELECT rank, turn, id, MAX(id) OVER (PARTITION BY name, rank ORDER BY turn, id) AS last FROM heads\

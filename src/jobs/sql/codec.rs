@@ -32,6 +32,12 @@ impl From<u32> for Value {
     }
 }
 
+impl From<Option<u32>> for Value {
+    fn from(value: Option<u32>) -> Self {
+        Self::Int(value.map(i64::from))
+    }
+}
+
 /// Counts beyond the range of the database do not occur; they would become its greatest value.
 impl From<u64> for Value {
     fn from(value: u64) -> Self {

@@ -223,21 +223,32 @@ impl Operation for Cancel {
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Option<Job>>, SqlError> {
         let id = self.0;
-        let Some((state, _)) = load(tx, id).await? else {
-            return Ok(Done::quiet(None));
-        };
-        let next = state.on(&Event::Cancel, options.max_attempts).ok().filter(|next| next.state != state);
-        let mut checkpoint = None;
-        if let Some(next) = &next {
-            checkpoint = named_checkpoint(tx, id).await?;
-            write(tx, id, next, None).await?;
-        }
-        let job = known_job(tx, id).await?;
+        let cancelled = cancel(tx, options, id).await?;
+        let Some(job) = read::job(tx, id).await? else { return Ok(Done::quiet(None)) };
+        let Some(Cancelled { version, checkpoint }) = cancelled else { return Ok(Done::quiet(Some(job))) };
         // The record no longer names the checkpoint; the caller removes its file.
         let job = Job { checkpoint: job.checkpoint.clone().or(checkpoint), ..job };
-        let change = Change { id, version: Some(job.version) };
-        Ok(Done::new(Some(job), if next.is_some() { vec![change] } else { vec![] }))
+        Ok(Done::new(Some(job), vec![Change { id, version: Some(version) }]))
     }
+}
+
+/// A job that was cancelled just now, or asked to stop.
+#[derive(Debug)]
+pub(super) struct Cancelled {
+    pub(super) version: u64,
+    /// The checkpoint that its record named, if it has ended by this.
+    pub(super) checkpoint: Option<String>,
+}
+
+/// Cancels a job. `None` if that changes nothing, or there is no such job.
+pub(super) async fn cancel(tx: &mut Tx<'_>, options: &StoreOptions, id: JobId) -> Result<Option<Cancelled>, SqlError> {
+    let Some((state, _)) = load(tx, id).await? else { return Ok(None) };
+    let Some(next) = state.on(&Event::Cancel, options.max_attempts).ok().filter(|next| next.state != state) else {
+        return Ok(None);
+    };
+    let checkpoint = if next.state.status.is_ended() { named_checkpoint(tx, id).await? } else { None };
+    let version = write(tx, id, &next, None).await?;
+    Ok(Some(Cancelled { version, checkpoint }))
 }
 
 /// Applies an event that the job's state is known to allow. Returns the new version.

@@ -9,17 +9,24 @@
 //! |---|---|
 //! | `store` | the [`Store`](super::Store) trait over either engine; retries |
 //! | `tx`, `codec`, `error`, `operation` | connections, values, errors, what runs in a transaction |
-//! | `submit`, `batch`, `claim`, `lease`, `workers`, `upkeep` | the operations |
+//! | `submit`, `batch`, `claim`, `lease`, `workers`, `pause`, `upkeep` | the operations |
+//! | `bulk` | many jobs in one transaction |
+//! | `keys` | keys of clients, tickets |
 //! | `order` | turns and positions in the queue |
+//! | `quota` | what an owner has |
 //! | `record`, `read` | rows to jobs and attempts; lists and counts |
 
 mod batch;
+mod bulk;
 mod claim;
 mod codec;
 mod error;
+mod keys;
 mod lease;
 mod operation;
 mod order;
+mod pause;
+mod quota;
 mod read;
 mod record;
 mod store;

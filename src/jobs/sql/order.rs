@@ -3,7 +3,7 @@
 //! Each backend that a request may ask for has a lane of its own, so that a worker never reads past jobs that it cannot
 //! run. Within a lane, jobs are claimed by (`rank`, `turn`, age). The rank is the negated priority, so that the order is one
 //! direction of one index. Turns are counted within a lane and a rank. A submission gets its turn once, when it is queued:
-//! one after the last queued job of its submitter, but not before the present turn (that of the job claimed last, or of
+//! one after the last queued job of its submitter (the owner of the job), but not before the present turn (that of the job claimed last, or of
 //! the first that waits). So submitters take turns however many jobs each has queued; a new submitter waits for one
 //! turn of each other; an absent one accumulates no credit; and with a single submitter and one priority the order is
 //! that of age. A released job keeps its rank and turn. Between lanes the head of higher priority goes
@@ -14,7 +14,7 @@
 
 use super::codec::{enum_to_sql, values};
 use super::error::SqlError;
-use super::record::Record;
+use super::record::{Record, submitter};
 use super::tx::Tx;
 use crate::generate::Backend;
 use crate::jobs::job::{Job, NewJob, Priority, Status};
@@ -40,16 +40,11 @@ pub(super) async fn turn(tx: &mut Tx<'_>, new: &NewJob) -> Result<i64, SqlError>
              ORDER BY turn, id LIMIT 1) AS head, \
              (SELECT turn FROM jobs WHERE status = 'queued' AND backend_requested = $1 AND rank = $2 \
              AND submitter = $3 ORDER BY turn DESC LIMIT 1) AS own",
-            values![enum_to_sql(new.backend), rank(new.priority), submitter(new)],
+            values![enum_to_sql(new.backend), rank(new.priority), submitter(new.owner.as_deref())],
         )
         .await?;
     let present = row.optional_int("running")?.max(row.optional_int("head")?).unwrap_or(0);
     Ok(row.optional_int("own")?.map_or(present, |own| present.max(own + 1)))
-}
-
-/// The submitter as it is stored; all unknown submitters are one.
-pub(super) fn submitter(new: &NewJob) -> String {
-    new.submitter.clone().unwrap_or_default()
 }
 
 /// How many more jobs the queue takes. Its length is kept by triggers, as rows to be summed.

@@ -37,10 +37,9 @@ pub(super) async fn known_job(tx: &mut Tx<'_>, id: JobId) -> Result<Job, SqlErro
     Ok(known_record(tx, id).await?.job)
 }
 
-pub(super) async fn list(tx: &mut Tx<'_>, filter: &ListFilter) -> Result<Page, SqlError> {
-    let limit = filter.limit.clamp(1, PAGE);
-    let mut sql = select_jobs(tx).to_owned();
-    let mut values = Vec::new();
+/// The jobs `j` of a filter, newest first, from FROM to ORDER BY; adds its values to `values`.
+pub(super) fn matching(tx: &Tx<'_>, filter: &ListFilter, values: &mut Vec<Value>) -> String {
+    let mut sql = String::new();
     let mut next = |value: Value| {
         values.push(value);
         format!("${}", values.len())
@@ -58,6 +57,10 @@ pub(super) async fn list(tx: &mut Tx<'_>, filter: &ListFilter) -> Result<Page, S
         }
     }
     let id = if filter.labels.is_empty() { "j.id" } else { "a.job_id" };
+    if let Some(owner) = &filter.owner {
+        // The second condition is that of the partial indexes.
+        sql += &format!(" AND j.submitter = {} AND j.submitter <> ''", next(owner.into()));
+    }
     if let Some(status) = filter.status {
         // In the text, not a parameter: which index is the right one depends on how many jobs have this status.
         sql += &format!(" AND j.status = '{}'", enum_to_sql(status));
@@ -70,11 +73,35 @@ pub(super) async fn list(tx: &mut Tx<'_>, filter: &ListFilter) -> Result<Page, S
         sql += &format!(" AND l.name = {}", next(name.into()));
         sql += &format!(" AND l.value = {})", next(value.into()));
     }
+    if !filter.ids.is_empty() {
+        let ids = next(Value::Texts(filter.ids.iter().map(ToString::to_string).collect()));
+        sql += &format!(" AND {id} {}{ids}))", tx.either("IN (SELECT value FROM json_each(", "= ANY (("));
+    }
+    if let Some(batch) = filter.batch {
+        sql += &format!(" AND j.batch = {}", next(batch.to_string().into()));
+    }
+    // Ids are in order of time: their index leads to the first that may match.
+    if let Some(after) = filter.created_after {
+        sql += &format!(" AND {id} >= {}", next(JobId::least_at(after).into()));
+        sql += &format!(" AND j.created_at >= {}", next(after.into()));
+    }
+    if let Some(before) = filter.created_before {
+        sql += &format!(" AND {id} < {}", next(JobId::least_after(before).into()));
+        sql += &format!(" AND j.created_at < {}", next(before.into()));
+    }
     if let Some(before) = filter.before {
         sql += &format!(" AND {id} < {}", next(before.into()));
     }
+    sql += &format!(" ORDER BY {id} DESC");
+    sql
+}
+
+pub(super) async fn list(tx: &mut Tx<'_>, filter: &ListFilter) -> Result<Page, SqlError> {
+    let limit = filter.limit.clamp(1, PAGE);
+    let mut values = Vec::new();
+    let matching = matching(tx, filter, &mut values);
     // One more than asked for shows whether there is a next page.
-    sql += &format!(" ORDER BY {id} DESC LIMIT {}", limit + 1);
+    let sql = format!("{}{matching} LIMIT {}", select_jobs(tx), limit + 1);
     let rows = tx.all(sql, values).await?;
     let mut records = rows.iter().map(to_record).collect::<Result<Vec<_>, _>>()?;
     let more = records.len() > limit as usize;
@@ -145,4 +172,25 @@ pub(super) async fn queued_by_backend(tx: &mut Tx<'_>) -> Result<[(Backend, u64)
         }
     }
     Ok(queued)
+}
+
+pub(super) async fn queue_ages(tx: &mut Tx<'_>) -> Result<[(Backend, Duration); 4], SqlError> {
+    let now = tx.now().await?;
+    let (index, queued) =
+        (tx.either(" INDEXED BY jobs_queue_by_age", ""), tx.either("status = 'queued'", "(status = 'queued') IS TRUE"));
+    let oldest = |lane: Backend| {
+        let lane = enum_to_sql(lane);
+        format!(
+            "(SELECT created_at FROM jobs{index} WHERE {queued} AND backend_requested = '{lane}' ORDER BY id LIMIT 1) \
+             AS \"{lane}\""
+        )
+    };
+    let row = tx.one(format!("SELECT {}", LANES.map(oldest).join(", ")), vec![]).await?;
+    let mut ages = LANES.map(|backend| (backend, Duration::ZERO));
+    for (backend, age) in &mut ages {
+        let since = row.optional_time(&enum_to_sql(*backend))?.unwrap_or(now);
+        // Zero if the clock was set back since.
+        *age = Duration::try_from(now.duration_since(since)).unwrap_or_default();
+    }
+    Ok(ages)
 }

@@ -24,11 +24,13 @@ pub(super) struct Record {
 pub(super) fn select_jobs(tx: &Tx<'_>) -> &'static str {
     tx.either(
         "SELECT j.*, \
+         (SELECT t.worker FROM attempts t WHERE t.job_id = j.id ORDER BY t.attempt DESC LIMIT 1) AS worker, \
          (SELECT json_group_array(json_object('name', f.name, 'media_type', f.media_type, 'bytes', f.bytes, \
          'sha256', f.sha256, 'key', f.key)) FROM (SELECT * FROM files WHERE job_id = j.id ORDER BY ordinal) f) \
          AS files, \
          (SELECT json_group_object(l.name, l.value) FROM labels l WHERE l.job_id = j.id) AS labels ",
         "SELECT j.*, \
+         (SELECT t.worker FROM attempts t WHERE t.job_id = j.id ORDER BY t.attempt DESC LIMIT 1) AS worker, \
          (SELECT COALESCE(json_agg(json_build_object('name', f.name, 'media_type', f.media_type, 'bytes', f.bytes, \
          'sha256', f.sha256, 'key', f.key) ORDER BY f.ordinal), '[]')::text FROM files f WHERE f.job_id = j.id) \
          AS files, \
@@ -37,13 +39,23 @@ pub(super) fn select_jobs(tx: &Tx<'_>) -> &'static str {
 }
 
 /// A JSON value; `None` if it is missing or only a later version can read it.
-fn parse_optional<T: DeserializeOwned>(row: &Row, column: &str) -> Result<Option<T>, SqlError> {
+pub(super) fn parse_optional<T: DeserializeOwned>(row: &Row, column: &str) -> Result<Option<T>, SqlError> {
     Ok(row.optional_text(column)?.and_then(|text| parse(text).ok()))
 }
 
 /// An enum; `None` if it is missing or only a later version knows it.
 pub(super) fn optional_enum<T: DeserializeOwned>(row: &Row, column: &str) -> Result<Option<T>, SqlError> {
     Ok(row.optional_text(column)?.and_then(|name| enum_from_sql(name).ok()))
+}
+
+/// An owner as it is stored; all jobs without one have the same submitter.
+pub(super) fn submitter(owner: Option<&str>) -> String {
+    owner.unwrap_or_default().to_owned()
+}
+
+/// The owner in a row of jobs or batches.
+pub(super) fn owner(row: &Row) -> Result<Option<String>, SqlError> {
+    Ok(Some(row.text("submitter")?).filter(|name| !name.is_empty()).map(str::to_owned))
 }
 
 pub(super) fn owned(row: &Row, column: &str) -> Result<Option<String>, SqlError> {
@@ -80,6 +92,7 @@ pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
     });
     let job = Job {
         id: row.id("id")?,
+        owner: owner(row)?,
         status: enum_from_sql(row.text("status")?)?,
         version: row.count("version")?,
         preset: row.text("preset")?.to_owned(),
@@ -100,6 +113,7 @@ pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
         progress: parse_optional(row, "progress")?,
         section: parse_optional(row, "section")?,
         attempts: row.count("attempts")?,
+        worker: owned(row, "worker")?,
         cancel_requested: row.flag("cancel_requested")?,
         created_at: row.time("created_at")?,
         started_at: row.optional_time("started_at")?,
@@ -112,6 +126,7 @@ pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
         batch: row.optional_id("batch")?.map(|JobId(id)| BatchId(id)),
         checkpoint: owned(row, "checkpoint")?,
         reused_from: row.optional_id("reused_from")?,
+        retry_of: row.optional_id("retry_of")?,
     };
     Ok(Record { job, turn: row.int("turn")?, batch_key: owned(row, "batch_key")?, unread })
 }

@@ -1,22 +1,27 @@
 //! The [`Store`] trait over either database: retries, notification, and when leases may be expired.
 
 use super::batch::{self, DeleteBatch, SubmitBatch};
+use super::bulk::{self, CancelMany, DeleteMany};
 use super::claim::{self, Claim};
 use super::error::SqlError;
+use super::keys::{self, AddKey, AddTicket, RevokeKey, UseTicket};
 use super::lease::{Cancel, End, Expire, Record, Renew, SetCheckpoint};
 use super::operation::{Done, Operation};
+use super::pause::{self, Instruct};
 use super::submit::{self, Delete, Ids, Submit};
 use super::tx::{Connection, Time, Tx};
 use super::upkeep::{self, AcquireUpkeep};
-use super::workers::{WorkerSeen, alive, workers};
+use super::workers::{self, WorkerSeen};
 use super::{order, read};
 use crate::clock::Stopwatch;
 use crate::generate::{Backend, Progress};
 use crate::jobs::job::{BackendReport, BatchId, Job, JobId, LiveSection, NewJob, Problem};
+use crate::jobs::keys::{Key, KeyStore, NewKey, NewTicket};
+use crate::jobs::operators::{Instruction, Pause, PoolUse, WorkerInfo};
 use crate::jobs::state::Event;
 use crate::jobs::store::{
-    Attempt, Batch, Change, ClaimedJob, Counts, Directive, Finished, ListFilter, NewBatch, Page, Store, StoreError,
-    StoreOptions, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo,
+    Applied, Attempt, Batch, BatchFilter, BatchPage, Change, ClaimedJob, Counts, Directive, Finished, ListFilter,
+    NewBatch, Page, Store, StoreError, StoreOptions, Submitted, SubmittedBatch, UpkeepTask,
 };
 use async_trait::async_trait;
 use jiff::Timestamp;
@@ -55,6 +60,9 @@ pub(in crate::jobs) trait Engine: std::fmt::Debug + Send + Sync + 'static {
 
     /// Where the time comes from.
     fn time(&self) -> &Time;
+
+    /// The use of its connections.
+    fn pools(&self) -> Vec<PoolUse>;
 
     /// Notifies other processes.
     fn notify(&self, changes: &[Change]);
@@ -215,8 +223,9 @@ impl<E: Engine> SqlStore<E> {
         Ok(self.shared.engine.reader().await?)
     }
 
-    async fn look(&self, backend: Backend) -> Result<claim::Found, SqlError> {
-        let found = async { claim::look(&mut self.shared.engine.reader().await?.tx(self.time()), backend).await };
+    async fn look(&self, worker: &str, backend: Backend) -> Result<claim::Found, SqlError> {
+        let found =
+            async { claim::look(&mut self.shared.engine.reader().await?.tx(self.time()), worker, backend).await };
         found.await.map_err(|error| self.shared.noted(error))
     }
 
@@ -226,13 +235,41 @@ impl<E: Engine> SqlStore<E> {
 }
 
 #[async_trait]
+impl<E: Engine> KeyStore for SqlStore<E> {
+    async fn add_key(&self, new: NewKey) -> Result<Key, StoreError> {
+        let key = self.run(AddKey { new, first: false }).await?;
+        key.ok_or_else(|| StoreError::Database("a key was not stored".to_owned()))
+    }
+
+    async fn add_first_key(&self, new: NewKey) -> Result<Option<Key>, StoreError> {
+        self.run(AddKey { new, first: true }).await
+    }
+
+    async fn keys(&self) -> Result<(Timestamp, Vec<Key>), StoreError> {
+        Ok(keys::keys(&mut self.reader().await?.tx(self.time())).await?)
+    }
+
+    async fn revoke_key(&self, prefix: &str, after: Duration) -> Result<Option<Key>, StoreError> {
+        self.run(RevokeKey { prefix: prefix.to_owned(), after }).await
+    }
+
+    async fn add_ticket(&self, new: NewTicket) -> Result<Timestamp, StoreError> {
+        self.run(AddTicket(new)).await
+    }
+
+    async fn use_ticket(&self, hash: &str, path: &str) -> Result<Option<String>, StoreError> {
+        self.run(UseTicket { hash: hash.to_owned(), path: path.to_owned() }).await
+    }
+}
+
+#[async_trait]
 impl<E: Engine> Store for SqlStore<E> {
     async fn submit(&self, new: NewJob) -> Result<Submitted, StoreError> {
         self.run(Submit { new, ids: Arc::clone(&self.shared.ids), tried: Mutex::new(None) }).await
     }
 
-    async fn replayed(&self, key: &str, body: &str) -> Result<Option<Job>, StoreError> {
-        Ok(submit::replayed(&mut self.reader().await?.tx(self.time()), key, body).await?)
+    async fn replayed(&self, owner: Option<&str>, key: &str, body: &str) -> Result<Option<Job>, StoreError> {
+        Ok(submit::replayed(&mut self.reader().await?.tx(self.time()), owner, key, body).await?)
     }
 
     async fn reusable(&self, new: &NewJob) -> Result<Option<Job>, StoreError> {
@@ -255,16 +292,36 @@ impl<E: Engine> Store for SqlStore<E> {
         self.run(Delete(id)).await
     }
 
+    async fn ids(&self, filter: &ListFilter) -> Result<Vec<JobId>, StoreError> {
+        Ok(bulk::ids(&mut self.reader().await?.tx(self.time()), filter).await?)
+    }
+
+    async fn cancel_many(&self, ids: Vec<JobId>) -> Result<Applied, StoreError> {
+        self.run(CancelMany(ids)).await
+    }
+
+    async fn delete_many(&self, ids: Vec<JobId>) -> Result<Applied, StoreError> {
+        self.run(DeleteMany(ids)).await
+    }
+
     async fn submit_batch(&self, new: NewBatch) -> Result<SubmittedBatch, StoreError> {
         self.run(SubmitBatch { new, ids: Arc::clone(&self.shared.ids), tried: Mutex::new(None) }).await
     }
 
-    async fn replayed_batch(&self, key: &str, body: &str) -> Result<Option<Batch>, StoreError> {
-        Ok(batch::replayed(&mut self.reader().await?.tx(self.time()), key, body).await?)
+    async fn replayed_batch(&self, owner: Option<&str>, key: &str, body: &str) -> Result<Option<Batch>, StoreError> {
+        Ok(batch::replayed(&mut self.reader().await?.tx(self.time()), owner, key, body).await?)
     }
 
     async fn batch(&self, id: BatchId) -> Result<Option<Batch>, StoreError> {
         Ok(batch::read(&mut self.reader().await?.tx(self.time()), id).await?)
+    }
+
+    async fn batch_jobs(&self, id: BatchId, after: Option<JobId>, limit: u32) -> Result<Vec<Job>, StoreError> {
+        Ok(batch::jobs(&mut self.reader().await?.tx(self.time()), id, after, limit).await?)
+    }
+
+    async fn batches(&self, filter: &BatchFilter) -> Result<BatchPage, StoreError> {
+        Ok(batch::list(&mut self.reader().await?.tx(self.time()), filter).await?)
     }
 
     async fn delete_batch(&self, id: BatchId) -> Result<Option<Vec<String>>, StoreError> {
@@ -279,7 +336,7 @@ impl<E: Engine> Store for SqlStore<E> {
         limit: u32,
     ) -> Result<Vec<ClaimedJob>, StoreError> {
         let since = Stopwatch::start();
-        let found = self.look(backend).await?;
+        let found = self.look(worker, backend).await?;
         if since.elapsed() >= lease {
             // The database hung for so long that no worker may have been able to renew its lease.
             *self.shared.available_since() = None;
@@ -344,11 +401,32 @@ impl<E: Engine> Store for SqlStore<E> {
     }
 
     async fn workers(&self) -> Result<Vec<WorkerInfo>, StoreError> {
-        Ok(workers(&mut self.reader().await?.tx(self.time())).await?)
+        self.workers_within(workers::SEEN).await
+    }
+
+    async fn workers_within(&self, within: Duration) -> Result<Vec<WorkerInfo>, StoreError> {
+        Ok(workers::workers(&mut self.reader().await?.tx(self.time()), within).await?)
     }
 
     async fn alive(&self, backend: Backend, within: Duration) -> Result<u64, StoreError> {
-        Ok(alive(&mut self.reader().await?.tx(self.time()), backend, within).await?)
+        Ok(workers::alive(&mut self.reader().await?.tx(self.time()), backend, within).await?)
+    }
+
+    async fn claimers(&self, backend: Backend, within: Duration) -> Result<u64, StoreError> {
+        Ok(workers::claimers(&mut self.reader().await?.tx(self.time()), backend, within).await?)
+    }
+
+    async fn set_paused(&self, paused: bool, by: Option<&str>) -> Result<(), StoreError> {
+        let instruction = if paused { Instruction::Pause } else { Instruction::Resume };
+        self.run(Instruct { worker: None, instruction, by: by.map(str::to_owned) }).await.map(drop)
+    }
+
+    async fn paused(&self) -> Result<Option<Pause>, StoreError> {
+        Ok(pause::paused(&mut self.reader().await?.tx(self.time())).await?)
+    }
+
+    async fn instruct(&self, worker: &str, instruction: Instruction, by: Option<&str>) -> Result<bool, StoreError> {
+        self.run(Instruct { worker: Some(worker.to_owned()), instruction, by: by.map(str::to_owned) }).await
     }
 
     async fn acquire_upkeep(&self, task: UpkeepTask, owner: &str, lease: Duration) -> Result<bool, StoreError> {
@@ -373,6 +451,14 @@ impl<E: Engine> Store for SqlStore<E> {
 
     async fn queued_by_backend(&self) -> Result<[(Backend, u64); 4], StoreError> {
         Ok(read::queued_by_backend(&mut self.reader().await?.tx(self.time())).await?)
+    }
+
+    async fn queue_ages(&self) -> Result<[(Backend, Duration); 4], StoreError> {
+        Ok(read::queue_ages(&mut self.reader().await?.tx(self.time())).await?)
+    }
+
+    fn pools(&self) -> Vec<PoolUse> {
+        self.shared.engine.pools()
     }
 
     fn changes(&self) -> broadcast::Receiver<Change> {

@@ -3,8 +3,10 @@
 use super::codec::{Value, enum_from_sql, enum_to_sql, json, values};
 use super::error::SqlError;
 use super::operation::{Before, Done, Operation};
-use super::order::{queue_room, rank, submitter, turn};
+use super::order::{queue_room, rank, turn};
+use super::quota;
 use super::read::{self, known_job};
+use super::record::submitter;
 use super::tx::Tx;
 use crate::generate::{Backend, Output};
 use crate::jobs::job::{BatchId, File, Job, JobId, NewJob};
@@ -46,6 +48,7 @@ impl Operation for Submit {
         let new = &self.new;
         if let Some((key, body)) = &new.idempotency {
             let sql = "SELECT id, idempotency_body FROM jobs WHERE idempotency_key = $1";
+            let key = scoped(new.owner.as_deref(), key);
             if let Some(row) = tx.optional(sql, values![key]).await? {
                 if row.text("idempotency_body")? != body {
                     return Err(StoreError::IdempotencyConflict.into());
@@ -57,7 +60,9 @@ impl Operation for Submit {
         // The same id at every try: if an earlier commit is still under way, this one conflicts at the primary key.
         let now = tx.now().await?;
         let id = *self.tried.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| self.ids.at(now));
-        let reused = place(tx, options, id, new, None, &mut room).await?;
+        quota::check(tx, new.owner.as_deref(), new.quota, 1).await?;
+        let batch = batch_of(tx, new.retry_of).await?;
+        let reused = place(tx, options, id, new, batch, &mut room).await?;
         let job = known_job(tx, id).await?;
         let change = Change { id, version: Some(job.version) };
         let submitted = if reused { Submitted::Reused(job) } else { Submitted::Queued(job) };
@@ -81,22 +86,45 @@ impl Operation for Submit {
     }
 }
 
-/// The job that was made with this key and body.
-pub(super) async fn replayed(tx: &mut Tx<'_>, key: &str, body: &str) -> Result<Option<Job>, SqlError> {
+/// The batch of the job that is repeated, and its place there. The batch stays until the transaction has added to it.
+async fn batch_of(tx: &mut Tx<'_>, repeated: Option<JobId>) -> Result<Option<(BatchId, Option<u32>)>, SqlError> {
+    let Some(id) = repeated else { return Ok(None) };
+    let sql = format!(
+        "SELECT b.id, j.batch_index FROM jobs j JOIN batches b ON b.id = j.batch WHERE j.id = $1{}",
+        tx.either("", " FOR KEY SHARE OF b"),
+    );
+    let Some(row) = tx.optional(sql, values![id]).await? else { return Ok(None) };
+    let place = row.optional_int("batch_index")?.and_then(|place| u32::try_from(place).ok());
+    Ok(row.optional_id("id")?.map(|JobId(id)| (BatchId(id), place)))
+}
+
+/// An idempotency key as it is stored: keys of different owners are different. Neither a key nor an owner contains the
+/// separator.
+pub(super) fn scoped(owner: Option<&str>, key: &str) -> String {
+    owner.map_or_else(|| key.to_owned(), |owner| format!("{owner}\u{1f}{key}"))
+}
+
+/// The job that its owner made with this key and body.
+pub(super) async fn replayed(
+    tx: &mut Tx<'_>,
+    owner: Option<&str>,
+    key: &str,
+    body: &str,
+) -> Result<Option<Job>, SqlError> {
     let sql = "SELECT id FROM jobs WHERE idempotency_key = $1 AND idempotency_body = $2";
-    match tx.optional(sql, values![key, body]).await? {
+    match tx.optional(sql, values![scoped(owner, key), body]).await? {
         Some(row) => read::job(tx, row.id("id")?).await,
         None => Ok(None),
     }
 }
 
-/// Queues a job if there is `room` for it, or reuses a finished model. Returns whether it was reused.
+/// Queues a job if there is `room` for it, or reuses a finished model; `batch` is its batch and its place there. Returns whether it was reused.
 pub(super) async fn place(
     tx: &mut Tx<'_>,
     options: &StoreOptions,
     id: JobId,
     new: &NewJob,
-    batch: Option<BatchId>,
+    batch: Option<(BatchId, Option<u32>)>,
     room: &mut u64,
 ) -> Result<bool, SqlError> {
     let source = reusable(tx, new).await?;
@@ -107,7 +135,7 @@ pub(super) async fn place(
     Ok(source.is_some())
 }
 
-/// The finished model that `new` would reuse: the first one made that still exists. Its row stays until the transaction has
+/// The finished model of the same owner that `new` would reuse: the first one made that still exists. Its row stays until the transaction has
 /// named its files. Its preset is the same, because the files contain the preset's name, which is not part of the digest.
 pub(super) async fn reusable(tx: &mut Tx<'_>, new: &NewJob) -> Result<Option<Job>, SqlError> {
     if !new.reuse {
@@ -116,12 +144,14 @@ pub(super) async fn reusable(tx: &mut Tx<'_>, new: &NewJob) -> Result<Option<Job
     // One job of each kind is enough: thousands may share the same files.
     let sql = format!(
         "SELECT MIN(id) AS id FROM jobs{} WHERE status = 'succeeded' AND engine_used = engine AND digest = $1 \
-         AND preset = $2 AND NOT EXISTS (SELECT 1 FROM files f WHERE f.job_id = jobs.id AND f.key {}) \
+         AND preset = $2 AND submitter = $4 AND NOT EXISTS (SELECT 1 FROM files f WHERE f.job_id = jobs.id AND f.key {}) \
          GROUP BY backend_used, outputs ORDER BY 1",
         tx.either(" INDEXED BY jobs_by_digest", ""),
         tx.either("IN (SELECT value FROM json_each($3))", "= ANY ($3)"),
     );
-    for row in tx.all(sql, values![&new.digest, &new.preset, new.missing.clone()]).await? {
+    for row in
+        tx.all(sql, values![&new.digest, &new.preset, new.missing.clone(), submitter(new.owner.as_deref())]).await?
+    {
         let id = row.id("id")?;
         let sql = format!("SELECT id FROM jobs WHERE id = $1{}", tx.either("", " FOR KEY SHARE"));
         if tx.optional(sql, values![id]).await?.is_none() {
@@ -141,7 +171,7 @@ async fn insert(
     id: JobId,
     new: &NewJob,
     source: Option<&Job>,
-    batch: Option<BatchId>,
+    batch: Option<(BatchId, Option<u32>)>,
 ) -> Result<(), SqlError> {
     let now = tx.now().await?;
     let seed = i64::try_from(new.seed)
@@ -151,9 +181,9 @@ async fn insert(
     tx.execute(
         "INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, backend_used, device, \
          fallback, available_at, created_at, finished_at, reused_from, idempotency_key, idempotency_body, summary, \
-         spec, engine, engine_used, batch, submitter, turn, rank, trace, batch_key) \
+         spec, engine, engine_used, batch, submitter, turn, rank, trace, batch_key, batch_index, retry_of) \
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 0, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, \
-         $22, $23, $24, $25)",
+         $22, $23, $24, $25, $26, $27)",
         values![
             id,
             if source.is_some() { "succeeded" } else { "queued" },
@@ -168,18 +198,20 @@ async fn insert(
             now,
             source.map(|_| now),
             source.map(|job| job.id.to_string()),
-            new.idempotency.as_ref().map(|(key, _)| key.clone()),
+            new.idempotency.as_ref().map(|(key, _)| scoped(new.owner.as_deref(), key)),
             new.idempotency.as_ref().map(|(_, body)| body.clone()),
             source.and_then(|job| job.summary.as_ref()).map(json),
             json(&new.spec),
             &new.engine,
             source.map(|job| job.engine.clone()),
-            batch.map(|batch| batch.to_string()),
-            submitter(new),
+            batch.map(|(batch, _)| batch.to_string()),
+            submitter(new.owner.as_deref()),
             turn,
             rank(new.priority),
             new.trace.clone(),
             new.batch_key.clone().filter(|_| state::accepted(Backend::Gpu).contains(&new.backend)),
+            batch.and_then(|(_, index)| index),
+            new.retry_of.map(|id| id.to_string()),
         ],
     )
     .await?;

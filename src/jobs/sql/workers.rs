@@ -1,18 +1,21 @@
-//! Heartbeats of workers.
+//! Heartbeats of workers, and the list of workers.
 
 use super::codec::{enum_from_sql, enum_to_sql, values};
 use super::error::SqlError;
 use super::operation::{Done, Operation};
-use super::tx::Tx;
+use super::tx::{Row, Tx};
 use crate::generate::Backend;
 use crate::jobs::job::JobId;
-use crate::jobs::store::{StoreOptions, WorkerInfo};
+use crate::jobs::operators::{Pause, WorkerInfo};
+use crate::jobs::store::StoreOptions;
 use jiff::Timestamp;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// Workers seen within this time are listed.
-const SEEN: Duration = Duration::from_secs(5 * 60);
+pub(super) const SEEN: Duration = Duration::from_secs(5 * 60);
+/// The scope of the pause of all workers. No worker has this name: names begin with that of a host.
+pub(super) const ALL: &str = "*";
 /// Rows of workers not seen for this long are deleted.
 const FORGET: Duration = Duration::from_secs(24 * 60 * 60);
 
@@ -33,15 +36,25 @@ impl Operation for WorkerSeen {
         )
         .await?;
         let old = now.saturating_sub(FORGET).unwrap_or(Timestamp::MIN);
-        tx.execute("DELETE FROM workers WHERE heartbeat_at < $1", values![old]).await?;
+        if tx.execute("DELETE FROM workers WHERE heartbeat_at < $1", values![old]).await? > 0 {
+            let sql = "DELETE FROM claiming WHERE scope <> $1 AND scope NOT IN (SELECT id FROM workers)";
+            tx.execute(sql, values![ALL]).await?;
+        }
         Ok(Done::quiet(()))
     }
 }
 
-/// Workers seen within [`SEEN`], with the jobs whose leases they hold.
-pub(super) async fn workers(tx: &mut Tx<'_>) -> Result<Vec<WorkerInfo>, SqlError> {
-    let since = tx.now().await?.saturating_sub(SEEN).unwrap_or(Timestamp::MIN);
-    let rows = tx.all("SELECT * FROM workers WHERE heartbeat_at >= $1 ORDER BY id", values![since]).await?;
+/// The latest heartbeat of which a worker counts as seen within this time.
+async fn since(tx: &mut Tx<'_>, within: Duration) -> Result<Timestamp, SqlError> {
+    Ok(tx.now().await?.saturating_sub(within).unwrap_or(Timestamp::MIN))
+}
+
+/// Workers seen within this time, with the jobs whose leases they hold, and their pauses.
+pub(super) async fn workers(tx: &mut Tx<'_>, within: Duration) -> Result<Vec<WorkerInfo>, SqlError> {
+    let since = since(tx, within).await?;
+    let sql = "SELECT w.*, c.drain, c.since, c.set_by FROM workers w LEFT JOIN claiming c ON c.scope = w.id \
+               WHERE w.heartbeat_at >= $1 ORDER BY w.id";
+    let rows = tx.all(sql, values![since]).await?;
     let mut held: BTreeMap<String, Vec<JobId>> = BTreeMap::new();
     for row in tx.all("SELECT holder, id FROM jobs WHERE status = 'running' ORDER BY id", values![]).await? {
         held.entry(row.text("holder")?.to_owned()).or_default().push(row.id("id")?);
@@ -58,14 +71,37 @@ pub(super) async fn workers(tx: &mut Tx<'_>) -> Result<Vec<WorkerInfo>, SqlError
                 jobs: held.remove(row.text("id")?).unwrap_or_default(),
                 jobs_done: row.count("jobs_done")?,
                 heartbeat_at: row.time("heartbeat_at")?,
+                pause: to_pause(row)?,
             })
         })
         .collect()
 }
 
+/// The pause in the columns of a row of `claiming`; `None` if they are null.
+pub(super) fn to_pause(row: &Row) -> Result<Option<Pause>, SqlError> {
+    let Some(since) = row.optional_time("since")? else { return Ok(None) };
+    let by = row.optional_text("set_by")?.map(str::to_owned);
+    Ok(Some(Pause { drain: row.flag("drain")?, since, by }))
+}
+
+/// Whether the worker of this name was seen within [`SEEN`].
+pub(super) async fn is_listed(tx: &mut Tx<'_>, worker: &str) -> Result<bool, SqlError> {
+    let since = since(tx, SEEN).await?;
+    let sql = "SELECT id FROM workers WHERE id = $1 AND heartbeat_at >= $2";
+    Ok(tx.optional(sql, values![worker, since]).await?.is_some())
+}
+
 /// How many workers that compute with `backend` were seen within this time.
 pub(super) async fn alive(tx: &mut Tx<'_>, backend: Backend, within: Duration) -> Result<u64, SqlError> {
-    let since = tx.now().await?.saturating_sub(within).unwrap_or(Timestamp::MIN);
+    let since = since(tx, within).await?;
     let sql = "SELECT COUNT(*) AS n FROM workers WHERE backend = $1 AND heartbeat_at >= $2";
+    tx.one(sql, values![enum_to_sql(backend), since]).await?.count("n")
+}
+
+/// How many of those have no pause of their own.
+pub(super) async fn claimers(tx: &mut Tx<'_>, backend: Backend, within: Duration) -> Result<u64, SqlError> {
+    let since = since(tx, within).await?;
+    let sql = "SELECT COUNT(*) AS n FROM workers WHERE backend = $1 AND heartbeat_at >= $2 \
+               AND id NOT IN (SELECT scope FROM claiming)";
     tx.one(sql, values![enum_to_sql(backend), since]).await?.count("n")
 }

@@ -15,6 +15,7 @@
 //! damaged page.
 
 use super::job::JobId;
+use super::operators::PoolUse;
 use super::sql::{
     Connection, Done, Engine, Expire, FreeUpkeep, Operation, Reader, SqlError, SqlStore, Time, Trouble, Tx, run_or_find,
 };
@@ -34,8 +35,6 @@ const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 /// Least length of the write-ahead log, bytes. SQLite writes it back into the database file from 4 MB on, and then overwrites
 /// it from its beginning.
 const LOG: u64 = 8 << 20;
-/// Connections for reading.
-const READERS: u32 = 4;
 /// Longest wait for a free connection.
 const ACQUIRE: Duration = Duration::from_secs(10);
 /// Longest time of the check at start. It reads the whole file, at some 100 MB/s or more; in a larger file the rest is not
@@ -80,29 +79,33 @@ impl SqliteStore {
         if let Some(parent) = path.parent() {
             std::fs::create_dir_all(parent).map_err(failed)?;
         }
-        let lock = File::create(path.with_added_extension("lock")).map_err(failed)?;
-        match lock.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                return Err(StoreError::Database(format!("{} is in use by another process", path.display())));
-            }
-            Err(TryLockError::Error(error)) => {
-                tracing::warn!(path = %path.display(), %error, "the job store could not be locked; make sure that only one process uses it");
-            }
-        }
-        let connect = SqliteConnectOptions::new()
-            .filename(path)
-            .create_if_missing(true)
-            .journal_mode(SqliteJournalMode::Wal)
-            .synchronous(SqliteSynchronous::Full)
-            .busy_timeout(BUSY_TIMEOUT)
-            .foreign_keys(true);
+        let Some(lock) = lock(path)? else {
+            return Err(StoreError::Database(format!("{} is in use by another process", path.display())));
+        };
+        let connect = connect_options(path);
         check(path, &connect).await?;
         let writer = pool(1).connect_with(connect.clone()).await.map_err(SqlError::from)?;
         migrate(&writer).await?;
         reserve(&writer).await?;
-        let reader = pool(READERS).connect_with(connect.pragma("query_only", "ON")).await.map_err(SqlError::from)?;
+        let reader =
+            pool(options.readers).connect_with(connect.pragma("query_only", "ON")).await.map_err(SqlError::from)?;
         Ok(Self::with(writer, reader, Some(lock), options))
+    }
+
+    /// Opens the file at `path` to manage its keys, also while another process has it open; then it must be up to date.
+    /// Nothing else may be done with this store.
+    ///
+    /// # Errors
+    /// As [`SqliteStore::open`].
+    pub async fn open_for_keys(path: impl AsRef<Path>) -> Result<Self, StoreError> {
+        let path = path.as_ref();
+        // Whoever has it open has checked it and brought it up to date.
+        if !path.exists() || lock(path)?.is_some() {
+            return Self::open(path, StoreOptions::default()).await;
+        }
+        let connect = connect_options(path).create_if_missing(false);
+        let writer = pool(1).connect_with(connect).await.map_err(SqlError::from)?;
+        Ok(Self::with(writer.clone(), writer, None, StoreOptions::default()))
     }
 
     /// Opens an empty store in memory, for tests: one connection reads and writes; the data are lost with it.
@@ -137,6 +140,30 @@ impl SqliteStore {
             jobs.extend(some);
         }
     }
+}
+
+/// Locks the file at `path` for this process; `None` if another one has it open.
+fn lock(path: &Path) -> Result<Option<File>, StoreError> {
+    let failed = |error| StoreError::Database(format!("{}: {error}", path.display()));
+    let lock = File::create(path.with_added_extension("lock")).map_err(failed)?;
+    match lock.try_lock() {
+        Err(TryLockError::WouldBlock) => return Ok(None),
+        Err(TryLockError::Error(error)) => {
+            tracing::warn!(path = %path.display(), %error, "the job store could not be locked; make sure that only one process uses it");
+        }
+        Ok(()) => {}
+    }
+    Ok(Some(lock))
+}
+
+fn connect_options(path: &Path) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(path)
+        .create_if_missing(true)
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Full)
+        .busy_timeout(BUSY_TIMEOUT)
+        .foreign_keys(true)
 }
 
 /// The primary result code of an error.
@@ -187,6 +214,11 @@ fn pool(connections: u32) -> SqlitePoolOptions {
         .idle_timeout(None)
         .max_lifetime(None)
         .test_before_acquire(false)
+}
+
+fn pool_use(name: &'static str, pool: &SqlitePool) -> PoolUse {
+    let idle = u32::try_from(pool.num_idle()).unwrap_or(u32::MAX);
+    PoolUse { name, open: pool.size(), idle, most: pool.options().get_max_connections() }
 }
 
 async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
@@ -273,6 +305,10 @@ impl Engine for Sqlite {
 
     fn time(&self) -> &Time {
         &self.time
+    }
+
+    fn pools(&self) -> Vec<PoolUse> {
+        vec![pool_use("readers", &self.reader), pool_use("writer", &self.writer)]
     }
 
     /// There are no other processes.

@@ -5,6 +5,9 @@
 //! the neighbour search changes a bit. Fused multiply-add is never used.
 
 mod chain;
+#[cfg(feature = "fuzzing")]
+#[doc(hidden)]
+pub mod fuzzing;
 mod growth;
 mod integrate;
 mod local;

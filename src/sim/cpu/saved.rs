@@ -14,6 +14,8 @@ use crate::sim::state::{InnerLoop, OuterLoop};
 const VERSION: u64 = 1;
 /// Words before the vectors.
 const WORDS: usize = 6;
+/// Greatest coordinate that is restored, µm: above that of any model.
+const FARTHEST: f32 = 1e7;
 
 /// The bytes are not a state of this simulation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -49,7 +51,8 @@ impl CpuSimulation {
     /// Restores a state written by [`CpuSimulation::save`] with the same plan.
     ///
     /// # Errors
-    /// [`StateError`] if the bytes are of another version or incomplete. Whether they belong to the plan is not checked.
+    /// [`StateError`] if the bytes are of another version, incomplete, or no state that a simulation can have. Whether they
+    /// belong to the plan is not checked.
     pub fn restore(plan: Plan, threads: usize, bytes: &[u8]) -> Result<Self, StateError> {
         let mut reader = Reader(bytes);
         if reader.word()? != VERSION {
@@ -58,8 +61,8 @@ impl CpuSimulation {
         let time = reader.word()?.cast_signed();
         let next_id = u32::try_from(reader.word()?).map_err(|_| StateError("an id is out of bounds"))?;
         let statistics =
-            Statistics { splits_deferred: reader.word()?, moves_shortened: reader.word()?, ..Statistics::default() };
-        let builds = reader.word()?;
+            Statistics { splits_deferred: reader.count()?, moves_shortened: reader.count()?, ..Statistics::default() };
+        let builds = reader.count()?;
         let mut inner = InnerLoop { id: reader.numbers()?, next_id, ..InnerLoop::default() };
         let n = inner.len();
         for v in fields_mut(&mut inner) {
@@ -74,6 +77,14 @@ impl CpuSimulation {
         let clearance: Vec<f32> = reader.numbers()?.into_iter().map(f32::from_bits).collect();
         if !reader.0.is_empty() || n < 3 || m < 3 || clearance.len() > n {
             return Err(StateError("its parts are inconsistent"));
+        }
+        // Particles are never taken away, so the next id is their number.
+        if next_id as usize != n {
+            return Err(StateError("an id is out of bounds"));
+        }
+        let mut positions = inner.x.iter().chain(&inner.y).chain(outer.p.as_flattened());
+        if !positions.all(|x| x.abs() <= FARTHEST) {
+            return Err(StateError("a position is out of bounds"));
         }
         if !(-i64::from(plan.burn_in)..=i64::from(plan.steps)).contains(&time) {
             return Err(StateError("its time is out of bounds"));
@@ -126,6 +137,11 @@ impl Reader<'_> {
 
     fn word(&mut self) -> Result<u64, StateError> {
         self.take().map(u64::from_le_bytes)
+    }
+
+    /// A count, far enough below its greatest value that steps can be added.
+    fn count(&mut self) -> Result<u64, StateError> {
+        Some(self.word()?).filter(|count| *count <= u64::MAX / 2).ok_or(StateError("a count is out of bounds"))
     }
 
     fn numbers(&mut self) -> Result<Vec<u32>, StateError> {
@@ -197,6 +213,23 @@ mod tests {
         let mut later = saved.clone();
         later[0] = 2;
         assert_eq!(restore(&later), Err(StateError("it is of another version")));
+        for (at, word, message) in [
+            (16, u64::from(u32::MAX), "an id is out of bounds"),
+            (24, u64::MAX, "a count is out of bounds"),
+            (32, u64::MAX, "a count is out of bounds"),
+            (40, u64::MAX, "a count is out of bounds"),
+        ] {
+            let mut broken = saved.clone();
+            broken[at..at + 8].copy_from_slice(&word.to_le_bytes());
+            assert_eq!(restore(&broken), Err(StateError(message)), "{at}");
+        }
+        let ids = u32::from_le_bytes(*saved[48..].first_chunk().unwrap()) as usize;
+        for far in [f32::NAN, f32::INFINITY, -1e30] {
+            let mut broken = saved.clone();
+            let x = 48 + 4 + 4 * ids + 4;
+            broken[x..x + 4].copy_from_slice(&far.to_le_bytes());
+            assert_eq!(restore(&broken), Err(StateError("a position is out of bounds")), "{far}");
+        }
         let mut lost = saved;
         lost[8..16].copy_from_slice(&i64::MAX.to_le_bytes());
         assert_eq!(restore(&lost), Err(StateError("its time is out of bounds")));

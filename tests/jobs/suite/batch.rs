@@ -4,7 +4,14 @@ use super::*;
 
 fn batch_of(digests: &[&str]) -> NewBatch {
     let jobs = digests.iter().map(|digest| new_job(digest)).collect();
-    NewBatch { jobs, priority: Priority::default(), idempotency: None }
+    NewBatch {
+        jobs,
+        owner: None,
+        quota: Default::default(),
+        priority: Priority::default(),
+        study: None,
+        idempotency: None,
+    }
 }
 
 /// Jobs of a batch end one by one; the batch counts them.
@@ -88,13 +95,33 @@ pub async fn an_idempotency_key_gives_one_batch(factory: Factory) {
     assert!(ids.iter().all(|id| *id == ids[0]));
     let conflict = bench.store.submit_batch(keyed("other")).await.unwrap_err();
     assert!(matches!(conflict, StoreError::IdempotencyConflict));
-    let replayed = bench.store.replayed_batch("k", "body").await.unwrap();
+    let replayed = bench.store.replayed_batch(None, "k", "body").await.unwrap();
     assert_eq!(replayed.map(|batch| batch.id), Some(ids[0]));
-    assert_eq!(bench.store.replayed_batch("k", "other").await.unwrap(), None);
-    assert_eq!(bench.store.replayed("k", "body").await.unwrap(), None, "keys of models are separate");
+    assert_eq!(bench.store.replayed_batch(None, "k", "other").await.unwrap(), None);
+    assert_eq!(bench.store.replayed(None, "k", "body").await.unwrap(), None, "keys of models are separate");
     let job = NewJob { idempotency: Some(("k".into(), "job".into())), ..new_job("a") };
     assert!(matches!(bench.store.submit(job).await.unwrap(), Submitted::Queued(_)));
     bench.store.delete_batch(ids[0]).await.unwrap().unwrap();
     let again = bench.store.submit_batch(keyed("other")).await.unwrap();
     assert!(matches!(again, SubmittedBatch::Accepted(_)), "the key was deleted with the batch");
+}
+
+/// A batch keeps its study and the places of its jobs, and gives the jobs in pages.
+pub async fn a_batch_keeps_its_study(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let study = serde_json::json!({ "vary": { "design": "grid" }, "points": [[25, null], [30.5, "ü"]] });
+    let new = NewBatch { study: Some(study.clone()), ..batch_of(&["a", "b", "c", "d"]) };
+    let taken = bench.store.submit_batch(new).await.unwrap().batch().clone();
+    assert_eq!((&taken.study, taken.places.as_slice()), (&Some(study), [0, 1, 2, 3].as_slice()));
+    bench.queue("other").await;
+    bench.store.delete(taken.jobs[1]).await.unwrap().unwrap();
+    let now = bench.store.batch(taken.id).await.unwrap().unwrap();
+    assert_eq!((&now.study, now.places.as_slice()), (&taken.study, [0, 2, 3].as_slice()));
+    assert_eq!(bench.store.submit_batch(batch_of(&["e"])).await.unwrap().batch().study, None);
+
+    let first = bench.store.batch_jobs(taken.id, None, 2).await.unwrap();
+    let rest = bench.store.batch_jobs(taken.id, Some(first[1].id), 2).await.unwrap();
+    let digests: Vec<&str> = first.iter().chain(&rest).map(|job| job.digest.as_str()).collect();
+    assert_eq!(digests, ["a", "c", "d"]);
+    assert_eq!(bench.store.batch_jobs(taken.id, Some(taken.jobs[3]), 2).await.unwrap(), []);
 }

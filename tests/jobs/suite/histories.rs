@@ -12,7 +12,7 @@ const LANES: [Backend; 3] = [Backend::Auto, Backend::Cpu, Backend::CpuSingle];
 /// The expected record of a job.
 struct Expected {
     state: State,
-    submitter: Option<String>,
+    owner: Option<String>,
     turn: i64,
     lease_until: Timestamp,
     available_at: Timestamp,
@@ -86,38 +86,44 @@ impl History {
         })
     }
 
-    /// One turn after the submitter's last queued job, but not before the present turn.
+    /// One turn after the owner's last queued job, but not before the present turn.
     fn turn(&self, new: &NewJob) -> i64 {
         let served = self.peers(new, Status::Running).map(|job| job.turn).max();
         let first = self.peers(new, Status::Queued).map(|job| job.turn).min();
-        let own = self.peers(new, Status::Queued).filter(|job| job.submitter == new.submitter);
+        let own = self.peers(new, Status::Queued).filter(|job| job.owner == new.owner);
         let next = own.map(|job| job.turn + 1).max();
         [served, first, next].into_iter().flatten().max().unwrap_or(0)
     }
 
     async fn submit(&mut self, step: u32, [how, who, again]: [u32; 3]) {
-        // Now and then a finished model is asked for again.
+        let owner = [None, Some("x".to_owned()), Some("y".to_owned())][below(who, 3) as usize].clone();
+        // Now and then a finished model of the same owner is asked for again, and now and then one of another.
+        let foreign = again % 64 == 0;
         let made: Vec<&Job> =
-            self.jobs.values().map(|job| &job.seen).filter(|job| job.status == Status::Succeeded).collect();
-        let digest = match made.get(below(again, 16) as usize) {
+            self.jobs.values().filter(|job| foreign || job.owner == owner).map(|job| &job.seen).collect();
+        let made: Vec<&Job> = made.into_iter().filter(|job| job.status == Status::Succeeded).collect();
+        let digest = match made.get(below(again, 8) as usize) {
             Some(job) => job.digest.clone(),
             None => step.to_string(),
         };
         let new = NewJob {
             backend: LANES[below(how, 3) as usize],
             priority: [-7, 0, 0, 100][(how % 4) as usize].try_into().unwrap(),
-            submitter: [None, Some("x".into()), Some("y".into())][below(who, 3) as usize].clone(),
+            owner: owner.clone(),
             ..new_job(&digest)
         };
-        let (turn, submitter) = (self.turn(&new), new.submitter.clone());
-        let made = self.jobs.values().any(|job| job.seen.digest == digest && job.state.status == Status::Succeeded);
+        let turn = self.turn(&new);
+        let reusable = |job: &Expected| {
+            (job.owner == owner, job.state.status) == (true, Status::Succeeded) && job.seen.digest == digest
+        };
+        let made = self.jobs.values().any(reusable);
         let submitted = self.bench.store.submit(new).await.unwrap();
         assert_eq!(matches!(submitted, Submitted::Reused(_)), made, "{submitted:?}");
         self.reused += u32::from(made);
         let seen = submitted.job().clone();
         let state = State { status: if made { Status::Succeeded } else { Status::Queued }, ..State::queued() };
         let now = self.bench.clock.now();
-        let expected = Expected { state, submitter, turn, lease_until: now, available_at: now, seen };
+        let expected = Expected { state, owner, turn, lease_until: now, available_at: now, seen };
         self.jobs.insert(expected.seen.id, expected);
     }
 

@@ -84,6 +84,7 @@ pub async fn workers_are_seen(factory: Factory) {
         jobs: Vec::new(),
         jobs_done,
         heartbeat_at,
+        pause: None,
     };
     bench.store.worker_seen(&seen("b", 0, bench.clock.now())).await.unwrap();
     bench.clock.advance(Duration::from_secs(200));

@@ -2,19 +2,25 @@
 //! store of all of them.
 
 mod batch;
+mod bulk;
 mod histories;
 mod keep;
 mod lease;
 mod list;
 mod order;
+mod owners;
+mod pause;
 mod submit;
 
 pub use batch::*;
+pub use bulk::*;
 pub use histories::*;
 pub use keep::*;
 pub use lease::*;
 pub use list::*;
 pub use order::*;
+pub use owners::*;
+pub use pause::*;
 pub use submit::*;
 
 use futures_util::future::{BoxFuture, join_all};
@@ -23,9 +29,9 @@ use oviduct::clock::Clock;
 use oviduct::generate::{Backend, Output, Progress, Stage};
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{
-    BackendReport, Change, ClaimedJob, Counts, Directive, File, Finished, Job, JobId, ListFilter, LiveSection,
-    NewBatch, NewJob, Priority, Problem, Status, Store, StoreError, StoreOptions, Submitted, SubmittedBatch,
-    UpkeepTask, WorkerInfo,
+    Applied, BackendReport, BatchFilter, Change, ClaimedJob, Counts, Directive, File, Finished, Instruction, Job,
+    JobId, ListFilter, LiveSection, NewBatch, NewJob, Pause, Priority, Problem, Status, Store, StoreError,
+    StoreOptions, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo, WorkerState,
 };
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
@@ -80,6 +86,7 @@ macro_rules! over {
             a_batch_is_taken_whole_or_not_at_all
             a_batch_is_removed_with_all_its_jobs
             an_idempotency_key_gives_one_batch
+            a_batch_keeps_its_study
             a_checkpoint_passes_to_the_next_attempt
             ended_jobs_are_listed_by_age_and_bytes
             another_engines_files_are_not_reused
@@ -87,6 +94,22 @@ macro_rules! over {
             keys_of_records_and_of_running_attempts_are_in_use
             one_owner_at_a_time_holds_an_upkeep_task
             queued_jobs_are_counted_by_backend
+            owners_share_nothing
+            an_owner_has_a_quota
+            keys_are_stored_revoked_and_listed
+            only_one_first_key_is_made
+            a_ticket_is_good_once_for_its_path_and_a_minute
+            paused_workers_claim_nothing
+            a_paused_gpu_worker_claims_no_batch
+            a_pause_does_not_keep_expired_leases
+            a_drained_worker_says_so
+            the_pause_of_all_is_kept
+            the_queue_has_an_age
+            lists_are_narrowed_by_time_batch_and_ids
+            many_jobs_are_cancelled_at_once
+            many_jobs_are_removed_at_once
+            batches_are_listed
+            a_retry_goes_into_the_batch_of_the_failed_job
         }
     };
 }
@@ -107,8 +130,10 @@ pub fn new_job(digest: &str) -> NewJob {
         missing: Vec::new(),
         batch_key: Some("size".into()),
         idempotency: None,
-        submitter: None,
+        owner: None,
+        quota: Default::default(),
         trace: Some("00-0af7651916cd43dd8448eb211c80319c-b7ad6b7169203331-01".into()),
+        retry_of: None,
     }
 }
 

@@ -6,7 +6,7 @@ pub async fn submitters_take_turns(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let submit = async |who: &str, jobs: u32| {
         for n in 0..jobs {
-            let new = NewJob { submitter: Some(who.into()), ..new_job(&format!("{who}{n}")) };
+            let new = NewJob { owner: Some(who.into()), ..new_job(&format!("{who}{n}")) };
             bench.store.submit(new).await.unwrap();
         }
     };
@@ -102,7 +102,7 @@ pub async fn submitters_take_turns_within_a_priority(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     for (who, priority, jobs) in [("a", 0, 4), ("a", 7, 4), ("b", 0, 2), ("b", 7, 2), ("c", 7, 1)] {
         for n in 0..jobs {
-            let new = NewJob { submitter: Some(who.into()), ..urgent(&format!("{who}{priority}{n}"), priority) };
+            let new = NewJob { owner: Some(who.into()), ..urgent(&format!("{who}{priority}{n}"), priority) };
             bench.submit(new).await;
         }
     }
@@ -137,7 +137,7 @@ pub async fn a_released_job_keeps_its_priority_and_turn(factory: Factory) {
 pub async fn a_claim_of_several_takes_due_jobs_of_all_lanes(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     let ask = async |digest: &str, backend, who: &str, priority| {
-        bench.submit(NewJob { backend, submitter: Some(who.into()), ..urgent(digest, priority) }).await;
+        bench.submit(NewJob { backend, owner: Some(who.into()), ..urgent(digest, priority) }).await;
     };
     // In the lane of auto the last job comes before the second, because its submitter has had no turn.
     ask("auto 1", Backend::Auto, "x", 0).await;
@@ -168,7 +168,14 @@ pub async fn a_batch_has_one_priority(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     bench.submit(urgent("a", 2)).await;
     let jobs = vec![new_job("b"), new_job("c")];
-    let batch = NewBatch { jobs, priority: 3.try_into().unwrap(), idempotency: None };
+    let batch = NewBatch {
+        jobs,
+        owner: None,
+        quota: Default::default(),
+        priority: 3.try_into().unwrap(),
+        study: None,
+        idempotency: None,
+    };
     let batch = bench.store.submit_batch(batch).await.unwrap().batch().clone();
     assert_eq!(batch.priority.get(), 3);
     assert_eq!(bench.waiting().await, ["b", "c", "a"]);

@@ -87,13 +87,13 @@ pub async fn an_idempotency_key_gives_one_job(factory: Factory) {
     let ended = bench.store.finish(claimed, done).await.unwrap();
     assert_eq!(bench.store.submit(keyed("k", "body")).await.unwrap(), Submitted::Replayed(ended.clone()));
     // The key can be looked up alone.
-    assert_eq!(bench.store.replayed("k", "body").await.unwrap(), Some(ended));
+    assert_eq!(bench.store.replayed(None, "k", "body").await.unwrap(), Some(ended));
     for (key, body) in [("k", "another"), ("j", "body"), ("", "")] {
-        assert_eq!(bench.store.replayed(key, body).await.unwrap(), None, "{key} {body}");
+        assert_eq!(bench.store.replayed(None, key, body).await.unwrap(), None, "{key} {body}");
     }
-    assert_eq!(bench.store.replayed_batch("k", "body").await.unwrap(), None, "keys of batches are separate");
+    assert_eq!(bench.store.replayed_batch(None, "k", "body").await.unwrap(), None, "keys of batches are separate");
     bench.store.delete(first.job().id).await.unwrap();
-    assert_eq!(bench.store.replayed("k", "body").await.unwrap(), None);
+    assert_eq!(bench.store.replayed(None, "k", "body").await.unwrap(), None);
     let fresh = bench.store.submit(keyed("k", "another")).await.unwrap();
     assert!(matches!(fresh, Submitted::Queued(_)));
 }

@@ -22,12 +22,12 @@ fn insert(log: &mut Log, n: u8, status: Status) -> Arc<View> {
 fn read(log: &Log, mut number: u64) -> Option<Vec<JobId>> {
     let mut ids = Vec::new();
     loop {
-        match log.after(number) {
+        match log.after(number, &Interest::default()) {
             Next::View(view) => {
                 ids.push(view.id());
                 number = view.number();
             }
-            Next::Nothing => return Some(ids),
+            Next::Nothing(_) => return Some(ids),
             Next::Unknown => return None,
         }
     }

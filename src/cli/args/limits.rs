@@ -1,0 +1,85 @@
+//! Options of `serve` that limit requests: the predicted cost of a model, and what clients hold at the same time.
+
+use crate::cli::exit::Failure;
+use crate::cli::units;
+use crate::spec::Limits;
+use clap::Args;
+use std::time::Duration;
+
+/// Limits of requests.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct LimitArgs {
+    /// Predicted time of a model on its slowest backend above which it is refused (422)
+    #[arg(long, value_name = "TIME", value_parser = units::positive_duration, default_value = "10m")]
+    max_model_time: Duration,
+    /// Predicted memory of a model above which it is refused (422)
+    #[arg(long, value_name = "SIZE", value_parser = units::positive_bytes, default_value = "4GiB")]
+    max_model_memory: u64,
+    /// Predicted number of vertices of a model above which it is refused (422)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), default_value_t = 10_000_000)]
+    max_model_vertices: u64,
+    /// Predicted size of all files of a model above which it is refused (422)
+    #[arg(long, value_name = "SIZE", value_parser = units::positive_bytes, default_value = "4GiB")]
+    max_model_size: u64,
+    /// Size of a request body above which it is refused (413)
+    #[arg(long, value_name = "SIZE", value_parser = units::positive_bytes, default_value = "1MiB")]
+    max_body: u64,
+    /// Maximum number of open event streams (503 above) [default: 4096, or half of --connections if that is less]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    event_streams: Option<u32>,
+    /// Maximum number of answers held by `Prefer: wait`; others are sent at once [default: 256, or a quarter of --connections
+    /// if that is less]
+    #[arg(long, value_name = "N")]
+    held_answers: Option<u32>,
+    /// Maximum number of downloads at the same time (503 above) [default: 10000, or an eighth of the process's file
+    /// descriptors if that is less]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    downloads: Option<u32>,
+}
+
+impl LimitArgs {
+    /// Limits of the predicted cost of a model.
+    pub(in crate::cli) fn cost(&self) -> Limits {
+        Limits {
+            max_cost_seconds: self.max_model_time.as_secs_f64(),
+            max_memory_bytes: self.max_model_memory,
+            max_vertices: self.max_model_vertices,
+            max_output_bytes: self.max_model_size,
+        }
+    }
+
+    /// Longest request body, bytes.
+    pub(in crate::cli) fn body_bytes(&self) -> usize {
+        usize::try_from(self.max_body).unwrap_or(usize::MAX)
+    }
+
+    /// Most event streams and held answers of a service with this many connections; `streams` and `held` are the defaults.
+    /// They must leave connections for short requests, such as health checks.
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] if they do not.
+    pub(in crate::cli) fn holders(
+        &self,
+        connections: usize,
+        streams: usize,
+        held: usize,
+    ) -> Result<(usize, usize), Failure> {
+        let most = |given: Option<u32>, default: usize| given.map_or(default, |given| given as usize);
+        let (streams, held) = (
+            most(self.event_streams, streams.min(connections / 2)),
+            most(self.held_answers, held.min(connections / 4)),
+        );
+        if streams.saturating_add(held) >= connections {
+            return Err(Failure::usage(format!(
+                "--event-streams {streams} and --held-answers {held} leave none of {connections} connections for other \
+                 requests; raise --connections"
+            )));
+        }
+        Ok((streams, held))
+    }
+
+    /// Most downloads at the same time.
+    pub(in crate::cli) fn downloads(&self, default: usize) -> usize {
+        self.downloads.map_or(default, |given| given as usize)
+    }
+}

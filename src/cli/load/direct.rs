@@ -1,0 +1,76 @@
+//! Models grown in this process without a service: the baseline of a load.
+
+use super::super::exit::Failure;
+use super::errors::Lost;
+use super::seeds::Seeds;
+use crate::clock::Stopwatch;
+use crate::generate::{Backend, CancelToken, Output, Request, generate};
+use crate::spec::ModelSpec;
+use anyhow::Context;
+use std::sync::Arc;
+use tokio::task::JoinSet;
+
+/// The models that [`direct`] grows.
+#[derive(Clone, Debug)]
+pub(in crate::cli) struct Model {
+    pub(in crate::cli) preset: String,
+    pub(in crate::cli) spec: Arc<ModelSpec>,
+    pub(in crate::cli) backend: Backend,
+    pub(in crate::cli) outputs: Vec<Output>,
+}
+
+/// A model that ended.
+pub(in crate::cli) struct Grown {
+    /// Time that it took.
+    pub(in crate::cli) seconds: f64,
+    pub(in crate::cli) succeeded: bool,
+    pub(super) bytes: u64,
+}
+
+/// Grows the models of these seeds in this process, `concurrency` at a time, each on `threads` threads.
+///
+/// # Errors
+/// If threads cannot be started, or a task panics.
+pub(in crate::cli) async fn direct(
+    model: &Model,
+    seeds: Seeds,
+    concurrency: u32,
+    threads: usize,
+) -> Result<Vec<Result<Grown, Lost>>, Failure> {
+    let mut tasks: JoinSet<anyhow::Result<Vec<_>>> = JoinSet::new();
+    for _ in 0..concurrency {
+        let (model, seeds) = (model.clone(), seeds.clone());
+        tasks.spawn_blocking(move || {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+            let pool = pool.context("the threads could not be started")?;
+            let one = |seed| pool.install(|| grow(&model, seed)).map_err(Lost::from);
+            Ok(std::iter::from_fn(|| seeds.take()).map(one).collect())
+        });
+    }
+    let mut all = Vec::new();
+    while let Some(done) = tasks.join_next().await {
+        all.extend(done.context("a task panicked")??);
+    }
+    Ok(all)
+}
+
+/// Grows one model in this process.
+fn grow(model: &Model, seed: u64) -> Result<Grown, Failure> {
+    let dir = std::env::temp_dir().join(format!("oviduct-load-{}", uuid::Uuid::now_v7()));
+    std::fs::create_dir(&dir).with_context(|| dir.display().to_string())?;
+    let request = Request {
+        preset: model.preset.clone(),
+        spec: ModelSpec::clone(&model.spec),
+        seed,
+        backend: model.backend,
+        outputs: model.outputs.clone(),
+        dir: dir.clone(),
+        memory_limit_bytes: None,
+    };
+    let watch = Stopwatch::start();
+    let outcome = generate(&request, &(), &CancelToken::default());
+    let seconds = watch.seconds();
+    std::fs::remove_dir_all(&dir).with_context(|| dir.display().to_string())?;
+    let bytes = outcome.as_ref().map_or(0, |outcome| outcome.files.iter().map(|file| file.bytes).sum());
+    Ok(Grown { seconds, succeeded: outcome.is_ok(), bytes })
+}

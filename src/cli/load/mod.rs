@@ -1,0 +1,265 @@
+//! `oviduct load`: a load generator for a service.
+//!
+//! The open loop sends calls at a rate, whatever the answers; the closed loop has a number of users who wait for theirs.
+//! No error ends a run: it is counted, and the load goes on.
+
+mod calls;
+mod chart;
+mod closed;
+mod direct;
+mod errors;
+mod known;
+mod mix;
+mod models;
+mod open;
+mod plan;
+mod record;
+mod report;
+mod seeds;
+mod streams;
+mod target;
+#[cfg(test)]
+mod tests;
+mod text;
+mod times;
+
+pub(super) use closed::through;
+pub(super) use direct::{Grown, Model, direct};
+pub(super) use errors::Lost;
+pub(super) use mix::Mix;
+pub(super) use plan::{Arrivals, Rate};
+pub(super) use seeds::Seeds;
+
+use super::args::LoadArgs;
+use super::client::Client;
+use super::exit::{Ended, Failure};
+use super::interrupt::Signals;
+use super::{connections, model, submit, term};
+use crate::clock::Stopwatch;
+use anyhow::Context;
+use closed::Users;
+use mix::Call;
+use models::Models;
+use plan::Plan;
+use record::{Outcome, Record, Timed};
+use report::{Efficiency, Mode, Report, Run};
+use std::sync::Arc;
+use std::time::Duration;
+use target::Target;
+use times::Times;
+
+/// Length of a run by default.
+const LENGTH: Duration = Duration::from_secs(60);
+/// Warm-up of an open loop by default.
+const WARM_UP: Duration = Duration::from_secs(5);
+/// Number of models of a closed loop by default.
+const MODELS: u64 = 100;
+/// Time for the last events to arrive once all models have ended.
+const LAST_EVENTS: Duration = Duration::from_secs(10);
+/// Descriptors for everything but calls and streams.
+const DESCRIPTORS: u64 = 64;
+
+pub(super) async fn run(args: LoadArgs) -> Ended {
+    let mut signals = Signals::listen();
+    let first = args.model.seed.unwrap_or_else(|| crate::random::draw_seed() >> 1);
+    let (report, svg) = if args.direct {
+        tokio::select! {
+            report = without_service(&args, first) => (report?, None),
+            () = signals.asked_to_stop() => return Err(Failure::Interrupted),
+        }
+    } else {
+        through_service(&args, first, &mut signals).await?
+    };
+    if args.json {
+        term::print_json(&report)?;
+    } else {
+        for line in text::lines(&report) {
+            term::print(&line)?;
+        }
+    }
+    if let (Some(path), Some(svg)) = (&args.plot, svg) {
+        std::fs::write(path, svg?).with_context(|| format!("--plot {}", path.display()))?;
+    }
+    match (report.interrupted, report.failed()) {
+        (true, _) => Err(Failure::Interrupted),
+        (false, true) => Err(Failure::Negative),
+        (false, false) => Ok(()),
+    }
+}
+
+/// What the options say, with defaults that depend on each other.
+struct Settings {
+    seeds: Seeds,
+    warm_up: Duration,
+    /// Length after the warm-up; `None` to go on until the seeds are used up.
+    length: Option<Duration>,
+    /// The calls; `None` for whole models.
+    mix: Option<Mix>,
+}
+
+impl Settings {
+    fn of(args: &LoadArgs, first: u64) -> Result<Self, Failure> {
+        let mix = args.mix.clone().or_else(|| args.rate.map(|_| Mix::default()));
+        let by_time = mix.is_some() || args.direct || args.models.is_none() && args.duration.is_some();
+        let most = (crate::http::SEED_MAX + 1).saturating_sub(first);
+        let models = match args.models {
+            Some(models) if models > most => {
+                return Err(Failure::usage(format!("--models {models}: there are only {most} seeds from {first} on")));
+            }
+            Some(models) => models,
+            None if by_time && !args.direct => most,
+            None => MODELS.min(most),
+        };
+        let in_flight = if args.rate.is_some() { args.max_in_flight } else { args.concurrency };
+        let (needed, limit) =
+            (u64::from(in_flight) + u64::from(args.streams) + DESCRIPTORS, connections::descriptors());
+        if needed > limit && !args.direct {
+            let said =
+                format!("{in_flight} calls in flight and {} streams need {needed} file descriptors", args.streams);
+            return Err(Failure::usage(format!("{said}, the limit is {limit}: raise it with `ulimit -n`")));
+        }
+        Ok(Self {
+            seeds: Seeds::new(first, models),
+            warm_up: args.warm_up.unwrap_or(if args.rate.is_some() { WARM_UP } else { Duration::ZERO }),
+            length: args.duration.or(mix.is_some().then_some(LENGTH)),
+            mix,
+        })
+    }
+}
+
+/// Puts a service under load until the time is over, or a signal arrives. Also returns the plot, if one is asked for.
+async fn through_service(
+    args: &LoadArgs,
+    first: u64,
+    signals: &mut Signals,
+) -> Result<(Report, Option<anyhow::Result<String>>), Failure> {
+    let settings = Settings::of(args, first)?;
+    let alone = if args.efficiency { Some(local(args)?) } else { None };
+    let body = submit::request(&args.model)?;
+    let client = Client::new(&args.service.url, args.service.key.as_ref())?;
+    let target = Arc::new(Target::new(client, body, settings.seeds.clone(), settings.warm_up, args.timeout));
+    let mut interrupted = tokio::select! {
+        driven = drive(args, &settings, first, &target) => {
+            driven?;
+            false
+        }
+        () = signals.asked_to_stop() => true,
+    };
+    // Nothing is sent or counted from now on.
+    target.stop.cancel();
+    let numbers = target.record.numbers();
+    let seconds = target.length().saturating_sub(settings.warm_up).as_secs_f64();
+    let after = async {
+        let models = models::read(&target).await;
+        let per_second = models.as_ref().map_or(0.0, |models| models.per_second);
+        match alone.filter(|_| !interrupted) {
+            Some(model) => (models, compare(&model, first, per_second).await.map(Some)),
+            None => (models, Ok(None)),
+        }
+    };
+    let (models, efficiency) = tokio::select! {
+        found = after => found,
+        () = signals.asked_to_stop() => {
+            interrupted = true;
+            (Err(Failure::Interrupted.into()), Ok(None))
+        }
+    };
+    let mode = match args.rate {
+        Some(Rate(rate)) => Mode::Open { rate, arrivals: args.arrivals, max_in_flight: args.max_in_flight },
+        None => Mode::Closed { concurrency: args.concurrency },
+    };
+    let warm_up = settings.warm_up.as_secs_f64();
+    let run = Run { mode, seed: first, interrupted, warm_up, seconds, waited: !args.wait.is_zero() };
+    let svg = args.plot.as_ref().map(|_| chart::draw(&numbers));
+    Ok((Report::of(&run, &numbers, models, efficiency?), svg))
+}
+
+/// Makes the calls, and waits for the models and streams.
+async fn drive(args: &LoadArgs, settings: &Settings, seed: u64, target: &Arc<Target>) -> Ended {
+    let mut held = streams::hold(target, args.streams);
+    let mut scouts = tokio::task::JoinSet::new();
+    if settings.mix.as_ref().is_some_and(|mix| mix.has(Call::Download)) {
+        scouts.spawn(models::scout(Arc::clone(target)));
+    }
+    let until = settings.length.map(|length| settings.warm_up + length);
+    match (args.rate, settings.mix.clone(), until) {
+        (Some(rate), Some(mix), Some(length)) => {
+            let plan = Plan { seed, rate, arrivals: args.arrivals, mix, length };
+            open::run(target, plan, args.max_in_flight).await?;
+            target.end(length);
+        }
+        (_, mix, until) => {
+            let users = Users { count: args.concurrency, until, mix: mix.map(|mix| (mix, seed)) };
+            closed::run(target, users).await?;
+            target.end(target.watch.elapsed());
+        }
+    }
+    if let Some(faults) = target.invalid.get() {
+        return Err(Failure::Usage(faults.clone()));
+    }
+    drop(scouts);
+    let ended = target.known.is_empty() || tokio::time::timeout(args.wait, models::wait(target)).await.is_ok();
+    if ended {
+        let told = async { while held.join_next().await.is_some() {} };
+        // Streams that were not told until then are counted in the report.
+        let _ = tokio::time::timeout(LAST_EVENTS, told).await;
+    }
+    Ok(())
+}
+
+/// The model of the options, for this process.
+fn local(args: &LoadArgs) -> Result<Model, Failure> {
+    let (preset, spec) = model::resolve(&args.model)?;
+    Ok(Model {
+        preset: preset.name.clone(),
+        spec: Arc::new(spec),
+        backend: args.model.backend,
+        outputs: args.model.outputs.clone(),
+    })
+}
+
+fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
+}
+
+/// Grows some of the models again without the service, one on each core.
+async fn compare(model: &Model, first: u64, per_second: f64) -> Result<Efficiency, Failure> {
+    let cores = cores() as u32;
+    let sample = 4 * u64::from(cores);
+    let watch = Stopwatch::start();
+    let grown = direct(model, Seeds::new(first, sample), cores, 1).await?;
+    let direct_per_second = grown.len() as f64 / watch.seconds();
+    Ok(Efficiency { sample, direct_per_second, ratio: per_second / direct_per_second })
+}
+
+/// Grows the models in this process.
+async fn without_service(args: &LoadArgs, first: u64) -> Result<Report, Failure> {
+    let settings = Settings::of(args, first)?;
+    let record = Record::new(Duration::ZERO);
+    let watch = Stopwatch::start();
+    let grown = direct(&local(args)?, settings.seeds, args.concurrency, cores()).await?;
+    let seconds = watch.seconds();
+    let mut models = Models { models: grown.len() as u64, ..Models::default() };
+    for one in grown {
+        record.due(Call::Model, Duration::ZERO);
+        let mut timed =
+            Timed { call: Call::Model, planned: Duration::ZERO, sent: Duration::ZERO, ended: Duration::ZERO };
+        let outcome = match one {
+            Ok(Grown { seconds, succeeded, bytes }) => {
+                timed.ended = Duration::from_secs_f64(seconds);
+                models.succeeded += u64::from(succeeded);
+                models.bytes += bytes;
+                Outcome::Answered(bytes)
+            }
+            Err(lost) => Outcome::Lost(lost),
+        };
+        record.ended(timed, outcome);
+    }
+    models.failed = models.models - models.succeeded;
+    models.per_second = models.models as f64 / seconds;
+    let mode = Mode::Direct { concurrency: args.concurrency };
+    let run = Run { mode, seed: first, interrupted: false, warm_up: 0.0, seconds, waited: true };
+    let numbers = record.numbers();
+    models.end_to_end = numbers.calls.get(&Call::Model).map(|tally| Times::of(&tally.latency)).unwrap_or_default();
+    Ok(Report::of(&run, &numbers, Ok(models), None))
+}

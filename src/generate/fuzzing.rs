@@ -1,0 +1,83 @@
+//! Target of the fuzzers: checkpoints.
+
+use super::checkpoint::Checkpoint;
+use super::grow::lofter;
+use super::types::{Backend, Request};
+use crate::ENGINE_VERSION;
+use crate::export::sections_bin::fuzzing::seal;
+use crate::spec::{ModelSpec, preset};
+use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
+use std::sync::LazyLock;
+
+/// Most particles of a checkpoint whose surface is lofted again.
+const LOFTED: usize = 2000;
+
+static REQUEST: LazyLock<Request> = LazyLock::new(|| {
+    let patch = json!({
+        "steps": 60, "burn_in": 20, "particles": {
+            "total": { "keys": [[0, 70], [1, 140]] }, "outer": { "keys": [[0, 20], [1, 30]] } },
+    });
+    let spec = preset("pig").map(|pig| ModelSpec::resolve(pig, &patch));
+    Request {
+        preset: "pig".into(),
+        spec: spec.expect("the preset exists").expect("the patch is valid"),
+        seed: 7,
+        backend: Backend::CpuSingle,
+        outputs: Vec::new(),
+        dir: ".".into(),
+        memory_limit_bytes: None,
+    }
+});
+
+/// A checkpoint that is read is written and read again as the same one, and its surface is lofted or refused. The bytes are
+/// read as they are, and with the checksums made right, so that damage behind them is found too.
+pub fn checkpoint(bytes: &[u8]) {
+    read(bytes);
+    if let Some(sealed) = sealed(bytes) {
+        read(&sealed);
+    }
+}
+
+fn read(bytes: &[u8]) {
+    let Ok(checkpoint) = Checkpoint::read(&REQUEST, bytes) else { return };
+    let written = write(&checkpoint);
+    let again = Checkpoint::read(&REQUEST, &written).expect("what was written can be read");
+    assert!(write(&again) == written, "another checkpoint was read than was written");
+    let particles: usize = checkpoint.accepted.iter().map(crate::model::Section::particles).sum();
+    if particles > LOFTED {
+        return;
+    }
+    let Some((first, others)) = checkpoint.accepted.split_first() else { return };
+    let Ok(mut lofter) = lofter(&REQUEST, first.clone()) else { return };
+    let _ = others.iter().try_for_each(|section| lofter.advance(std::slice::from_ref(section)).map(drop));
+}
+
+fn write(c: &Checkpoint) -> Vec<u8> {
+    Checkpoint::write(&REQUEST, &c.simulation, &c.accepted, &c.history, c.flipped, c.recorded)
+        .expect("a checkpoint that was read can be written")
+}
+
+/// The checkpoint with its header made that of [`REQUEST`], and all checksums made right; `None` if it has not these parts.
+fn sealed(bytes: &[u8]) -> Option<Vec<u8>> {
+    let (start, rest) = bytes.split_at_checked(12)?;
+    let (length, rest) = rest.split_first_chunk::<4>()?;
+    let (header, parts) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+    let mut header: Value = serde_json::from_slice(header).ok()?;
+    let members = header.as_object_mut()?;
+    members.insert("digest".to_owned(), REQUEST.spec.digest(REQUEST.seed).into());
+    members.insert("engine".to_owned(), ENGINE_VERSION.into());
+    let mut parts = parts.get(..parts.len().checked_sub(32)?)?.to_vec();
+    let length = |name: &str| header.get(name).and_then(Value::as_u64).and_then(|n| usize::try_from(n).ok());
+    let accepted = length("simulation")?;
+    let history = accepted.checked_add(length("accepted")?)?;
+    let end = history.checked_add(length("history")?)?;
+    seal(parts.get_mut(accepted..history)?);
+    seal(parts.get_mut(history..end)?);
+    let header = serde_json::to_vec(&header).ok()?;
+    let length = u32::try_from(header.len()).ok()?.to_le_bytes();
+    let mut sealed = [start, &length, &header, &parts].concat();
+    let hash = Sha256::digest(&sealed);
+    sealed.extend_from_slice(&hash);
+    Some(sealed)
+}

@@ -1,0 +1,152 @@
+//! Who sends a request, and what that allows: keys, tickets, quotas, and the checks of a service without keys.
+//!
+//! Each group of routes has a [`Rule`], which asks [`Access`] for the [`Caller`]. Handlers take the caller as an argument
+//! and show it only what it sees.
+
+mod audit;
+mod bucket;
+mod caller;
+mod keyring;
+mod origin;
+mod rule;
+
+pub(super) use audit::audit;
+pub(super) use caller::Caller;
+pub(super) use rule::Rule;
+
+use super::cors::Origin;
+use super::problem::{Kind, Problem};
+use crate::jobs::Store;
+use crate::jobs::keys::{KeyLimits, Secret, TicketSecret};
+use axum::extract::Query;
+use axum::http::{HeaderMap, HeaderValue, Method, Uri, header};
+use bucket::{Buckets, Standing};
+use keyring::{Keyring, Keys};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// What a service without any key does. As soon as one exists, every route but probes and pages asks for one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum WithoutKeys {
+    /// It serves anyone.
+    #[default]
+    Anyone,
+    /// It serves anyone on this machine: requests must be addressed to a loopback name, so that no page can reach it by a
+    /// name of its own that resolves to loopback.
+    Loopback,
+    /// It serves nobody.
+    Nobody,
+}
+
+/// How requests are admitted.
+#[derive(Clone, Debug)]
+pub struct AccessOptions {
+    /// What it does without any key.
+    pub without_keys: WithoutKeys,
+    /// Limits of keys that have none of their own.
+    pub limits: KeyLimits,
+    /// Time after which the keys are read again: a new or revoked key takes effect within it.
+    pub refresh: Duration,
+}
+
+impl Default for AccessOptions {
+    fn default() -> Self {
+        Self { without_keys: WithoutKeys::default(), limits: KeyLimits::default(), refresh: Duration::from_secs(1) }
+    }
+}
+
+/// Parameter of a ticket.
+pub(super) const TICKET: &str = "ticket";
+
+/// Finds out who sends a request.
+pub(super) struct Access {
+    store: Arc<dyn Store>,
+    options: AccessOptions,
+    /// Origins whose pages may call the service.
+    origins: Vec<Origin>,
+    keyring: Keyring,
+    buckets: Buckets,
+}
+
+impl Access {
+    pub(super) fn new(store: Arc<dyn Store>, options: AccessOptions, origins: Vec<Origin>) -> Self {
+        let keyring = Keyring::new(Arc::clone(&store), options.refresh);
+        Self { store, options, origins, keyring, buckets: Buckets::default() }
+    }
+
+    /// Who sends a request.
+    pub(super) async fn caller(&self, method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<Caller, Problem> {
+        let keys = self.keyring.current().await?;
+        if keys.is_empty() {
+            return match self.options.without_keys {
+                WithoutKeys::Nobody => Err(unauthorized("The service has no keys yet. `oviduct keys add` makes one.")),
+                WithoutKeys::Loopback => {
+                    origin::check_loopback(uri, headers)?;
+                    origin::check_same(method, uri, headers, &self.origins).map(|()| Caller::Anyone)
+                }
+                WithoutKeys::Anyone => origin::check_same(method, uri, headers, &self.origins).map(|()| Caller::Anyone),
+            };
+        }
+        let mut credentials = headers.get_all(header::AUTHORIZATION).iter();
+        let caller = match (credentials.next(), credentials.next(), ticket(uri)) {
+            (Some(credential), None, _) => by_secret(&keys, credential),
+            (Some(_), Some(_), _) => Err(unauthorized("The request has more than one Authorization header.")),
+            (None, _, Some(ticket)) => self.by_ticket(&keys, &ticket, method, uri).await,
+            (None, _, None) => Err(unauthorized("Send a key as `Authorization: Bearer …`.")),
+        }?;
+        Ok(caller.with_limits(self.options.limits))
+    }
+
+    /// Whether the key of a caller still works. A caller without a key goes on when keys come to exist.
+    pub(super) async fn still_works(&self, caller: &Caller) -> bool {
+        let Caller::Key(key) = caller else { return true };
+        // In an outage nothing is known, and what was allowed goes on.
+        self.keyring.current().await.map_or(true, |keys| keys.working(&key.prefix).is_some())
+    }
+
+    /// Counts a request of this caller. `None` if it has no limit.
+    fn count(&self, caller: &Caller) -> Option<Result<Standing, Standing>> {
+        let Caller::Key(key) = caller else { return None };
+        Some(self.buckets.take(&key.prefix, key.limits.rate?))
+    }
+
+    async fn by_ticket(&self, keys: &Keys, text: &str, method: &Method, uri: &Uri) -> Result<Caller, Problem> {
+        if method != Method::GET && method != Method::HEAD {
+            return Err(unauthorized("A ticket is for GET only. Send a key as `Authorization: Bearer …`."));
+        }
+        let prefix = self.store.use_ticket(&TicketSecret::of(text).hash(), uri.path()).await?;
+        let key = prefix.and_then(|prefix| keys.working(&prefix));
+        key.map(Caller::Key).ok_or_else(|| {
+            unauthorized("The ticket is for another path, was used before, or is older than a minute. Get another.")
+        })
+    }
+}
+
+/// The caller with the key that a header has.
+fn by_secret(keys: &Keys, credential: &HeaderValue) -> Result<Caller, Problem> {
+    let text = credential.to_str().unwrap_or_default();
+    let (scheme, token) = text.split_once(' ').unwrap_or((text, ""));
+    if !scheme.eq_ignore_ascii_case("bearer") {
+        return Err(unauthorized("Send a key as `Authorization: Bearer …`."));
+    }
+    let invalid = || {
+        let problem = unauthorized("The key does not exist, has expired, or was revoked.");
+        problem.with_header(header::WWW_AUTHENTICATE, HeaderValue::from_static(INVALID))
+    };
+    let secret = Secret::parse(token.trim()).map_err(|_| invalid())?;
+    keys.working_with(&secret).map(Caller::Key).ok_or_else(invalid)
+}
+
+const CHALLENGE: &str = "Bearer realm=\"oviduct\"";
+const INVALID: &str = "Bearer realm=\"oviduct\", error=\"invalid_token\"";
+
+pub(super) fn unauthorized(detail: &str) -> Problem {
+    let challenge = HeaderValue::from_static(CHALLENGE);
+    Problem::new(Kind::Unauthorized, detail).with_header(header::WWW_AUTHENTICATE, challenge)
+}
+
+/// The ticket in a query string.
+fn ticket(uri: &Uri) -> Option<String> {
+    let Query(pairs) = Query::<Vec<(String, String)>>::try_from_uri(uri).ok()?;
+    pairs.into_iter().find(|(name, _)| name == TICKET).map(|(_, value)| value)
+}

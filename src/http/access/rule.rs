@@ -1,0 +1,123 @@
+//! What a route needs of its caller.
+
+use super::bucket::add_headers;
+use super::{Access, Caller};
+use crate::http::problem::{Kind, Problem};
+use crate::http::responses::problem_responses;
+use crate::jobs::keys::Scope;
+use axum::extract::Request;
+use axum::http::{HeaderValue, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use std::sync::Arc;
+use std::time::Duration;
+use utoipa::openapi::path::Operation;
+use utoipa::openapi::security::SecurityRequirement;
+use utoipa_axum::router::OpenApiRouter;
+
+/// What a route needs of its caller, once the service has keys.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::http) enum Rule {
+    /// Nothing.
+    Open,
+    /// A key, whatever it allows.
+    AnyKey,
+    /// A key that allows `read`.
+    Read,
+    /// A key that allows `submit`.
+    Submit,
+    /// A key that allows `admin`.
+    Admin,
+}
+
+impl Rule {
+    fn scope(self) -> Option<Scope> {
+        match self {
+            Self::Open | Self::AnyKey => None,
+            Self::Read => Some(Scope::Read),
+            Self::Submit => Some(Scope::Submit),
+            Self::Admin => Some(Scope::Admin),
+        }
+    }
+
+    /// These routes, with this rule enforced and described.
+    pub(in crate::http) fn guard<S>(self, mut routes: OpenApiRouter<S>) -> OpenApiRouter<S>
+    where
+        S: Clone + Send + Sync + 'static,
+    {
+        for item in routes.get_openapi_mut().paths.paths.values_mut() {
+            let operations = [&mut item.get, &mut item.post, &mut item.put, &mut item.patch, &mut item.delete];
+            operations.into_iter().flatten().for_each(|operation| self.describe(operation));
+        }
+        routes.route_layer(axum::middleware::from_fn(move |request, next| self.enforce(request, next)))
+    }
+
+    fn describe(self, operation: &mut Operation) {
+        if self == Self::Open {
+            operation.security = Some(Vec::new());
+            return;
+        }
+        let scopes: Vec<&str> = self.scope().iter().map(|scope| scope.name()).collect();
+        operation.security = Some(vec![SecurityRequirement::new("key", scopes)]);
+        let kinds = [Kind::Unauthorized, Kind::Forbidden, Kind::RateLimited];
+        for (status, response) in problem_responses(&kinds) {
+            operation.responses.responses.entry(status).or_insert(response);
+        }
+    }
+
+    /// Finds out who sends the request, and passes it on if the rule allows.
+    async fn enforce(self, mut request: Request, next: Next) -> Response {
+        if self == Self::Open {
+            return next.run(request).await;
+        }
+        let Some(access) = request.extensions().get::<Arc<Access>>().cloned() else {
+            tracing::error!(path = request.uri().path(), "keys cannot be checked");
+            return Problem::new(Kind::Internal, "The service failed. Its log has this request id.").into_response();
+        };
+        let caller = match access.caller(request.method(), request.uri(), request.headers()).await {
+            Ok(caller) => caller,
+            Err(problem) => return problem.into_response(),
+        };
+        if let Caller::Key(key) = &caller {
+            tracing::Span::current().record("key", &key.prefix);
+        }
+        let standing = access.count(&caller);
+        let mut response = match (&standing, self.check(&caller)) {
+            (Some(Err(standing)), _) => too_fast(standing.wait()).into_response(),
+            (_, Err(problem)) => problem.into_response(),
+            (_, Ok(())) => {
+                request.extensions_mut().insert(caller);
+                next.run(request).await
+            }
+        };
+        if let Some(Ok(standing) | Err(standing)) = standing {
+            add_headers(response.headers_mut(), standing);
+        }
+        response
+    }
+
+    /// Refuses a caller that the rule does not let through.
+    fn check(self, caller: &Caller) -> Result<(), Problem> {
+        match (caller, self.scope()) {
+            (Caller::Key(key), Some(scope)) if !key.scopes.allow(scope) => {
+                Err(forbidden(scope, &key.scopes.to_string()))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+fn too_fast(wait: Duration) -> Problem {
+    let seconds = wait.as_secs_f64().ceil().max(1.0) as u64;
+    Problem::new(Kind::RateLimited, format!("The key has sent too many requests. Try again in {seconds} s."))
+        .with_header(header::RETRY_AFTER, seconds)
+}
+
+fn forbidden(needed: Scope, has: &str) -> Problem {
+    let challenge = format!("Bearer realm=\"oviduct\", error=\"insufficient_scope\", scope=\"{needed}\"");
+    let problem = Problem::new(Kind::Forbidden, format!("This needs the scope {needed}. The key has: {has}."));
+    match HeaderValue::try_from(challenge) {
+        Ok(challenge) => problem.with_header(header::WWW_AUTHENTICATE, challenge),
+        Err(_) => problem,
+    }
+}

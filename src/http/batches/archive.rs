@@ -1,0 +1,244 @@
+//! `GET /batches/{id}/archive`: files of all models of a batch, streamed.
+//!
+//! The archive begins with `manifest.json`, which lists all models and the files that follow; both are as the records were
+//! when the request came. A body ends in order only if it is complete: if a file is missing, or the artifact store fails, the
+//! transfer is broken off.
+
+use super::models::each_model;
+use super::pack::{Entry, Packer};
+use crate::http::AppState;
+use crate::http::access::Caller;
+use crate::http::extract::{BatchId, Parameters, no_batch};
+use crate::http::faults::Fault;
+use crate::http::files::permit;
+use crate::http::problem::Problem;
+use crate::http::responses::{BadParameters, BatchMissing, DownloadAway};
+use crate::http::study::StoredStudy;
+use crate::jobs::artifacts::{Artifacts, Download};
+use crate::jobs::{Batch, File, Job};
+use axum::body::Body;
+use axum::extract::State;
+use axum::http::{HeaderValue, Method, header};
+use axum::response::{IntoResponse, Response};
+use bytes::Bytes;
+use futures_util::{StreamExt, TryStreamExt, stream};
+use serde_json::{Map, Value, json};
+use std::collections::BTreeSet;
+use std::io;
+use tokio::sync::{OwnedSemaphorePermit, mpsc};
+use tokio_stream::wrappers::ReceiverStream;
+use utoipa::ToSchema;
+
+/// Bytes that are sent at a time, at least, except at the end.
+const PIECE: usize = 64 << 10;
+/// Pieces that wait for the client.
+const PIECES: usize = 2;
+/// Name of the list of all models and files.
+const MANIFEST: &str = "manifest.json";
+/// Files that every model has.
+const ALWAYS: [&str; 2] = ["report.json", "sections.bin"];
+
+/// Formats of archives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ToSchema)]
+#[schema(rename_all = "lowercase")]
+pub(in crate::http) enum ArchiveFormat {
+    /// `application/zip`, without compression.
+    Zip,
+    /// `application/x-tar`.
+    Tar,
+}
+
+/// Download files of all models of a batch as one archive.
+///
+/// `manifest.json`, its first entry, has the batch's id and study and, for each model, its place, id, seed, status, spec,
+/// digest, varied values and problem, and path, size and SHA-256 of its files. Models that have not succeeded have no
+/// files. The transfer is broken off if a file cannot be read.
+#[utoipa::path(
+    get, path = "/batches/{id}/archive", operation_id = "get_batch_archive", tag = "batches",
+    params(
+        ("id" = Uuid, Path, description = "Id of the batch"),
+        ("files" = Option<String>, Query, pattern = "^[^,]+(,[^,]+)*$", description = "Names of files, with commas between them, such as `report.json,model.glb`; all files by default"),
+        ("format" = Option<ArchiveFormat>, Query, description = "`zip` (the default) or `tar`"),
+    ),
+    responses(
+        (status = 200, description = "The archive", headers(
+            ("content-disposition" = String, description = "File name to save it under"))),
+        BatchMissing, BadParameters, DownloadAway,
+    )
+)]
+pub(in crate::http) async fn archive(
+    State(state): State<AppState>,
+    caller: Caller,
+    BatchId(id): BatchId,
+    parameters: Parameters,
+    method: Method,
+) -> Result<Response, Problem> {
+    let Options { names, format } = options(&parameters)?;
+    let batch = caller.batch(state.store.batch(id).await?).ok_or_else(|| no_batch(id))?;
+    let contents = contents(&state, &batch, names.as_deref()).await?;
+    let (media_type, extension) = match format {
+        ArchiveFormat::Zip => ("application/zip", "zip"),
+        ArchiveFormat::Tar => ("application/x-tar", "tar"),
+    };
+    let disposition = HeaderValue::try_from(format!("attachment; filename=\"batch-{id}.{extension}\""));
+    let headers = [
+        (header::CONTENT_TYPE, HeaderValue::from_static(media_type)),
+        (header::CONTENT_DISPOSITION, disposition.unwrap_or(HeaderValue::from_static("attachment"))),
+        (header::CACHE_CONTROL, HeaderValue::from_static("no-cache")),
+    ];
+    let body = if method == Method::HEAD { Body::empty() } else { body(&state, contents, format).await? };
+    Ok((headers, body).into_response())
+}
+
+struct Options {
+    /// Names of files; `None`: all.
+    names: Option<Vec<String>>,
+    format: ArchiveFormat,
+}
+
+fn options(parameters: &Parameters) -> Result<Options, Problem> {
+    let mut faults = parameters.faults(&["files", "format"], &[]);
+    let mut options = Options { names: None, format: ArchiveFormat::Zip };
+    for (name, value) in &parameters.0 {
+        match (name.as_str(), value.as_str()) {
+            ("format", "zip") => options.format = ArchiveFormat::Zip,
+            ("format", "tar") => options.format = ArchiveFormat::Tar,
+            ("format", _) => faults.push(Fault::parameter("format", "must be zip or tar")),
+            ("files", "") => faults.push(Fault::parameter("files", "must name at least one file")),
+            ("files", names) => options.names = Some(names.split(',').map(str::to_owned).collect()),
+            _ => {}
+        }
+    }
+    if faults.is_empty() { Ok(options) } else { Err(Problem::invalid(faults)) }
+}
+
+/// What an archive is made of.
+struct Contents {
+    manifest: (Entry, Bytes),
+    /// The other entries, each with the key of its file.
+    files: Vec<(Entry, String)>,
+}
+
+/// The manifest and the files of these names, or all.
+async fn contents(state: &AppState, batch: &Batch, names: Option<&[String]>) -> Result<Contents, Problem> {
+    let study = StoredStudy::of(batch);
+    let (mut files, mut models) = (Vec::new(), Vec::new());
+    let mut known: BTreeSet<String> = ALWAYS.map(str::to_owned).into();
+    each_model(state, batch, |place, job| {
+        known.extend(job.outputs.iter().map(|output| format!("model.{}", output.extension())));
+        known.extend(job.files.iter().map(|file| file.name.clone()));
+        let chosen = |file: &&File| names.is_none_or(|names| names.contains(&file.name));
+        let chosen: Vec<&File> = job.files.iter().filter(chosen).collect();
+        files.extend(chosen.iter().map(|file| (entry(place, job, file), file.key.clone())));
+        models.push(model(study.as_ref(), place, job, &chosen));
+    })
+    .await?;
+    if let Some(unknown) = names.into_iter().flatten().find(|name| !known.contains(*name)) {
+        let known: Vec<&str> = known.iter().map(String::as_str).collect();
+        let detail = format!("`{}`: no model of the batch has it; known are {}", shorten(unknown), known.join(", "));
+        return Err(Problem::invalid(Fault::parameter("files", detail)));
+    }
+    let manifest = json!({
+        "batch": batch.id,
+        "created_at": batch.created_at,
+        "vary": study.map(|study| study.vary),
+        "models": models,
+    });
+    let manifest: Bytes = serde_json::to_vec_pretty(&manifest).expect("a manifest has string keys only").into();
+    let entry = Entry { path: MANIFEST.to_owned(), bytes: manifest.len() as u64, modified: batch.created_at };
+    Ok(Contents { manifest: (entry, manifest), files })
+}
+
+fn shorten(name: &str) -> String {
+    name.chars().take(100).collect()
+}
+
+fn entry(place: u32, job: &Job, file: &File) -> Entry {
+    let modified = job.finished_at.unwrap_or(job.created_at);
+    Entry { path: path(place, job, file), bytes: file.bytes, modified }
+}
+
+fn path(place: u32, job: &Job, file: &File) -> String {
+    format!("{place:04}-{}/{}", job.id, file.name)
+}
+
+/// A model in the manifest.
+fn model(study: Option<&StoredStudy>, place: u32, job: &Job, files: &[&File]) -> Value {
+    let file = |file: &&File| {
+        json!({
+            "path": path(place, job, file), "name": file.name, "media_type": file.media_type, "bytes": file.bytes,
+            "sha256": file.sha256,
+        })
+    };
+    json!({
+        "index": place,
+        "id": job.id,
+        "status": job.status,
+        "preset": job.preset,
+        "seed": job.seed,
+        "values": study.map_or_else(Map::new, |study| study.named(place)),
+        "spec": job.spec,
+        "digest": job.digest,
+        "engine": job.engine,
+        "problem": job.problem,
+        "files": files.iter().map(file).collect::<Vec<_>>(),
+    })
+}
+
+/// The archive as a body. The first file is opened before, so that an artifact store that is away is a problem.
+async fn body(state: &AppState, contents: Contents, format: ArchiveFormat) -> Result<Body, Problem> {
+    let permit = permit(state)?;
+    let first = match contents.files.first() {
+        Some((_, key)) => Some(state.artifacts.get_range(key, None).await?),
+        None => None,
+    };
+    state.metrics.bytes_out(contents.files.iter().fold(contents.manifest.0.bytes, |sum, (entry, _)| sum + entry.bytes));
+    let (sender, receiver) = mpsc::channel(PIECES);
+    let packer = match format {
+        ArchiveFormat::Zip => Packer::zip(),
+        ArchiveFormat::Tar => Packer::tar(),
+    };
+    let artifacts = state.artifacts.clone();
+    let packing = tokio::spawn(pack(artifacts, packer, contents, first, sender, permit));
+    // The channel also closes if the packing fails or panics; then the body must not end in order.
+    let end = stream::once(async move {
+        match packing.await {
+            Ok(Ok(())) => Ok(Bytes::new()),
+            Ok(Err(error)) => Err(error),
+            Err(error) => Err(io::Error::other(error)),
+        }
+        .inspect_err(|error| tracing::error!(%error, "an archive was broken off"))
+    });
+    Ok(Body::from_stream(ReceiverStream::new(receiver).map(Ok).chain(end)))
+}
+
+/// Sends the pieces of an archive. Ends without an error if the client is gone.
+async fn pack(
+    artifacts: Artifacts,
+    mut packer: Packer,
+    Contents { manifest: (entry, manifest), files }: Contents,
+    mut first: Option<Download>,
+    sender: mpsc::Sender<Bytes>,
+    _permit: OwnedSemaphorePermit,
+) -> io::Result<()> {
+    packer.begin(&entry)?;
+    packer.write(&manifest)?;
+    for (entry, key) in files {
+        packer.begin(&entry)?;
+        let download = match first.take() {
+            Some(download) => download,
+            None => artifacts.get_range(&key, None).await.map_err(io::Error::other)?,
+        };
+        let mut chunks = download.stream;
+        while let Some(chunk) = chunks.try_next().await.map_err(io::Error::other)? {
+            packer.write(&chunk)?;
+            if packer.ready() >= PIECE && sender.send(packer.take()).await.is_err() {
+                return Ok(());
+            }
+        }
+    }
+    let last = packer.finish()?;
+    // Fails only if the client is gone.
+    let _ = sender.send(last).await;
+    Ok(())
+}

@@ -1,0 +1,201 @@
+//! `POST /batches` and `POST /batches/validate`: from a request to queued models.
+
+use super::check::{AcceptedBatch, check_body};
+use super::read::answer;
+use super::request::Seeds;
+use crate::http::AppState;
+use crate::http::access::{Caller, audit};
+use crate::http::create::{draw_seed, key_of};
+use crate::http::dto::Batch;
+use crate::http::headers::IDEMPOTENCY_REPLAYED;
+use crate::http::json::JsonBody;
+use crate::http::problem::Problem;
+use crate::http::responses::{BatchRequest as BatchRequestDoc, BodyProblems, QueueFull, StoreAwayOrOpening};
+use crate::http::study::StoredStudy;
+use crate::jobs::reuse::exclude_missing_files;
+use crate::jobs::{self, NewBatch, NewJob, StoreError, SubmittedBatch};
+use crate::spec::study::Study;
+use crate::spec::{Cost, batch_key};
+use crate::trace;
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::Response;
+use serde::Serialize;
+use serde_json::{Map, Value};
+use std::collections::{BTreeMap, BTreeSet};
+use utoipa::ToSchema;
+
+/// Request many models of one spec, or of the points of a study.
+///
+/// Either all of them are queued, or none. Finished models of the same digest are reused as by `POST /models`.
+#[utoipa::path(
+    post, path = "/batches", operation_id = "create_batch", tag = "batches",
+    params(
+        ("idempotency-key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "1 to 255 visible ASCII characters. The same key with the same body returns the same batch"),
+    ),
+    request_body(content = BatchRequestDoc, content_type = "application/json"),
+    responses(
+        (status = 202, description = "Accepted", body = Batch, headers(
+            ("location" = String, description = "The batch, relative to this URL"),
+            ("retry-after" = u32, description = "Seconds to wait before the next request"),
+            ("idempotency-replayed" = String, description = "`true` if the key returned a batch that it had created before"))),
+        BodyProblems, QueueFull, StoreAwayOrOpening,
+    )
+)]
+pub(in crate::http) async fn create(
+    State(state): State<AppState>,
+    caller: Caller,
+    headers: HeaderMap,
+    JsonBody(body): JsonBody,
+) -> Result<Response, Problem> {
+    let key = key_of(&headers, &body)?;
+    let submitted = match check_body(&state, &body).await {
+        Ok(accepted) => submit(&state, &caller, accepted, &body["vary"], key).await?,
+        // As for a model: a replayed request is not refused because of what has changed since.
+        Err(refusal) => SubmittedBatch::Replayed(earlier(&state, &caller, key).await.ok_or(refusal)?),
+    };
+    if matches!(submitted, SubmittedBatch::Accepted(_)) {
+        audit(&caller, "batch created", submitted.batch().id);
+    }
+    let mut response = answer(StatusCode::ACCEPTED, &Batch::from(submitted.batch()));
+    let headers = response.headers_mut();
+    if let Ok(location) = HeaderValue::try_from(format!("batches/{}", submitted.batch().id)) {
+        headers.insert(header::LOCATION, location);
+    }
+    if matches!(submitted, SubmittedBatch::Replayed(_)) {
+        headers.insert(IDEMPOTENCY_REPLAYED, HeaderValue::from_static("true"));
+    }
+    Ok(response)
+}
+
+/// The batch that the key created before, if there is one.
+async fn earlier(state: &AppState, caller: &Caller, key: Option<(String, String)>) -> Option<jobs::Batch> {
+    let (key, body) = key?;
+    state.store.replayed_batch(caller.owner(), &key, &body).await.ok().flatten()
+}
+
+async fn submit(
+    state: &AppState,
+    caller: &Caller,
+    AcceptedBatch { request, seeds, study, points }: AcceptedBatch,
+    vary: &Value,
+    idempotency: Option<(String, String)>,
+) -> Result<SubmittedBatch, StoreError> {
+    let trace = trace::current();
+    let seeds = match seeds {
+        Seeds::These(seeds) => seeds,
+        Seeds::Count(count) => draw(count),
+    };
+    let mut jobs = Vec::with_capacity(points.len() * seeds.len());
+    for point in &points {
+        let key = batch_key(&point.spec);
+        jobs.extend(seeds.iter().map(|&seed| NewJob {
+            preset: request.preset.clone(),
+            seed,
+            spec: point.json.clone(),
+            outputs: request.outputs.clone(),
+            backend: request.backend,
+            labels: request.labels.clone(),
+            priority: request.priority,
+            digest: point.spec.digest(seed),
+            engine: crate::ENGINE_VERSION.to_owned(),
+            reuse: request.reuse,
+            missing: Vec::new(),
+            batch_key: Some(key.clone()),
+            idempotency: None,
+            owner: caller.owner().map(str::to_owned),
+            quota: caller.quota(),
+            trace: trace.clone(),
+            retry_of: None,
+        }));
+    }
+    let study = study.map(|study| StoredStudy::new(vary.clone(), &study, seeds).to_json());
+    exclude_missing_files(&*state.store, &state.artifacts, &mut jobs).await?;
+    let (owner, quota) = (caller.owner().map(str::to_owned), caller.quota());
+    state.store.submit_batch(NewBatch { jobs, owner, quota, priority: request.priority, study, idempotency }).await
+}
+
+/// So many random seeds, all different.
+fn draw(count: usize) -> Vec<u64> {
+    let mut seen = BTreeSet::new();
+    std::iter::repeat_with(draw_seed).filter(|seed| seen.insert(*seed)).take(count).collect()
+}
+
+/// The result of a check: what would be queued.
+#[derive(Debug, Serialize, ToSchema)]
+pub(in crate::http) struct BatchValidation {
+    /// Preset that the specs were resolved on.
+    preset: String,
+    /// Number of models: points times seeds.
+    #[schema(minimum = 1)]
+    models: usize,
+    /// The seeds of each point; null if they will be drawn.
+    #[schema(minimum = 0)]
+    seeds: Option<Vec<u64>>,
+    /// The points of the study; without one, a single point without values.
+    points: Vec<PointValidation>,
+    /// Predicted cost of all models.
+    cost: BatchCost,
+}
+
+/// A point of a study.
+#[derive(Debug, Serialize, ToSchema)]
+pub(in crate::http) struct PointValidation {
+    /// The varied values by their pointers.
+    #[schema(value_type = Object)]
+    values: Map<String, Value>,
+    /// Predicted cost of one model.
+    cost: Cost,
+}
+
+/// Predicted cost of a batch.
+#[derive(Debug, Default, Serialize, ToSchema)]
+pub(in crate::http) struct BatchCost {
+    /// Seconds to grow all models one after the other, by backend.
+    seconds: BTreeMap<String, f64>,
+    /// Bytes of all files.
+    #[schema(minimum = 0)]
+    bytes: u64,
+    /// Memory of the model that needs most.
+    #[schema(minimum = 0)]
+    memory_bytes: u64,
+}
+
+/// Check a request for a batch and predict its cost, without queueing anything.
+#[utoipa::path(
+    post, path = "/batches/validate", operation_id = "validate_batch", tag = "batches",
+    request_body(content = BatchRequestDoc, content_type = "application/json"),
+    responses((status = 200, description = "The request is valid", body = BatchValidation), BodyProblems, StoreAwayOrOpening)
+)]
+pub(in crate::http) async fn validate(
+    State(state): State<AppState>,
+    JsonBody(body): JsonBody,
+) -> Result<Json<BatchValidation>, Problem> {
+    let AcceptedBatch { request, seeds, study, points } = check_body(&state, &body).await?;
+    let mut total = BatchCost::default();
+    for Cost { seconds, bytes, memory_bytes, .. } in points.iter().map(|point| &point.cost) {
+        for (backend, estimate) in seconds {
+            #[expect(clippy::cast_precision_loss, reason = "an estimate")]
+            let of_all = estimate.seconds * seeds.len() as f64;
+            *total.seconds.entry(backend.clone()).or_default() += of_all;
+        }
+        total.bytes = total.bytes.saturating_add(bytes.values().sum::<u64>().saturating_mul(seeds.len() as u64));
+        total.memory_bytes = total.memory_bytes.max(*memory_bytes);
+    }
+    let values = |point: usize| study.as_deref().map_or_else(Map::new, |study| named(study, point));
+    Ok(Json(BatchValidation {
+        preset: request.preset,
+        models: points.len() * seeds.len(),
+        points: (0..).zip(points).map(|(i, point)| PointValidation { values: values(i), cost: point.cost }).collect(),
+        seeds: match seeds {
+            Seeds::These(seeds) => Some(seeds),
+            Seeds::Count(_) => None,
+        },
+        cost: total,
+    }))
+}
+
+fn named(study: &Study, point: usize) -> Map<String, Value> {
+    study.pointers().iter().cloned().zip(study.values(point).cloned()).collect()
+}

@@ -1,0 +1,87 @@
+//! `GET /batches`, `GET` and `DELETE /batches/{id}`.
+
+use crate::http::AppState;
+use crate::http::access::{Caller, audit};
+use crate::http::dto::{Batch, BatchList};
+use crate::http::extract::{BatchId, Parameters, no_batch};
+use crate::http::problem::Problem;
+use crate::http::responses::{BadParameters, BatchMissing, StoreAway};
+use crate::http::select;
+use crate::jobs::{self, BatchFilter, JobId, ListFilter};
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+
+/// A batch as a response.
+pub(super) fn answer(status: StatusCode, batch: &Batch) -> Response {
+    let mut response = (status, Json(batch)).into_response();
+    if batch.counts.queued + batch.counts.running > 0 {
+        response.headers_mut().insert(header::RETRY_AFTER, HeaderValue::from_static("2"));
+    }
+    response
+}
+
+/// List batches, newest first, without the ids of their models.
+#[utoipa::path(
+    get, path = "/batches", operation_id = "list_batches", tag = "batches",
+    params(
+        ("owner" = Option<String>, Query, pattern = "^[^\\u0000]*$", description = "Only batches of this owner; without the scope `admin`, only the caller's own name is allowed"),
+        ("created_after" = Option<String>, Query, format = DateTime, description = "Only batches accepted at this time (RFC 3339) or later"),
+        ("created_before" = Option<String>, Query, format = DateTime, description = "Only batches accepted before this time (RFC 3339)"),
+        ("limit" = Option<u32>, Query, minimum = 1, maximum = 100, description = "Most batches on the page; 20 by default"),
+        ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the previous page"),
+    ),
+    responses((status = 200, description = "A page of batches", body = BatchList), BadParameters, StoreAway)
+)]
+pub(in crate::http) async fn list(
+    State(state): State<AppState>,
+    caller: Caller,
+    parameters: Parameters,
+) -> Result<Json<BatchList>, Problem> {
+    let mut faults = parameters.faults(&["owner", "created_after", "created_before", "limit", "cursor"], &[]);
+    let ListFilter { owner, created_after, created_before, .. } = select::read(&parameters, &caller, &mut faults);
+    let (limit, before) = select::page(&parameters, &mut faults);
+    Problem::check(faults)?;
+    let before = before.map(|JobId(id)| jobs::BatchId(id));
+    let page = state.store.batches(&BatchFilter { owner, created_after, created_before, before, limit }).await?;
+    let batches = page.batches.iter().map(|batch| Batch { models: None, study: None, ..Batch::from(batch) }).collect();
+    Ok(Json(BatchList { batches, next: page.next.map(|id| id.to_string()) }))
+}
+
+/// Read a batch: the ids of its models, their number by status, and its study.
+#[utoipa::path(
+    get, path = "/batches/{id}", operation_id = "get_batch", tag = "batches",
+    params(("id" = Uuid, Path, description = "Id of the batch")),
+    responses(
+        (status = 200, description = "The batch", body = Batch, headers(
+            ("retry-after" = u32, description = "Seconds to wait before the next request; absent once all models have ended"))),
+        BatchMissing, StoreAway,
+    )
+)]
+pub(in crate::http) async fn get(
+    State(state): State<AppState>,
+    caller: Caller,
+    BatchId(id): BatchId,
+) -> Result<Response, Problem> {
+    let batch = caller.batch(state.store.batch(id).await?).ok_or_else(|| no_batch(id))?;
+    Ok(answer(StatusCode::OK, &Batch::from(&batch)))
+}
+
+/// Delete a batch with all its models; those that have not ended are cancelled.
+#[utoipa::path(
+    delete, path = "/batches/{id}", operation_id = "delete_batch", tag = "batches",
+    params(("id" = Uuid, Path, description = "Id of the batch")),
+    responses((status = 204, description = "The batch, its models and their files were deleted"), BatchMissing, StoreAway)
+)]
+pub(in crate::http) async fn delete(
+    State(state): State<AppState>,
+    caller: Caller,
+    BatchId(id): BatchId,
+) -> Result<StatusCode, Problem> {
+    caller.batch(state.store.batch(id).await?).ok_or_else(|| no_batch(id))?;
+    let keys = state.store.delete_batch(id).await?.ok_or_else(|| no_batch(id))?;
+    audit(&caller, "batch deleted", id);
+    state.forget(keys).await;
+    Ok(StatusCode::NO_CONTENT)
+}

@@ -1,0 +1,181 @@
+//! `POST /models/cancel`, `DELETE /models` and `POST /batches/{id}/cancel`: cancel or delete many models.
+//!
+//! Models are found and changed some at a time, each time in one transaction. A request that breaks off has done a part, and
+//! can be repeated.
+
+use super::AppState;
+use super::access::{Caller, audit};
+use super::dto::{Applied, Batch};
+use super::extract::{BatchId, Parameters, no_batch};
+use super::faults::{Fault, Faults};
+use super::problem::Problem;
+use super::responses::{BadParameters, BatchMissing, StoreAway};
+use super::select::{self, CONDITIONS, Conditions};
+use crate::jobs::{JobId, ListFilter, Status, StoreError};
+use axum::Json;
+use axum::extract::State;
+
+/// Most models that one transaction changes.
+const AT_A_TIME: u32 = 100;
+/// Times that models are looked for: one that changes its status meanwhile may be missed once.
+const ROUNDS: usize = 3;
+
+/// What is done to models.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Action {
+    Cancel,
+    Delete,
+}
+
+/// A request for many models.
+struct Request {
+    filter: ListFilter,
+    dry_run: bool,
+}
+
+impl Request {
+    fn read(parameters: &Parameters, caller: &Caller) -> Result<Self, Problem> {
+        let known = [&CONDITIONS[..], &["all", "dry_run"]].concat();
+        let mut faults = parameters.faults(&known, &["label"]);
+        let filter = select::read(parameters, caller, &mut faults);
+        let [all, dry_run] = ["all", "dry_run"].map(|name| flag(parameters, name, &mut faults));
+        if !all && !CONDITIONS.iter().any(|name| parameters.get(name).is_some()) {
+            faults.push(Fault::parameter("all", "must be true if nothing else says which models are meant"));
+        }
+        Problem::check(faults)?;
+        Ok(Self { filter, dry_run })
+    }
+
+    /// Does it to all models of the filter; gives their number.
+    async fn apply(self, state: &AppState, action: Action) -> Result<Applied, StoreError> {
+        let Self { filter, dry_run } = self;
+        let statuses: Vec<Option<Status>> = match (action, filter.status) {
+            (Action::Delete, status) => vec![status],
+            (Action::Cancel, None) => vec![Some(Status::Queued), Some(Status::Running)],
+            (Action::Cancel, Some(status)) if status.is_ended() => vec![],
+            (Action::Cancel, status) => vec![status],
+        };
+        let mut count = 0;
+        for _ in 0..if dry_run { 1 } else { ROUNDS } {
+            let before = count;
+            for status in &statuses {
+                count += self::round(state, action, ListFilter { status: *status, ..filter.clone() }, dry_run).await?;
+            }
+            if count == before {
+                break;
+            }
+        }
+        Ok(Applied { count, dry_run })
+    }
+}
+
+fn flag(parameters: &Parameters, name: &str, faults: &mut Faults) -> bool {
+    match parameters.get(name) {
+        Some("true") => true,
+        None | Some("false") => false,
+        Some(_) => {
+            faults.push(Fault::parameter(name, "must be true or false"));
+            false
+        }
+    }
+}
+
+/// Goes through the models of a filter once, newest first; models that are accepted meanwhile are not among them.
+async fn round(state: &AppState, action: Action, filter: ListFilter, dry_run: bool) -> Result<u64, StoreError> {
+    let mut filter = ListFilter { limit: if dry_run { 1000 } else { AT_A_TIME }, ..filter };
+    let mut count = 0;
+    loop {
+        let ids = state.store.ids(&filter).await?;
+        let Some(&last) = ids.last() else { return Ok(count) };
+        filter.before = Some(last);
+        count += if dry_run { ids.len() as u64 } else { change(state, action, ids).await? };
+    }
+}
+
+/// Changes these models in one transaction; gives the number of those that it changed.
+async fn change(state: &AppState, action: Action, ids: Vec<JobId>) -> Result<u64, StoreError> {
+    let applied = match action {
+        Action::Cancel => state.store.cancel_many(ids).await?,
+        Action::Delete => state.store.delete_many(ids).await?,
+    };
+    if !applied.keys.is_empty() {
+        state.forget(applied.keys).await;
+    }
+    Ok(applied.jobs)
+}
+
+/// Records what was done to the models of these conditions.
+fn audit_all(caller: &Caller, action: &'static str, parameters: &Parameters, applied: Applied) {
+    if !applied.dry_run {
+        let conditions: Vec<String> = parameters.0.iter().map(|(name, value)| format!("{name}={value}")).collect();
+        audit(caller, action, format_args!("{} models of {}", applied.count, conditions.join(", ")));
+    }
+}
+
+/// Cancel all models that match.
+///
+/// Queued models end at once, running ones within a second; ended models do not change. The conditions are those of
+/// `GET /models`; without any, `all=true` is needed.
+#[utoipa::path(
+    post, path = "/models/cancel", operation_id = "cancel_models", tag = "models",
+    params(
+        Conditions,
+        ("all" = Option<bool>, Query, description = "Whether all models are meant, if no other parameter says which"),
+        ("dry_run" = Option<bool>, Query, description = "Whether models are only counted"),
+    ),
+    responses((status = 200, description = "What was done", body = Applied), BadParameters, StoreAway)
+)]
+pub(super) async fn cancel(
+    State(state): State<AppState>,
+    caller: Caller,
+    parameters: Parameters,
+) -> Result<Json<Applied>, Problem> {
+    let applied = Request::read(&parameters, &caller)?.apply(&state, Action::Cancel).await?;
+    audit_all(&caller, "models cancelled", &parameters, applied);
+    Ok(Json(applied))
+}
+
+/// Delete all models that match, and their files.
+///
+/// Models that have not ended are cancelled; files that another model shares are kept. The conditions are those of
+/// `GET /models`; without any, `all=true` is needed.
+#[utoipa::path(
+    delete, path = "/models", operation_id = "delete_models", tag = "models",
+    params(
+        Conditions,
+        ("all" = Option<bool>, Query, description = "Whether all models are meant, if no other parameter says which"),
+        ("dry_run" = Option<bool>, Query, description = "Whether models are only counted"),
+    ),
+    responses((status = 200, description = "What was done", body = Applied), BadParameters, StoreAway)
+)]
+pub(super) async fn delete(
+    State(state): State<AppState>,
+    caller: Caller,
+    parameters: Parameters,
+) -> Result<Json<Applied>, Problem> {
+    let applied = Request::read(&parameters, &caller)?.apply(&state, Action::Delete).await?;
+    audit_all(&caller, "models deleted", &parameters, applied);
+    Ok(Json(applied))
+}
+
+/// Cancel all models of a batch.
+///
+/// Queued models end at once, running ones within a second; ended models do not change.
+#[utoipa::path(
+    post, path = "/batches/{id}/cancel", operation_id = "cancel_batch", tag = "batches",
+    params(("id" = Uuid, Path, description = "Id of the batch")),
+    responses((status = 200, description = "The batch", body = Batch), BatchMissing, StoreAway)
+)]
+pub(super) async fn cancel_batch(
+    State(state): State<AppState>,
+    caller: Caller,
+    BatchId(id): BatchId,
+) -> Result<Json<Batch>, Problem> {
+    let batch = caller.batch(state.store.batch(id).await?).ok_or_else(|| no_batch(id))?;
+    for some in batch.jobs.chunks(AT_A_TIME as usize) {
+        change(&state, Action::Cancel, some.to_vec()).await?;
+    }
+    audit(&caller, "batch cancelled", id);
+    let batch = state.store.batch(id).await?.ok_or_else(|| no_batch(id))?;
+    Ok(Json(Batch::from(&batch)))
+}

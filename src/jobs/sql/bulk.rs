@@ -1,0 +1,63 @@
+//! Many jobs in one transaction: those of a filter are found first, then cancelled or removed some at a time.
+
+use super::codec::Value;
+use super::error::SqlError;
+use super::lease;
+use super::operation::{Done, Operation};
+use super::read::matching;
+use super::submit;
+use super::tx::Tx;
+use crate::jobs::job::JobId;
+use crate::jobs::store::{Applied, Change, ListFilter, StoreOptions};
+
+/// Ids of the jobs of a page, newest first.
+pub(super) async fn ids(tx: &mut Tx<'_>, filter: &ListFilter) -> Result<Vec<JobId>, SqlError> {
+    let mut values: Vec<Value> = Vec::new();
+    let matching = matching(tx, filter, &mut values);
+    let sql = format!("SELECT j.id AS id {matching} LIMIT {}", filter.limit);
+    tx.all(sql, values).await?.iter().map(|row| row.id("id")).collect()
+}
+
+/// The jobs in the order in which transactions lock them.
+fn ordered(mut ids: Vec<JobId>) -> Vec<JobId> {
+    ids.sort_unstable();
+    ids
+}
+
+/// Cancels those of the jobs that have not ended.
+#[derive(Debug)]
+pub(super) struct CancelMany(pub(super) Vec<JobId>);
+
+impl Operation for CancelMany {
+    type Output = Applied;
+
+    async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Applied>, SqlError> {
+        let (mut applied, mut changes) = (Applied::default(), Vec::new());
+        for id in ordered(self.0.clone()) {
+            let Some(cancelled) = lease::cancel(tx, options, id).await? else { continue };
+            applied.jobs += 1;
+            applied.keys.extend(cancelled.checkpoint);
+            changes.push(Change { id, version: Some(cancelled.version) });
+        }
+        Ok(Done::new(applied, changes))
+    }
+}
+
+/// Removes the jobs.
+#[derive(Debug)]
+pub(super) struct DeleteMany(pub(super) Vec<JobId>);
+
+impl Operation for DeleteMany {
+    type Output = Applied;
+
+    async fn run(&self, tx: &mut Tx<'_>, _: &StoreOptions) -> Result<Done<Applied>, SqlError> {
+        let (mut applied, mut changes) = (Applied::default(), Vec::new());
+        for id in ordered(self.0.clone()) {
+            let Some(keys) = submit::delete(tx, id).await? else { continue };
+            applied.jobs += 1;
+            applied.keys.extend(keys);
+            changes.push(Change { id, version: None });
+        }
+        Ok(Done::new(applied, changes))
+    }
+}

@@ -1,0 +1,65 @@
+//! Target of the fuzzers: a merge patch on each preset, compared with RFC 7396 as `json-patch` implements it.
+
+use super::{Fault, ModelSpec, canonical_json, presets};
+use serde_json::{Value, json};
+
+/// A patch gives the specification that RFC 7396 gives, with the two differences of `merge.rs`, or faults.
+pub fn patch(bytes: &[u8]) {
+    let Ok(patch) = serde_json::from_slice::<Value>(bytes) else { return };
+    for preset in presets() {
+        let (mut whole, mut without_nulls) = (preset.spec.clone(), patch.clone());
+        if !patch.is_null() {
+            adapt(&mut whole, &mut without_nulls);
+            json_patch::merge(&mut whole, &without_nulls);
+        }
+        let expected = ModelSpec::from_json(&whole);
+        match ModelSpec::resolve(preset, &patch) {
+            Ok(spec) => {
+                assert_eq!(expected.as_ref(), Ok(&spec), "RFC 7396 gives another result");
+                settled(&spec);
+            }
+            Err(faults) => {
+                named(&faults);
+                // An unknown member is a fault even if it is null, which RFC 7396 removes.
+                assert!(expected.is_err() || patch != without_nulls, "RFC 7396 gives a valid result: {faults:?}");
+            }
+        }
+    }
+}
+
+/// Expresses the two differences of `merge.rs` from the RFC: removes nulls from the patch, and turns each number of the
+/// base that the patch treats as an object into a schedule.
+fn adapt(base: &mut Value, patch: &mut Value) {
+    let Value::Object(members) = patch else { return };
+    members.retain(|_, value| !value.is_null());
+    if base.is_number() {
+        *base = json!({ "keys": [[0, base], [1, base]] });
+    }
+    let mut none = Value::Null;
+    for (name, value) in members {
+        adapt(base.get_mut(name).unwrap_or(&mut none), value);
+    }
+}
+
+/// A specification resolves to itself on every preset, with the same digest, and its cost is finite.
+fn settled(spec: &ModelSpec) {
+    let json = spec.to_json();
+    for preset in presets() {
+        let again = ModelSpec::resolve(preset, &json);
+        assert_eq!(again.as_ref(), Ok(spec), "a resolved specification does not resolve to itself");
+        assert_eq!(again.map(|again| again.digest(1)), Ok(spec.digest(1)));
+    }
+    let text = canonical_json(&json);
+    assert_eq!(serde_json::from_str::<Value>(&text).map(|value| canonical_json(&value)).ok(), Some(text));
+    let cost = serde_json::to_string(&spec.cost(&["glb", "obj"]));
+    assert!(cost.is_ok_and(|text| !text.contains("null")), "the cost is not a finite number");
+}
+
+/// Faults name a place and what is wrong with it, in few words.
+fn named(faults: &[Fault]) {
+    assert!(!faults.is_empty());
+    for Fault { pointer, detail } in faults {
+        assert!(pointer.is_empty() || pointer.starts_with('/'), "{pointer}");
+        assert!((1..=1000).contains(&detail.chars().count()), "{detail}");
+    }
+}

@@ -1,0 +1,392 @@
+//! Keys, tickets and quotas: who gets what.
+
+use super::app::{App, Reply};
+use axum::body::Body;
+use axum::http::{Method, Request, header};
+use http_body_util::BodyExt;
+use oviduct::http::{Limits, WithoutKeys};
+use oviduct::jobs::Quota;
+use oviduct::jobs::keys::{KeyLimits, Scope, Secret};
+use serde_json::{Value, json};
+use std::time::Duration;
+
+/// What an operation needs, by its id in the description. A new route must be added here.
+fn needs(operation: &str) -> Option<Needs> {
+    Some(match operation {
+        "get_health" | "get_readiness" | "get_docs" => Needs::Nothing,
+        "list_presets" | "get_preset" | "get_schema" | "get_openapi" => Needs::Key,
+        "list_models" | "get_model" | "validate_model" | "get_batch" | "follow_model" | "follow_all"
+        | "download_file" | "get_report" | "get_section" | "list_workers" | "create_ticket" | "validate_batch"
+        | "get_batch_table" | "get_batch_archive" | "list_batches" => Needs::Scope(Scope::Read),
+        "retry_model" | "cancel_models" | "delete_models" | "cancel_batch" | "create_model" | "delete_model"
+        | "cancel_model" | "create_batch" | "delete_batch" => Needs::Scope(Scope::Submit),
+        "get_metrics" | "pause_workers" | "resume_workers" | "pause_worker" | "resume_worker" | "drain_worker" => {
+            Needs::Scope(Scope::Admin)
+        }
+        _ => return None,
+    })
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Needs {
+    Nothing,
+    Key,
+    Scope(Scope),
+}
+
+/// A route of the service, as its description lists it.
+#[derive(Debug)]
+struct Route {
+    method: Method,
+    path: String,
+    operation: String,
+    needs: Needs,
+}
+
+fn routes() -> Vec<Route> {
+    let document: Value = yaml_serde::from_str(&oviduct::http::openapi_yaml()).unwrap();
+    let mut routes = Vec::new();
+    for (path, item) in document["paths"].as_object().unwrap() {
+        for (method, operation) in item.as_object().unwrap() {
+            let id = operation["operationId"].as_str().unwrap().to_owned();
+            let needs = needs(&id).unwrap_or_else(|| panic!("{method} {path} ({id}) has no rule in this test"));
+            // What is described is what is enforced.
+            let described: Vec<&str> = operation["security"]
+                .as_array()
+                .unwrap_or_else(|| panic!("{id} does not say what it needs"))
+                .iter()
+                .flat_map(|requirement| requirement["key"].as_array().unwrap())
+                .map(|scope| scope.as_str().unwrap())
+                .collect();
+            match needs {
+                Needs::Nothing => assert_eq!(operation["security"], json!([]), "{id}"),
+                Needs::Key => assert_eq!(operation["security"], json!([{ "key": [] }]), "{id}"),
+                Needs::Scope(scope) => assert_eq!(described, [scope.name()], "{id}"),
+            }
+            let method = method.to_uppercase().parse().unwrap();
+            routes.push(Route { method, path: path.clone(), operation: id, needs });
+        }
+    }
+    assert!(routes.len() > 20);
+    routes
+}
+
+/// The things that one owner has.
+struct Things {
+    finished: String,
+    queued: String,
+    batch: String,
+}
+
+async fn post(app: &App, path: &str, key: &str, body: &Value) -> Reply {
+    app.post_with(path, &[("authorization", key)], body).await
+}
+
+async fn things(app: &App, key: &str) -> Things {
+    let id = |reply: &Reply| reply.json()["id"].as_str().unwrap().to_owned();
+    let finished = id(&post(app, "/models", key, &json!({ "seed": 1, "reuse": false })).await);
+    let report = json!({ "engine": "x", "spec": {}, "summary": {}, "certificate": {} }).to_string();
+    app.finish(app.claim().await, &[("report.json", "application/json", report.into_bytes())]).await;
+    let queued = id(&post(app, "/models", key, &json!({ "seed": 2 })).await);
+    app.worker(oviduct::generate::Backend::Cpu).await;
+    let batch = id(&post(app, "/batches", key, &json!({ "seeds": [3, 4] })).await);
+    Things { finished, queued, batch }
+}
+
+/// A valid request to a route, about these things.
+fn request(route: &Route, things: &Things, credential: Option<&str>) -> Request<Body> {
+    let id = match route.operation.as_str() {
+        _ if route.path.starts_with("/batches") => &things.batch,
+        _ if route.path.starts_with("/workers") => "w1",
+        "cancel_model" | "follow_model" => &things.queued,
+        _ => &things.finished,
+    };
+    let path = route
+        .path
+        .replace("{id}", id)
+        .replace("{name}", if route.path.starts_with("/presets") { "pig" } else { "report.json" });
+    let body = match route.operation.as_str() {
+        "create_model" | "validate_model" => json!({ "seed": 9 }),
+        "create_batch" | "validate_batch" => json!({ "seeds": [9] }),
+        "create_ticket" => json!({ "path": "/models" }),
+        _ => Value::Null,
+    };
+    let path = match route.operation.as_str() {
+        "cancel_models" | "delete_models" => format!("{path}?all=true"),
+        _ => path.replace("{k}", "0"),
+    };
+    let mut request = Request::builder().method(&route.method).uri(path);
+    if let Some(credential) = credential {
+        request = request.header(header::AUTHORIZATION, credential);
+    }
+    let body = if body.is_null() { Body::empty() } else { Body::from(body.to_string()) };
+    request.header(header::CONTENT_TYPE, "application/json").body(body).unwrap()
+}
+
+fn guarded(app: App) -> App {
+    app.with_access(WithoutKeys::Nobody, KeyLimits::default())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn every_route_asks_for_the_key_that_it_needs() {
+    let app = guarded(App::new().await);
+    let all = [Scope::Read, Scope::Submit];
+    let mine = app.key("a", &all).await;
+    let things = things(&app, &mine).await;
+    let later = app.clock.now() + Duration::from_secs(60);
+    let expired = app.key_with("a", &all, KeyLimits::default(), Some(later)).await;
+    app.clock.advance(Duration::from_secs(61));
+    let revoked = app.key("a", &all).await;
+    app.store.revoke_key(&revoked["Bearer oviduct_".len()..][..8], Duration::ZERO).await.unwrap();
+    let unknown = format!("Bearer {}", Secret::generate().reveal());
+    // The prefix of a key that works, with another secret.
+    let forged = format!("{}{}", &mine[..mine.len() - 4], if mine.ends_with("0000") { "1111" } else { "0000" });
+    let basic = format!("Basic {}", &mine["Bearer ".len()..]);
+    let strangers =
+        [None, Some(&*expired), Some(&revoked), Some(&unknown), Some(&forged), Some(&basic), Some("Bearer "), Some("")];
+    for route in &routes() {
+        for credential in strangers {
+            let reply = app.start(request(route, &things, credential)).await;
+            let what = format!("{} {} with {credential:?}", route.method, route.path);
+            if route.needs == Needs::Nothing {
+                assert_eq!(reply.status(), 200, "{what}");
+                continue;
+            }
+            assert_eq!(reply.status(), 401, "{what}");
+            assert!(reply.headers()[header::WWW_AUTHENTICATE].to_str().unwrap().starts_with("Bearer "), "{what}");
+            let body = reply.into_body().collect().await.unwrap().to_bytes();
+            let text = String::from_utf8_lossy(&body);
+            assert!(!text.contains(&things.finished) || route.path.contains("{id}"), "{what}: {text}");
+            for secret in [&mine, &expired, &forged] {
+                assert!(!text.contains(&secret["Bearer oviduct_".len() + 9..]), "{what}: {text}");
+            }
+        }
+    }
+    // Nothing was changed by all that.
+    let models = app.get_with("/models", &[("authorization", &mine)]).await.json();
+    assert_eq!(models["models"].as_array().unwrap().len(), 4);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_key_allows_what_its_scopes_say() {
+    for scope in Scope::ALL {
+        for route in &routes() {
+            // Deletions spoil the things for the next route, so each gets its own.
+            let app = guarded(App::new().await);
+            let mine = app.key("a", &[Scope::Read, Scope::Submit]).await;
+            let things = things(&app, &mine).await;
+            let one = app.key("a", &[scope]).await;
+            let reply = app.start(request(route, &things, Some(&one))).await;
+            let allowed = match route.needs {
+                Needs::Nothing | Needs::Key => true,
+                Needs::Scope(needed) => needed == scope || scope == Scope::Admin,
+            };
+            let status = reply.status();
+            let what = format!("{} {} with {scope}: {status}", route.method, route.path);
+            // The finished model has no sections, and cannot be retried.
+            let refused = [("get_section", 404), ("retry_model", 409)];
+            let served = status.is_success() || refused.contains(&(route.operation.as_str(), status.as_u16()));
+            assert_eq!((served, status == 403), (allowed, !allowed), "{what}");
+        }
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_another_owner_has_does_not_exist() {
+    for route in &routes() {
+        let app = guarded(App::new().await);
+        let mine = app.key("a", &[Scope::Read, Scope::Submit]).await;
+        let things = things(&app, &mine).await;
+        let other = app.key("b", &[Scope::Read, Scope::Submit]).await;
+        let reply = app.start(request(route, &things, Some(&other))).await;
+        let what = format!("{} {}", route.method, route.path);
+        if route.path.contains("{id}") && route.needs != Needs::Scope(Scope::Admin) {
+            assert_eq!(reply.status(), 404, "{what}");
+        }
+        if reply.headers().get(header::CONTENT_TYPE).is_some_and(|kind| kind == "text/event-stream") {
+            continue;
+        }
+        let body = reply.into_body().collect().await.unwrap().to_bytes();
+        let text = String::from_utf8_lossy(&body);
+        for id in [&things.finished, &things.queued, &things.batch] {
+            assert!(!text.contains(id.as_str()) || route.path.contains("{id}"), "{what}: {text}");
+        }
+        // Everything is still there.
+        for id in [&things.finished, &things.queued] {
+            let model = app.get_with(&format!("/models/{id}"), &[("authorization", &mine)]).await;
+            assert_eq!(model.status, 200, "{what}");
+            assert_ne!(model.json()["status"], "cancelled", "{what}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn lists_and_workers_show_ones_own_and_an_admin_everything() {
+    let app = guarded(App::new().await);
+    let [a, b] = [app.key("a", &[Scope::Read, Scope::Submit]).await, app.key("b", &[Scope::Read, Scope::Submit]).await];
+    let admin = app.key("root", &[Scope::Admin]).await;
+    for (key, seed) in [(&a, 1), (&a, 2), (&b, 1)] {
+        assert_eq!(post(&app, "/models", key, &json!({ "seed": seed })).await.status, 202);
+    }
+    let count = async |key: &str| {
+        let list = app.get_with("/models", &[("authorization", key)]).await.json();
+        list["models"].as_array().unwrap().len()
+    };
+    assert_eq!((count(&a).await, count(&b).await, count(&admin).await), (2, 1, 3));
+    app.worker(oviduct::generate::Backend::Cpu).await;
+    let _job = app.claim().await;
+    let jobs = async |key: &str| {
+        let list = app.get_with("/workers", &[("authorization", key)]).await.json();
+        list["workers"][0]["jobs"].as_array().unwrap().len()
+    };
+    assert_eq!((jobs(&a).await, jobs(&b).await, jobs(&admin).await), (1, 0, 1));
+    // The same idempotency key is another one for each owner.
+    for (key, status) in [(&a, 202), (&a, 202), (&b, 202)] {
+        let headers = [("authorization", key.as_str()), ("idempotency-key", "same")];
+        let reply = app.post_with("/models", &headers, &json!({ "seed": 77 })).await;
+        assert_eq!(reply.status, status);
+    }
+    assert_eq!((count(&a).await, count(&b).await), (3, 2));
+}
+
+#[tokio::test]
+async fn a_ticket_serves_one_get_of_its_path() {
+    let app = guarded(App::new().await);
+    let mine = app.key("a", &[Scope::Read, Scope::Submit]).await;
+    let things = things(&app, &mine).await;
+    let path = format!("/models/{}", things.finished);
+    let ticket = async |path: &str| {
+        let reply = post(&app, "/tickets", &mine, &json!({ "path": path })).await;
+        assert_eq!((reply.status.as_u16(), reply.header(header::CACHE_CONTROL)), (201, Some("no-store")), "{reply:?}");
+        reply.json()["ticket"].as_str().unwrap().to_owned()
+    };
+    let good = ticket(&path).await;
+    assert_eq!(app.get(&format!("/models?ticket={good}")).await.status, 401, "it is for another path");
+    let cancel = app.request(Method::POST, &format!("{path}/cancel?ticket={good}"), &[], Body::empty()).await;
+    assert_eq!(cancel.status, 401, "it is for GET");
+    assert_eq!(app.get(&format!("{path}?ticket={good}")).await.status, 200);
+    assert_eq!(app.get(&format!("{path}?ticket={good}")).await.status, 401, "it was used");
+    // Beside other parameters, which are checked as ever.
+    let list = ticket("/models").await;
+    assert_eq!(app.get(&format!("/models?limit=1&ticket={list}")).await.status, 200);
+    // It has the rights of its key and no more: metrics are for admins.
+    let metrics = ticket("/metrics").await;
+    assert_eq!(app.get(&format!("/metrics?ticket={metrics}")).await.status, 403);
+    let late = ticket(&path).await;
+    app.clock.advance(Duration::from_secs(61));
+    assert_eq!(app.get(&format!("{path}?ticket={late}")).await.status, 401, "a minute has passed");
+    // With its key it ends too.
+    let orphan = ticket(&path).await;
+    app.store.revoke_key(&mine["Bearer oviduct_".len()..][..8], Duration::ZERO).await.unwrap();
+    assert_eq!(app.get(&format!("{path}?ticket={orphan}")).await.status, 401);
+    for (body, place) in [
+        (json!({}), "/path"),
+        (json!({ "path": 1 }), "/path"),
+        (json!({ "path": "models" }), "/path"),
+        (json!({ "path": "/models?x=1" }), "/path"),
+        (json!({ "path": "/models", "life": 5 }), "/life"),
+        (json!([]), ""),
+    ] {
+        let key = app.key("a", &[Scope::Read]).await;
+        let reply = post(&app, "/tickets", &key, &body).await;
+        assert_eq!((reply.status.as_u16(), reply.places()), (422, vec![place.to_owned()]), "{body}");
+    }
+}
+
+#[tokio::test]
+async fn a_key_has_a_rate_and_a_quota() {
+    let app = guarded(App::new().await);
+    // One request in a thousand seconds, with room for one.
+    let slow = KeyLimits { rate: Some(0.001), quota: Quota::default() };
+    let slow = app.key_with("a", &[Scope::Read], slow, None).await;
+    let first = app.get_with("/models", &[("authorization", &slow)]).await;
+    assert_eq!((first.status.as_u16(), first.header("ratelimit")), (200, Some("\"requests\";r=0;t=1000")));
+    assert_eq!(first.header("ratelimit-policy"), Some("\"requests\";q=1;w=1000"));
+    let second = app.get_with("/models", &[("authorization", &slow)]).await;
+    assert_eq!((second.status.as_u16(), second.slug().as_str()), (429, "rate-limited"));
+    let wait: u64 = second.header(header::RETRY_AFTER).unwrap().parse().unwrap();
+    assert!((990..=1000).contains(&wait), "{wait}");
+    // Probes do not count, and another key of the owner is not slowed down.
+    assert_eq!(app.get_with("/healthz", &[("authorization", &slow)]).await.status, 200);
+    let two = KeyLimits { rate: None, quota: Quota { unfinished: Some(2), bytes: None } };
+    let two = app.key_with("a", &[Scope::Read, Scope::Submit], two, None).await;
+    for seed in [1, 2] {
+        let reply = post(&app, "/models", &two, &json!({ "seed": seed })).await;
+        assert_eq!((reply.status.as_u16(), reply.header("ratelimit")), (202, None));
+    }
+    let full = post(&app, "/models", &two, &json!({ "seed": 3 })).await;
+    assert_eq!((full.status.as_u16(), full.slug().as_str()), (429, "quota-exceeded"));
+    assert_eq!(full.json()["limit"], 2);
+    assert!(full.header(header::RETRY_AFTER).is_some());
+    assert_eq!(full.header("ratelimit"), Some("\"models\";r=0"));
+    assert_eq!(full.header("ratelimit-policy"), Some("\"models\";q=2"));
+}
+
+#[tokio::test]
+async fn without_keys_only_this_machine_is_served() {
+    let app = App::new().await.with_access(WithoutKeys::Loopback, KeyLimits::default());
+    for host in ["localhost", "127.0.0.1:8080", "[::1]:8080"] {
+        assert_eq!(app.get_with("/models", &[("host", host)]).await.status, 200, "{host}");
+    }
+    // A name that resolves to loopback by the doing of its owner.
+    let rebound = app.get_with("/models", &[("host", "evil.example:8080")]).await;
+    assert_eq!((rebound.status.as_u16(), rebound.slug().as_str()), (421, "unknown-host"));
+    // A page of another site.
+    let headers = [("host", "localhost:8080"), ("origin", "https://evil.example")];
+    let posted = app.post_with("/models", &headers, &json!({ "seed": 1 })).await;
+    assert_eq!((posted.status.as_u16(), posted.slug().as_str()), (403, "forbidden-origin"));
+    let headers = [("host", "localhost:8080"), ("origin", "http://localhost:8080")];
+    assert_eq!(app.post_with("/models", &headers, &json!({ "seed": 1 })).await.status, 202);
+    // A ticket is not needed, but a page need not know that.
+    let ticket = app.post_with("/tickets", &headers, &json!({ "path": "/models" })).await;
+    assert_eq!((ticket.status.as_u16(), &ticket.json()["expires_at"]), (201, &Value::Null));
+    let ticket = ticket.json()["ticket"].as_str().unwrap().to_owned();
+    assert_eq!(app.get_with(&format!("/models?ticket={ticket}"), &[("host", "localhost")]).await.status, 200);
+    // As soon as there is a key, it is asked for, and the names no longer matter.
+    let key = app.key("a", &[Scope::Read]).await;
+    assert_eq!(app.get_with("/models", &[("host", "localhost")]).await.status, 401);
+    assert_eq!(app.get_with("/models", &[("host", "lab.example"), ("authorization", &key)]).await.status, 200);
+    // Revoked keys do not open it again.
+    app.store.revoke_key(&key["Bearer oviduct_".len()..][..8], Duration::ZERO).await.unwrap();
+    assert_eq!(app.get_with("/models", &[("host", "localhost")]).await.status, 401);
+}
+
+#[tokio::test]
+async fn a_service_that_waits_for_its_first_key_serves_nobody() {
+    let app = guarded(App::new().await);
+    assert_eq!(app.get_with("/models", &[("host", "localhost")]).await.status, 401);
+    assert_eq!(app.get("/healthz").await.status, 200);
+    assert_eq!(app.get("/").await.status, 200);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stream_of_all_models_has_only_ones_own() {
+    let app = guarded(App::new().await);
+    let [a, b] = [app.key("a", &[Scope::Read, Scope::Submit]).await, app.key("b", &[Scope::Read, Scope::Submit]).await];
+    let mine = post(&app, "/models", &a, &json!({ "seed": 1 })).await.json()["id"].as_str().unwrap().to_owned();
+    let request = Request::get("/events").header(header::AUTHORIZATION, &b).body(Body::empty()).unwrap();
+    let mut stream = app.start(request).await.into_body();
+    // A change of another's model, and one of its own after it.
+    post(&app, &format!("/models/{mine}/cancel"), &a, &json!({})).await;
+    let own = post(&app, "/models", &b, &json!({ "seed": 2 })).await.json()["id"].as_str().unwrap().to_owned();
+    let mut text = String::new();
+    while !text.contains(&own) {
+        let frame = tokio::time::timeout(Duration::from_secs(20), stream.frame()).await.unwrap().unwrap().unwrap();
+        text += std::str::from_utf8(frame.data_ref().unwrap()).unwrap();
+    }
+    assert!(!text.contains(&mine), "{text}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stream_ends_after_its_key_was_revoked() {
+    let limits = Limits { event_comment: Duration::from_millis(50), ..Limits::default() };
+    let app = guarded(App::with(limits, 100).await);
+    let key = app.key("a", &[Scope::Read]).await;
+    let request = Request::get("/events").header(header::AUTHORIZATION, &key).body(Body::empty()).unwrap();
+    let mut stream = app.start(request).await.into_body();
+    let mut next = async || tokio::time::timeout(Duration::from_secs(20), stream.frame()).await.unwrap();
+    assert!(next().await.is_some(), "it is open");
+    assert!(next().await.is_some(), "it stays open");
+    app.store.revoke_key(&key["Bearer oviduct_".len()..][..8], Duration::ZERO).await.unwrap();
+    while next().await.is_some() {}
+}

@@ -1,0 +1,129 @@
+//! Writes the binary inputs that the corpora begin with, anew when a format has changed:
+//! `cargo test --test corpus -- --ignored`.
+
+use oviduct::export::Metadata;
+use oviduct::export::glb::{GlbOptions, write_glb};
+use oviduct::export::obj::write_obj;
+use oviduct::export::sections_bin::write_sections;
+use oviduct::generate::{Backend, CancelToken, Progress, Request, Sink, generate};
+use oviduct::model::{BodyKind, Mesh, Patch, PatchKind, Section};
+use oviduct::sim::cpu::CpuSimulation;
+use oviduct::sim::{Plan, Simulator};
+use oviduct::spec::{ModelSpec, preset};
+use serde_json::json;
+use std::error::Error;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+/// Requests a checkpoint at one step, and stops there.
+struct StopAt {
+    step: u32,
+    now: AtomicU32,
+    taken: Mutex<Vec<u8>>,
+    cancel: CancelToken,
+}
+
+impl Sink for StopAt {
+    fn progress(&self, progress: &Progress) {
+        self.now.store(progress.step, Ordering::Relaxed);
+    }
+
+    fn section(&self, _: &Section) {}
+
+    fn wants_checkpoint(&self) -> bool {
+        self.now.load(Ordering::Relaxed) >= self.step
+    }
+
+    fn checkpoint(&self, bytes: Vec<u8>) {
+        *self.taken.lock().expect("no thread panics") = bytes;
+        self.cancel.cancel();
+    }
+}
+
+fn spec(search: &str) -> Result<ModelSpec, Box<dyn Error>> {
+    let patch = json!({
+        "steps": 60, "burn_in": 20, "solver": { "search": search, "record_every": 5 }, "particles": {
+            "total": { "keys": [[0, 40], [1, 80]] }, "outer": { "keys": [[0, 12], [1, 16]] } },
+    });
+    let pig = preset("pig").ok_or("there is no preset pig")?;
+    ModelSpec::resolve(pig, &patch).map_err(|faults| format!("{faults:?}").into())
+}
+
+fn metadata(sections: usize) -> Metadata {
+    let digest = "0".repeat(64);
+    Metadata { preset: "pig".into(), seed: 7, digest, engine: "test".into(), length_mm: 60.0, sections }
+}
+
+fn put(target: &str, name: &str, bytes: impl AsRef<[u8]>) -> std::io::Result<()> {
+    let folder: PathBuf = Path::new("fuzz/corpus").join(target);
+    fs::create_dir_all(&folder)?;
+    fs::write(folder.join(name), bytes)
+}
+
+fn simulations() -> Result<(), Box<dyn Error>> {
+    let mut simulation = CpuSimulation::new(Plan::new(&*spec("lists")?, 7), 1);
+    let mut sections = Vec::new();
+    put("state", "start", simulation.save())?;
+    while simulation.time() < 30 {
+        simulation.step()?;
+        if simulation.time() % 10 == 0 {
+            put("state", &format!("step{}", simulation.time()), simulation.save())?;
+            sections.push(simulation.section());
+        }
+    }
+    for count in [0, 1, 3] {
+        let mut bytes = Vec::new();
+        write_sections(&sections[..count], &metadata(count), &mut bytes)?;
+        put("sections", &format!("sections{count}"), bytes)?;
+    }
+    Ok(())
+}
+
+fn checkpoints() -> Result<(), Box<dyn Error>> {
+    for step in [1, 23] {
+        let sink = StopAt { step, now: 0.into(), taken: Mutex::default(), cancel: CancelToken::default() };
+        let request = Request {
+            preset: "pig".into(),
+            spec: spec("lists")?,
+            seed: 7,
+            backend: Backend::CpuSingle,
+            outputs: Vec::new(),
+            dir: std::env::temp_dir(),
+            memory_limit_bytes: None,
+        };
+        let _ = generate(&request, &sink, &sink.cancel);
+        put("checkpoint", &format!("step{step}"), sink.taken.into_inner()?)?;
+    }
+    Ok(())
+}
+
+fn surfaces() -> Result<(), Box<dyn Error>> {
+    let mesh = Mesh {
+        body: BodyKind::Tissue,
+        positions: vec![[0.0, 0.0, 0.0], [1e-3, 0.0, 0.0], [0.0, 1.5e-3, 0.0], [1e-4, 2e-4, 3e-3]],
+        triangles: vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]],
+        patches: vec![
+            Patch { kind: PatchKind::InnerWall, triangles: 0..2 },
+            Patch { kind: PatchKind::OuterWall, triangles: 2..4 },
+        ],
+    };
+    for strips in [false, true] {
+        let mut bytes = Vec::new();
+        write_glb(&mesh, &metadata(2), &GlbOptions { strips }, &mut bytes)?;
+        put("gltf", if strips { "own-strips" } else { "own" }, bytes)?;
+    }
+    let mut bytes = Vec::new();
+    write_obj(&mesh, &metadata(2), &mut bytes)?;
+    put("obj", "own", bytes)?;
+    Ok(())
+}
+
+#[test]
+#[ignore = "writes to fuzz/corpus"]
+fn write() -> Result<(), Box<dyn Error>> {
+    simulations()?;
+    checkpoints()?;
+    surfaces()
+}

@@ -1,0 +1,149 @@
+//! Lists by further conditions, many jobs at once, lists of batches, retries.
+
+use super::*;
+
+fn ids(jobs: &[Job]) -> Vec<JobId> {
+    jobs.iter().map(|job| job.id).collect()
+}
+
+fn batch(digests: &[&str], owner: Option<&str>) -> NewBatch {
+    NewBatch {
+        study: None,
+        jobs: digests.iter().map(|digest| new_job(digest)).collect(),
+        owner: owner.map(str::to_owned),
+        quota: Default::default(),
+        priority: Priority::default(),
+        idempotency: None,
+    }
+}
+
+pub async fn lists_are_narrowed_by_time_batch_and_ids(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let mut jobs = Vec::new();
+    for n in 0..6 {
+        jobs.push(bench.queue(&n.to_string()).await);
+        // The last two are of one millisecond.
+        bench.clock.advance(if n < 4 { Duration::from_secs(60) } else { Duration::from_micros(200) });
+    }
+    let of_batch = bench.store.submit_batch(batch(&["a", "b"], None)).await.unwrap().batch().clone();
+    let find = async |filter: ListFilter| {
+        let filter = ListFilter { limit: 100, ..filter };
+        let mut found = ids(&bench.store.list(&filter).await.unwrap().jobs);
+        assert_eq!(bench.store.ids(&filter).await.unwrap(), found);
+        found.reverse();
+        found
+    };
+    let all = find(ListFilter::default()).await;
+    let at = |n: usize| Some(jobs[n].created_at);
+    let between = |created_after, created_before| ListFilter { created_after, created_before, ..ListFilter::default() };
+    // The start is part of the time, the end is not.
+    assert_eq!(find(between(at(2), None)).await, all[2..]);
+    assert_eq!(find(between(None, at(2))).await, all[..2]);
+    assert_eq!(find(between(at(1), at(4))).await, all[1..4]);
+    assert_eq!(find(between(at(5), None)).await, all[5..]);
+    assert_eq!(find(between(None, at(5))).await, all[..5]);
+    assert_eq!(find(between(at(3), at(3))).await, []);
+    assert_eq!(find(ListFilter { batch: Some(of_batch.id), ..ListFilter::default() }).await, of_batch.jobs);
+    let chosen = vec![jobs[4].id, JobId(uuid::Uuid::nil()), jobs[1].id];
+    let filter = ListFilter { ids: chosen, ..ListFilter::default() };
+    assert_eq!(find(filter.clone()).await, [jobs[1].id, jobs[4].id]);
+    assert_eq!(find(ListFilter { created_after: at(2), ..filter.clone() }).await, [jobs[4].id]);
+    let newest = ListFilter { limit: 1, ..filter };
+    let page = bench.store.list(&newest).await.unwrap();
+    assert_eq!((ids(&page.jobs), page.next), (vec![jobs[4].id], Some(jobs[4].id)));
+    assert_eq!(bench.store.ids(&newest).await.unwrap(), [jobs[4].id]);
+}
+
+pub async fn many_jobs_are_cancelled_at_once(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let done = bench.succeed("done").await;
+    let running = bench.queue("running").await;
+    let claimed = bench.claim("w").await.unwrap();
+    bench.store.set_checkpoint(&claimed, "kept").await.unwrap();
+    let waiting = bench.queue("waiting").await;
+    let again = bench.queue("again").await;
+    let attempt = bench.claim("v").await.unwrap();
+    assert_eq!(attempt.job().id, waiting.id);
+    bench.store.set_checkpoint(&attempt, "left").await.unwrap();
+    bench.store.release(attempt, None).await.unwrap();
+    let mut changes = bench.store.changes();
+    let asked = vec![done.id, running.id, JobId(uuid::Uuid::nil()), waiting.id, again.id];
+    let applied = bench.store.cancel_many(asked.clone()).await.unwrap();
+    // The running one is asked to stop; its checkpoint is still named.
+    assert_eq!(applied, Applied { jobs: 3, keys: vec!["left".into()] });
+    let told: Vec<_> = (0..3).map(|_| changes.try_recv().unwrap().id).collect();
+    assert_eq!(told, [running.id, waiting.id, again.id]);
+    assert_eq!(bench.store.cancel_many(asked).await.unwrap(), Applied::default());
+    assert_eq!(bench.get(waiting.id).await.status, Status::Cancelled);
+    assert_eq!(bench.get(done.id).await, done);
+    assert_eq!(bench.beat(&claimed).await, Directive::Cancel);
+}
+
+pub async fn many_jobs_are_removed_at_once(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let done = bench.succeed("done").await;
+    let shared = bench.store.submit(new_job("done")).await.unwrap().job().clone();
+    let waiting = bench.queue("waiting").await;
+    let mut changes = bench.store.changes();
+    let applied = bench.store.delete_many(vec![waiting.id, done.id, JobId(uuid::Uuid::nil())]).await.unwrap();
+    assert_eq!(applied, Applied { jobs: 2, keys: vec![] }, "the other job still names the files");
+    let told: Vec<_> = (0..2).map(|_| changes.try_recv().unwrap()).collect();
+    assert_eq!(told, [done.id, waiting.id].map(|id| Change { id, version: None }));
+    let last = bench.store.delete_many(vec![shared.id]).await.unwrap();
+    assert_eq!((last.jobs, last.keys.len()), (1, done.files.len()));
+    assert_eq!(bench.store.counts().await.unwrap(), Counts::default());
+}
+
+pub async fn batches_are_listed(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let mut made = Vec::new();
+    for n in 0..5 {
+        let digests = [format!("{n}a"), format!("{n}b")];
+        let owner = Some(if n % 2 == 0 { "even" } else { "odd" });
+        let new = batch(&digests.each_ref().map(String::as_str), owner);
+        made.push(bench.store.submit_batch(new).await.unwrap().batch().clone());
+        bench.clock.advance(Duration::from_secs(60));
+    }
+    bench.store.cancel(made[1].jobs[0]).await.unwrap();
+    let list = async |filter: BatchFilter| bench.store.batches(&filter).await.unwrap();
+    let mut seen = Vec::new();
+    let mut filter = BatchFilter { limit: 2, ..BatchFilter::default() };
+    loop {
+        let page = list(filter.clone()).await;
+        seen.extend(page.batches);
+        let Some(next) = page.next else { break };
+        filter.before = Some(next);
+    }
+    seen.reverse();
+    for (n, (seen, made)) in seen.iter().zip(&made).enumerate() {
+        let cancelled = u64::from(n == 1);
+        assert_eq!(seen.counts, Counts { queued: 2 - cancelled, cancelled, ..Counts::default() });
+        let batch = bench.store.batch(made.id).await.unwrap().unwrap();
+        assert_eq!(*seen, oviduct::jobs::Batch { jobs: vec![], places: vec![], ..batch });
+    }
+    assert_eq!(seen.len(), made.len());
+    let found = |page: oviduct::jobs::BatchPage| page.batches.iter().map(|batch| batch.id).collect::<Vec<_>>();
+    let all = BatchFilter { limit: 100, ..BatchFilter::default() };
+    let odd = list(BatchFilter { owner: Some("odd".into()), ..all.clone() }).await;
+    assert_eq!(found(odd), [made[3].id, made[1].id]);
+    let (after, before) = (Some(made[1].created_at), Some(made[3].created_at));
+    let middle = list(BatchFilter { created_after: after, created_before: before, ..all.clone() }).await;
+    assert_eq!(found(middle), [made[2].id, made[1].id]);
+}
+
+pub async fn a_retry_goes_into_the_batch_of_the_failed_job(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let made = bench.store.submit_batch(batch(&["a"], None)).await.unwrap().batch().clone();
+    let claimed = bench.claim("first").await.unwrap();
+    assert_eq!(bench.get(made.jobs[0]).await.worker.as_deref(), Some("first"));
+    let failed = bench.store.fail(claimed, by_cpu(), problem("certificate")).await.unwrap();
+    assert_eq!(failed.worker.as_deref(), Some("first"));
+    let again = || NewJob { retry_of: Some(failed.id), ..new_job("a") };
+    let job = bench.store.submit(again()).await.unwrap().job().clone();
+    assert_eq!((job.retry_of, job.batch, job.worker), (Some(failed.id), Some(made.id), None));
+    let now = bench.store.batch(made.id).await.unwrap().unwrap();
+    assert_eq!((now.jobs, now.counts.queued, now.counts.failed), (vec![failed.id, job.id], 1, 1));
+    bench.store.delete_batch(made.id).await.unwrap();
+    let alone = bench.store.submit(again()).await.unwrap().job().clone();
+    assert_eq!((alone.retry_of, alone.batch), (Some(failed.id), None), "the batch is gone");
+}

@@ -1,0 +1,146 @@
+//! Pauses of all workers and of single ones, and what operators read of the queue.
+
+use super::*;
+
+fn worker(id: &str, backend: Backend, at: Timestamp) -> WorkerInfo {
+    WorkerInfo {
+        id: id.into(),
+        host: "host".into(),
+        backend,
+        device: "device".into(),
+        jobs: Vec::new(),
+        jobs_done: 0,
+        heartbeat_at: at,
+        pause: None,
+    }
+}
+
+pub async fn paused_workers_claim_nothing(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let store = &bench.store;
+    for id in ["a", "b"] {
+        store.worker_seen(&worker(id, Backend::Cpu, bench.clock.now())).await.unwrap();
+    }
+    let ids = [bench.queue("1").await.id, bench.queue("2").await.id, bench.queue("3").await.id];
+    let first = bench.claim("a").await.unwrap();
+    assert!(store.instruct("a", Instruction::Pause, None).await.unwrap());
+    assert!(bench.claim("a").await.is_none(), "it is paused");
+    assert_eq!(bench.beat(&first).await, Directive::Continue, "what it runs goes on");
+    let second = bench.claim("b").await.unwrap();
+    assert_eq!(second.job().id, ids[1], "the others claim");
+    store.set_paused(true, Some("operator")).await.unwrap();
+    assert!(bench.claim("b").await.is_none());
+    // A worker that starts later, too.
+    assert!(bench.claim("c").await.is_none());
+    let done = finished(&first);
+    assert_eq!(store.finish(first, done).await.unwrap().status, Status::Succeeded);
+    // The end of the pause of all leaves the one of a single worker.
+    store.set_paused(false, None).await.unwrap();
+    assert!(bench.claim("a").await.is_none());
+    assert!(store.instruct("a", Instruction::Resume, None).await.unwrap());
+    assert_eq!(bench.claim("a").await.unwrap().job().id, ids[2]);
+}
+
+pub async fn a_paused_gpu_worker_claims_no_batch(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    bench.store.worker_seen(&worker("g", Backend::Gpu, bench.clock.now())).await.unwrap();
+    for n in 0..3 {
+        bench.queue(&n.to_string()).await;
+    }
+    let claim = async || bench.store.claim("g", Backend::Gpu, LEASE, 8).await.unwrap().len();
+    let claimers = async || bench.store.claimers(Backend::Gpu, LEASE).await.unwrap();
+    assert!(bench.store.instruct("g", Instruction::Drain, None).await.unwrap());
+    assert_eq!((claim().await, claimers().await, bench.store.alive(Backend::Gpu, LEASE).await.unwrap()), (0, 0, 1));
+    assert!(bench.store.instruct("g", Instruction::Resume, None).await.unwrap());
+    assert_eq!((claimers().await, claim().await), (1, 3));
+}
+
+pub async fn a_pause_does_not_keep_expired_leases(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let job = bench.queue("1").await;
+    let held = bench.claim("dead").await.unwrap();
+    bench.store.set_paused(true, None).await.unwrap();
+    // The store notices that the database was available for a whole lease.
+    assert!(bench.claim("a").await.is_none());
+    bench.clock.advance(2 * LEASE);
+    assert!(bench.claim("a").await.is_none());
+    let queued = bench.get(job.id).await;
+    assert_eq!((queued.status, queued.attempts), (Status::Queued, 1), "it waits for the end of the pause");
+    assert_eq!(bench.beat(&held).await, Directive::Lost);
+    bench.store.set_paused(false, None).await.unwrap();
+    assert_eq!(bench.claim("a").await.unwrap().attempt(), 2);
+}
+
+pub async fn a_drained_worker_says_so(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let store = &bench.store;
+    assert!(!store.instruct("a", Instruction::Drain, None).await.unwrap(), "there is no such worker");
+    store.worker_seen(&worker("a", Backend::Cpu, bench.clock.now())).await.unwrap();
+    let state = async || {
+        let listed = store.workers().await.unwrap().remove(0);
+        (listed.state(), listed.pause)
+    };
+    assert_eq!(state().await, (WorkerState::Active, None));
+    bench.queue("1").await;
+    let claimed = bench.claim("a").await.unwrap();
+    let since = bench.clock.now();
+    assert!(store.instruct("a", Instruction::Drain, Some("operator")).await.unwrap());
+    let pause = Pause { drain: true, since, by: Some("operator".into()) };
+    assert_eq!(state().await, (WorkerState::Draining, Some(pause.clone())));
+    bench.clock.advance(Duration::from_secs(1));
+    // To ask again changes nothing.
+    assert!(store.instruct("a", Instruction::Drain, None).await.unwrap());
+    let done = finished(&claimed);
+    store.finish(claimed, done).await.unwrap();
+    assert_eq!(state().await, (WorkerState::Drained, Some(pause)));
+    assert!(store.instruct("a", Instruction::Pause, None).await.unwrap());
+    assert_eq!(state().await, (WorkerState::Paused, Some(Pause { drain: false, since: bench.clock.now(), by: None })));
+    // Heartbeats do not end a pause; a worker that is not seen for long cannot be told anything.
+    store.worker_seen(&worker("a", Backend::Cpu, bench.clock.now())).await.unwrap();
+    assert_eq!(state().await.0, WorkerState::Paused);
+    bench.clock.advance(Duration::from_secs(3600));
+    assert!(!store.instruct("a", Instruction::Resume, None).await.unwrap());
+    // After a day it is forgotten with its pause.
+    bench.clock.advance(Duration::from_secs(24 * 3600));
+    store.worker_seen(&worker("b", Backend::Cpu, bench.clock.now())).await.unwrap();
+    store.worker_seen(&worker("a", Backend::Cpu, bench.clock.now())).await.unwrap();
+    assert_eq!(state().await, (WorkerState::Active, None));
+}
+
+pub async fn the_pause_of_all_is_kept(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let store = &bench.store;
+    assert_eq!(store.paused().await.unwrap(), None);
+    let since = bench.clock.now();
+    store.set_paused(true, Some("operator")).await.unwrap();
+    bench.clock.advance(Duration::from_secs(2 * 24 * 3600));
+    store.set_paused(true, Some("another")).await.unwrap();
+    // Heartbeats remove the pauses of workers that are gone, not this one.
+    store.worker_seen(&worker("a", Backend::Cpu, bench.clock.now())).await.unwrap();
+    bench.clock.advance(Duration::from_secs(2 * 24 * 3600));
+    store.worker_seen(&worker("b", Backend::Cpu, bench.clock.now())).await.unwrap();
+    let pause = Pause { drain: false, since, by: Some("operator".into()) };
+    assert_eq!(store.paused().await.unwrap(), Some(pause));
+    store.set_paused(false, None).await.unwrap();
+    assert_eq!(store.paused().await.unwrap(), None);
+}
+
+pub async fn the_queue_has_an_age(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let ages = async || bench.store.queue_ages().await.unwrap().map(|(backend, age)| (backend.name(), age.as_secs()));
+    assert_eq!(ages().await, [("auto", 0), ("gpu", 0), ("cpu", 0), ("cpu-single", 0)]);
+    let of = |backend, digest: &str| NewJob { backend, ..new_job(digest) };
+    bench.store.submit(of(Backend::Gpu, "1")).await.unwrap();
+    bench.clock.advance(Duration::from_secs(5));
+    bench.store.submit(of(Backend::Auto, "2")).await.unwrap();
+    // One that goes first for its priority is not the oldest.
+    let urgent = NewJob { priority: 1.try_into().unwrap(), ..of(Backend::Gpu, "3") };
+    bench.store.submit(urgent).await.unwrap();
+    bench.clock.advance(Duration::from_secs(60));
+    assert_eq!(ages().await, [("auto", 60), ("gpu", 65), ("cpu", 0), ("cpu-single", 0)]);
+    // What runs does not wait.
+    let running = bench.claim("a").await.unwrap();
+    assert_eq!(ages().await[0], ("auto", 0));
+    bench.store.release(running, None).await.unwrap();
+    assert_eq!(ages().await[0], ("auto", 60));
+}
