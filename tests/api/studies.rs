@@ -111,6 +111,10 @@ async fn all_faults_of_a_study_come_at_once() {
             json!({ "priority": 1000, "spec": { "colour": 1 }, "vary": { "design": "grid", "values": { "/steps": [900, 1.5] } } }),
             vec!["/priority", "/spec/colour", "/vary/values/~1steps/1"],
         ),
+        (
+            json!({ "spec": { "steps": -1 }, "vary": { "design": "grid", "values": { "/steps": [900, 1000] } } }),
+            vec!["/spec/steps"],
+        ),
         (vary(json!({ "design": "grid", "values": { "/steps": [900, 900.0] } })), vec!["/vary/values"]),
         (
             vary(json!({ "design": "lhs", "samples": 4, "values": { "/wall/lobes": { "from": 1, "to": 2 } } })),

@@ -1,5 +1,5 @@
-//! Writes the binary inputs that the corpora begin with, anew when a format has changed:
-//! `cargo test --test corpus -- --ignored`.
+//! The binary inputs that the corpora begin with are what the program writes. After a change of a format write them
+//! again: `OVIDUCT_BLESS=1 cargo test --test corpus`.
 
 use oviduct::export::Metadata;
 use oviduct::export::glb::{GlbOptions, write_glb};
@@ -13,7 +13,7 @@ use oviduct::spec::{ModelSpec, preset};
 use serde_json::json;
 use std::error::Error;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -56,27 +56,31 @@ fn metadata(sections: usize) -> Metadata {
     Metadata { preset: "pig".into(), seed: 7, digest, engine: "test".into(), length_mm: 60.0, sections }
 }
 
-fn put(target: &str, name: &str, bytes: impl AsRef<[u8]>) -> std::io::Result<()> {
-    let folder: PathBuf = Path::new("fuzz/corpus").join(target);
-    fs::create_dir_all(&folder)?;
-    fs::write(folder.join(name), bytes)
+/// Compares an input with the corpus, or writes it.
+fn check(target: &str, name: &str, bytes: impl AsRef<[u8]>) -> Result<(), Box<dyn Error>> {
+    let path = Path::new("fuzz/corpus").join(target).join(name);
+    if std::env::var_os("OVIDUCT_BLESS").is_some() {
+        return Ok(fs::write(path, bytes)?);
+    }
+    let kept = fs::read(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+    if kept == bytes.as_ref() { Ok(()) } else { Err(format!("{} is out of date", path.display()).into()) }
 }
 
 fn simulations() -> Result<(), Box<dyn Error>> {
     let mut simulation = CpuSimulation::new(Plan::new(&*spec("lists")?, 7), 1);
     let mut sections = Vec::new();
-    put("state", "start", simulation.save())?;
+    check("state", "start", simulation.save())?;
     while simulation.time() < 30 {
         simulation.step()?;
         if simulation.time() % 10 == 0 {
-            put("state", &format!("step{}", simulation.time()), simulation.save())?;
+            check("state", &format!("step{}", simulation.time()), simulation.save())?;
             sections.push(simulation.section());
         }
     }
     for count in [0, 1, 3] {
         let mut bytes = Vec::new();
         write_sections(&sections[..count], &metadata(count), &mut bytes)?;
-        put("sections", &format!("sections{count}"), bytes)?;
+        check("sections", &format!("sections{count}"), bytes)?;
     }
     Ok(())
 }
@@ -94,7 +98,7 @@ fn checkpoints() -> Result<(), Box<dyn Error>> {
             memory_limit_bytes: None,
         };
         let _ = generate(&request, &sink, &sink.cancel);
-        put("checkpoint", &format!("step{step}"), sink.taken.into_inner()?)?;
+        check("checkpoint", &format!("step{step}"), sink.taken.into_inner()?)?;
     }
     Ok(())
 }
@@ -112,17 +116,16 @@ fn surfaces() -> Result<(), Box<dyn Error>> {
     for strips in [false, true] {
         let mut bytes = Vec::new();
         write_glb(&mesh, &metadata(2), &GlbOptions { strips }, &mut bytes)?;
-        put("gltf", if strips { "own-strips" } else { "own" }, bytes)?;
+        check("gltf", if strips { "own-strips" } else { "own" }, bytes)?;
     }
     let mut bytes = Vec::new();
     write_obj(&mesh, &metadata(2), &mut bytes)?;
-    put("obj", "own", bytes)?;
+    check("obj", "own", bytes)?;
     Ok(())
 }
 
 #[test]
-#[ignore = "writes to fuzz/corpus"]
-fn write() -> Result<(), Box<dyn Error>> {
+fn the_corpora_begin_with_what_the_program_writes() -> Result<(), Box<dyn Error>> {
     simulations()?;
     checkpoints()?;
     surfaces()

@@ -2,7 +2,7 @@
 
 Every accepted model must end once, with complete files; no incomplete file may ever be visible.
 Usage: crash.py OVIDUCT_BINARY [sqlite|postgres]
-The binary must be built with `cargo build --release --features fault-injection`.
+The binary must be built with the feature fault-injection, which `cargo test` turns on.
 """
 
 import hashlib
