@@ -88,7 +88,7 @@ impl ModelRequest {
                 "priority": { "type": "integer", "minimum": Priority::MIN, "maximum": Priority::MAX, "default": 0,
                     "description": "Of the queued models, those of higher priority are started first." },
                 "reuse": { "type": "boolean", "default": true,
-                    "description": "Whether a finished model with the same digest may be reused instead of growing it again." }
+                    "description": "Whether a model with the same digest may be reused instead of growing it again: a finished one at once, one that is queued or running when it ends." }
             },
             "example": { "preset": "pig", "seed": 7, "outputs": ["glb", "obj"], "labels": { "study": "A3" } }
         })

@@ -200,7 +200,7 @@ pub struct NewJob {
     pub digest: String,
     /// The engine version of the digest.
     pub engine: String,
-    /// Whether a finished model with the same digest may be reused (it must have all `outputs`, and have been
+    /// Whether a model with the same digest may be reused, now or when it has finished (it must have all `outputs`, and have been
     /// made by the backend asked for: `cpu` and `cpu-single` give the same bytes; `auto` accepts any).
     pub reuse: bool,
     /// Keys of files that were found missing in the artifact store: no model that names one of them is reused. See

@@ -225,13 +225,14 @@ impl Operation for DeleteBatch {
             return Ok(Done::quiet(None));
         }
         let batch = known(tx, self.0).await?;
-        let mut keys = Vec::new();
+        let (mut keys, mut changes) = (Vec::new(), Vec::new());
         for &job in &batch.jobs {
-            keys.extend(submit::delete(tx, job).await?.unwrap_or_default());
+            let Some(deleted) = submit::delete(tx, job).await? else { continue };
+            keys.extend(deleted.keys);
+            changes.extend(deleted.changes);
         }
         // Deleting the last job deletes the batch, unless it had none.
         submit::delete_empty_batch(tx, &self.0.to_string()).await?;
-        let changes = batch.jobs.into_iter().map(|id| Change { id, version: None }).collect();
         Ok(Done::new(Some(keys), changes))
     }
 }

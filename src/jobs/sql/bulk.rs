@@ -8,7 +8,7 @@ use super::read::matching;
 use super::submit;
 use super::tx::Tx;
 use crate::jobs::job::JobId;
-use crate::jobs::store::{Applied, Change, ListFilter, StoreOptions};
+use crate::jobs::store::{Applied, ListFilter, StoreOptions};
 
 /// Ids of the jobs of a page, newest first.
 pub(super) async fn ids(tx: &mut Tx<'_>, filter: &ListFilter) -> Result<Vec<JobId>, SqlError> {
@@ -37,7 +37,7 @@ impl Operation for CancelMany {
             let Some(cancelled) = lease::cancel(tx, options, id).await? else { continue };
             applied.jobs += 1;
             applied.keys.extend(cancelled.checkpoint);
-            changes.push(Change { id, version: Some(cancelled.version) });
+            changes.extend(cancelled.changes);
         }
         Ok(Done::new(applied, changes))
     }
@@ -53,10 +53,10 @@ impl Operation for DeleteMany {
     async fn run(&self, tx: &mut Tx<'_>, _: &StoreOptions) -> Result<Done<Applied>, SqlError> {
         let (mut applied, mut changes) = (Applied::default(), Vec::new());
         for id in ordered(self.0.clone()) {
-            let Some(keys) = submit::delete(tx, id).await? else { continue };
+            let Some(deleted) = submit::delete(tx, id).await? else { continue };
             applied.jobs += 1;
-            applied.keys.extend(keys);
-            changes.push(Change { id, version: None });
+            applied.keys.extend(deleted.keys);
+            changes.extend(deleted.changes);
         }
         Ok(Done::new(applied, changes))
     }

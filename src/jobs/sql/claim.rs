@@ -57,7 +57,7 @@ pub(super) async fn look(tx: &mut Tx<'_>, worker: &str, backend: Backend) -> Res
     let lane = |lane| {
         values.push(Value::from(enum_to_sql(lane)));
         format!(
-            "(SELECT 1 FROM jobs WHERE status = 'queued' AND backend_requested = ${} \
+            "(SELECT 1 FROM jobs WHERE status = 'queued' AND NOT shares AND backend_requested = ${} \
              AND (available_at <= $1 OR available_at > $2) ORDER BY rank, turn, id LIMIT 1) IS NOT NULL",
             values.len()
         )
@@ -174,7 +174,7 @@ impl Claim {
         let mut queues = Vec::new();
         for (index, column, value) in lanes {
             let sql = format!(
-                "SELECT rank, id FROM jobs INDEXED BY {index} WHERE status = 'queued' \
+                "SELECT rank, id FROM jobs INDEXED BY {index} WHERE status = 'queued' AND NOT shares \
                  AND {column} = $1 AND (available_at <= $2 OR available_at > $3) AND {} \
                  ORDER BY rank, turn, id LIMIT $4",
                 unpaused("$5")
@@ -209,7 +209,7 @@ impl Claim {
             Some(key) => (
                 format!(
                     "due AS MATERIALIZED (SELECT id, ROW_NUMBER() OVER (ORDER BY rank, turn, id) AS place FROM (\
-                     SELECT rank, turn, id FROM jobs WHERE (status = 'queued') IS TRUE AND batch_key = $1 \
+                     SELECT rank, turn, id FROM jobs WHERE (status = 'queued') IS TRUE AND NOT shares AND batch_key = $1 \
                      AND (available_at <= $2 OR available_at > $5) AND {unpaused} \
                      ORDER BY rank, turn, id LIMIT {limit} FOR UPDATE SKIP LOCKED) AS heads)"
                 ),
@@ -220,7 +220,7 @@ impl Claim {
                 format!(
                     "heads AS MATERIALIZED (SELECT lane.name, head.* FROM unnest($1::text[]) AS lane (name) \
                      CROSS JOIN LATERAL (SELECT rank, turn, id FROM jobs WHERE status = 'queued' \
-                     AND backend_requested = lane.name AND (available_at <= $2 OR available_at > $5) AND {unpaused} \
+                     AND NOT shares AND backend_requested = lane.name AND (available_at <= $2 OR available_at > $5) AND {unpaused} \
                      ORDER BY rank, turn, id LIMIT {limit} FOR UPDATE SKIP LOCKED) AS head), \
                      due AS MATERIALIZED (SELECT id, ROW_NUMBER() OVER (ORDER BY rank, last, turn, id) AS place FROM (\
                      SELECT rank, turn, id, MAX(id) OVER (PARTITION BY name, rank ORDER BY turn, id) AS last FROM heads\

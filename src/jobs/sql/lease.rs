@@ -4,6 +4,7 @@ use super::codec::{enum_from_sql, enum_to_sql, json, until, values};
 use super::error::SqlError;
 use super::operation::{Before, Done, Operation};
 use super::read::{self, known_job};
+use super::share;
 use super::submit::insert_files;
 use super::tx::Tx;
 use crate::generate::Progress;
@@ -42,8 +43,7 @@ async fn expire(tx: &mut Tx<'_>, options: &StoreOptions, before: Timestamp) -> R
     let mut changes = Vec::with_capacity(rows.len());
     for row in &rows {
         let id = row.id("id")?;
-        let version = apply(tx, options, id, &Event::Expire, None).await?;
-        changes.push(Change { id, version: Some(version) });
+        changes.extend(apply(tx, options, id, &Event::Expire, None).await?);
     }
     Ok(changes)
 }
@@ -174,10 +174,8 @@ impl Operation for End {
             )
             .await?;
         }
-        write(tx, id, &next, None).await?;
-        let job = known_job(tx, id).await?;
-        let change = Change { id, version: Some(job.version) };
-        Ok(Done::new(job, vec![change]))
+        let changes = write(tx, id, &next, None).await?;
+        Ok(Done::new(known_job(tx, id).await?, changes))
     }
 
     /// The computed model is worth a long wait; the fence holds whatever happens meanwhile.
@@ -225,17 +223,17 @@ impl Operation for Cancel {
         let id = self.0;
         let cancelled = cancel(tx, options, id).await?;
         let Some(job) = read::job(tx, id).await? else { return Ok(Done::quiet(None)) };
-        let Some(Cancelled { version, checkpoint }) = cancelled else { return Ok(Done::quiet(Some(job))) };
+        let Some(Cancelled { changes, checkpoint }) = cancelled else { return Ok(Done::quiet(Some(job))) };
         // The record no longer names the checkpoint; the caller removes its file.
         let job = Job { checkpoint: job.checkpoint.clone().or(checkpoint), ..job };
-        Ok(Done::new(Some(job), vec![Change { id, version: Some(version) }]))
+        Ok(Done::new(Some(job), changes))
     }
 }
 
 /// A job that was cancelled just now, or asked to stop.
 #[derive(Debug)]
 pub(super) struct Cancelled {
-    pub(super) version: u64,
+    pub(super) changes: Vec<Change>,
     /// The checkpoint that its record named, if it has ended by this.
     pub(super) checkpoint: Option<String>,
 }
@@ -247,18 +245,18 @@ pub(super) async fn cancel(tx: &mut Tx<'_>, options: &StoreOptions, id: JobId) -
         return Ok(None);
     };
     let checkpoint = if next.state.status.is_ended() { named_checkpoint(tx, id).await? } else { None };
-    let version = write(tx, id, &next, None).await?;
-    Ok(Some(Cancelled { version, checkpoint }))
+    let changes = write(tx, id, &next, None).await?;
+    Ok(Some(Cancelled { changes, checkpoint }))
 }
 
-/// Applies an event that the job's state is known to allow. Returns the new version.
+/// Applies an event that the job's state is known to allow.
 pub(super) async fn apply(
     tx: &mut Tx<'_>,
     options: &StoreOptions,
     id: JobId,
     event: &Event,
     lease_until: Option<Timestamp>,
-) -> Result<u64, SqlError> {
+) -> Result<Vec<Change>, SqlError> {
     let gone = || StoreError::Database(format!("job {id} changed within a transaction"));
     let (state, _) = load(tx, id).await?.ok_or_else(gone)?;
     let next = state.on(event, options.max_attempts).map_err(|_| gone())?;
@@ -285,9 +283,14 @@ async fn load(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(State, u64)>, SqlErr
     .transpose()
 }
 
-/// Writes a state: ends the attempt that ran, then updates the record. A running job keeps its lease unless
-/// `lease_until` gives a new one.
-async fn write(tx: &mut Tx<'_>, id: JobId, next: &Next, lease_until: Option<Timestamp>) -> Result<u64, SqlError> {
+/// Writes a state: ends the attempt that ran, then updates the record, and those of jobs that waited for its end. A running
+/// job keeps its lease unless `lease_until` gives a new one.
+async fn write(
+    tx: &mut Tx<'_>,
+    id: JobId,
+    next: &Next,
+    lease_until: Option<Timestamp>,
+) -> Result<Vec<Change>, SqlError> {
     let now = tx.now().await?;
     let state = &next.state;
     if let Some(how) = next.ended {
@@ -335,7 +338,11 @@ async fn write(tx: &mut Tx<'_>, id: JobId, next: &Next, lease_until: Option<Time
             ],
         )
         .await?;
-    row.count("version")
+    let mut changes = vec![Change { id, version: Some(row.count("version")?) }];
+    if state.status.is_ended() {
+        changes.extend(share::settle(tx, id, state.status).await?);
+    }
+    Ok(changes)
 }
 
 async fn set_backend(tx: &mut Tx<'_>, id: JobId, backend: &BackendReport) -> Result<(), SqlError> {

@@ -11,6 +11,7 @@
 //! | `tx`, `codec`, `error`, `operation` | connections, values, errors, what runs in a transaction |
 //! | `submit`, `batch`, `claim`, `lease`, `workers`, `pause`, `upkeep` | the operations |
 //! | `bulk` | many jobs in one transaction |
+//! | `share` | equal requests that wait for one growth |
 //! | `keys` | keys of clients, tickets |
 //! | `order` | turns and positions in the queue |
 //! | `quota` | what an owner has |
@@ -29,6 +30,7 @@ mod pause;
 mod quota;
 mod read;
 mod record;
+mod share;
 mod store;
 mod submit;
 mod tx;

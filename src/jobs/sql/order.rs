@@ -36,9 +36,9 @@ pub(super) async fn turn(tx: &mut Tx<'_>, new: &NewJob) -> Result<i64, SqlError>
         .one(
             "SELECT (SELECT turn FROM jobs WHERE status = 'running' AND backend_requested = $1 AND rank = $2 \
              ORDER BY turn DESC LIMIT 1) AS running, \
-             (SELECT turn FROM jobs WHERE status = 'queued' AND backend_requested = $1 AND rank = $2 \
+             (SELECT turn FROM jobs WHERE status = 'queued' AND NOT shares AND backend_requested = $1 AND rank = $2 \
              ORDER BY turn, id LIMIT 1) AS head, \
-             (SELECT turn FROM jobs WHERE status = 'queued' AND backend_requested = $1 AND rank = $2 \
+             (SELECT turn FROM jobs WHERE status = 'queued' AND NOT shares AND backend_requested = $1 AND rank = $2 \
              AND submitter = $3 ORDER BY turn DESC LIMIT 1) AS own",
             values![enum_to_sql(new.backend), rank(new.priority), submitter(new.owner.as_deref())],
         )
@@ -53,13 +53,13 @@ pub(super) async fn queue_room(tx: &mut Tx<'_>, options: &StoreOptions) -> Resul
     Ok(options.queue_limit.saturating_sub(tx.one(length, vec![]).await?.count("queued")?))
 }
 
-/// How many jobs are queued that `backend` may run, each lane counted up to 1000.
+/// How many queued jobs `backend` may claim, each lane counted up to 1000.
 pub(super) async fn waiting(tx: &mut Tx<'_>, backend: Backend) -> Result<u64, SqlError> {
     let mut waiting = 0;
     for lane in state::accepted(backend) {
         let row = tx
             .one(
-                "SELECT COUNT(*) AS n FROM (SELECT 1 FROM jobs WHERE status = 'queued' AND backend_requested = $1 \
+                "SELECT COUNT(*) AS n FROM (SELECT 1 FROM jobs WHERE status = 'queued' AND NOT shares AND backend_requested = $1 \
                  LIMIT 1000) AS lane",
                 values![enum_to_sql(lane)],
             )
@@ -89,7 +89,7 @@ pub(super) async fn set_positions(tx: &mut Tx<'_>, records: &mut [Record]) -> Re
         if before < POSITIONS {
             let row = tx
                 .one(
-                    "SELECT COUNT(*) AS n FROM (SELECT 1 FROM jobs WHERE status = 'queued' AND backend_requested = $1 \
+                    "SELECT COUNT(*) AS n FROM (SELECT 1 FROM jobs WHERE status = 'queued' AND NOT shares AND backend_requested = $1 \
                      AND (rank, turn, id) >= ($2, $3, $4) AND (rank, turn, id) < ($5, $6, $7) \
                      ORDER BY rank, turn, id LIMIT 1000) AS ahead",
                     values![lane.clone(), from.0, from.1, from.2, here.0, here.1, here.2.clone()],

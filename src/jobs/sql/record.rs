@@ -83,6 +83,14 @@ fn outputs(text: &str) -> (Vec<Output>, Option<String>) {
     (known, unread)
 }
 
+/// Whether a file belongs to a model with these outputs: `model.<output>` only if asked for, others always.
+pub(super) fn is_wanted(name: &str, outputs: &[Output]) -> bool {
+    match name.strip_prefix("model.").map(enum_from_sql::<Output>) {
+        Some(Ok(output)) => outputs.contains(&output),
+        Some(Err(_)) | None => true,
+    }
+}
+
 /// A row of [`select_jobs`]; the position in the queue is left empty.
 pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
     let (outputs, mut unread) = outputs(row.text("outputs")?);

@@ -1,14 +1,15 @@
 //! Queueing jobs and removing them.
 
-use super::codec::{Value, enum_from_sql, enum_to_sql, json, values};
+use super::codec::{Value, enum_to_sql, json, values};
 use super::error::SqlError;
 use super::operation::{Before, Done, Operation};
 use super::order::{queue_room, rank, turn};
 use super::quota;
 use super::read::{self, known_job};
-use super::record::submitter;
+use super::record::{is_wanted, submitter};
+use super::share;
 use super::tx::Tx;
-use crate::generate::{Backend, Output};
+use crate::generate::Backend;
 use crate::jobs::job::{BatchId, File, Job, JobId, NewJob};
 use crate::jobs::state;
 use crate::jobs::store::{Change, StoreError, StoreOptions, Submitted};
@@ -118,7 +119,8 @@ pub(super) async fn replayed(
     }
 }
 
-/// Queues a job if there is `room` for it, or reuses a finished model; `batch` is its batch and its place there. Returns whether it was reused.
+/// Queues a job if there is `room` for it, or reuses a finished model; `batch` is its batch and its place there. Returns
+/// whether it was reused.
 pub(super) async fn place(
     tx: &mut Tx<'_>,
     options: &StoreOptions,
@@ -127,11 +129,14 @@ pub(super) async fn place(
     batch: Option<(BatchId, Option<u32>)>,
     room: &mut u64,
 ) -> Result<bool, SqlError> {
+    // In this order: an equal job that ends between the two is found finished.
+    let in_flight = share::in_flight(tx, new).await?;
     let source = reusable(tx, new).await?;
+    let shares = in_flight && source.is_none();
     if source.is_none() {
         *room = room.checked_sub(1).ok_or(StoreError::QueueFull { limit: options.queue_limit })?;
     }
-    insert(tx, id, new, source.as_ref(), batch).await?;
+    insert(tx, id, new, source.as_ref(), shares, batch).await?;
     Ok(source.is_some())
 }
 
@@ -171,6 +176,7 @@ async fn insert(
     id: JobId,
     new: &NewJob,
     source: Option<&Job>,
+    shares: bool,
     batch: Option<(BatchId, Option<u32>)>,
 ) -> Result<(), SqlError> {
     let now = tx.now().await?;
@@ -181,9 +187,9 @@ async fn insert(
     tx.execute(
         "INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, backend_used, device, \
          fallback, available_at, created_at, finished_at, reused_from, idempotency_key, idempotency_body, summary, \
-         spec, engine, engine_used, batch, submitter, turn, rank, trace, batch_key, batch_index, retry_of) \
+         spec, engine, engine_used, batch, submitter, turn, rank, trace, batch_key, batch_index, retry_of, shares) \
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 0, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, \
-         $22, $23, $24, $25, $26, $27)",
+         $22, $23, $24, $25, $26, $27, $28)",
         values![
             id,
             if source.is_some() { "succeeded" } else { "queued" },
@@ -212,6 +218,7 @@ async fn insert(
             new.batch_key.clone().filter(|_| state::accepted(Backend::Gpu).contains(&new.backend)),
             batch.and_then(|(_, index)| index),
             new.retry_of.map(|id| id.to_string()),
+            shares,
         ],
     )
     .await?;
@@ -221,14 +228,6 @@ async fn insert(
         insert_files(tx, id, source.files.iter().filter(|file| is_wanted(&file.name, &new.outputs))).await?;
     }
     Ok(())
-}
-
-/// Whether a file belongs to a model with these outputs: `model.<output>` only if asked for, others always.
-fn is_wanted(name: &str, outputs: &[Output]) -> bool {
-    match name.strip_prefix("model.").map(enum_from_sql::<Output>) {
-        Some(Ok(output)) => outputs.contains(&output),
-        Some(Err(_)) | None => true,
-    }
 }
 
 pub(super) async fn insert_files(
@@ -274,14 +273,20 @@ impl Operation for Delete {
     type Output = Option<Vec<String>>;
 
     async fn run(&self, tx: &mut Tx<'_>, _: &StoreOptions) -> Result<Done<Self::Output>, SqlError> {
-        let keys = delete(tx, self.0).await?;
-        let change = Change { id: self.0, version: None };
-        let changes = if keys.is_some() { vec![change] } else { vec![] };
-        Ok(Done::new(keys, changes))
+        let (keys, changes) = delete(tx, self.0).await?.map(|deleted| (deleted.keys, deleted.changes)).unzip();
+        Ok(Done::new(keys, changes.unwrap_or_default()))
     }
 }
 
-pub(super) async fn delete(tx: &mut Tx<'_>, id: JobId) -> Result<Option<Vec<String>>, SqlError> {
+/// A record that was removed just now.
+#[derive(Debug)]
+pub(super) struct Deleted {
+    /// Keys that no other record names.
+    pub(super) keys: Vec<String>,
+    pub(super) changes: Vec<Change>,
+}
+
+pub(super) async fn delete(tx: &mut Tx<'_>, id: JobId) -> Result<Option<Deleted>, SqlError> {
     // Locks the batch before the job, in the order of DeleteBatch. A job's batch never changes.
     let batch = match tx.optional("SELECT batch FROM jobs WHERE id = $1", values![id]).await? {
         None => return Ok(None),
@@ -292,9 +297,11 @@ pub(super) async fn delete(tx: &mut Tx<'_>, id: JobId) -> Result<Option<Vec<Stri
         tx.optional(sql, values![batch]).await?;
     }
     // A submission that reuses its files comes before or after this lock, not between.
-    let sql = format!("SELECT id FROM jobs WHERE id = $1{}", tx.either("", " FOR UPDATE"));
-    if tx.optional(sql, values![id]).await?.is_none() {
-        return Ok(None);
+    let sql = format!("SELECT finished_at FROM jobs WHERE id = $1{}", tx.either("", " FOR UPDATE"));
+    let Some(row) = tx.optional(sql, values![id]).await? else { return Ok(None) };
+    let mut changes = vec![Change { id, version: None }];
+    if row.optional_time("finished_at")?.is_none() {
+        changes.extend(share::promote(tx, id).await?);
     }
     let rows = tx
         .all(
@@ -309,7 +316,7 @@ pub(super) async fn delete(tx: &mut Tx<'_>, id: JobId) -> Result<Option<Vec<Stri
     if let Some(batch) = &batch {
         delete_empty_batch(tx, batch).await?;
     }
-    Ok(Some(keys))
+    Ok(Some(Deleted { keys, changes }))
 }
 
 /// Deletes the batch, and with it its idempotency key, if it has no jobs left.

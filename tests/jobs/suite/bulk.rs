@@ -6,7 +6,7 @@ fn ids(jobs: &[Job]) -> Vec<JobId> {
     jobs.iter().map(|job| job.id).collect()
 }
 
-fn batch(digests: &[&str], owner: Option<&str>) -> NewBatch {
+pub(super) fn batch(digests: &[&str], owner: Option<&str>) -> NewBatch {
     NewBatch {
         study: None,
         jobs: digests.iter().map(|digest| new_job(digest)).collect(),

@@ -162,7 +162,7 @@ pub async fn retries_wait_and_count_and_releases_do_not(factory: Factory) {
 pub async fn claims_keep_to_their_backend(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
     for backend in [Backend::Gpu, Backend::CpuSingle, Backend::Auto, Backend::Cpu, Backend::Gpu] {
-        bench.store.submit(NewJob { backend, ..new_job("d") }).await.unwrap();
+        bench.store.submit(NewJob { backend, reuse: false, ..new_job("d") }).await.unwrap();
     }
     let claim = async |backend, limit| {
         let claimed = bench.store.claim("w", backend, LEASE, limit).await.unwrap();

@@ -10,6 +10,7 @@ mod list;
 mod order;
 mod owners;
 mod pause;
+mod share;
 mod submit;
 
 pub use batch::*;
@@ -21,6 +22,7 @@ pub use list::*;
 pub use order::*;
 pub use owners::*;
 pub use pause::*;
+pub use share::*;
 pub use submit::*;
 
 use futures_util::future::{BoxFuture, join_all};
@@ -110,6 +112,13 @@ macro_rules! over {
             many_jobs_are_removed_at_once
             batches_are_listed
             a_retry_goes_into_the_batch_of_the_failed_job
+            equal_jobs_share_one_growth
+            jobs_that_differ_share_nothing
+            the_next_equal_job_grows_if_the_first_is_cancelled_or_deleted
+            equal_jobs_fail_together
+            unsuitable_files_are_not_shared
+            equal_points_of_batches_share_growths
+            racing_equal_submissions_share_one_growth
         }
     };
 }

@@ -49,7 +49,7 @@ fn urgent(digest: &str, priority: i64) -> NewJob {
 }
 
 impl Bench {
-    async fn submit(&self, new: NewJob) -> Job {
+    pub(super) async fn submit(&self, new: NewJob) -> Job {
         self.store.submit(new).await.unwrap().job().clone()
     }
 

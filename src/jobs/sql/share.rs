@@ -1,0 +1,175 @@
+//! Equal requests share one growth.
+//!
+//! A submission that allows reuse waits for an equal job that is queued or running instead of growing the same model again:
+//! its flag `shares` hides it from claims. It ends with that job, in the same transaction:
+//!
+//! - The job succeeds: so do the jobs that wait, as reuses of its files.
+//! - It fails: so do they, with the same problem. The same request would fail again.
+//! - It is cancelled or deleted, or its files are not what they want: one of them is queued, and the others wait for it.
+//!
+//! Who waits for whom is not recorded: jobs are equal if digest, preset, owner and requested backend are. A job waits only for
+//! one that has all its outputs, and that will not be claimed after jobs less urgent than itself.
+//!
+//! On PostgreSQL a submission locks the job that it will wait for, so that this one does not end unnoticed, and all equal
+//! submissions come one after the other.
+
+use super::codec::{Value, enum_to_sql, json, parse, values};
+use super::error::SqlError;
+use super::order::rank;
+use super::read::known_job;
+use super::record::{is_wanted, submitter};
+use super::tx::{Row, Tx};
+use crate::generate::Output;
+use crate::jobs::job::{Job, JobId, NewJob, Status};
+use crate::jobs::state;
+use crate::jobs::store::Change;
+
+/// Candidates to wait for that a submission looks at.
+const CANDIDATES: usize = 16;
+
+/// Whether there is an equal job for `new` to wait for. It does not end until the transaction has.
+pub(super) async fn in_flight(tx: &mut Tx<'_>, new: &NewJob) -> Result<bool, SqlError> {
+    if !new.reuse {
+        return Ok(false);
+    }
+    let lock = tx.either("", "SELECT pg_advisory_xact_lock(hashtextextended($1, 0))");
+    if !lock.is_empty() {
+        tx.all(lock, values![&new.digest]).await?;
+    }
+    let sql = format!(
+        "SELECT id, outputs FROM jobs{} WHERE finished_at IS NULL AND NOT shares AND digest = $1 AND preset = $2 \
+         AND submitter = $3 AND backend_requested = $4 AND NOT cancel_requested AND (status = 'running' OR rank <= $5) \
+         ORDER BY id LIMIT {CANDIDATES}",
+        tx.either(" INDEXED BY jobs_in_flight", ""),
+    );
+    let (owner, backend) = (submitter(new.owner.as_deref()), enum_to_sql(new.backend));
+    for row in tx.all(sql, values![&new.digest, &new.preset, owner, backend, rank(new.priority)]).await? {
+        if !includes(row.text("outputs")?, &new.outputs) {
+            continue;
+        }
+        let sql = format!(
+            "SELECT id FROM jobs WHERE id = $1 AND finished_at IS NULL AND NOT cancel_requested{}",
+            tx.either("", " FOR KEY SHARE")
+        );
+        if tx.optional(sql, values![row.id("id")?]).await?.is_some() {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+/// Whether the outputs of a record include all of `wanted`.
+fn includes(outputs: &str, wanted: &[Output]) -> bool {
+    parse::<Vec<Output>>(outputs).is_ok_and(|outputs| wanted.iter().all(|output| outputs.contains(output)))
+}
+
+/// From FROM on: the jobs `f` that wait for jobs like `l`, whose id is `$1`.
+fn waiting(tx: &Tx<'_>) -> String {
+    format!(
+        "FROM jobs l {} jobs f{} ON f.digest = l.digest AND f.preset = l.preset AND f.submitter = l.submitter \
+         AND f.backend_requested = l.backend_requested WHERE l.id = $1 AND f.finished_at IS NULL AND f.shares \
+         AND f.status = 'queued'",
+        tx.either("CROSS JOIN", "JOIN"),
+        tx.either(" INDEXED BY jobs_sharing", ""),
+    )
+}
+
+/// Ends or queues the jobs that waited for one that has just ended. None wait for one that waited itself.
+pub(super) async fn settle(tx: &mut Tx<'_>, id: JobId, ended: Status) -> Result<Vec<Change>, SqlError> {
+    if ended == Status::Cancelled {
+        return promote(tx, id).await;
+    }
+    let sql = format!("SELECT DISTINCT f.outputs {} AND NOT l.shares", waiting(tx));
+    let groups = tx.all(sql, values![id]).await?;
+    if groups.is_empty() {
+        return Ok(Vec::new());
+    }
+    let job = known_job(tx, id).await?;
+    if ended == Status::Failed {
+        return fail(tx, &job).await;
+    }
+    let own_engine = "SELECT id FROM jobs WHERE id = $1 AND engine_used = engine";
+    let same = job.backend.used.is_some_and(|used| state::same_bytes(job.backend.requested, used))
+        && tx.optional(own_engine, values![id]).await?.is_some();
+    let mut changes = Vec::new();
+    for group in groups {
+        let outputs = group.text("outputs")?;
+        match parse::<Vec<Output>>(outputs) {
+            Ok(wanted) if same && wanted.iter().all(|output| job.outputs.contains(output)) => {
+                changes.extend(succeed(tx, &job, outputs, &wanted).await?);
+            }
+            _ => {}
+        }
+    }
+    changes.extend(promote(tx, id).await?);
+    Ok(changes)
+}
+
+/// Ends the jobs with these outputs that wait for `job` as reuses of its files.
+async fn succeed(tx: &mut Tx<'_>, job: &Job, outputs: &str, wanted: &[Output]) -> Result<Vec<Change>, SqlError> {
+    let sql = format!(
+        "UPDATE jobs SET status = 'succeeded', version = version + 1, finished_at = $2, reused_from = $1, summary = $3, \
+         engine_used = engine, backend_used = $4, device = $5, fallback = $6 WHERE id IN (SELECT f.id {} \
+         AND f.outputs = $7) AND status = 'queued' RETURNING id, version",
+        waiting(tx)
+    );
+    let backend = &job.backend;
+    let values = values![
+        job.id.to_string(),
+        tx.now().await?,
+        job.summary.as_ref().map(json),
+        backend.used.map(enum_to_sql),
+        &backend.device,
+        &backend.fallback,
+        outputs,
+    ];
+    let rows = tx.all(sql, values).await?;
+    let names = job.files.iter().map(|file| &file.name).filter(|name| is_wanted(name, wanted));
+    let sql = format!(
+        "INSERT INTO files (job_id, ordinal, name, media_type, bytes, sha256, key) \
+         SELECT j.id, o.ordinal, o.name, o.media_type, o.bytes, o.sha256, o.key FROM files o CROSS JOIN jobs j \
+         WHERE o.job_id = $1 AND o.name {in_list}$2)) AND j.id {in_list}$3))",
+        in_list = tx.either("IN (SELECT value FROM json_each(", "= ANY (("),
+    );
+    let ids = rows.iter().map(|row| row.text("id").map(str::to_owned)).collect::<Result<Vec<_>, _>>()?;
+    tx.execute(sql, values![job.id, Value::Texts(names.cloned().collect()), Value::Texts(ids)]).await?;
+    rows.iter().map(to_change).collect()
+}
+
+/// Fails the jobs that wait for `job`.
+async fn fail(tx: &mut Tx<'_>, job: &Job) -> Result<Vec<Change>, SqlError> {
+    let sql = format!(
+        "UPDATE jobs SET status = 'failed', version = version + 1, finished_at = $2, problem = $3, \
+         backend_used = $4, device = $5, fallback = $6 WHERE id IN (SELECT f.id {}) AND status = 'queued' \
+         RETURNING id, version",
+        waiting(tx)
+    );
+    let backend = &job.backend;
+    let values = values![
+        job.id,
+        tx.now().await?,
+        job.problem.as_ref().map(json),
+        backend.used.map(enum_to_sql),
+        &backend.device,
+        &backend.fallback,
+    ];
+    tx.all(sql, values).await?.iter().map(to_change).collect()
+}
+
+/// Queues the first of the jobs that wait for `id`; the others wait for it from now on.
+pub(super) async fn promote(tx: &mut Tx<'_>, id: JobId) -> Result<Vec<Change>, SqlError> {
+    let first = format!("SELECT f.id {} AND NOT l.shares ORDER BY f.rank, f.id LIMIT 1", waiting(tx));
+    while let Some(row) = tx.optional(first.clone(), values![id]).await? {
+        // It may have been cancelled meanwhile; then it is the turn of the next.
+        let sql = "UPDATE jobs SET shares = FALSE, version = version + 1 \
+                   WHERE id = $1 AND finished_at IS NULL RETURNING id, version";
+        if let Some(row) = tx.optional(sql, values![row.id("id")?]).await? {
+            return Ok(vec![to_change(&row)?]);
+        }
+    }
+    Ok(Vec::new())
+}
+
+fn to_change(row: &Row) -> Result<Change, SqlError> {
+    Ok(Change { id: row.id("id")?, version: Some(row.count("version")?) })
+}
