@@ -151,12 +151,13 @@ pub(super) async fn create(
 ) -> Result<Response, Problem> {
     let key = key_of(&headers, &body)?;
     let submitted = match check_body(&state, &body).await {
-        Ok(accepted) => queue(&state, NewJob { idempotency: key, ..new_job(&caller, accepted) }).await?,
+        Ok(Accepted { request, spec, .. }) => {
+            queue(&state, NewJob { idempotency: key, ..new_job(&caller, request, &spec) }).await?
+        }
         // A replayed request is not refused because of what has changed since: a lower limit, or a GPU worker that has gone.
         Err(refusal) => Submitted::Replayed(earlier(&state, caller.owner(), key).await.ok_or(refusal)?),
     };
-    let replayed = matches!(submitted, Submitted::Replayed(_));
-    if !replayed {
+    if !matches!(submitted, Submitted::Replayed(_)) {
         audit(&caller, "model created", submitted.job().id);
     }
     let mut job = submitted.job().clone();
@@ -165,7 +166,7 @@ pub(super) async fn create(
     if let Some((time, _)) = waited {
         job = until_ended(&state, job, time).await;
     }
-    let mut response = created(&state, &job, replayed, At::Root)?;
+    let mut response = created(&state, &submitted, &job, At::Root)?;
     let headers = response.headers_mut();
     if let Some(Ok(applied)) = waited.map(|(time, _)| HeaderValue::try_from(format!("wait={}", time.as_secs()))) {
         headers.insert(PREFERENCE_APPLIED, applied);
@@ -173,12 +174,12 @@ pub(super) async fn create(
     Ok(response)
 }
 
-/// The answer to a request that made this model, or that is a repetition of such a request.
-pub(super) fn created(state: &AppState, job: &Job, replayed: bool, at: At) -> Result<Response, Problem> {
-    let status = match () {
-        () if job.reused_from.is_some() => StatusCode::CREATED,
-        () if job.status.is_ended() => StatusCode::OK,
-        () => StatusCode::ACCEPTED,
+/// The answer to a submission, with the job as it is now.
+pub(super) fn created(state: &AppState, submitted: &Submitted, job: &Job, at: At) -> Result<Response, Problem> {
+    let status = match submitted {
+        Submitted::Reused(_) => StatusCode::CREATED,
+        _ if job.status.is_ended() => StatusCode::OK,
+        _ => StatusCode::ACCEPTED,
     };
     let mut response = answer(state, status, job, Detail::Full, at)?;
     let headers = response.headers_mut();
@@ -188,7 +189,7 @@ pub(super) fn created(state: &AppState, job: &Job, replayed: bool, at: At) -> Re
     if status == StatusCode::ACCEPTED {
         headers.insert(header::RETRY_AFTER, retry_after(job));
     }
-    if replayed {
+    if matches!(submitted, Submitted::Replayed(_)) {
         headers.insert(IDEMPOTENCY_REPLAYED, HeaderValue::from_static("true"));
     }
     Ok(response)
@@ -206,7 +207,7 @@ pub(super) async fn earlier(state: &AppState, owner: Option<&str>, key: Option<(
 }
 
 /// The job of an accepted request.
-pub(super) fn new_job(caller: &Caller, Accepted { request, spec, .. }: Accepted) -> NewJob {
+pub(super) fn new_job(caller: &Caller, request: ModelRequest, spec: &ModelSpec) -> NewJob {
     let seed = request.seed.unwrap_or_else(draw_seed);
     NewJob {
         preset: request.preset,
@@ -220,7 +221,7 @@ pub(super) fn new_job(caller: &Caller, Accepted { request, spec, .. }: Accepted)
         engine: crate::ENGINE_VERSION.to_owned(),
         reuse: request.reuse,
         missing: Vec::new(),
-        batch_key: Some(batch_key(&spec)),
+        batch_key: Some(batch_key(spec)),
         idempotency: None,
         owner: caller.owner().map(str::to_owned),
         quota: caller.quota(),

@@ -55,17 +55,16 @@ pub(super) async fn retry(
     // Of the same owner, whoever retries it.
     let owner = failed.owner.clone();
     let submitted = match again(&state, &failed).await {
-        Ok(accepted) => {
-            let new = new_job(&caller, accepted);
+        Ok(Accepted { request, spec, .. }) => {
+            let new = new_job(&caller, request, &spec);
             queue(&state, NewJob { idempotency: key, owner, retry_of: Some(id), ..new }).await?
         }
         Err(refusal) => Submitted::Replayed(earlier(&state, owner.as_deref(), key).await.ok_or(refusal)?),
     };
-    let replayed = matches!(submitted, Submitted::Replayed(_));
-    if !replayed {
+    if !matches!(submitted, Submitted::Replayed(_)) {
         audit(&caller, "model retried", submitted.job().id);
     }
-    created(&state, submitted.job(), replayed, At::Model)
+    created(&state, &submitted, submitted.job(), At::Model)
 }
 
 /// The request of a failed model, checked as a new one is: limits may have changed since.

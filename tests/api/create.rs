@@ -207,6 +207,32 @@ async fn a_finished_model_of_the_same_digest_is_reused() {
 }
 
 #[tokio::test]
+async fn equal_requests_in_flight_share_one_growth() {
+    let app = App::new().await;
+    let first = app.model(7).await;
+    let body = json!({ "seed": 7 });
+    let wait = [("prefer", "wait=30"), ("idempotency-key", "k")];
+    let (held, ()) = tokio::join!(app.post_with("/models", &wait, &body), async {
+        while app.get("/models").await.json()["models"].as_array().unwrap().len() < 2 {
+            tokio::task::yield_now().await;
+        }
+        let batch = app.post("/batches", &json!({ "seeds": [7, 8] })).await.json();
+        assert_eq!(batch["counts"]["queued"], 2);
+        app.finish(app.claim().await, &files()).await;
+    });
+    let model = held.json();
+    assert_eq!((held.status.as_u16(), &model["status"]), (200, &json!("succeeded")), "{held:?}");
+    assert_eq!(model["reused_from"].as_str().unwrap(), id(&first).to_string());
+    assert_eq!((&model["attempts"], &model["started_at"]), (&json!(0), &Value::Null));
+    assert_eq!(app.get(&format!("{}/files/model.glb", held.location())).await.body, "glTF");
+    let again = app.post_with("/models", &wait[1..], &body).await;
+    assert_eq!((again.status.as_u16(), again.header("idempotency-replayed")), (200, Some("true")));
+    // Of the batch only the other seed is left.
+    assert_eq!(app.claim().await.job().seed, 8);
+    assert_eq!(app.get("/models?status=queued").await.json()["models"], json!([]));
+}
+
+#[tokio::test]
 async fn a_model_whose_file_is_missing_is_not_reused() {
     let app = App::new().await;
     let first = app.finished(7, &files()).await;

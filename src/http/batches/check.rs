@@ -30,14 +30,12 @@ pub(super) struct AcceptedBatch {
 /// A point of a study.
 pub(super) struct Point {
     pub(super) spec: ModelSpec,
-    /// The spec as JSON.
-    pub(super) json: Value,
     pub(super) cost: Cost,
 }
 
 impl Point {
     fn new(request: &ModelRequest, spec: ModelSpec) -> Self {
-        Self { cost: cost(request, &spec), json: spec.to_json(), spec }
+        Self { cost: cost(request, &spec), spec }
     }
 }
 
@@ -52,7 +50,7 @@ pub(super) async fn check_body(state: &AppState, body: &Value) -> Result<Accepte
             AcceptedBatch { points: vec![Point::new(&request, spec)], request, seeds, study: None }
         }
     };
-    let bytes = accepted.points.iter().map(|point| point.json.to_string().len()).sum::<usize>();
+    let bytes = accepted.points.iter().map(|point| point.spec.to_json().to_string().len()).sum::<usize>();
     let bytes = bytes.saturating_mul(accepted.seeds.len());
     if bytes > SPECS_MAX {
         let place = if accepted.study.is_some() { "/vary" } else { "/spec" };

@@ -1,11 +1,11 @@
 //! `POST /batches` and `POST /batches/validate`: from a request to queued models.
 
-use super::check::{AcceptedBatch, check_body};
+use super::check::{AcceptedBatch, Point, check_body};
 use super::read::answer;
 use super::request::Seeds;
 use crate::http::AppState;
 use crate::http::access::{Caller, audit};
-use crate::http::create::{draw_seed, key_of};
+use crate::http::create::{draw_seed, key_of, new_job};
 use crate::http::dto::Batch;
 use crate::http::headers::IDEMPOTENCY_REPLAYED;
 use crate::http::json::JsonBody;
@@ -15,8 +15,7 @@ use crate::http::study::StoredStudy;
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{self, NewBatch, NewJob, StoreError, SubmittedBatch};
 use crate::spec::study::Study;
-use crate::spec::{Cost, batch_key};
-use crate::trace;
+use crate::spec::Cost;
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -82,33 +81,14 @@ async fn submit(
     vary: &Value,
     idempotency: Option<(String, String)>,
 ) -> Result<SubmittedBatch, StoreError> {
-    let trace = trace::current();
     let seeds = match seeds {
         Seeds::These(seeds) => seeds,
         Seeds::Count(count) => draw(count),
     };
     let mut jobs = Vec::with_capacity(points.len() * seeds.len());
-    for point in &points {
-        let key = batch_key(&point.spec);
-        jobs.extend(seeds.iter().map(|&seed| NewJob {
-            preset: request.preset.clone(),
-            seed,
-            spec: point.json.clone(),
-            outputs: request.outputs.clone(),
-            backend: request.backend,
-            labels: request.labels.clone(),
-            priority: request.priority,
-            digest: point.spec.digest(seed),
-            engine: crate::ENGINE_VERSION.to_owned(),
-            reuse: request.reuse,
-            missing: Vec::new(),
-            batch_key: Some(key.clone()),
-            idempotency: None,
-            owner: caller.owner().map(str::to_owned),
-            quota: caller.quota(),
-            trace: trace.clone(),
-            retry_of: None,
-        }));
+    for Point { spec, .. } in &points {
+        let new = new_job(caller, request.clone(), spec);
+        jobs.extend(seeds.iter().map(|&seed| NewJob { seed, digest: spec.digest(seed), ..new.clone() }));
     }
     let study = study.map(|study| StoredStudy::new(vary.clone(), &study, seeds).to_json());
     exclude_missing_files(&*state.store, &state.artifacts, &mut jobs).await?;
