@@ -4,14 +4,17 @@
 
 use super::AppState;
 use super::problem::{Kind, Problem};
-use axum::body::Body;
+use axum::body::{Body, HttpBody};
 use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, header};
-use bytes::Bytes;
-use http_body_util::{BodyExt, LengthLimitError, Limited};
+use http_body_util::BodyExt;
 use serde::de::{self, Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde_json::{Map, Value};
 use std::time::Duration;
+
+/// How much of a body beyond the limit is read and discarded. A connection that is closed before the body has been read is
+/// reset, and a client or proxy that still sends may lose the answer.
+const READ_MAX: usize = 8 << 20;
 
 /// The JSON body of a request.
 pub(super) struct JsonBody(pub(super) Value);
@@ -21,8 +24,8 @@ impl FromRequest<AppState> for JsonBody {
 
     async fn from_request(request: Request, state: &AppState) -> Result<Self, Problem> {
         check_media_type(request.headers())?;
-        let limit = state.limits.body_bytes;
-        let bytes = read(request.into_body(), limit, state.limits.body_time).await?;
+        let waits = request.headers().contains_key(header::EXPECT);
+        let bytes = read(request.into_body(), waits, state.limits.body_bytes, state.limits.body_time).await?;
         parse(&bytes).map(Self)
     }
 }
@@ -45,15 +48,30 @@ fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {
     }
 }
 
-async fn read(body: Body, limit: usize, time: Duration) -> Result<Bytes, Problem> {
+/// The bytes of a body. `waits`: the client sends it only when it is read (`Expect: 100-continue`).
+async fn read(mut body: Body, waits: bool, limit: usize, time: Duration) -> Result<Vec<u8>, Problem> {
     let too_large =
         || Problem::new(Kind::PayloadTooLarge, format!("A body may have at most {limit} bytes.")).with("limit", limit);
-    if axum::body::HttpBody::size_hint(&body).lower() > limit as u64 {
+    let stated = body.size_hint().lower();
+    if stated > limit as u64 && (waits || stated > READ_MAX as u64) {
         return Err(too_large());
     }
-    match tokio::time::timeout(time, Limited::new(body, limit).collect()).await {
-        Ok(Ok(collected)) => Ok(collected.to_bytes()),
-        Ok(Err(error)) if error.is::<LengthLimitError>() => Err(too_large()),
+    let all = async {
+        let (mut bytes, mut length) = (Vec::new(), 0);
+        while length <= READ_MAX
+            && let Some(frame) = body.frame().await
+        {
+            let data = frame?.into_data().unwrap_or_default();
+            length += data.len();
+            if length <= limit {
+                bytes.extend_from_slice(&data);
+            }
+        }
+        Ok::<_, axum::Error>((bytes, length))
+    };
+    match tokio::time::timeout(time, all).await {
+        Ok(Ok((_, length))) if length > limit => Err(too_large()),
+        Ok(Ok((bytes, _))) => Ok(bytes),
         Ok(Err(_)) => Err(Problem::new(Kind::BadRequest, "The connection ended within the body.")),
         Err(_) => Err(Problem::new(Kind::RequestTimeout, "The body did not arrive in time.")),
     }

@@ -5,6 +5,8 @@ use axum::body::{Body, Bytes};
 use axum::http::{Method, header};
 use serde_json::{Value, json};
 use std::convert::Infallible;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 async fn raw(app: &App, body: impl Into<Body>) -> Reply {
     app.request(Method::POST, "/models", &[("content-type", "application/json")], body.into()).await
@@ -140,6 +142,23 @@ async fn a_body_that_is_too_large_is_refused_with_and_without_its_length() {
     assert_eq!(reply.status, 413);
     let fits = [vec![b' '; (1 << 20) - 2], b"{}".to_vec()].concat();
     assert_eq!(raw(&app, fits).await.status, 202);
+}
+
+/// Or else the connection would be reset while the client sends, and the answer lost.
+#[tokio::test]
+async fn a_body_that_is_too_large_is_read_to_its_end() {
+    let app = App::new().await;
+    let sent = Arc::new(AtomicUsize::new(0));
+    let counted = sent.clone();
+    let parts = (0..1024).map(move |n| {
+        counted.store(n + 1, Ordering::Relaxed);
+        Ok::<_, Infallible>(Bytes::from_static(&[b' '; 4096]))
+    });
+    let reply = raw(&app, Body::from_stream(futures_util::stream::iter(parts))).await;
+    assert_eq!((reply.status.as_u16(), sent.load(Ordering::Relaxed)), (413, 1024));
+    // A client that asks first is answered at once.
+    let headers = [("content-type", "application/json"), ("expect", "100-continue")];
+    assert_eq!(app.request(Method::POST, "/models", &headers, Body::from(vec![b' '; 4 << 20])).await.status, 413);
 }
 
 #[tokio::test]
