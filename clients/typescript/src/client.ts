@@ -130,7 +130,7 @@ export class Oviduct {
     this.#reconnects = reconnects;
   }
 
-  /** The URL of the service, with a slash at its end. */
+  /** The URL of the service, with a slash at its end and without the key. */
   get url(): string {
     return this.#transport.base.href;
   }
@@ -153,6 +153,7 @@ export class Oviduct {
     return this.#post("models/validate", options, request);
   }
 
+  /** The present state of a model; with its spec, unless `view` is `summary`. */
   get(id: string, options: CallOptions & ViewOptions = {}): Promise<Model> {
     return this.#get(`models/${segment(id)}`, options, { view: options.view });
   }
@@ -210,6 +211,7 @@ export class Oviduct {
     return this.#post("batches/validate", options, request);
   }
 
+  /** A batch: the ids of its models, their number by status, and its study. */
   getBatch(id: string, options: CallOptions = {}): Promise<Batch> {
     return this.#get(`batches/${segment(id)}`, options);
   }
@@ -230,6 +232,7 @@ export class Oviduct {
     return this.#get("batches", options, { ...conditions(filter), limit, cursor });
   }
 
+  /** Cancels all models of a batch that have not ended. */
   cancelBatch(id: string, options: CallOptions = {}): Promise<Batch> {
     return this.#post(`batches/${segment(id)}/cancel`, options);
   }
@@ -365,7 +368,7 @@ export class Oviduct {
     return Sections.parse(await this.bytes(id, "sections.bin", options));
   }
 
-  /** One cross section. */
+  /** One cross section as points in micrometres; `index` counts from 0 at the isthmus end. */
   section(id: string, index: number, options: CallOptions = {}): Promise<SectionJson> {
     return this.#get(`models/${segment(id)}/sections/${index}`, options, { format: "json" });
   }
@@ -382,6 +385,7 @@ export class Oviduct {
 
   // The service.
 
+  /** Name, title and subject of each preset, the default one first. */
   presets(options: CallOptions = {}): Promise<PresetList> {
     return this.#get("presets", options);
   }
@@ -406,6 +410,7 @@ export class Oviduct {
     return this.#transport.json({ ...this.#call("GET", "readyz", options), once: true });
   }
 
+  /** The workers that sent a heartbeat within the last minutes, and what they grow. */
   workers(options: CallOptions = {}): Promise<WorkerList> {
     return this.#get("workers", options);
   }
@@ -415,18 +420,22 @@ export class Oviduct {
     return this.#post("workers/pause", options);
   }
 
+  /** Ends the pause of all workers; those that are paused themselves stay so. */
   resumeWorkers(options: CallOptions = {}): Promise<WorkerList> {
     return this.#post("workers/resume", options);
   }
 
+  /** Pauses one worker. */
   pauseWorker(id: string, options: CallOptions = {}): Promise<Worker> {
     return this.#post(`workers/${segment(id)}/pause`, options);
   }
 
+  /** Ends the pause of one worker. */
   resumeWorker(id: string, options: CallOptions = {}): Promise<Worker> {
     return this.#post(`workers/${segment(id)}/resume`, options);
   }
 
+  /** Lets one worker finish what it grows; it starts no more models until it is resumed. */
   drainWorker(id: string, options: CallOptions = {}): Promise<Worker> {
     return this.#post(`workers/${segment(id)}/drain`, options);
   }

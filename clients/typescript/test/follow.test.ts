@@ -53,7 +53,11 @@ test("a stream is resumed after the last event, with all its parameters", async 
       }
       answer.writeHead(200, { "content-type": "text/event-stream" });
       // Line ends of all kinds, in pieces; a comment, an id alone, and an event that is not complete.
-      const pieces = [": hi\r", "\nevent: status\r\nid: 1\r\ndata: {\"id\":\r\ndata: \"m\",\"status\":\"running\"}\r\n\r\nid: 2\r\r", "event: end\ndata: {"];
+      const pieces = [
+        ": hi\r",
+        '\nevent: status\r\nid: 1\r\ndata: {"id":\r\ndata: "m","status":"running"}\r\n\r\nid: 2\r\r',
+        "event: end\ndata: {",
+      ];
       if (asked.length > 3) return void answer.end(END);
       const next = () => {
         const piece = pieces.shift();
