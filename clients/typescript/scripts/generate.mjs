@@ -1,0 +1,26 @@
+// Generates src/schema.ts from openapi.yaml; with --check fails if it differs.
+import openapiTS, { astToString, COMMENT_HEADER } from "openapi-typescript";
+import { readFile, writeFile } from "node:fs/promises";
+
+const source = new URL("../../../openapi.yaml", import.meta.url);
+const target = new URL("../src/schema.ts", import.meta.url);
+
+const types = await openapiTS(source, {
+  // A default does not make a member of a request required.
+  defaultNonNullable: false,
+  emptyObjectsUnknown: true,
+  transform(schema) {
+    // Alternatives that say only which members are required would become `unknown`, and so the whole type.
+    const isCondition = (one) => Object.keys(one).join() === "required";
+    if (schema.anyOf?.every(isCondition)) delete schema.anyOf;
+    return undefined;
+  },
+});
+const text = COMMENT_HEADER + astToString(types);
+
+if (!process.argv.includes("--check")) {
+  await writeFile(target, text);
+} else if ((await readFile(target, "utf8")) !== text) {
+  console.error("src/schema.ts is not that of openapi.yaml: run `npm run generate` in clients/typescript");
+  process.exitCode = 1;
+}

@@ -1,0 +1,531 @@
+import { OviductConnectionError, OviductError } from "./errors.js";
+import { openEventSource, readEvents, type EventSourceClass, type RawEvent } from "./events.js";
+import { Sections } from "./sections.js";
+import { absolute, sleep, Transport, type Call, type Query } from "./transport.js";
+import type {
+  Applied,
+  Batch,
+  BatchFilter,
+  BatchPage,
+  BatchRequest,
+  BatchValidation,
+  CallOptions,
+  FollowFilter,
+  Health,
+  Model,
+  ModelEvent,
+  ModelFilter,
+  ModelPage,
+  ModelRequest,
+  ModelState,
+  Preset,
+  PresetList,
+  Report,
+  SectionJson,
+  Table,
+  Validation,
+  Worker,
+  WorkerList,
+} from "./types.js";
+
+/** Options of a client. */
+export interface OviductOptions {
+  /** Sent as `Authorization: Bearer`. It appears in no error and no URL. */
+  key?: string | undefined;
+  /** Sends the requests; the global `fetch` by default. */
+  fetch?: typeof fetch | undefined;
+  /** Receives events; the global one by default. `null` for `fetch`, which is used too where there is none. */
+  eventSource?: EventSourceClass | null | undefined;
+  /** Milliseconds that one attempt of a request may take, without the body of a download; 60,000 by default. */
+  timeout?: number | undefined;
+  /** How often a request is sent at most, if it gets no answer, or 408, 429, 502, 503 or 504; 6 by default. */
+  attempts?: number | undefined;
+  /** How many connections in a row may fail before `follow` gives up; 20 by default. */
+  reconnects?: number | undefined;
+  /** Longest wait between attempts, in milliseconds; 30,000 by default. If `Retry-After` is longer, the call fails at once. */
+  maxDelay?: number | undefined;
+}
+
+/** Options of `submit`, `submitBatch` and `retry`. */
+export interface SubmitOptions extends CallOptions {
+  /** The same key with the same request gives the same result. A random one by default, so that retries are safe. */
+  idempotencyKey?: string | undefined;
+}
+
+/** Options of `list` and `listBatches`. */
+export interface ListOptions extends CallOptions {
+  /** Number of entries that one request asks for, 1 to 100; 20 by default. */
+  pageSize?: number | undefined;
+}
+
+/** Options of `listPage` and `listBatchesPage`. */
+export interface PageOptions extends ListOptions {
+  /** `next` of the previous page. */
+  cursor?: string | undefined;
+}
+
+/** How much of each model is sent: without (`summary`) or with its spec (`full`). */
+export interface ViewOptions {
+  view?: "summary" | "full" | undefined;
+}
+
+/** Options of `follow`. */
+export interface FollowOptions extends CallOptions, ViewOptions {
+  /** `id` of the last event that was seen, of a stream of the same models. */
+  lastEventId?: string | undefined;
+}
+
+/** Options of `wait`. */
+export interface WaitOptions extends CallOptions {
+  /** Called with each new state. */
+  onProgress?: ((model: ModelState) => void) | undefined;
+}
+
+/** Options of `waitBatch`. */
+export interface WaitBatchOptions extends CallOptions {
+  /** Called with each new state of a model of the batch. */
+  onProgress?: ((model: ModelState) => void) | undefined;
+}
+
+/** Options of `file`. */
+export interface FileOptions extends CallOptions {
+  /** First and last byte, both included; a negative number is that many bytes at the end. */
+  range?: readonly [first: number, last: number] | number | undefined;
+}
+
+/** Options of `archive` and `archiveUrl`. */
+export interface ArchiveOptions extends CallOptions {
+  /** Names of files; all by default. */
+  files?: string[] | undefined;
+  format?: "zip" | "tar" | undefined;
+}
+
+/** Which models `cancelAll` and `deleteAll` are for. Conditions, or explicitly all. */
+export type Which = ModelFilter & { all?: boolean | undefined };
+
+/** Time after which a connection without events counts as one that worked, in milliseconds. */
+const LASTING = 5000;
+
+/**
+ * A client of an oviduct service. Members of requests and answers have their names on the wire; `href` of files is absolute.
+ *
+ * Every method throws {@link OviductError} if the service refuses, {@link OviductConnectionError} if no answer came after all
+ * attempts, and `signal.reason` if its signal is aborted.
+ */
+export class Oviduct {
+  readonly #transport: Transport;
+  readonly #eventSource: EventSourceClass | undefined;
+  readonly #reconnects: number;
+
+  /**
+   * @param url Where the service is, with the path prefix of a proxy if there is one: `https://lab.example/oviduct`.
+   * @throws TypeError if the URL or the key cannot be one.
+   */
+  constructor(url: string | URL, options: OviductOptions = {}) {
+    const { key, timeout = 60_000, attempts = 6, maxDelay = 30_000, reconnects = 20 } = options;
+    const send = options.fetch ?? ((input, init) => globalThis.fetch(input, init));
+    this.#transport = new Transport(url, { key, fetch: send, timeout, attempts, maxDelay });
+    const found = (globalThis as { EventSource?: EventSourceClass }).EventSource;
+    this.#eventSource = options.eventSource === null ? undefined : (options.eventSource ?? found);
+    this.#reconnects = reconnects;
+  }
+
+  /** The URL of the service, with a slash at its end and without the key. */
+  get url(): string {
+    return this.#transport.base.href;
+  }
+
+  // Models.
+
+  /**
+   * Requests a model. It is queued, unless a finished one of the same spec and seed is reused.
+   *
+   * @param options.wait Seconds for which the service holds its answer until the model has ended, 1 to 60.
+   */
+  submit(request: ModelRequest = {}, options: SubmitOptions & { wait?: number | undefined } = {}): Promise<Model> {
+    const { wait } = options;
+    const prefer = wait === undefined ? undefined : { headers: { prefer: `wait=${wait}` }, held: wait * 1000 };
+    return this.#create("models", request, options, prefer);
+  }
+
+  /** Checks a request and predicts its cost, without queueing anything. The error of an invalid one names every fault. */
+  validate(request: ModelRequest, options: CallOptions = {}): Promise<Validation> {
+    return this.#post("models/validate", options, request);
+  }
+
+  /** The present state of a model; with its spec, unless `view` is `summary`. */
+  get(id: string, options: CallOptions & ViewOptions = {}): Promise<Model> {
+    return this.#get(`models/${segment(id)}`, options, { view: options.view });
+  }
+
+  /** The models that match, newest first, page by page as they are iterated. */
+  async *list(filter: ModelFilter = {}, options: ListOptions & ViewOptions = {}): AsyncGenerator<Model, void> {
+    let cursor: string | undefined;
+    do {
+      const page = await this.listPage(filter, { ...options, cursor });
+      yield* page.models;
+      cursor = page.next ?? undefined;
+    } while (cursor !== undefined);
+  }
+
+  /** One page of the models that match, newest first. */
+  listPage(filter: ModelFilter = {}, options: PageOptions & ViewOptions = {}): Promise<ModelPage> {
+    const { pageSize: limit, cursor, view } = options;
+    return this.#get("models", options, { ...conditions(filter), view, limit, cursor });
+  }
+
+  /** Cancels a model: a queued one at once, a running one within a second. One that has ended does not change. */
+  cancel(id: string, options: CallOptions = {}): Promise<Model> {
+    return this.#post(`models/${segment(id)}/cancel`, options);
+  }
+
+  /** Deletes a model and its files; cancels it before, if it has not ended. */
+  delete(id: string, options: CallOptions = {}): Promise<void> {
+    return this.#delete(`models/${segment(id)}`, options);
+  }
+
+  /** Grows a failed model again, as a new model. */
+  retry(id: string, options: SubmitOptions = {}): Promise<Model> {
+    return this.#create(`models/${segment(id)}/retry`, undefined, options);
+  }
+
+  /** Cancels all models that match; with `dryRun` only counts them. */
+  cancelAll(which: Which, options: CallOptions & { dryRun?: boolean | undefined } = {}): Promise<Applied> {
+    return this.#post("models/cancel", options, undefined, { ...conditions(which), dry_run: options.dryRun });
+  }
+
+  /** Deletes all models that match, and their files; with `dryRun` only counts them. */
+  deleteAll(which: Which, options: CallOptions & { dryRun?: boolean | undefined } = {}): Promise<Applied> {
+    return this.#delete("models", options, { ...conditions(which), dry_run: options.dryRun });
+  }
+
+  // Batches and studies.
+
+  /** Requests many models of one spec, or of the points of a study (`vary`): all of them, or none. */
+  submitBatch(request: BatchRequest, options: SubmitOptions = {}): Promise<Batch> {
+    return this.#create("batches", request, options);
+  }
+
+  /** Checks a batch, and gives its points and their predicted cost, without queueing anything. */
+  validateBatch(request: BatchRequest, options: CallOptions = {}): Promise<BatchValidation> {
+    return this.#post("batches/validate", options, request);
+  }
+
+  /** A batch: the ids of its models, their number by status, and its study. */
+  getBatch(id: string, options: CallOptions = {}): Promise<Batch> {
+    return this.#get(`batches/${segment(id)}`, options);
+  }
+
+  /** The batches that match, newest first, without the ids of their models. */
+  async *listBatches(filter: BatchFilter = {}, options: ListOptions = {}): AsyncGenerator<Batch, void> {
+    let cursor: string | undefined;
+    do {
+      const page = await this.listBatchesPage(filter, { ...options, cursor });
+      yield* page.batches;
+      cursor = page.next ?? undefined;
+    } while (cursor !== undefined);
+  }
+
+  /** One page of the batches that match, newest first. */
+  listBatchesPage(filter: BatchFilter = {}, options: PageOptions = {}): Promise<BatchPage> {
+    const { pageSize: limit, cursor } = options;
+    return this.#get("batches", options, { ...conditions(filter), limit, cursor });
+  }
+
+  /** Cancels all models of a batch that have not ended. */
+  cancelBatch(id: string, options: CallOptions = {}): Promise<Batch> {
+    return this.#post(`batches/${segment(id)}/cancel`, options);
+  }
+
+  /** Deletes a batch with all its models. */
+  deleteBatch(id: string, options: CallOptions = {}): Promise<void> {
+    return this.#delete(`batches/${segment(id)}`, options);
+  }
+
+  /** The models of a batch as a table: varied values, seed, status and all figures. */
+  table(id: string, options: CallOptions = {}): Promise<Table> {
+    return this.#get(`batches/${segment(id)}/table`, options, { format: "json" });
+  }
+
+  /** The table of a batch as CSV (RFC 4180). */
+  tableCsv(id: string, options: CallOptions = {}): Promise<string> {
+    const call = this.#call("GET", `batches/${segment(id)}/table`, options, { format: "csv" });
+    return this.#transport.send(call, (response) => response.text());
+  }
+
+  /** The URL of the CSV table of a batch, for a link; see {@link downloadUrl}. */
+  tableUrl(id: string, options: CallOptions = {}): Promise<string> {
+    return this.#link(`batches/${segment(id)}/table`, { format: "csv" }, options);
+  }
+
+  /** The files of all models of a batch as one archive, whose body is not read yet. */
+  archive(id: string, options: ArchiveOptions = {}): Promise<Response> {
+    const call = this.#call("GET", `batches/${segment(id)}/archive`, options, archiveQuery(options));
+    return this.#transport.send(call, (response) => response);
+  }
+
+  /** The URL of the archive of a batch, for a link; see {@link downloadUrl}. */
+  archiveUrl(id: string, options: ArchiveOptions = {}): Promise<string> {
+    return this.#link(`batches/${segment(id)}/archive`, archiveQuery(options), options);
+  }
+
+  // Events.
+
+  /**
+   * Follows one model, or all that match: first their present states, then every change. Connections that break are opened
+   * again, without losing a change; the present state may then come twice. A slow reader skips states, never the last one of
+   * a model.
+   *
+   * Ends after the `end` event of the model, or when all models in `ids` or `batch` have ended; otherwise never. Leave it by
+   * `break` or by the signal.
+   */
+  async *follow(which: string | FollowFilter, options: FollowOptions = {}): AsyncGenerator<ModelEvent, void> {
+    const { signal, view } = options;
+    const one = typeof which === "string";
+    const path = one ? `models/${segment(which)}/events` : "events";
+    const query = one ? {} : { ids: which.ids?.join(","), label: labels(which.labels), batch: which.batch };
+    const awaited = one ? new Set([which]) : which.ids && new Set(which.ids);
+    let last = options.lastEventId;
+    for (let failures = 0; ; ) {
+      const began = Date.now();
+      let problem: unknown;
+      try {
+        const call = this.#call("GET", path, options, { ...query, view, last_event_id: last });
+        const events = await this.#connect(call);
+        if (events === undefined) return;
+        for await (const raw of events) {
+          failures = 0;
+          last = raw.id || last;
+          if (raw.data === "") continue;
+          const event = { type: raw.type, id: raw.id, model: JSON.parse(raw.data) as unknown } as ModelEvent;
+          absolute(event.model, this.#transport.url(path).href);
+          yield event;
+          if (event.type === "end" && awaited?.delete(event.model.id) && awaited.size === 0) return;
+        }
+      } catch (error) {
+        problem = error;
+      }
+      signal?.throwIfAborted();
+      failures = Date.now() - began > LASTING ? 1 : failures + 1;
+      const wait = this.#transport.delay(failures, problem);
+      if (wait === undefined) throw problem;
+      if (failures > this.#reconnects) {
+        throw problem ?? new OviductConnectionError(`GET ${this.url}${path}: the stream breaks off again and again`);
+      }
+      // An unknown id also brings the models that have ended meanwhile.
+      last ??= "none";
+      await sleep(wait, signal);
+    }
+  }
+
+  /** Waits until a model has ended; gives it, whether it has succeeded, failed or was cancelled. */
+  async wait(id: string, options: WaitOptions = {}): Promise<Model> {
+    const { onProgress, signal } = options;
+    for await (const { model } of this.follow(id, { signal })) {
+      if (model.status !== "deleted") onProgress?.(model);
+    }
+    return this.get(id, { signal });
+  }
+
+  /** Waits until all models of a batch have ended; gives the batch with their number by status. */
+  async waitBatch(id: string, options: WaitBatchOptions = {}): Promise<Batch> {
+    const { onProgress, signal } = options;
+    for await (const { model } of this.follow({ batch: id }, { signal })) {
+      if (model.status !== "deleted") onProgress?.(model);
+    }
+    return this.getBatch(id, { signal });
+  }
+
+  // Files of models that have succeeded.
+
+  /** A file of a model, such as `model.glb`, whose body is not read yet. With a range its status is 206. */
+  file(id: string, name: string, options: FileOptions = {}): Promise<Response> {
+    return this.#transport.send(this.#fileCall(id, name, options), (response) => response);
+  }
+
+  /** The bytes of a file. They are compared with its SHA-256, where the entity tag and the page allow it. */
+  bytes(id: string, name: string, options: FileOptions = {}): Promise<ArrayBuffer> {
+    return this.#transport.send(this.#fileCall(id, name, options), async (response) => {
+      const bytes = await response.arrayBuffer();
+      const hash = /^"([0-9a-f]{64})"$/.exec(response.headers.get("etag") ?? "")?.[1];
+      if (hash && response.status === 200 && ((await sha256(bytes)) ?? hash) !== hash) {
+        throw new OviductConnectionError(`${name} of ${id} arrived damaged`);
+      }
+      return bytes;
+    });
+  }
+
+  /**
+   * The URL of a file, for a link that the browser opens. With a key it has a ticket: it is good for one download within 60
+   * seconds, so get it when the user asks for the file.
+   */
+  downloadUrl(id: string, name: string, options: CallOptions = {}): Promise<string> {
+    return this.#link(`models/${segment(id)}/files/${segment(name)}`, {}, options);
+  }
+
+  /** All cross sections, as typed arrays. */
+  async sections(id: string, options: CallOptions = {}): Promise<Sections> {
+    return Sections.parse(await this.bytes(id, "sections.bin", options));
+  }
+
+  /** One cross section as points in micrometres; `index` counts from 0 at the isthmus end. */
+  section(id: string, index: number, options: CallOptions = {}): Promise<SectionJson> {
+    return this.#get(`models/${segment(id)}/sections/${index}`, options, { format: "json" });
+  }
+
+  /** The URL of a picture (SVG) of a cross section, for an image; see {@link downloadUrl}. */
+  sectionUrl(id: string, index: number, options: CallOptions = {}): Promise<string> {
+    return this.#link(`models/${segment(id)}/sections/${index}`, { format: "svg" }, options);
+  }
+
+  /** The certificate and the summary of a model, and what computed it. */
+  report(id: string, options: CallOptions = {}): Promise<Report> {
+    return this.#get(`models/${segment(id)}/report`, options);
+  }
+
+  // The service.
+
+  /** Name, title and subject of each preset, the default one first. */
+  presets(options: CallOptions = {}): Promise<PresetList> {
+    return this.#get("presets", options);
+  }
+
+  /** A preset, with the source of each value. */
+  preset(name: string, options: CallOptions = {}): Promise<Preset> {
+    return this.#get(`presets/${segment(name)}`, options);
+  }
+
+  /** The JSON Schema of a spec. */
+  schema(options: CallOptions = {}): Promise<Record<string, unknown>> {
+    return this.#get("schema", options);
+  }
+
+  /** State and version of the service; fails without a retry. */
+  health(options: CallOptions = {}): Promise<Health> {
+    return this.#transport.json({ ...this.#call("GET", "healthz", options), once: true });
+  }
+
+  /** Whether the service takes work now: fails with `not-ready` otherwise, without a retry. */
+  ready(options: CallOptions = {}): Promise<Health> {
+    return this.#transport.json({ ...this.#call("GET", "readyz", options), once: true });
+  }
+
+  /** The workers that sent a heartbeat within the last minutes, and what they grow. */
+  workers(options: CallOptions = {}): Promise<WorkerList> {
+    return this.#get("workers", options);
+  }
+
+  /** Pauses all workers: they finish what they grow and start no model. Needs the scope `admin`, as do the next four. */
+  pauseWorkers(options: CallOptions = {}): Promise<WorkerList> {
+    return this.#post("workers/pause", options);
+  }
+
+  /** Ends the pause of all workers; those that are paused themselves stay so. */
+  resumeWorkers(options: CallOptions = {}): Promise<WorkerList> {
+    return this.#post("workers/resume", options);
+  }
+
+  /** Pauses one worker. */
+  pauseWorker(id: string, options: CallOptions = {}): Promise<Worker> {
+    return this.#post(`workers/${segment(id)}/pause`, options);
+  }
+
+  /** Ends the pause of one worker. */
+  resumeWorker(id: string, options: CallOptions = {}): Promise<Worker> {
+    return this.#post(`workers/${segment(id)}/resume`, options);
+  }
+
+  /** Lets one worker finish what it grows; it starts no more models until it is resumed. */
+  drainWorker(id: string, options: CallOptions = {}): Promise<Worker> {
+    return this.#post(`workers/${segment(id)}/drain`, options);
+  }
+
+  #call(method: Call["method"], path: string, options: CallOptions, query: Query = {}): Call {
+    return { method, path, query, signal: options.signal };
+  }
+
+  #get<T>(path: string, options: CallOptions, query?: Query): Promise<T> {
+    return this.#transport.json(this.#call("GET", path, options, query));
+  }
+
+  #post<T>(path: string, options: CallOptions, body?: unknown, query?: Query): Promise<T> {
+    return this.#transport.json({ ...this.#call("POST", path, options, query), body });
+  }
+
+  #delete<T>(path: string, options: CallOptions, query?: Query): Promise<T> {
+    return this.#transport.json(this.#call("DELETE", path, options, query));
+  }
+
+  #create<T>(path: string, body: unknown, options: SubmitOptions, more: Partial<Call> = {}): Promise<T> {
+    const headers = { "idempotency-key": options.idempotencyKey ?? randomKey(), ...more.headers };
+    return this.#transport.json({ ...this.#call("POST", path, options), body, ...more, headers });
+  }
+
+  #fileCall(id: string, name: string, options: FileOptions): Call {
+    const { range } = options;
+    const call = this.#call("GET", `models/${segment(id)}/files/${segment(name)}`, options);
+    if (range === undefined) return call;
+    return { ...call, headers: { range: typeof range === "number" ? `bytes=${range}` : `bytes=${range[0]}-${range[1]}` } };
+  }
+
+  /** A URL that works without the key, once. */
+  async #link(path: string, query: Query, options: CallOptions, once = false): Promise<string> {
+    if (!this.#transport.hasKey) return this.#transport.url(path, query).href;
+    // The path of the service itself: a proxy strips its prefix.
+    const call = { ...this.#call("POST", "tickets", options), body: { path: `/${path}` }, once };
+    const { ticket } = await this.#transport.json<{ ticket: string }>(call);
+    return this.#transport.url(path, { ...query, ticket }).href;
+  }
+
+  /** Opens a stream of events; undefined if there is nothing more to come. */
+  async #connect(call: Call): Promise<AsyncGenerator<RawEvent, void> | undefined> {
+    const { path, query = {}, signal } = call;
+    if (this.#eventSource) {
+      const url = await this.#link(path, query, { signal }, true);
+      const events = await openEventSource(this.#eventSource, url, signal);
+      if (events) return events;
+    }
+    // An `EventSource` does not tell why it was not let in, so the same is asked here.
+    return this.#transport.send({ ...call, headers: { accept: "text/event-stream" }, once: true }, async (response) => {
+      if (response.status === 204 || !response.body) return undefined;
+      if (!this.#eventSource) return readEvents(response.body);
+      await response.body.cancel();
+      throw new OviductConnectionError(`GET ${this.url}${path}: the EventSource could not connect`);
+    });
+  }
+}
+
+/** One segment of a path. */
+function segment(text: string): string {
+  // These would lead elsewhere.
+  if (text === "" || text === "." || text === "..") throw new TypeError(`"${text}" is no id or name`);
+  return encodeURIComponent(text);
+}
+
+function labels(own: Record<string, string> | undefined): string[] | undefined {
+  return own && Object.entries(own).map(([key, value]) => `${key}:${value}`);
+}
+
+function conditions(which: Which): Query {
+  const { labels: own, created_after: after, created_before: before, ...same } = which;
+  const time = (at: string | Date | undefined) => (at instanceof Date ? at.toISOString() : at);
+  return { ...same, label: labels(own), created_after: time(after), created_before: time(before) };
+}
+
+function archiveQuery({ files, format }: ArchiveOptions): Query {
+  return { files: files?.join(","), format };
+}
+
+/** 128 random bits. `crypto.randomUUID` is missing in pages that are not secure. */
+function randomKey(): string {
+  return hex(crypto.getRandomValues(new Uint8Array(16)));
+}
+
+/** Undefined in a page that is not secure. */
+async function sha256(bytes: ArrayBuffer): Promise<string | undefined> {
+  return crypto.subtle && hex(new Uint8Array(await crypto.subtle.digest("SHA-256", bytes)));
+}
+
+function hex(bytes: Uint8Array): string {
+  return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
+}

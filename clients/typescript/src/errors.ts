@@ -1,0 +1,72 @@
+import type { Fault, Problem, ProblemSlug, ProblemType } from "./types.js";
+
+const PREFIX = "urn:oviduct:problem:";
+
+/** The service refused a request or failed: the problem (RFC 9457) that it answered. */
+export class OviductError extends Error {
+  override readonly name = "OviductError";
+  /** Status of the response. */
+  readonly status: number;
+  /** Stable type of the problem; `about:blank` if the answer was no problem, such as the error page of a proxy. */
+  readonly type: ProblemType | "about:blank";
+  /** The same for every problem of the type. */
+  readonly title: string;
+  /** What happened. */
+  readonly detail: string;
+  /** The faults of the request, each with its place; empty if the problem has none. */
+  readonly errors: readonly Fault[];
+  /** Id of the request in the logs of the service. */
+  readonly requestId: string | undefined;
+  /** Seconds to wait before the next attempt. */
+  readonly retryAfter: number | undefined;
+  /** The whole problem, with the members that only its type has, such as `limit` or `line`. */
+  readonly problem: Problem | undefined;
+
+  constructor(response: Response, problem?: Problem) {
+    const title = problem?.title ?? (response.statusText || `status ${response.status}`);
+    const detail = problem?.detail ?? `The answer has the status ${response.status} and is not a problem.`;
+    const faults = (problem?.errors ?? []).map((fault) => `\n- ${place(fault)}${fault.detail}`);
+    super(`${title}: ${detail}${faults.join("")}`);
+    this.status = response.status;
+    this.type = problem?.type ?? "about:blank";
+    this.title = title;
+    this.detail = detail;
+    this.errors = problem?.errors ?? [];
+    this.requestId = problem?.request_id ?? response.headers.get("x-request-id") ?? undefined;
+    this.retryAfter = seconds(response.headers.get("retry-after"));
+    this.problem = problem;
+  }
+
+  /** Whether the problem has one of these types, given by their last part: `error.is("unauthorized", "forbidden")`. */
+  is(...slugs: ProblemSlug[]): boolean {
+    return slugs.some((slug) => this.type === PREFIX + slug);
+  }
+
+  /** Reads the problem in a response. */
+  static async of(response: Response): Promise<OviductError> {
+    const isProblem = response.headers.get("content-type")?.startsWith("application/problem+json") ?? false;
+    if (isProblem) {
+      return new OviductError(response, (await response.json()) as Problem);
+    }
+    await response.body?.cancel();
+    return new OviductError(response);
+  }
+}
+
+/** No complete answer came: the service cannot be reached, took too long, or broke off. `cause` is the reason. */
+export class OviductConnectionError extends Error {
+  override readonly name = "OviductConnectionError";
+}
+
+function place(fault: Fault): string {
+  const where = fault.pointer ?? fault.parameter ?? fault.header;
+  return where ? `${where}: ` : "";
+}
+
+/** `Retry-After`: seconds, or a date from a proxy. */
+function seconds(header: string | null): number | undefined {
+  if (header === null) return undefined;
+  if (/^\d+$/.test(header)) return Number(header);
+  const at = Date.parse(header);
+  return Number.isNaN(at) ? undefined : Math.max(0, (at - Date.now()) / 1000);
+}

@@ -1,0 +1,133 @@
+import { OviductConnectionError } from "./errors.js";
+
+/** A server-sent event as it came. An id without data has the type "". */
+export interface RawEvent {
+  type: string;
+  id: string;
+  data: string;
+}
+
+/** What this client uses of an `EventSource`. */
+export interface EventSourceLike {
+  addEventListener(type: string, listener: (event: never) => void): void;
+  close(): void;
+}
+export type EventSourceClass = new (url: string) => EventSourceLike;
+
+/** Names of the events of the service. */
+const TYPES = ["status", "progress", "section", "end"];
+/** Milliseconds without a byte after which a stream counts as broken; the service sends a comment every 15 s. */
+const SILENCE = 60_000;
+
+/**
+ * Opens an `EventSource`. It never reconnects by itself, because its ticket is good for one connection. Undefined if it
+ * was not let in: it does not tell why.
+ */
+export async function openEventSource(
+  EventSource: EventSourceClass,
+  url: string,
+  signal?: AbortSignal,
+): Promise<AsyncGenerator<RawEvent, void> | undefined> {
+  const source = new EventSource(url);
+  // Of a model and a type only the newest event is kept: each holds the whole state, and the reader may be slow.
+  const queue = new Map<string, RawEvent>();
+  let state: "opening" | "open" | "over" = "opening";
+  let wake = () => {};
+  const change = () => new Promise<void>((resolve) => (wake = resolve));
+  const stop = () => {
+    state = "over";
+    source.close();
+    wake();
+  };
+  source.addEventListener("open", () => {
+    state = "open";
+    wake();
+  });
+  source.addEventListener("error", stop);
+  for (const type of TYPES) {
+    source.addEventListener(type, (event: MessageEvent<string>) => {
+      const key = `${type} ${(JSON.parse(event.data) as { id: string }).id}`;
+      queue.delete(key);
+      queue.set(key, { type, id: event.lastEventId, data: event.data });
+      wake();
+    });
+  }
+  if (signal?.aborted) stop();
+  signal?.addEventListener("abort", stop, { once: true });
+  const opened = () => state === "open" || queue.size > 0;
+  while (state === "opening") await change();
+  if (!opened()) {
+    signal?.removeEventListener("abort", stop);
+    signal?.throwIfAborted();
+    return undefined;
+  }
+  return (async function* () {
+    try {
+      for (;;) {
+        signal?.throwIfAborted();
+        const [first] = queue;
+        if (first) {
+          queue.delete(first[0]);
+          yield first[1];
+        } else if (state === "over") {
+          return;
+        } else {
+          await change();
+        }
+      }
+    } finally {
+      signal?.removeEventListener("abort", stop);
+      stop();
+    }
+  })();
+}
+
+/** Reads a body as server-sent events (WHATWG HTML, section 9.2.6). Cancels it when the reader leaves. */
+export async function* readEvents(body: ReadableStream<Uint8Array>): AsyncGenerator<RawEvent, void> {
+  const reader = body.getReader();
+  const decoder = new TextDecoder();
+  let rest = "";
+  let [type, data, id] = ["", "", ""];
+  let named = false;
+  try {
+    for (;;) {
+      const chunk = await orSilence(reader.read());
+      if (chunk.done) return;
+      rest += decoder.decode(chunk.value, { stream: true });
+      // A carriage return at the end may be half of a line end.
+      const lines = rest.split(/\r\n|\n|\r(?!$)/);
+      rest = lines.pop() ?? "";
+      for (const line of lines) {
+        if (line === "") {
+          if (data !== "") yield { type: type || "message", id, data: data.slice(0, -1) };
+          else if (named) yield { type: "", id, data };
+          [type, data, named] = ["", "", false];
+          continue;
+        }
+        const colon = line.indexOf(":");
+        const field = colon < 0 ? line : line.slice(0, colon);
+        const value = colon < 0 ? "" : line.slice(colon + 1).replace(/^ /, "");
+        if (field === "event") type = value;
+        else if (field === "data") data += `${value}\n`;
+        else if (field === "id" && !value.includes("\0")) [id, named] = [value, true];
+      }
+    }
+  } finally {
+    await reader.cancel().catch(() => {});
+  }
+}
+
+/** The result, unless the connection breaks or there is silence for too long. */
+async function orSilence<T>(read: Promise<T>): Promise<T> {
+  let timer: ReturnType<typeof setTimeout> | undefined;
+  const silence = new Promise<never>((_, reject) => {
+    timer = setTimeout(() => reject(new Error(`nothing came for ${SILENCE} ms`)), SILENCE);
+  });
+  try {
+    return await Promise.race([read, silence]);
+  } catch (cause) {
+    throw new OviductConnectionError("the event stream broke off", { cause });
+  } finally {
+    clearTimeout(timer);
+  }
+}

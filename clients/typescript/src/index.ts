@@ -1,0 +1,20 @@
+export { Oviduct } from "./client.js";
+export type {
+  ArchiveOptions,
+  FileOptions,
+  FollowOptions,
+  ListOptions,
+  OviductOptions,
+  PageOptions,
+  SubmitOptions,
+  ViewOptions,
+  WaitBatchOptions,
+  WaitOptions,
+  Which,
+} from "./client.js";
+export { OviductConnectionError, OviductError } from "./errors.js";
+export type { EventSourceClass, EventSourceLike } from "./events.js";
+export { Sections } from "./sections.js";
+export type { Ring, Section, SectionEntry, SectionsHeader } from "./sections.js";
+export type { components, operations, paths } from "./schema.js";
+export type * from "./types.js";

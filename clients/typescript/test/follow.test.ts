@@ -1,0 +1,173 @@
+// Streams of events that break.
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { Oviduct, OviductConnectionError, OviductError, type ModelEvent } from "oviduct-client";
+import { LONG, SMALL, withServer, withService } from "./service.js";
+
+test("a stream goes on through a restart of the service", async () => {
+  await withService([], async (service) => {
+    const key = await service.key();
+    const client = new Oviduct(service.url, { key });
+    const { id } = await client.submit({ ...LONG, seed: 1 });
+    const batch = await client.submitBatch({ ...SMALL, seeds: [1, 2] });
+    const ended = client.waitBatch(batch.id);
+    const events: ModelEvent[] = [];
+    let restarted: Promise<void> | undefined;
+    let before = 0;
+    for await (const event of client.follow(id)) {
+      events.push(event);
+      if (event.type === "progress" && !restarted) {
+        before = events.length;
+        restarted = service.kill().then(() => service.start());
+      }
+    }
+    await restarted;
+    assert(events.slice(before).some((event) => event.type === "progress"), "progress after the restart");
+    const last = events.at(-1);
+    assert(last?.type === "end" && last.model.status === "succeeded");
+    assert(last.model.attempts >= 2, "it was grown again after the restart");
+    assert.equal((await ended).counts.succeeded, 2);
+  });
+});
+
+test("a request waits for a service that is being restarted", async () => {
+  await withService([], async (service) => {
+    await service.kill();
+    const submitted = new Oviduct(service.url).submit({ ...SMALL, seed: 1 });
+    await service.start();
+    assert.equal((await submitted).seed, 1);
+  });
+});
+
+const END = 'event: end\nid: 3\ndata: {"id":"m","status":"succeeded","files":[{"href":"../m/files/model.glb"}]}\n\n';
+
+test("a stream is resumed after the last event, with all its parameters", async () => {
+  const asked: string[] = [];
+  await withServer(
+    (request, answer) => {
+      asked.push(request.url ?? "");
+      if (asked.length === 2) return void request.socket.destroy();
+      if (asked.length === 3) {
+        const headers = { "content-type": "application/problem+json", "retry-after": "1" };
+        return void answer.writeHead(503, headers).end('{"type":"urn:oviduct:problem:too-many-streams"}');
+      }
+      answer.writeHead(200, { "content-type": "text/event-stream" });
+      // Line ends of all kinds, in pieces; a comment, an id alone, and an event that is not complete.
+      const pieces = [
+        ": hi\r",
+        '\nevent: status\r\nid: 1\r\ndata: {"id":\r\ndata: "m","status":"running"}\r\n\r\nid: 2\r\r',
+        "event: end\ndata: {",
+      ];
+      if (asked.length > 3) return void answer.end(END);
+      const next = () => {
+        const piece = pieces.shift();
+        if (piece === undefined) return void answer.destroy();
+        answer.write(piece, () => setTimeout(next, 30));
+      };
+      next();
+    },
+    async (url) => {
+      const events = [];
+      for await (const event of new Oviduct(url).follow("m", { view: "full" })) events.push(event);
+      assert.deepEqual(events.map((event) => [event.type, event.id]), [["status", "1"], ["end", "3"]]);
+      assert.deepEqual(events[0]?.model, { id: "m", status: "running" });
+      assert.equal((events[1]?.model as { files: { href: string }[] }).files[0]?.href, `${url}/models/m/files/model.glb`);
+      assert.deepEqual(asked, [
+        "/models/m/events?view=full",
+        ...Array<string>(3).fill("/models/m/events?view=full&last_event_id=2"),
+      ]);
+    },
+  );
+});
+
+test("a stream without an event is begun anew with what has ended meanwhile", async () => {
+  const asked: string[] = [];
+  await withServer(
+    (request, answer) => {
+      asked.push(request.url ?? "");
+      if (asked.length === 1) return void answer.writeHead(200, { "content-type": "text/event-stream" }).end();
+      answer.writeHead(204).end();
+    },
+    async (url) => {
+      for await (const event of new Oviduct(url).follow({ labels: { a: "b:c", d: "e" } })) assert.fail(event.type);
+      const query = "label=a%3Ab%3Ac&label=d%3Ae";
+      assert.deepEqual(asked, [`/events?${query}`, `/events?${query}&last_event_id=none`]);
+    },
+  );
+});
+
+test("a stream that cannot be opened fails", async () => {
+  const follow = async (client: Oviduct) => {
+    for await (const event of client.follow("m")) assert.fail(event.type);
+  };
+  await withServer(
+    (_, answer) => answer.writeHead(404, { "content-type": "application/problem+json" }).end('{"title":"T"}'),
+    (url) => assert.rejects(follow(new Oviduct(url)), OviductError),
+  );
+  const nobody = new Oviduct("http://127.0.0.1:9", { reconnects: 1 });
+  await assert.rejects(follow(nobody), OviductConnectionError);
+});
+
+/** An EventSource that does what a test says. */
+class Scripted {
+  static urls: string[] = [];
+  static script: ((source: Scripted) => void)[] = [];
+  readonly #listeners = new Map<string, (event: never) => void>();
+  closed = false;
+  constructor(url: string) {
+    Scripted.urls.push(url);
+    const act = Scripted.script.shift();
+    setTimeout(() => act?.(this));
+  }
+  addEventListener(type: string, listener: (event: never) => void): void {
+    this.#listeners.set(type, listener);
+  }
+  close(): void {
+    this.closed = true;
+  }
+  send(type: string, data?: string, lastEventId = ""): void {
+    this.#listeners.get(type)?.({ data, lastEventId } as never);
+  }
+}
+
+test("each EventSource has a ticket of its own, and is closed before the next", async () => {
+  let tickets = 0;
+  const posted: string[] = [];
+  await withServer(
+    (request, answer) => {
+      posted.push(`${request.method} ${request.url}`);
+      assert.equal(request.headers.authorization, "Bearer secret");
+      if (request.method === "GET") return void answer.writeHead(204).end();
+      answer.writeHead(201, { "content-type": "application/json" }).end(`{"ticket":"ovt_${++tickets}"}`);
+    },
+    async (url) => {
+      const used: Scripted[] = [];
+      Scripted.urls = [];
+      Scripted.script = [
+        (source) => {
+          used.push(source);
+          source.send("open");
+          // The reader is slow: of the two states of progress it sees the last.
+          source.send("status", '{"id":"m","status":"running"}', "c-1");
+          source.send("progress", '{"id":"m","status":"running","version":2}', "c-2");
+          source.send("progress", '{"id":"m","status":"running","version":3}', "c-3");
+          source.send("error");
+        },
+        (source) => {
+          used.push(source);
+          source.send("error");
+        },
+      ];
+      const client = new Oviduct(url, { key: "secret", eventSource: Scripted });
+      const events = [];
+      for await (const event of client.follow({ batch: "b" })) events.push(event);
+      assert.deepEqual(events.map((event) => event.id), ["c-1", "c-3"]);
+      assert.deepEqual(Scripted.urls, [
+        `${url}/events?batch=b&ticket=ovt_1`,
+        `${url}/events?batch=b&last_event_id=c-3&ticket=ovt_2`,
+      ]);
+      assert(used.every((source) => source.closed));
+      assert.deepEqual(posted, ["POST /tickets", "POST /tickets", "GET /events?batch=b&last_event_id=c-3"]);
+    },
+  );
+});
