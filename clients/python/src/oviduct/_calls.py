@@ -1,0 +1,327 @@
+"""The requests of the interface, and what to read from their answers. Nothing here sends anything.
+
+A call is a request with a function of the answer. docs/http.md and openapi.yaml in the repository of the service
+describe the interface.
+"""
+
+from __future__ import annotations
+
+import datetime
+import uuid
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, TypeVar
+from urllib.parse import quote
+
+import httpx
+
+from . import types
+from ._steps import Emit, Request, Steps, call
+from .errors import UnexpectedAnswer
+from .sections import Section, section_of
+from .types import (
+    Applied,
+    Batch,
+    BatchRef,
+    BatchValidation,
+    Health,
+    Json,
+    Model,
+    ModelFilter,
+    ModelOptions,
+    ModelRef,
+    Preset,
+    Table,
+    Ticket,
+    Validation,
+    Worker,
+    Workers,
+    read,
+    read_model,
+)
+
+T = TypeVar("T")
+Call = tuple[Request, Callable[[httpx.Response], T]]
+Params = tuple[tuple[str, str], ...]
+# Models or batches of a page of a list.
+PAGE = 100
+
+
+def key(ref: ModelRef | BatchRef) -> str:
+    """The id of a model or a batch, as a segment of a path."""
+    return quote(str(ref.id if isinstance(ref, (Model, Batch)) else ref), safe="")
+
+
+def json(response: httpx.Response) -> Any:
+    """The JSON body; raises UnexpectedAnswer if there is none."""
+    try:
+        return response.json()
+    except ValueError:
+        kind = response.headers.get("content-type", "no media type")
+        raise UnexpectedAnswer(f"the answer is not JSON but {kind}: is this the address of the service?") from None
+
+
+def _object(response: httpx.Response) -> Json:
+    answer = json(response)
+    if not isinstance(answer, dict):
+        raise UnexpectedAnswer("the answer is not a JSON object")
+    return answer
+
+
+def _reads(kind: type[T]) -> Callable[[httpx.Response], T]:
+    return lambda response: read(kind, json(response))
+
+
+def _model(response: httpx.Response) -> Model:
+    return read_model(json(response), str(response.url))
+
+
+def _nothing(_: httpx.Response) -> None:
+    return None
+
+
+def _moment(time: datetime.datetime | str) -> str:
+    """RFC 3339; a time without a zone is local."""
+    return time if isinstance(time, str) else time.astimezone(datetime.timezone.utc).isoformat()
+
+
+def _labels(labels: types.Labels | None) -> Params:
+    return tuple(("label", f"{name}:{value}") for name, value in (labels or {}).items())
+
+
+def filter_params(given: ModelFilter) -> Params:
+    """Query parameters of conditions; those that are None are left out."""
+    _known(given, ModelFilter)
+    params = [(name, given.get(name)) for name in ("status", "preset", "owner")]
+    batch = given.get("batch")
+    params.append(("batch", None if batch is None else key(batch)))
+    for name in ("created_after", "created_before"):
+        time = given.get(name)
+        params.append((name, None if time is None else _moment(time)))  # type: ignore[arg-type]
+    return tuple((name, str(value)) for name, value in params if value is not None) + _labels(given.get("labels"))
+
+
+def _known(given: Mapping[str, Any], kind: Any) -> None:
+    """Python does not check the names of keyword arguments of a TypedDict."""
+    for name in given:
+        if name not in kind.__annotations__:
+            raise TypeError(f"unexpected keyword argument {name!r}; there are {', '.join(kind.__annotations__)}")
+
+
+def _body(options: ModelOptions, **members: Any) -> Json:
+    """The body of a request; members that are None are left to the service."""
+    _known(options, ModelOptions)
+    body = {name: value for name, value in {**options, **members}.items() if value is not None}
+    if "outputs" in body:
+        body["outputs"] = [body["outputs"]] if isinstance(body["outputs"], str) else list(body["outputs"])
+    return body
+
+
+def _post(path: str, body: Json, idempotency_key: str | None) -> Request:
+    return Request("POST", path, headers={"idempotency-key": idempotency_key or str(uuid.uuid4())}, body=body)
+
+
+# Models.
+
+
+def submit(options: ModelOptions, seed: int | None, idempotency_key: str | None) -> Call[Model]:
+    return _post("models", _body(options, seed=seed), idempotency_key), _model
+
+
+def validate(options: ModelOptions, seed: int | None) -> Call[Validation]:
+    return Request("POST", "models/validate", body=_body(options, seed=seed)), _reads(Validation)
+
+
+def model(ref: ModelRef) -> Call[Model]:
+    return Request("GET", f"models/{key(ref)}"), _model
+
+
+def cancel(ref: ModelRef) -> Call[Model]:
+    return Request("POST", f"models/{key(ref)}/cancel"), _model
+
+
+def delete(ref: ModelRef) -> Call[None]:
+    return Request("DELETE", f"models/{key(ref)}"), _nothing
+
+
+def retry(ref: ModelRef, idempotency_key: str | None) -> Call[Model]:
+    headers = {"idempotency-key": idempotency_key or str(uuid.uuid4())}
+    return Request("POST", f"models/{key(ref)}/retry", headers=headers), _model
+
+
+def _bulk(method: str, path: str, every: bool, dry_run: bool, given: ModelFilter) -> Call[Applied]:
+    flags = [(name, "true") for name, is_set in (("all", every), ("dry_run", dry_run)) if is_set]
+    return Request(method, path, params=(*filter_params(given), *flags)), _reads(Applied)
+
+
+def cancel_models(every: bool, dry_run: bool, given: ModelFilter) -> Call[Applied]:
+    return _bulk("POST", "models/cancel", every, dry_run, given)
+
+
+def delete_models(every: bool, dry_run: bool, given: ModelFilter) -> Call[Applied]:
+    return _bulk("DELETE", "models", every, dry_run, given)
+
+
+def pages(path: str, params: Params, reads: Callable[[Any, str], Any], retries: int) -> Steps[None]:
+    """Emits the items of all pages of a list."""
+    cursor: str | None = None
+    while True:
+        at = (("cursor", cursor),) if cursor else ()
+        request = Request("GET", path, params=(*params, ("limit", str(PAGE)), *at))
+        url, page = yield from call(request, lambda response: (str(response.url), _object(response)), retries)
+        for item in page.get(path, ()):
+            yield Emit(reads(item, url))
+        cursor = page.get("next")
+        if not cursor:
+            return
+
+
+def models(spec: bool, given: ModelFilter, retries: int) -> Steps[None]:
+    view = ("view", "full" if spec else "summary")
+    return pages("models", (*filter_params(given), view), read_model, retries)
+
+
+# Events.
+
+
+def events(
+    model: ModelRef | None = None,
+    models: Iterable[ModelRef] | None = None,
+    batch: BatchRef | None = None,
+    labels: types.Labels | None = None,
+    spec: bool = False,
+) -> Request:
+    view = (("view", "full"),) if spec else ()
+    if model is not None:
+        if models is not None or batch is not None or labels:
+            raise TypeError("events of one model take no other conditions")
+        return Request("GET", f"models/{key(model)}/events", params=view)
+    ids = () if models is None else (("ids", ",".join(key(ref) for ref in models)),)
+    of = () if batch is None else (("batch", key(batch)),)
+    return Request("GET", "events", params=(*ids, *of, *_labels(labels), *view))
+
+
+# Files.
+
+
+def file(ref: ModelRef, name: str) -> Request:
+    return Request("GET", f"models/{key(ref)}/files/{quote(name, safe='')}", headers={"accept-encoding": "identity"})
+
+
+def report(ref: ModelRef) -> Call[Json]:
+    return Request("GET", f"models/{key(ref)}/report"), _object
+
+
+def section(ref: ModelRef, index: int) -> Call[Section]:
+    request = Request("GET", f"models/{key(ref)}/sections/{index}", headers={"accept": "application/json"})
+    return request, lambda response: section_of(json(response))
+
+
+def section_svg(ref: ModelRef, index: int) -> Call[str]:
+    request = Request("GET", f"models/{key(ref)}/sections/{index}", headers={"accept": "image/svg+xml"})
+    return request, lambda response: response.text
+
+
+# Batches.
+
+
+def _batch_body(
+    options: ModelOptions, seeds: Iterable[int] | None, count: int | None, vary: Mapping[str, Any] | None
+) -> Json:
+    return _body(options, seeds=None if seeds is None else list(seeds), count=count, vary=vary)
+
+
+def submit_batch(
+    options: ModelOptions,
+    seeds: Iterable[int] | None,
+    count: int | None,
+    vary: Mapping[str, Any] | None,
+    idempotency_key: str | None,
+) -> Call[Batch]:
+    return _post("batches", _batch_body(options, seeds, count, vary), idempotency_key), _reads(Batch)
+
+
+def validate_batch(
+    options: ModelOptions, seeds: Iterable[int] | None, count: int | None, vary: Mapping[str, Any] | None
+) -> Call[BatchValidation]:
+    body = _batch_body(options, seeds, count, vary)
+    return Request("POST", "batches/validate", body=body), _reads(BatchValidation)
+
+
+def batch(ref: BatchRef) -> Call[Batch]:
+    return Request("GET", f"batches/{key(ref)}"), _reads(Batch)
+
+
+def cancel_batch(ref: BatchRef) -> Call[Batch]:
+    return Request("POST", f"batches/{key(ref)}/cancel"), _reads(Batch)
+
+
+def delete_batch(ref: BatchRef) -> Call[None]:
+    return Request("DELETE", f"batches/{key(ref)}"), _nothing
+
+
+def batches(
+    owner: str | None,
+    created_after: datetime.datetime | str | None,
+    created_before: datetime.datetime | str | None,
+    retries: int,
+) -> Steps[None]:
+    params = [] if owner is None else [("owner", owner)]
+    times = (("created_after", created_after), ("created_before", created_before))
+    params += [(name, _moment(time)) for name, time in times if time is not None]
+    return pages("batches", tuple(params), lambda item, _: read(Batch, item), retries)
+
+
+def table(ref: BatchRef) -> Call[Table]:
+    def parse(response: httpx.Response) -> Table:
+        answer = _object(response)
+        return Table(tuple(answer.get("columns", ())), tuple(tuple(row) for row in answer.get("rows", ())))
+
+    return Request("GET", f"batches/{key(ref)}/table", headers={"accept": "application/json"}), parse
+
+
+def archive(ref: BatchRef, files: Sequence[str] | None, form: str) -> Request:
+    names = () if files is None else (("files", ",".join([files] if isinstance(files, str) else files)),)
+    return Request("GET", f"batches/{key(ref)}/archive", params=(*names, ("format", form)))
+
+
+# Presets, access and workers.
+
+
+def presets() -> Call[tuple[Preset, ...]]:
+    def parse(response: httpx.Response) -> tuple[Preset, ...]:
+        return tuple(read(Preset, item) for item in _object(response).get("presets", ()))
+
+    return Request("GET", "presets"), parse
+
+
+def preset(name: str) -> Call[Json]:
+    return Request("GET", f"presets/{quote(name, safe='')}"), _object
+
+
+def schema() -> Call[Json]:
+    return Request("GET", "schema"), _object
+
+
+def health() -> Call[Health]:
+    return Request("GET", "healthz"), _reads(Health)
+
+
+def ticket(path: str, url: Callable[[str], str]) -> Call[Ticket]:
+    def parse(response: httpx.Response) -> Ticket:
+        answer = _object(response)
+        full = f"{url(path.lstrip('/'))}?ticket={quote(str(answer.get('ticket', '')), safe='')}"
+        return read(Ticket, {**answer, "url": full})
+
+    return Request("POST", "tickets", body={"path": path}), parse
+
+
+def workers() -> Call[Workers]:
+    return Request("GET", "workers"), _reads(Workers)
+
+
+def change_workers(verb: str) -> Call[Workers]:
+    return Request("POST", f"workers/{verb}"), _reads(Workers)
+
+
+def change_worker(name: str, verb: str) -> Call[Worker]:
+    return Request("POST", f"workers/{quote(name, safe='')}/{verb}"), _reads(Worker)

@@ -1,0 +1,226 @@
+"""Following models and batches: event streams that survive lost connections, and waits."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import httpx
+
+from . import _calls
+from ._progress import Display
+from ._sse import Parser
+from ._steps import Emit, Open, Read, Request, Send, Sleep, Steps, backoff, call, check, delay
+from .errors import (
+    ConnectionFailed,
+    ModelCancelled,
+    ModelDeleted,
+    ModelFailed,
+    Problem,
+    UnexpectedAnswer,
+    WaitTimeout,
+)
+from .types import Batch, BatchRef, Event, Model, ModelRef, read_event
+
+# Longest silence of a stream, in seconds: the service sends at least a comment every 15 seconds.
+SILENCE = 45.0
+
+
+class Limits(Protocol):
+    """How long to try."""
+
+    @property
+    def retries(self) -> int: ...
+    @property
+    def outage(self) -> float:
+        """Seconds without contact after which a stream is given up."""
+        ...
+
+
+@dataclass(frozen=True)
+class BatchProgress:
+    """How far a batch is."""
+
+    ended: int
+    """Models that have ended."""
+    total: int
+    """All models."""
+    fraction: float
+    """Mean fraction of the models, 0 to 1."""
+
+
+def figures(model: Model) -> tuple[float, str]:
+    """Fraction and text of a progress bar of a model."""
+    progress = model.progress
+    if model.has_ended or progress is None:
+        return (1.0 if model.has_ended else 0.0), model.status
+    return progress.fraction, progress.stage
+
+
+def batch_figures(progress: BatchProgress) -> tuple[float, str]:
+    """Fraction and text of a progress bar of a batch."""
+    return progress.fraction, f"{progress.ended} of {progress.total} models"
+
+
+class Deadline:
+    """The end of a wait."""
+
+    def __init__(self, seconds: float | None) -> None:
+        self._seconds = seconds
+        self._end = None if seconds is None else time.monotonic() + seconds
+
+    def left(self) -> float:
+        """Seconds that are left; raises WaitTimeout after the end."""
+        if self._end is None:
+            return float("inf")
+        left = self._end - time.monotonic()
+        if left <= 0:
+            raise WaitTimeout(f"not ended after {self._seconds:g} s")
+        return left
+
+
+def follow(
+    request: Request,
+    limits: Limits,
+    *,
+    last_id: str | None = None,
+    handle: Callable[[Event], Steps[bool]],
+    look: Callable[[], Steps[bool | None]] | None = None,
+    deadline: Deadline | None = None,
+) -> Steps[None]:
+    """Follows a stream until the service says that it is over, or `handle` returns True for an event.
+
+    After a lost connection, it connects again with the id of the last event. Before that it calls `look`, which returns
+    whether what is followed is over, or None if the service could not be asked.
+    """
+    contact, tries = time.monotonic(), 0
+    while True:
+        error: ConnectionFailed | Problem = ConnectionFailed("the stream was closed before its end")
+        silence = min(SILENCE, deadline.left()) if deadline else SILENCE
+        headers = {"accept": "text/event-stream", **({"last-event-id": last_id} if last_id else {})}
+        opened = Request("GET", request.path, request.params, headers, silence=silence)
+        try:
+            response: httpx.Response = check((yield Open(opened)))
+            if response.status_code == 204:
+                return
+            if not response.headers.get("content-type", "").startswith("text/event-stream"):
+                raise UnexpectedAnswer("the answer is not a stream of events")
+            parser = Parser(last_id)
+            while (chunk := (yield Read())) is not None:
+                contact = time.monotonic()
+                if deadline:
+                    deadline.left()
+                for message in parser.feed(chunk):
+                    tries = 0
+                    event = read_event(message.name, message.json(), message.id, str(response.url))
+                    if (yield from handle(event)):
+                        return
+                last_id = parser.last_id
+        except ConnectionFailed as failure:
+            error = failure
+        except Problem as problem:
+            if not problem.is_transient:
+                raise
+            error = problem
+        tries += 1
+        over = (yield from look()) if look else None
+        if over:
+            return
+        if over is False:
+            contact = time.monotonic()
+        if time.monotonic() - contact > limits.outage:
+            raise error
+        pause = delay(error, tries)
+        pause = backoff(tries) if pause is None else pause
+        yield Sleep(min(pause, deadline.left()) if deadline else pause)
+
+
+def events(request: Request, limits: Limits, last_id: str | None, *, of_one: bool) -> Steps[None]:
+    """Emits the events of a stream. That of one model is over with its `end`."""
+
+    def handle(event: Event) -> Steps[bool]:
+        yield Emit(event)
+        return of_one and event.name == "end"
+
+    return follow(request, limits, last_id=last_id, handle=handle)
+
+
+def _asked(request: Request, parse: Callable[[httpx.Response], Any]) -> Steps[Any]:
+    """The answer to one request; None if the service cannot be asked now."""
+    try:
+        return parse(check((yield Send(request))))
+    except ConnectionFailed:
+        return None
+    except Problem as problem:
+        if not problem.is_transient:
+            raise
+        return None
+
+
+def wait_model(ref: ModelRef, limits: Limits, timeout: float | None, display: Display[Model]) -> Steps[Model]:
+    """Waits until a model has succeeded."""
+    record = _calls.model(ref)
+    deadline = Deadline(timeout)
+
+    def handle(event: Event) -> Steps[bool]:
+        yield from ()
+        if event.model is None:
+            raise ModelDeleted(event.model_id)
+        display.show(event.model)
+        return event.name == "end"
+
+    def look() -> Steps[bool | None]:
+        model: Model | None = yield from _asked(*record)
+        if model is None:
+            return None
+        display.show(model)
+        return model.has_ended
+
+    with display:
+        yield from follow(_calls.events(ref), limits, handle=handle, look=look, deadline=deadline)
+        # The events leave the spec out.
+        model = yield from call(*record, limits.retries)
+        display.show(model)
+    if model.status == "failed":
+        raise ModelFailed(model)
+    if model.status == "cancelled":
+        raise ModelCancelled(model)
+    return model
+
+
+def wait_batch(ref: BatchRef, limits: Limits, timeout: float | None, display: Display[BatchProgress]) -> Steps[Batch]:
+    """Waits until all models of a batch have ended, in whatever way."""
+    record = _calls.batch(ref)
+    deadline = Deadline(timeout)
+    parts: dict[str, float] = {}
+    total = 0
+
+    def show(ended: int) -> None:
+        display.show(BatchProgress(ended, total, sum(parts.values()) / total if total else 1.0))
+
+    def handle(event: Event) -> Steps[bool]:
+        yield from ()
+        if event.name == "end":
+            parts[event.model_id] = 1.0
+        elif event.model and event.model.progress:
+            # Just below 1, which is for models that have ended.
+            parts[event.model_id] = min(event.model.progress.fraction, 0.999)
+        show(sum(part == 1.0 for part in parts.values()))
+        return False
+
+    def look() -> Steps[bool | None]:
+        batch: Batch | None = yield from _asked(*record)
+        return None if batch is None else batch.has_ended
+
+    with display:
+        batch = yield from call(*record, limits.retries)
+        total = batch.counts.total
+        while not batch.has_ended:
+            yield from follow(_calls.events(batch=ref), limits, handle=handle, look=look, deadline=deadline)
+            batch = yield from call(*record, limits.retries)
+        parts = dict.fromkeys(batch.models, 1.0)
+        total = batch.counts.total
+        show(batch.counts.ended)
+    return batch

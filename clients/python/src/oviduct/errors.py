@@ -1,0 +1,224 @@
+"""Exceptions. All of them are an `OviductError`."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import email.utils
+from collections.abc import Mapping
+from dataclasses import dataclass
+from http import HTTPStatus
+from typing import TYPE_CHECKING, Any
+
+import httpx
+
+if TYPE_CHECKING:
+    from .types import Model
+
+_PREFIX = "urn:oviduct:problem:"
+
+
+class OviductError(Exception):
+    """Base of all errors of this package."""
+
+
+class ConnectionFailed(OviductError):
+    """The service could not be reached, or the connection was lost, as often as was tried."""
+
+
+class UnexpectedAnswer(OviductError):
+    """The answer is not one of the oviduct service, such as the page of a proxy."""
+
+
+class CheckFailed(OviductError):
+    """Received bytes do not have the size, the hash or the format that they should have."""
+
+
+class WaitTimeout(OviductError, TimeoutError):
+    """What was waited for did not end in time. It goes on."""
+
+
+class ModelFailed(OviductError):
+    """A model failed. `model.problem` has the type of the problem, such as `urn:oviduct:problem:certificate`."""
+
+    def __init__(self, model: Model) -> None:
+        problem = model.problem
+        super().__init__(f"model {model.id} failed" + (f": {problem.title}: {problem.detail}" if problem else ""))
+        self.model = model
+
+
+class ModelCancelled(OviductError):
+    """A model was cancelled."""
+
+    def __init__(self, model: Model) -> None:
+        super().__init__(f"model {model.id} was cancelled")
+        self.model = model
+
+
+class ModelDeleted(OviductError):
+    """A model was deleted while it was waited for."""
+
+    def __init__(self, model_id: str) -> None:
+        super().__init__(f"model {model_id} was deleted")
+        self.model_id = model_id
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of a request: where it is, and what is wrong."""
+
+    detail: str
+    pointer: str | None = None
+    """JSON pointer into the body of the request, such as `/spec/collision/gap_um`."""
+    parameter: str | None = None
+    """Name of a query parameter."""
+    header: str | None = None
+    """Name of a request header."""
+
+    @property
+    def place(self) -> str:
+        """The pointer, or the name of the parameter or of the header."""
+        return self.pointer if self.pointer is not None else self.parameter or self.header or ""
+
+
+class Problem(OviductError):
+    """An answer with an error status (RFC 9457). Subclasses are for those that a caller may want to tell apart."""
+
+    def __init__(self, status: int, members: Mapping[str, Any], *, retry_after: float | None = None) -> None:
+        self.status = status
+        """Status of the answer."""
+        self.type = str(members.get("type", "about:blank"))
+        """`urn:oviduct:problem:` and a stable name; `about:blank` if the answer is not one of the service."""
+        self.title = str(members.get("title", ""))
+        """The same for every problem of the type."""
+        self.detail = str(members.get("detail", ""))
+        """What happened."""
+        self.errors = tuple(
+            Fault(str(fault.get("detail", "")), fault.get("pointer"), fault.get("parameter"), fault.get("header"))
+            for fault in members.get("errors") or ()
+        )
+        """The faults of the request."""
+        self.request_id: str | None = members.get("request_id")
+        """Id of the request. Quote it in reports."""
+        self.retry_after = retry_after
+        """Seconds after which another attempt may succeed."""
+        self.members = dict(members)
+        """All members of the problem, such as `limit` and `prediction`."""
+        super().__init__(str(self))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _problem_again, (type(self), self.status, self.members, self.retry_after)
+
+    @property
+    def name(self) -> str:
+        """The type without its prefix, such as `model-not-found`."""
+        return self.type.removeprefix(_PREFIX)
+
+    @property
+    def is_transient(self) -> bool:
+        """Whether the same request may succeed later."""
+        return self.status in (429, 502, 503, 504)
+
+    def __str__(self) -> str:
+        text = f"{self.status} {self.title}: {self.detail}"
+        text += "".join(f"\n  {fault.place}: {fault.detail}" for fault in self.errors)
+        return text + (f" (request {self.request_id})" if self.request_id and not self.errors else "")
+
+
+def _problem_again(kind: type[Problem], status: int, members: Mapping[str, Any], retry_after: float | None) -> Problem:
+    return kind(status, members, retry_after=retry_after)
+
+
+class Unauthorized(Problem):
+    """401: a key is needed, or the key is not valid."""
+
+
+class Forbidden(Problem):
+    """403: the key lacks the scope for this."""
+
+
+class NotFound(Problem):
+    """404: there is no such thing, or it belongs to another owner."""
+
+
+class Conflict(Problem):
+    """409: the state does not allow this, such as a retry of a model that has not failed."""
+
+
+class InvalidRequest(Problem):
+    """422 `invalid-request`: `errors` has each fault with its place."""
+
+
+class CostLimit(Problem):
+    """422 `cost-limit`: the predicted cost exceeds a limit of the service."""
+
+
+class TooManyRequests(Problem):
+    """429: a limit is reached; `retry_after` has the seconds to wait."""
+
+
+class RateLimited(TooManyRequests):
+    """429 `rate-limited`: too many requests with this key."""
+
+
+class QuotaExceeded(TooManyRequests):
+    """429 `quota-exceeded`: the owner has too many models that have not ended, or too many bytes of files."""
+
+
+class QueueFull(TooManyRequests):
+    """429 `queue-full`: too many models are queued."""
+
+
+class ServerError(Problem):
+    """5xx: the service, or a proxy before it, failed or is not available."""
+
+
+_BY_NAME: dict[str, type[Problem]] = {
+    "cost-limit": CostLimit,
+    "rate-limited": RateLimited,
+    "quota-exceeded": QuotaExceeded,
+    "queue-full": QueueFull,
+}
+_BY_STATUS: dict[int, type[Problem]] = {
+    401: Unauthorized,
+    403: Forbidden,
+    404: NotFound,
+    409: Conflict,
+    429: TooManyRequests,
+}
+
+
+def retry_after(response: httpx.Response) -> float | None:
+    """The seconds of `Retry-After`, which may also be a date (RFC 9110, section 10.2.3)."""
+    text = response.headers.get("retry-after", "").strip()
+    if text.isascii() and text.isdigit():
+        return float(text)
+    try:
+        date = email.utils.parsedate_to_datetime(text)
+        if date.tzinfo is None:
+            date = date.replace(tzinfo=datetime.timezone.utc)
+        return max(0.0, (date - datetime.datetime.now(datetime.timezone.utc)).total_seconds())
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
+def problem_of(response: httpx.Response) -> Problem:
+    """The problem in an answer with an error status whose body has been read."""
+    status = response.status_code
+    members: Any = None
+    if "json" in response.headers.get("content-type", ""):
+        with contextlib.suppress(ValueError):
+            members = response.json()
+    if not isinstance(members, dict):
+        try:
+            title = HTTPStatus(status).phrase
+        except ValueError:
+            title = "error"
+        members = {"title": title, "detail": response.text[:200].strip()}
+    name = str(members.get("type", "")).removeprefix(_PREFIX)
+    kind = _BY_NAME.get(name) or _BY_STATUS.get(status)
+    if kind is None and status == 422 and name in ("", "invalid-request"):
+        kind = InvalidRequest
+    if kind is None:
+        kind = ServerError if status >= 500 else Problem
+    return kind(status, members, retry_after=retry_after(response))

@@ -1,0 +1,526 @@
+"""What the service answers, as frozen dataclasses.
+
+Members that this version does not know are ignored, so that it works with a newer service; `raw` of a model and of a
+batch has the whole answer. Members that an older service leaves out have their defaults.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, TypeVar, overload
+from urllib.parse import urljoin
+from uuid import UUID
+
+import numpy as np
+import numpy.typing as npt
+
+from .errors import UnexpectedAnswer
+
+if TYPE_CHECKING:
+    import pandas
+
+T = TypeVar("T")
+Json = dict[str, Any]
+ENDED = ("succeeded", "failed", "cancelled")
+
+
+def read(kind: type[T], answer: Any) -> T:
+    """An instance of a dataclass from the JSON object of an answer.
+
+    Raises UnexpectedAnswer if it is no object, or lacks a member that has no default.
+    """
+    try:
+        members: Json = {}
+        for known in dataclasses.fields(kind):  # type: ignore[arg-type]
+            if known.name in answer and answer[known.name] is not None:
+                convert = known.metadata.get("convert")
+                members[known.name] = convert(answer[known.name]) if convert else answer[known.name]
+            elif known.name == "raw":
+                members["raw"] = answer
+        return kind(**members)
+    except (TypeError, ValueError, KeyError, AttributeError, IndexError) as error:
+        raise UnexpectedAnswer(f"the answer is not a {kind.__name__}: {error}") from error
+
+
+def _as(kind: type[T]) -> dict[str, Callable[[Any], T]]:
+    return {"convert": lambda answer: read(kind, answer)}
+
+
+def _all(kind: type[T]) -> dict[str, Callable[[Any], tuple[T, ...]]]:
+    return {"convert": lambda answer: tuple(read(kind, item) for item in answer)}
+
+
+def _moment(text: str) -> datetime.datetime:
+    """An RFC 3339 time. Python 3.10 takes neither `Z` nor other than 3 or 6 decimals."""
+    match = re.fullmatch(r"(.{19})(?:\.(\d+))?(Z|z|[+-]\d\d:\d\d)", text)
+    if match is None:
+        raise ValueError(f"not a time: {text!r}")
+    second, decimals, zone = match.groups()
+    zone = "+00:00" if zone in "Zz" else zone
+    return datetime.datetime.fromisoformat(f"{second}.{(decimals or '').ljust(6, '0')[:6]}{zone}")
+
+
+def _points(answer: Any) -> npt.NDArray[np.float32]:
+    return np.asarray(answer, np.float32).reshape(-1, 2)
+
+
+_TIME = {"convert": _moment}
+_TUPLE = {"convert": tuple}
+_POINTS = {"convert": _points}
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Progress of a model that runs."""
+
+    stage: str
+    """`simulate`, `mesh`, `certify`, `export` or `store`."""
+    fraction: float
+    """Fraction of the whole, 0 to 1, never decreasing within an attempt."""
+    step: int = 0
+    steps: int = 0
+    particles: int = 0
+    sections: int = 0
+    eta_seconds: float | None = None
+
+
+@dataclass(frozen=True)
+class File:
+    """A file of a model."""
+
+    name: str
+    bytes: int
+    """Size."""
+    sha256: str
+    """Lower-case hex."""
+    media_type: str = "application/octet-stream"
+    href: str = ""
+    """URL; absolute, unlike in the answer of the service."""
+
+
+@dataclass(frozen=True)
+class Queue:
+    """Place in the queue."""
+
+    position: int | None = None
+    """Number of models ahead, counted up to 1000; None once it has left the queue."""
+    wait_seconds: float | None = None
+    """Seconds between acceptance and the first attempt."""
+
+
+@dataclass(frozen=True)
+class Backend:
+    """What computes or computed a model."""
+
+    requested: str = "auto"
+    used: str | None = None
+    device: str | None = None
+    fallback: str | None = None
+    """Why it is not the backend that one would expect."""
+
+
+@dataclass(frozen=True)
+class ModelProblem:
+    """Why a model failed."""
+
+    type: str
+    title: str = ""
+    detail: str = ""
+
+
+@dataclass(frozen=True)
+class ModelWarning:
+    """A sign of poor growth of a model that has succeeded."""
+
+    code: str
+    detail: str = ""
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model: the request, its progress and its result."""
+
+    id: str
+    status: str
+    """`queued`, `running`, `succeeded`, `failed` or `cancelled`."""
+    version: int
+    preset: str
+    seed: int
+    outputs: tuple[str, ...] = field(default=(), metadata=_TUPLE)
+    labels: Mapping[str, str] = field(default_factory=dict)
+    priority: int = 0
+    owner: str | None = None
+    batch: str | None = None
+    backend: Backend = field(default=Backend(), metadata=_as(Backend))
+    worker: str | None = None
+    queue: Queue = field(default=Queue(), metadata=_as(Queue))
+    progress: Progress | None = field(default=None, metadata=_as(Progress))
+    attempts: int = 0
+    created_at: datetime.datetime | None = field(default=None, metadata=_TIME)
+    started_at: datetime.datetime | None = field(default=None, metadata=_TIME)
+    finished_at: datetime.datetime | None = field(default=None, metadata=_TIME)
+    expires_at: datetime.datetime | None = field(default=None, metadata=_TIME)
+    files: tuple[File, ...] = field(default=(), metadata=_all(File))
+    summary: Json | None = None
+    """Counts and measures, once it has succeeded; `certificate` has the figures of the certificate."""
+    warnings: tuple[ModelWarning, ...] = field(default=(), metadata=_all(ModelWarning))
+    problem: ModelProblem | None = field(default=None, metadata=_as(ModelProblem))
+    digest: str = ""
+    reused_from: str | None = None
+    retry_of: str | None = None
+    spec: Json | None = field(default=None, repr=False)
+    """The complete spec; None in lists and events unless it was asked for."""
+    raw: Json = field(default_factory=dict, repr=False, compare=False)
+    """The whole answer."""
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it has succeeded, failed or was cancelled. It never changes then."""
+        return self.status in ENDED
+
+
+def read_model(answer: Any, url: str) -> Model:
+    """A model from an answer that came from this URL, to which the references of its files are relative."""
+    model = read(Model, answer)
+    files = tuple(dataclasses.replace(file, href=urljoin(url, file.href)) for file in model.files)
+    return dataclasses.replace(model, files=files)
+
+
+@dataclass(frozen=True)
+class LiveSection:
+    """The last section of a model that grows, thinned to at most 512 points per contour."""
+
+    index: int
+    step: int
+    z_um: float
+    inner: npt.NDArray[np.float32] = field(metadata=_POINTS, repr=False, compare=False)
+    """Boundary of the lumen, shape (n, 2), micrometres."""
+    outer: npt.NDArray[np.float32] = field(metadata=_POINTS, repr=False, compare=False)
+    """Boundary of the tissue, shape (n, 2), micrometres."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """A change of a model."""
+
+    name: str
+    """`status`, `progress`, `section` or `end`; `end` is the last event of a model."""
+    model_id: str
+    status: str
+    """Status of the model, or `deleted`."""
+    model: Model | None = None
+    """Its whole state; None if it was deleted."""
+    section: LiveSection | None = None
+    """Its latest contour, in `section` events."""
+    id: str | None = None
+    """Cursor of the stream: `last_event_id` of a stream that goes on here."""
+
+
+def read_event(name: str, data: Any, cursor: str | None, url: str) -> Event:
+    """An event of a stream from this URL."""
+    if not isinstance(data, dict) or "id" not in data or "status" not in data:
+        raise UnexpectedAnswer("the event has no model")
+    model = None if data["status"] == "deleted" else read_model(data, url)
+    section = read(LiveSection, data["section"]) if data.get("section") else None
+    return Event(name, data["id"], data["status"], model, section, cursor)
+
+
+@dataclass(frozen=True)
+class Counts:
+    """Number of models of a batch by status."""
+
+    total: int = 0
+    queued: int = 0
+    running: int = 0
+    succeeded: int = 0
+    failed: int = 0
+    cancelled: int = 0
+
+    @property
+    def ended(self) -> int:
+        """Models that have succeeded, failed or were cancelled."""
+        return self.succeeded + self.failed + self.cancelled
+
+
+@dataclass(frozen=True)
+class StudyModel:
+    """A model of a study."""
+
+    id: str
+    point: int
+    """Index of its point in the design."""
+    seed: int
+    values: Json
+    """The varied values by their JSON pointers."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """The study of a batch."""
+
+    vary: Json
+    models: tuple[StudyModel, ...] = field(default=(), metadata=_all(StudyModel))
+
+
+@dataclass(frozen=True)
+class Batch:
+    """A batch: many models of one spec, or of the points of a study."""
+
+    id: str
+    counts: Counts = field(metadata=_as(Counts))
+    created_at: datetime.datetime | None = field(default=None, metadata=_TIME)
+    priority: int = 0
+    owner: str | None = None
+    models: tuple[str, ...] = field(default=(), metadata=_TUPLE, repr=False)
+    """Ids of its models, in the order of the request; empty in lists."""
+    study: Study | None = field(default=None, metadata=_as(Study), repr=False)
+    raw: Json = field(default_factory=dict, repr=False, compare=False)
+    """The whole answer."""
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether all of its models have ended."""
+        return self.counts.ended == self.counts.total
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number of seconds and its basis."""
+
+    seconds: float
+    basis: str = ""
+
+
+def _estimates(answer: Any) -> dict[str, Estimate]:
+    return {backend: read(Estimate, estimate) for backend, estimate in answer.items()}
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Predicted cost of a model."""
+
+    particles_end: int = 0
+    sections: int = 0
+    vertices: int = 0
+    triangles: int = 0
+    bytes: Mapping[str, int] = field(default_factory=dict)
+    """Size by output."""
+    memory_bytes: int = 0
+    seconds: Mapping[str, Estimate] = field(default_factory=dict, metadata={"convert": _estimates})
+    """Seconds by backend."""
+
+
+@dataclass(frozen=True)
+class Validation:
+    """A request that is valid, and what it would cost."""
+
+    preset: str
+    cost: Cost = field(metadata=_as(Cost))
+    seed: int | None = None
+    """None if it would be drawn."""
+    digest: str | None = None
+    spec: Json = field(default_factory=dict, repr=False)
+    """The complete spec."""
+
+
+@dataclass(frozen=True)
+class BatchCost:
+    """Predicted cost of a batch."""
+
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    """Seconds to grow all models one after the other, by backend."""
+    bytes: int = 0
+    memory_bytes: int = 0
+    """Memory of the model that needs most."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point of a study."""
+
+    values: Json
+    cost: Cost = field(metadata=_as(Cost))
+
+
+@dataclass(frozen=True)
+class BatchValidation:
+    """A request for a batch that is valid, and what it would cost."""
+
+    preset: str
+    models: int
+    cost: BatchCost = field(metadata=_as(BatchCost))
+    points: tuple[Point, ...] = field(default=(), metadata=_all(Point), repr=False)
+    seeds: tuple[int, ...] | None = field(default=None, metadata=_TUPLE)
+    """None if they would be drawn."""
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A preset, without its values; `Client.preset` reads these."""
+
+    name: str
+    title: str = ""
+    organ: str = ""
+    species: str = ""
+    description: str = ""
+    default: bool = False
+
+
+@dataclass(frozen=True)
+class Applied:
+    """What a request for many models did."""
+
+    count: int
+    """Number of models that were cancelled or deleted, or with `dry_run` would be."""
+    dry_run: bool = False
+
+
+@dataclass(frozen=True)
+class Ticket:
+    """A ticket: the right to one GET of one path within 60 seconds, without a key."""
+
+    ticket: str = field(repr=False)
+    path: str
+    expires_at: datetime.datetime | None = field(default=None, metadata=_TIME)
+    url: str = field(default="", repr=False)
+    """The URL of the path, with the ticket."""
+
+
+@dataclass(frozen=True)
+class Pause:
+    """A pause of a worker or of all."""
+
+    since: datetime.datetime = field(metadata=_TIME)
+    by: str | None = None
+
+
+@dataclass(frozen=True)
+class Worker:
+    """A worker."""
+
+    id: str
+    state: str
+    """`active`, `paused`, `draining` or `drained`."""
+    host: str = ""
+    backend: str = ""
+    device: str = ""
+    jobs: tuple[str, ...] = field(default=(), metadata=_TUPLE)
+    """Ids of the models that it grows."""
+    jobs_done: int = 0
+    heartbeat_at: datetime.datetime | None = field(default=None, metadata=_TIME)
+    pause: Pause | None = field(default=None, metadata=_as(Pause))
+
+
+@dataclass(frozen=True)
+class Workers:
+    """The workers that sent a heartbeat within the last minutes."""
+
+    workers: tuple[Worker, ...] = field(metadata=_all(Worker))
+    pause: Pause | None = field(default=None, metadata=_as(Pause))
+    """The pause of all workers; None while those that are active start models."""
+
+    def __iter__(self) -> Iterator[Worker]:
+        return iter(self.workers)
+
+    def __len__(self) -> int:
+        return len(self.workers)
+
+
+@dataclass(frozen=True)
+class Health:
+    """The state of the service."""
+
+    status: str
+    version: str = ""
+
+
+@dataclass(frozen=True)
+class Table(Sequence[Json]):
+    """The models of a batch, one row each: a sequence of dicts by column."""
+
+    columns: tuple[str, ...]
+    """`id`, `status`, `seed`, the JSON pointer of each varied parameter, `problem`, and the figures by dotted names."""
+    rows: tuple[tuple[Any, ...], ...] = field(repr=False)
+    """Cells; a value that a model does not have is None."""
+
+    @overload
+    def __getitem__(self, index: int) -> Json: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Json]: ...
+    def __getitem__(self, index: int | slice) -> Json | list[Json]:
+        if isinstance(index, slice):
+            return [dict(zip(self.columns, row, strict=True)) for row in self.rows[index]]
+        return dict(zip(self.columns, self.rows[index], strict=True))
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def column(self, name: str) -> list[Any]:
+        """The cells of a column; raises KeyError if there is none of this name."""
+        if name not in self.columns:
+            raise KeyError(name)
+        at = self.columns.index(name)
+        return [row[at] for row in self.rows]
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The table as a data frame. Raises ImportError without pandas (`pip install 'oviduct[pandas]'`)."""
+        import pandas
+
+        return pandas.DataFrame(list(self.rows), columns=list(self.columns))
+
+
+# What requests take.
+
+ModelRef = Model | str | UUID
+BatchRef = Batch | str | UUID
+View = Literal["summary", "full"]
+Labels = Mapping[str, str]
+
+
+class ModelOptions(TypedDict, total=False):
+    """Members of a request that models and batches have in common."""
+
+    preset: str
+    """Name of a preset; `pig` by default."""
+    spec: Mapping[str, Any]
+    """Changes of the preset, as a merge patch (RFC 7396): `{"collision": {"gap_um": 30}}`."""
+    outputs: Sequence[str]
+    """`glb` (the default), `obj`. `sections.bin` and `report.json` are always written."""
+    labels: Labels
+    """Names and values of your own, to find models by."""
+    backend: str
+    """`auto` (the default), `gpu`, `cpu` or `cpu-single`."""
+    priority: int
+    """-100 to 100; of the queued models, those of higher priority are started first."""
+    reuse: bool
+    """Whether a finished model of the same spec and seed may be reused; True by default."""
+
+
+class ModelFilter(TypedDict, total=False):
+    """Conditions; a model must match all of them."""
+
+    status: str
+    preset: str
+    labels: Labels
+    batch: BatchRef
+    owner: str
+    created_after: datetime.datetime | str
+    """Start of the time of acceptance, included."""
+    created_before: datetime.datetime | str
+    """End of the time of acceptance, not included."""
+
+
+class Vary(TypedDict, total=False):
+    """The design of a study (docs/studies.md)."""
+
+    design: Literal["grid", "zip", "lhs"]
+    samples: int
+    """Number of points; `lhs` only."""
+    seed: int
+    """Of the points; `lhs` only."""
+    values: Mapping[str, Sequence[Any] | Mapping[str, Any]]
+    """The values of each parameter, by its JSON pointer in the spec."""

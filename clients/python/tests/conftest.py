@@ -1,0 +1,103 @@
+"""Live services for the tests: the binary that OVIDUCT_BINARY names, with temporary stores."""
+
+import json
+import os
+import pathlib
+import subprocess
+import sys
+
+import pytest
+
+from oviduct import Client
+
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+sys.path.insert(0, str(ROOT / "tests/outside"))
+from service import SMALL, Service  # noqa: E402
+
+# A model that takes a few seconds, so that there is time to disturb it.
+SLOW = {"steps": 600, "particles": {"total": {"keys": [[0, 300], [1, 1200]]}}}
+
+
+@pytest.fixture(scope="session", autouse=True)
+def environment():
+    """No settings of the developer's, and no layer of Mesa that prints errors."""
+    for name in ("OVIDUCT_URL", "OVIDUCT_KEY"):
+        os.environ.pop(name, None)
+    os.environ.setdefault("NODEVICE_SELECT", "1")
+
+
+@pytest.fixture(scope="session")
+def binary(environment):
+    if "OVIDUCT_BINARY" not in os.environ:
+        pytest.exit("OVIDUCT_BINARY must name the program `oviduct`; scripts/clients sets it", returncode=2)
+    return os.path.abspath(os.environ["OVIDUCT_BINARY"])
+
+
+def live(binary, folder, *options):
+    """A service that is stopped at the end; a generator, for fixtures."""
+    service = Service(binary, str(folder), "--gpu", "off", "--grace", "1s", *options)
+    try:
+        yield service.start()
+    finally:
+        if service.process:
+            service.kill()
+        service.log.close()
+
+
+@pytest.fixture(scope="session")
+def service(binary, tmp_path_factory):
+    """A service without keys."""
+    yield from live(binary, tmp_path_factory.mktemp("service"))
+
+
+@pytest.fixture
+def own_service(binary, tmp_path):
+    """A service of one test, which may kill it or look at all of its models."""
+    (tmp_path / "own").mkdir()
+    yield from live(binary, tmp_path / "own")
+
+
+@pytest.fixture(scope="session")
+def failing_service(binary, tmp_path_factory):
+    """A service where every model fails: it may take only a millisecond."""
+    yield from live(binary, tmp_path_factory.mktemp("failing"), "--job-timeout", "1ms", "--max-attempts", "1")
+
+
+class Keys:
+    """A service with keys."""
+
+    def __init__(self, binary, folder, service):
+        self.binary, self.folder, self.url = binary, folder, service.url
+
+    def add(self, *options):
+        """The secret of a new key."""
+        line = [self.binary, "keys", "add", "--data", str(self.folder), "--json", *options]
+        return json.loads(subprocess.run(line, check=True, capture_output=True).stdout)["key"]
+
+
+@pytest.fixture(scope="session")
+def keyed(binary, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("keyed")
+    # The first key exists before the service starts, so that it asks for keys at once.
+    keys = Keys(binary, folder, type("Nowhere", (), {"url": ""}))
+    keys.admin = keys.add("--owner", "admin", "--scopes", "admin")
+    keys.lab = keys.add("--owner", "lab", "--scopes", "read,submit")
+    keys.reader = keys.add("--owner", "lab", "--scopes", "read")
+    keys.hasty = keys.add("--owner", "hasty", "--scopes", "read,submit", "--rate", "2")
+    keys.small = keys.add("--owner", "small", "--scopes", "read,submit", "--models", "1")
+    for service in live(binary, folder):
+        keys.url = service.url
+        yield keys
+
+
+@pytest.fixture
+def client(service):
+    with Client(service.url) as client:
+        yield client
+
+
+@pytest.fixture(scope="session")
+def grown(service):
+    """A model that has succeeded, with all files."""
+    with Client(service.url) as client:
+        return client.wait(client.submit(seed=7, spec=SMALL, outputs=["glb", "obj"], labels={"kept": "yes"}))

@@ -1,0 +1,53 @@
+"""The examples of docs/clients.md, run in their order against a live service."""
+
+import csv
+import re
+import zipfile
+
+import pytest
+from conftest import ROOT
+
+DOCUMENT = ROOT / "docs/clients.md"
+
+
+def blocks():
+    """The Python blocks, by the heading before them; with lines before them, so that errors name the right line."""
+    text = DOCUMENT.read_text()
+    (section,) = re.findall(r"^## Python\n.*?(?=^## |\Z)", text, re.MULTILINE | re.DOTALL)
+    start = text.index(section)
+    found = {}
+    for block in re.finditer(r"^```python\n(.*?)^```", section, re.MULTILINE | re.DOTALL):
+        heading = re.findall(r"^### (.*)", section[: block.start()], re.MULTILINE)[-1]
+        found[heading] = "\n" * text.count("\n", 0, start + block.start(1)) + block[1]
+    return found
+
+
+def test_the_examples_run(service, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("pandas")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("OVIDUCT_URL", service.url)
+    names = {}
+    printed = {}
+    for heading, code in blocks().items():
+        if heading == "A study":
+            # It is a script of its own.
+            names["client"].close()
+            names = {}
+        exec(compile(code, str(DOCUMENT), "exec"), names)
+        printed[heading] = capsys.readouterr().out
+    names["client"].close()
+
+    assert len(printed) == 6
+    assert (tmp_path / "model.glb").stat().st_size > 0 and "True" in printed["Submit, wait, download"]
+    assert "/spec/collision/gap_um" in printed["Errors"] and "/spec/colour" in printed["Errors"]
+    assert printed["asyncio"] == "['succeeded', 'succeeded', 'succeeded']\n" and printed["Events"]
+    assert len(names["table"]) == 50 and set(names["table"]["status"]) == {"succeeded"}
+    with open(tmp_path / "study.csv", newline="") as file:
+        assert len(list(csv.DictReader(file))) == 50
+    with zipfile.ZipFile(tmp_path / "study.zip") as archive:
+        names = archive.namelist()
+        assert len(names) == 101 and sum(name.endswith("/model.glb") for name in names) == 50
+
+
+def test_the_study_is_a_script_of_at_most_15_lines():
+    assert len(blocks()["A study"].strip().splitlines()) <= 15

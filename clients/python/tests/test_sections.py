@@ -1,0 +1,62 @@
+import hashlib
+import struct
+
+import numpy as np
+import pytest
+
+from oviduct import CheckFailed, NotFound, read_sections
+
+
+@pytest.fixture
+def data(client, grown):
+    return client.content(grown, "sections.bin")
+
+
+def test_the_file_and_the_interface_have_the_same_sections(client, grown, data, tmp_path):
+    (tmp_path / "sections.bin").write_bytes(data)
+    sections = client.sections(grown)
+    assert len(sections) == len(read_sections(data)) == len(read_sections(tmp_path / "sections.bin")) == 13
+    assert sections.header["units"] == "um" and sections.header["seed"] == 7
+    assert sections.z_um[0] == 0 and (np.diff(sections.z_um) > 0).all() and not sections.added.any()
+    for section in sections:
+        other = client.section(grown, section.index)
+        assert (section.z_um, section.step, section.added) == (other.z_um, other.step, other.added)
+        for ring, answer, count in zip(
+            (section.inner, section.outer), (other.inner, other.outer), sections.points[section.index], strict=True
+        ):
+            assert ring.points.dtype == np.float32 and ring.points.shape == (count, 2) and len(ring) == count
+            assert np.array_equal(ring.ids, answer.ids) and np.array_equal(ring.points, answer.points)
+    assert sections[-1].index == 12 and [section.index for section in sections[3:5]] == [3, 4]
+    with pytest.raises(IndexError):
+        sections[13]
+    with pytest.raises(NotFound) as caught:
+        client.section(grown, 13)
+    assert caught.value.name == "section-not-found"
+    assert client.section_svg(grown, 3).startswith(("<svg", "<?xml"))
+
+
+def test_damage_is_found(data):
+    for at in (0, 9, 14, 30, len(data) // 2, len(data) - 60, len(data) - 30, len(data) - 1):
+        with pytest.raises(CheckFailed):
+            list(read_sections(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]))
+    for length in (0, 15, 100, len(data) - 1):
+        with pytest.raises(CheckFailed):
+            read_sections(data[:length])
+
+
+def test_damage_with_right_hashes_is_found(data):
+    def signed(data):
+        end = len(data) - 64
+        (offset,) = struct.unpack_from("<Q", data, end)
+        data[end + 16 : end + 24] = hashlib.sha256(data[offset:end]).digest()[:8]
+        data[end + 24 : end + 56] = hashlib.sha256(data[: end + 24]).digest()
+        return bytes(data)
+
+    (offset,) = struct.unpack_from("<Q", data, len(data) - 64)
+    assert signed(bytearray(data)) == data
+    # In the first entry: the offset, the length, the points of the inner ring, the checksum.
+    for at in (0, 8, 12, 15, 40):
+        changed = bytearray(data)
+        changed[offset + at] ^= 1
+        with pytest.raises(CheckFailed):
+            list(read_sections(signed(changed)))
