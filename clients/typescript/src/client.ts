@@ -485,13 +485,10 @@ export class Oviduct {
       const events = await openEventSource(this.#eventSource, url, signal);
       if (events) return events;
     }
-    // An `EventSource` does not tell why it was not let in, so the same is asked here.
-    return this.#transport.send({ ...call, headers: { accept: "text/event-stream" }, once: true }, async (response) => {
-      if (response.status === 204 || !response.body) return undefined;
-      if (!this.#eventSource) return readEvents(response.body);
-      await response.body.cancel();
-      throw new OviductConnectionError(`GET ${this.url}${path}: the EventSource could not connect`);
-    });
+    // An `EventSource` does not tell why it was not let in: the answer to the same request does, or is the stream.
+    return this.#transport.send({ ...call, headers: { accept: "text/event-stream" }, once: true }, (response) =>
+      response.status === 204 || !response.body ? undefined : readEvents(response.body),
+    );
   }
 }
 

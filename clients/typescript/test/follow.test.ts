@@ -171,3 +171,15 @@ test("each EventSource has a ticket of its own, and is closed before the next", 
     },
   );
 });
+
+test("where no EventSource can connect, fetch reads the stream", async () => {
+  await withServer(
+    (_, answer) => answer.writeHead(200, { "content-type": "text/event-stream" }).end(END),
+    async (url) => {
+      Scripted.script = [(source) => source.send("error")];
+      const events = [];
+      for await (const event of new Oviduct(url, { eventSource: Scripted }).follow("m")) events.push(event.type);
+      assert.deepEqual(events, ["end"]);
+    },
+  );
+});
