@@ -760,7 +760,7 @@ export interface components {
              */
             priority?: number;
             /**
-             * @description Whether a finished model with the same digest may be reused instead of growing it again.
+             * @description Whether a model with the same digest may be reused instead of growing it again: a finished one at once, one that is queued or running when it ends.
              * @default true
              */
             reuse?: boolean;
@@ -1032,7 +1032,7 @@ export interface components {
              */
             priority?: number;
             /**
-             * @description Whether a finished model with the same digest may be reused instead of growing it again.
+             * @description Whether a model with the same digest may be reused instead of growing it again: a finished one at once, one that is queued or running when it ends.
              * @default true
              */
             reuse?: boolean;
