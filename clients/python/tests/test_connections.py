@@ -60,6 +60,18 @@ def test_a_broken_download_goes_on_where_it_broke(client, relay, grown, tmp_path
     assert [path.name for path in tmp_path.iterdir()] == ["model.glb"]
 
 
+def test_a_redirect_to_the_artifact_store_gets_no_key(relay, service, grown, tmp_path):
+    with Relay(service.url) as store, Client(relay.url, key="oviduct_secret") as client:
+        place = f"{store.url}/models/{grown.id}/files/model.glb"
+        store.cuts = [5000]
+        relay.only, relay.answers = "/files/", 2 * [(307, {"location": place}, b"")]
+        path = client.download(grown, "model.glb", tmp_path)
+        assert path.stat().st_size == grown.files[0].bytes
+    assert [headers.get("range") for _, _, headers in store.requests] == [None, "bytes=5000-"]
+    assert all("authorization" in headers for _, _, headers in relay.requests)
+    assert not any("authorization" in headers for _, _, headers in store.requests)
+
+
 def test_a_download_that_never_ends_is_given_up(relay, grown, tmp_path):
     relay.only, relay.cuts = "model.glb", [1000] + 9 * [0]
     (tmp_path / "model.glb").write_text("old")

@@ -53,10 +53,12 @@ class BatchProgress:
 
 def figures(model: Model) -> tuple[float, str]:
     """Fraction and text of a progress bar of a model."""
-    progress = model.progress
-    if model.has_ended or progress is None:
-        return (1.0 if model.has_ended else 0.0), model.status
-    return progress.fraction, progress.stage
+    if model.has_ended:
+        return 1.0, model.status
+    if model.status == "running" and model.progress:
+        return model.progress.fraction, model.progress.stage
+    ahead = model.queue.position
+    return 0.0, f"{model.status}, {ahead} ahead" if ahead else model.status
 
 
 def batch_figures(progress: BatchProgress) -> tuple[float, str]:

@@ -190,7 +190,8 @@ class Client(Driver):
         """Events of one model, or of the models that match all conditions; without any, of all models.
 
         Each event has the whole state of a model. The stream ends when the models in `model`, `models` or `batch` have
-        ended, and else never. Lost connections are resumed; after a restart of the service states may come again.
+        ended, and else never. It is opened when the first event is taken. Lost connections are resumed; after a restart
+        of the service states may come again.
 
         Args:
             models: At most 100.
