@@ -1,5 +1,6 @@
 import gc
 import hashlib
+import time
 
 import pytest
 from conftest import SMALL
@@ -138,7 +139,7 @@ def test_a_service_that_is_away_is_an_error(monkeypatch):
     monkeypatch.setattr("time.sleep", lambda _: None)
     with Client("http://127.0.0.1:9", retries=2) as client, pytest.raises(ConnectionFailed, match="ConnectError"):
         client.health()
-    with Client("http://127.0.0.1:9", outage=0) as client, pytest.raises(ConnectionFailed):
+    with Client("http://127.0.0.1:9", outage=0.0) as client, pytest.raises(ConnectionFailed):
         client.wait("a")
 
 
@@ -170,3 +171,13 @@ def test_addresses_are_checked(monkeypatch):
     with Client("http://user:secret@host") as client:
         assert "secret" not in repr(client)
     gc.collect()
+
+
+def test_a_stream_is_given_up_only_after_an_outage(relay):
+    """The time that the caller takes for an event is no outage."""
+    relay.only, relay.cuts = "/events", [2000]
+    with Client(relay.url, outage=0.5) as client:
+        stream = client.events(client.submit(seed=44, spec=SMALL))
+        next(stream)
+        time.sleep(1)
+        assert list(stream)[-1].name == "end"

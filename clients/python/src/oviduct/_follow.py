@@ -97,7 +97,8 @@ def follow(
     After a lost connection, it connects again with the id of the last event. Before that it calls `look`, which returns
     whether what is followed is over, or None if the service could not be asked.
     """
-    contact, tries = time.monotonic(), 0
+    away: float | None = None  # Since when there was no contact.
+    tries = 0
     while True:
         error: ConnectionFailed | Problem = ConnectionFailed("the stream was closed before its end")
         silence = min(SILENCE, deadline.left()) if deadline else SILENCE
@@ -111,7 +112,7 @@ def follow(
                 raise UnexpectedAnswer("the answer is not a stream of events")
             parser = Parser(last_id)
             while (chunk := (yield Read())) is not None:
-                contact = time.monotonic()
+                away = None
                 if deadline:
                     deadline.left()
                 for message in parser.feed(chunk):
@@ -130,9 +131,9 @@ def follow(
         over = (yield from look()) if look else None
         if over:
             return
-        if over is False:
-            contact = time.monotonic()
-        if time.monotonic() - contact > limits.outage:
+        now = time.monotonic()
+        away = None if over is False else away or now
+        if away and now - away >= limits.outage:
             raise error
         pause = delay(error, tries)
         pause = backoff(tries) if pause is None else pause
