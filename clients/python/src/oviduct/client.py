@@ -93,7 +93,7 @@ class Client(Driver):
     ) -> Model:
         """Requests a model, and returns its present state; `wait` waits for it.
 
-        A finished model of the same spec and seed is reused, unless `reuse` is False.
+        A model of the same spec and seed is reused, at once or when it ends, unless `reuse` is False.
 
         Args:
             seed: 0 to 2^53 - 1; the same spec and seed give the same model. By default the service draws one.
@@ -104,7 +104,7 @@ class Client(Driver):
             labels: Names and values of your own, to find models by.
             backend: `auto` (the default), `gpu`, `cpu` or `cpu-single`.
             priority: -100 to 100.
-            reuse: Whether a finished model may be reused.
+            reuse: Whether another model may be reused; True by default.
 
         Raises:
             InvalidRequest: `errors` has each fault, with its JSON pointer.

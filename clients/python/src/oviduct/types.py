@@ -497,7 +497,7 @@ class ModelOptions(TypedDict, total=False):
     priority: int
     """-100 to 100; of the queued models, those of higher priority are started first."""
     reuse: bool
-    """Whether a finished model of the same spec and seed may be reused; True by default."""
+    """Whether another model of the same spec and seed may be reused; True by default."""
 
 
 class ModelFilter(TypedDict, total=False):
