@@ -1,5 +1,6 @@
 import gc
 import hashlib
+import time
 
 import pytest
 from conftest import SMALL
@@ -58,6 +59,18 @@ def test_a_broken_download_goes_on_where_it_broke(client, relay, grown, tmp_path
     ranges = [headers.get("range") for _, path, headers in relay.requests if path.endswith("model.glb")]
     assert ranges == [None, *(f"bytes={at}-" for at in (quarter, 2 * quarter, 2 * quarter, 2 * quarter + 1))]
     assert [path.name for path in tmp_path.iterdir()] == ["model.glb"]
+
+
+def test_a_redirect_to_the_artifact_store_gets_no_key(relay, service, grown, tmp_path):
+    with Relay(service.url) as store, Client(relay.url, key="oviduct_secret") as client:
+        place = f"{store.url}/models/{grown.id}/files/model.glb"
+        store.cuts = [5000]
+        relay.only, relay.answers = "/files/", 2 * [(307, {"location": place}, b"")]
+        path = client.download(grown, "model.glb", tmp_path)
+        assert path.stat().st_size == grown.files[0].bytes
+    assert [headers.get("range") for _, _, headers in store.requests] == [None, "bytes=5000-"]
+    assert all("authorization" in headers for _, _, headers in relay.requests)
+    assert not any("authorization" in headers for _, _, headers in store.requests)
 
 
 def test_a_download_that_never_ends_is_given_up(relay, grown, tmp_path):
@@ -126,7 +139,7 @@ def test_a_service_that_is_away_is_an_error(monkeypatch):
     monkeypatch.setattr("time.sleep", lambda _: None)
     with Client("http://127.0.0.1:9", retries=2) as client, pytest.raises(ConnectionFailed, match="ConnectError"):
         client.health()
-    with Client("http://127.0.0.1:9", outage=0) as client, pytest.raises(ConnectionFailed):
+    with Client("http://127.0.0.1:9", outage=0.0) as client, pytest.raises(ConnectionFailed):
         client.wait("a")
 
 
@@ -158,3 +171,13 @@ def test_addresses_are_checked(monkeypatch):
     with Client("http://user:secret@host") as client:
         assert "secret" not in repr(client)
     gc.collect()
+
+
+def test_a_stream_is_given_up_only_after_an_outage(relay):
+    """The time that the caller takes for an event is no outage."""
+    relay.only, relay.cuts = "/events", [2000]
+    with Client(relay.url, outage=0.5) as client:
+        stream = client.events(client.submit(seed=44, spec=SMALL))
+        next(stream)
+        time.sleep(1)
+        assert list(stream)[-1].name == "end"

@@ -46,9 +46,16 @@ Params = tuple[tuple[str, str], ...]
 PAGE = 100
 
 
+def segment(text: str) -> str:
+    """A name as one segment of a path; raises ValueError for one that would lead to another path."""
+    if text in ("", ".", ".."):
+        raise ValueError(f"not a name: {text!r}")
+    return quote(text, safe="")
+
+
 def key(ref: ModelRef | BatchRef) -> str:
     """The id of a model or a batch, as a segment of a path."""
-    return quote(str(ref.id if isinstance(ref, (Model, Batch)) else ref), safe="")
+    return segment(str(ref.id if isinstance(ref, (Model, Batch)) else ref))
 
 
 def json(response: httpx.Response) -> Any:
@@ -204,7 +211,7 @@ def events(
 
 
 def file(ref: ModelRef, name: str) -> Request:
-    return Request("GET", f"models/{key(ref)}/files/{quote(name, safe='')}", headers={"accept-encoding": "identity"})
+    return Request("GET", f"models/{key(ref)}/files/{segment(name)}", headers={"accept-encoding": "identity"})
 
 
 def report(ref: ModelRef) -> Call[Json]:
@@ -295,7 +302,7 @@ def presets() -> Call[tuple[Preset, ...]]:
 
 
 def preset(name: str) -> Call[Json]:
-    return Request("GET", f"presets/{quote(name, safe='')}"), _object
+    return Request("GET", f"presets/{segment(name)}"), _object
 
 
 def schema() -> Call[Json]:
@@ -324,4 +331,4 @@ def change_workers(verb: str) -> Call[Workers]:
 
 
 def change_worker(name: str, verb: str) -> Call[Worker]:
-    return Request("POST", f"workers/{quote(name, safe='')}/{verb}"), _reads(Worker)
+    return Request("POST", f"workers/{segment(name)}/{verb}"), _reads(Worker)

@@ -8,8 +8,8 @@ import io
 import json
 import os
 import re
+import secrets
 import tarfile
-import tempfile
 import zipfile
 from collections.abc import Callable, Generator, Iterator, Sequence
 from pathlib import Path
@@ -80,23 +80,13 @@ def _start(response: httpx.Response) -> int:
 @contextlib.contextmanager
 def replaced(path: Path) -> Iterator[BinaryIO]:
     """A temporary file in the same folder, which takes the place of `path` if all goes well, and else is deleted."""
-    number, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    part = path.with_name(f".{path.name}.{secrets.token_hex(4)}.part")
     try:
-        with os.fdopen(number, "w+b") as sink:
+        with open(part, "x+b") as sink:
             yield sink
-        # mkstemp makes files that only their owner can read.
-        os.chmod(name, 0o666 & ~_umask())
-        os.replace(name, path)
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(name)
-        raise
-
-
-def _umask() -> int:
-    mask = os.umask(0o022)
-    os.umask(mask)
-    return mask
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def _target(path: PathLike | None, name: str) -> Path:

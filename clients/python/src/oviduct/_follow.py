@@ -53,10 +53,12 @@ class BatchProgress:
 
 def figures(model: Model) -> tuple[float, str]:
     """Fraction and text of a progress bar of a model."""
-    progress = model.progress
-    if model.has_ended or progress is None:
-        return (1.0 if model.has_ended else 0.0), model.status
-    return progress.fraction, progress.stage
+    if model.has_ended:
+        return 1.0, model.status
+    if model.status == "running" and model.progress:
+        return model.progress.fraction, model.progress.stage
+    ahead = model.queue.position
+    return 0.0, f"{model.status}, {ahead} ahead" if ahead else model.status
 
 
 def batch_figures(progress: BatchProgress) -> tuple[float, str]:
@@ -95,7 +97,8 @@ def follow(
     After a lost connection, it connects again with the id of the last event. Before that it calls `look`, which returns
     whether what is followed is over, or None if the service could not be asked.
     """
-    contact, tries = time.monotonic(), 0
+    away: float | None = None  # Since when there was no contact.
+    tries = 0
     while True:
         error: ConnectionFailed | Problem = ConnectionFailed("the stream was closed before its end")
         silence = min(SILENCE, deadline.left()) if deadline else SILENCE
@@ -109,7 +112,7 @@ def follow(
                 raise UnexpectedAnswer("the answer is not a stream of events")
             parser = Parser(last_id)
             while (chunk := (yield Read())) is not None:
-                contact = time.monotonic()
+                away = None
                 if deadline:
                     deadline.left()
                 for message in parser.feed(chunk):
@@ -128,9 +131,9 @@ def follow(
         over = (yield from look()) if look else None
         if over:
             return
-        if over is False:
-            contact = time.monotonic()
-        if time.monotonic() - contact > limits.outage:
+        now = time.monotonic()
+        away = None if over is False else away or now
+        if away and now - away >= limits.outage:
             raise error
         pause = delay(error, tries)
         pause = backoff(tries) if pause is None else pause

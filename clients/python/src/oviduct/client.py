@@ -93,7 +93,7 @@ class Client(Driver):
     ) -> Model:
         """Requests a model, and returns its present state; `wait` waits for it.
 
-        A finished model of the same spec and seed is reused, unless `reuse` is False.
+        A model of the same spec and seed is reused, at once or when it ends, unless `reuse` is False.
 
         Args:
             seed: 0 to 2^53 - 1; the same spec and seed give the same model. By default the service draws one.
@@ -104,7 +104,7 @@ class Client(Driver):
             labels: Names and values of your own, to find models by.
             backend: `auto` (the default), `gpu`, `cpu` or `cpu-single`.
             priority: -100 to 100.
-            reuse: Whether a finished model may be reused.
+            reuse: Whether another model may be reused; True by default.
 
         Raises:
             InvalidRequest: `errors` has each fault, with its JSON pointer.
@@ -190,7 +190,8 @@ class Client(Driver):
         """Events of one model, or of the models that match all conditions; without any, of all models.
 
         Each event has the whole state of a model. The stream ends when the models in `model`, `models` or `batch` have
-        ended, and else never. Lost connections are resumed; after a restart of the service states may come again.
+        ended, and else never. It is opened when the first event is taken. Lost connections are resumed; after a restart
+        of the service states may come again.
 
         Args:
             models: At most 100.

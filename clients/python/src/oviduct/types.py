@@ -151,7 +151,7 @@ class Model:
     preset: str
     seed: int
     outputs: tuple[str, ...] = field(default=(), metadata=_TUPLE)
-    labels: Mapping[str, str] = field(default_factory=dict)
+    labels: Mapping[str, str] = field(default_factory=dict, hash=False)
     priority: int = 0
     owner: str | None = None
     batch: str | None = None
@@ -165,14 +165,14 @@ class Model:
     finished_at: datetime.datetime | None = field(default=None, metadata=_TIME)
     expires_at: datetime.datetime | None = field(default=None, metadata=_TIME)
     files: tuple[File, ...] = field(default=(), metadata=_all(File))
-    summary: Json | None = None
+    summary: Json | None = field(default=None, hash=False)
     """Counts and measures, once it has succeeded; `certificate` has the figures of the certificate."""
     warnings: tuple[ModelWarning, ...] = field(default=(), metadata=_all(ModelWarning))
     problem: ModelProblem | None = field(default=None, metadata=_as(ModelProblem))
     digest: str = ""
     reused_from: str | None = None
     retry_of: str | None = None
-    spec: Json | None = field(default=None, repr=False)
+    spec: Json | None = field(default=None, hash=False, repr=False)
     """The complete spec; None in lists and events unless it was asked for."""
     raw: Json = field(default_factory=dict, repr=False, compare=False)
     """The whole answer."""
@@ -497,7 +497,7 @@ class ModelOptions(TypedDict, total=False):
     priority: int
     """-100 to 100; of the queued models, those of higher priority are started first."""
     reuse: bool
-    """Whether a finished model of the same spec and seed may be reused; True by default."""
+    """Whether another model of the same spec and seed may be reused; True by default."""
 
 
 class ModelFilter(TypedDict, total=False):
