@@ -303,6 +303,9 @@ pub(super) struct ProcessArgs {
     /// Threads of each CPU worker. For best throughput run one single-threaded worker per core [default: all cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) cpu_threads: Option<u32>,
+    /// Niceness of the threads that grow models, on Linux: requests are answered first [0: the same priority]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=19), default_value_t = 10)]
+    pub(super) worker_nice: u8,
     #[command(flatten)]
     pub(super) gpu: GpuArgs,
     /// Maximum number of models that a GPU grows together

@@ -135,6 +135,7 @@ impl Runtime {
         let options = PoolOptions {
             workers: args.cpu_workers,
             threads: args.cpu_threads.map_or(defaults.threads, |threads| threads as usize),
+            nice: args.worker_nice,
             batch: args.gpu_batch,
             no_gpu: gpus.missing,
             heartbeat: args.heartbeat,

@@ -16,6 +16,8 @@ pub struct PoolOptions {
     pub workers: u32,
     /// Threads of each worker, for `cpu`; at least 1.
     pub threads: usize,
+    /// Niceness of the threads that compute, 0 to 19: those of HTTP and of the stores run first. Linux only.
+    pub nice: u8,
     /// Most jobs that a GPU worker runs together; at least 1.
     pub batch: u32,
     /// Why there is no GPU worker in this process; recorded with jobs that fall back to the CPU.
@@ -59,6 +61,7 @@ impl PoolOptions {
         Self {
             workers: 1,
             threads: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+            nice: 10,
             batch: 16,
             no_gpu: None,
             heartbeat: Duration::from_secs(2),

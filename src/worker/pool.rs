@@ -263,8 +263,9 @@ impl Slot {
     fn new(context: &Arc<Context>, name: &str, generator: Option<Arc<dyn BatchGenerator>>) -> io::Result<Arc<Self>> {
         let id = format!("{}-{}-{name}", context.options.host, std::process::id());
         let threads = context.options.threads.max(1);
-        let cpu = Cpu::new(&id, threads)?;
-        let gpu = generator.map(|generator| Gpu::new(&id, threads, generator)).transpose()?;
+        let nice = context.options.nice;
+        let cpu = Cpu::new(&id, threads, nice)?;
+        let gpu = generator.map(|generator| Gpu::new(&id, threads, nice, generator)).transpose()?;
         let busy = Busy::new(&context.options.metrics, if gpu.is_some() { Backend::Gpu } else { Backend::Cpu });
         Ok(Arc::new(Self {
             id,

@@ -25,12 +25,12 @@ pub(in crate::worker) struct Cpu {
 }
 
 impl Cpu {
-    /// Starts the threads of the worker of this name.
+    /// Starts the threads of the worker of this name, of this niceness.
     ///
     /// # Errors
     /// If threads cannot be created.
-    pub(in crate::worker) fn new(worker: &str, count: usize) -> io::Result<Self> {
-        let (all, single) = (threads(worker, count)?, threads(worker, 1)?);
+    pub(in crate::worker) fn new(worker: &str, count: usize, nice: u8) -> io::Result<Self> {
+        let (all, single) = (threads(worker, count, nice)?, threads(worker, 1, nice)?);
         Ok(Self { all, single, free: Arc::new(Semaphore::new(1)), nearly_free: watch::Sender::new(false) })
     }
 
@@ -128,18 +128,34 @@ fn device(threads: usize) -> String {
     format!("cpu, {threads} thread{}", if threads == 1 { "" } else { "s" })
 }
 
-/// A pool of threads named after a worker.
+/// A pool of threads named after a worker, of this niceness.
 ///
 /// # Errors
 /// If threads cannot be created.
-pub(in crate::worker) fn threads(worker: &str, count: usize) -> io::Result<Arc<ThreadPool>> {
+pub(in crate::worker) fn threads(worker: &str, count: usize, nice: u8) -> io::Result<Arc<ThreadPool>> {
     let worker = worker.to_owned();
     rayon::ThreadPoolBuilder::new()
         .num_threads(count.max(1))
         .thread_name(move |n| format!("{worker}/{n}"))
+        .start_handler(move |_| lower_priority(nice))
         .build()
         .map(Arc::new)
         .map_err(io::Error::other)
+}
+
+/// Lets other threads run before this one. Elsewhere than on Linux, only processes have a niceness.
+fn lower_priority(nice: u8) {
+    #[cfg(target_os = "linux")]
+    {
+        use rustix::process::{getpriority_process, setpriority_process};
+        // Only a privileged process may lower its niceness again.
+        let set = getpriority_process(None).and_then(|now| setpriority_process(None, now.max(nice.into())));
+        if let Err(error) = set {
+            tracing::debug!(%error, "the priority of a thread could not be lowered");
+        }
+    }
+    #[cfg(not(target_os = "linux"))]
+    let _ = nice;
 }
 
 /// The generator of the CPU: grows the stored spec, from the checkpoint if there is one that can be used.
@@ -159,4 +175,20 @@ pub fn generate_on_cpu(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) ->
         }
         None => generate(&request, sink, cancel)?,
     })
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+    use rustix::process::getpriority_process;
+
+    #[test]
+    fn only_the_threads_of_a_worker_are_nice() {
+        let own = getpriority_process(None).expect("every thread has a priority");
+        for nice in [0, 7, 19] {
+            let pool = threads("worker", 1, nice).expect("a thread can be started");
+            assert_eq!(pool.install(|| getpriority_process(None)), Ok(own.max(nice.into())));
+        }
+        assert_eq!(getpriority_process(None), Ok(own));
+    }
 }

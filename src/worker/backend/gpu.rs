@@ -29,8 +29,13 @@ impl Gpu {
     ///
     /// # Errors
     /// If threads cannot be created.
-    pub(in crate::worker) fn new(worker: &str, count: usize, generator: Arc<dyn BatchGenerator>) -> io::Result<Self> {
-        let pool = threads(&format!("{worker}-batch"), count + 1)?;
+    pub(in crate::worker) fn new(
+        worker: &str,
+        count: usize,
+        nice: u8,
+        generator: Arc<dyn BatchGenerator>,
+    ) -> io::Result<Self> {
+        let pool = threads(&format!("{worker}-batch"), count + 1, nice)?;
         Ok(Self { generator, pool, free: Arc::new(Semaphore::new(1)) })
     }
 
