@@ -90,7 +90,6 @@ impl ModelRequest {
                 "reuse": { "type": "boolean", "default": true,
                     "description": "Whether a finished model with the same digest may be reused instead of growing it again." }
             },
-            "example": { "preset": "pig", "seed": 7, "outputs": ["glb", "obj"], "labels": { "study": "A3" } }
         })
     }
 }
