@@ -14,6 +14,7 @@ mod api {
     mod create;
     mod crowd;
     mod events;
+    mod examples;
     mod faulty;
     mod files;
     mod greedy;

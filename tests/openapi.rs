@@ -1,4 +1,7 @@
-//! The committed description of the service is the one that the code makes.
+//! The committed description of the service is the one that the code makes, and it fits itself.
+
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
 
 /// Write it anew with `cargo run -- openapi > openapi.yaml`, or with `OVIDUCT_BLESS=1 cargo test --test openapi`.
 #[test]
@@ -17,19 +20,19 @@ fn the_description_is_made_the_same_each_time() {
     assert_eq!(oviduct::http::openapi_yaml(), oviduct::http::openapi_yaml());
 }
 
-fn document() -> serde_json::Value {
+fn document() -> Value {
     yaml_serde::from_str(&oviduct::http::openapi_yaml()).expect("it is YAML")
 }
 
 #[test]
 fn every_reference_leads_somewhere() {
-    fn references(value: &serde_json::Value, found: &mut Vec<String>) {
+    fn references(value: &Value, found: &mut Vec<String>) {
         match value {
-            serde_json::Value::Object(members) => {
+            Value::Object(members) => {
                 found.extend(members.get("$ref").and_then(|r| r.as_str()).map(str::to_owned));
                 members.values().for_each(|member| references(member, found));
             }
-            serde_json::Value::Array(items) => items.iter().for_each(|item| references(item, found)),
+            Value::Array(items) => items.iter().for_each(|item| references(item, found)),
             _ => {}
         }
     }
@@ -46,11 +49,13 @@ fn every_reference_leads_somewhere() {
 #[test]
 fn every_operation_has_a_summary_and_documents_its_faults() {
     let document = document();
-    let mut operations = 0;
+    let (mut operations, mut ids) = (0, BTreeSet::new());
     for (path, item) in document["paths"].as_object().expect("there are paths") {
         for (method, operation) in item.as_object().expect("a path has operations") {
             operations += 1;
             assert!(operation["summary"].is_string(), "{method} {path}");
+            assert!(operation["description"].is_string(), "{method} {path}");
+            assert!(ids.insert(operation["operationId"].clone().to_string()), "{method} {path}");
             assert!(operation["operationId"].is_string(), "{method} {path}");
             let responses = operation["responses"].as_object().expect("an operation has responses");
             assert!(responses.contains_key("500"), "{method} {path}");
@@ -61,4 +66,86 @@ fn every_operation_has_a_summary_and_documents_its_faults() {
         }
     }
     assert_eq!(operations, 37);
+}
+
+/// All schemas of a document by their JSON pointers: the value of each `schema` and `schemas`, and what lies within.
+fn schemas(place: &str, value: &Value, found: &mut Vec<(String, Value)>) {
+    for (name, member) in value.as_object().into_iter().flatten() {
+        let here = format!("{place}/{name}");
+        match name.as_str() {
+            // Values, not schemas.
+            "example" | "examples" | "default" | "x-default" | "enum" => {}
+            "schema" | "items" | "additionalProperties" | "propertyNames" | "not" | "contentSchema" => {
+                found.push((here.clone(), member.clone()));
+                schemas(&here, member, found);
+            }
+            "schemas" | "properties" => {
+                for (name, schema) in member.as_object().into_iter().flatten() {
+                    let here = format!("{here}/{name}");
+                    found.push((here.clone(), schema.clone()));
+                    schemas(&here, schema, found);
+                }
+            }
+            "oneOf" | "anyOf" | "allOf" | "prefixItems" => {
+                for (i, schema) in member.as_array().into_iter().flatten().enumerate() {
+                    let here = format!("{here}/{i}");
+                    found.push((here.clone(), schema.clone()));
+                    schemas(&here, schema, found);
+                }
+            }
+            _ => schemas(&here, member, found),
+        }
+    }
+}
+
+#[test]
+fn no_schema_is_empty() {
+    let mut found = Vec::new();
+    schemas("", &document(), &mut found);
+    assert!(found.len() > 500, "{}", found.len());
+    for (place, schema) in found {
+        let closed = schema == false && place.ends_with("/additionalProperties");
+        assert!(closed || schema.as_object().is_some_and(|members| !members.is_empty()), "{place} is {schema}");
+        let free = schema["type"] == "object"
+            && ["properties", "additionalProperties", "oneOf"].iter().all(|m| schema[m].is_null());
+        assert!(!free, "{place} has no members");
+        assert!(schema["type"] != "array" || schema["items"].is_object(), "{place} has no items");
+    }
+}
+
+#[test]
+fn every_media_type_has_a_schema_and_its_examples_fit_it() {
+    let document = document();
+    let mut used = BTreeSet::new();
+    let mut check = |place: &str, content: &Value| {
+        for (media_type, content) in content.as_object().into_iter().flatten() {
+            assert!(content["schema"].is_object(), "{place}: {media_type}");
+            let whole = json!({ "allOf": [content["schema"]], "components": document["components"] });
+            let validator =
+                jsonschema::draft202012::options().should_validate_formats(true).build(&whole).expect("a schema");
+            for (name, example) in content["examples"].as_object().into_iter().flatten() {
+                let pointer = example["$ref"].as_str().and_then(|r| r.strip_prefix('#')).expect("it is a component");
+                let value = &document.pointer(pointer).expect("it exists")["value"];
+                let errors: Vec<_> =
+                    validator.iter_errors(value).map(|e| format!("{} {e}", e.instance_path())).collect();
+                assert!(errors.is_empty(), "{name} of {place}: {errors:?}");
+                used.insert(name.clone());
+            }
+        }
+    };
+    for (path, item) in document["paths"].as_object().expect("there are paths") {
+        for (method, operation) in item.as_object().expect("a path has operations") {
+            check(&format!("{method} {path}"), &operation["requestBody"]["content"]);
+            for (status, response) in operation["responses"].as_object().expect("an operation has responses") {
+                check(&format!("{method} {path} {status}"), &response["content"]);
+            }
+        }
+    }
+    let all: BTreeSet<_> =
+        document["components"]["examples"].as_object().expect("there are some").keys().cloned().collect();
+    assert_eq!(used, all, "each example is used");
+    // The data of an event is text, whose schema a validator does not apply.
+    let event = json!({ "$ref": "#/components/schemas/ModelEvent", "components": document["components"] });
+    let data = document["components"]["examples"]["Event"]["value"]["data"].as_str().expect("it is text");
+    assert!(jsonschema::is_valid(&event, &serde_json::from_str(data).expect("it is JSON")));
 }

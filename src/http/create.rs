@@ -14,7 +14,7 @@ use super::links::At;
 use super::models::{answer, retry_after};
 use super::problem::{Kind, Problem};
 use super::request::{ModelRequest, SEED_MAX};
-use super::responses::{BodyProblems, ModelRequest as ModelRequestDoc, QueueFull, StoreAwayOrOpening};
+use super::responses::{BodyProblems, ModelRequest as ModelRequestDoc, QueueFull, SpecPatch, StoreAwayOrOpening};
 use crate::generate::Backend;
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{Job, NewJob, StoreError, Submitted};
@@ -273,7 +273,7 @@ pub(super) struct Validation {
     #[schema(minimum = 0)]
     seed: Option<u64>,
     /// The complete resolved spec.
-    #[schema(value_type = Object)]
+    #[schema(value_type = SpecPatch)]
     spec: Value,
     /// Digest of the model; null if the seed will be drawn.
     digest: Option<String>,
@@ -282,6 +282,8 @@ pub(super) struct Validation {
 }
 
 /// Check a request and predict its cost, without queueing anything.
+///
+/// The answer has the complete spec. A request that passes can still be refused by a full queue.
 #[utoipa::path(
     post, path = "/models/validate", operation_id = "validate_model", tag = "models",
     request_body(content = ModelRequestDoc, content_type = "application/json"),

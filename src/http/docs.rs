@@ -16,6 +16,8 @@ use serde_json::Value;
 use std::sync::OnceLock;
 
 /// Read this description as a page.
+///
+/// The page has no scripts and loads nothing.
 #[utoipa::path(
     get, path = "/docs", operation_id = "get_docs", tag = "service",
     responses((status = 200, description = "This description as HTML", content_type = "text/html", body = String))

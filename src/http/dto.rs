@@ -3,6 +3,9 @@
 use super::detail::Detail;
 use super::links::At;
 use super::problem::TYPE_PREFIX;
+use super::responses::SpecPatch;
+pub use super::shapes::ModelWarning;
+use super::shapes::Summary;
 use super::study::BatchStudy;
 use crate::generate::{Output, Progress, Stage};
 use crate::jobs::{BackendReport, Job, LiveSection, Priority, Status, WorkerInfo, WorkerState};
@@ -66,7 +69,7 @@ pub struct Model {
     /// Its files, once it has succeeded.
     pub files: Vec<ModelFile>,
     /// Counts and measures, and in `certificate` the figures of the certificate, once it has succeeded.
-    #[schema(value_type = Option<Object>)]
+    #[schema(value_type = Option<Summary>)]
     pub summary: Option<Value>,
     /// Signs of poor growth, once it has succeeded; empty if there are none.
     pub warnings: Vec<ModelWarning>,
@@ -80,7 +83,7 @@ pub struct Model {
     pub retry_of: Option<Uuid>,
     /// The complete resolved spec, as `GET /schema` describes it. Present with `view=full`, absent with `view=summary`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(value_type = Object, required = false, nullable = false)]
+    #[schema(value_type = SpecPatch, required = false, nullable = false)]
     pub spec: Option<Value>,
 }
 
@@ -110,15 +113,6 @@ pub struct ModelFile {
     /// Where to download it: a reference relative to the URL of the answer or stream that names it.
     #[schema(format = "uri-reference")]
     pub href: String,
-}
-
-/// A sign of poor growth of a model that has succeeded.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct ModelWarning {
-    /// `splits-missing`, `small-gap` or `particles-short`; there may be more in future.
-    pub code: String,
-    /// A sentence with the numbers.
-    pub detail: String,
 }
 
 /// Why a model failed.

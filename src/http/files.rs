@@ -10,6 +10,7 @@ use super::extract::{ModelId, PathTexts, no_model};
 use super::problem::{Kind, Problem};
 use super::range::{Selection, select};
 use super::responses::{DownloadAway, FileMissing, RangeOutside};
+use super::shapes::StoredReport;
 use crate::jobs::artifacts::ArtifactError;
 use crate::jobs::{BackendReport, File, Job, JobId};
 use axum::body::Body;
@@ -29,6 +30,8 @@ pub(super) const IMMUTABLE: HeaderValue = HeaderValue::from_static("private, max
 const SIGNED_FOR: Duration = Duration::from_secs(300);
 
 /// Download a file.
+///
+/// Its name and media type are among the `files` of the model. Files never change; ranges resume a download.
 #[utoipa::path(
     get, path = "/models/{id}/files/{name}", operation_id = "download_file", tag = "files",
     params(
@@ -108,13 +111,15 @@ pub(super) struct Report {
     /// Seed.
     #[schema(minimum = 0, maximum = 9007199254740991i64)]
     seed: u64,
-    /// The members of `report.json`: `engine`, `spec`, `summary`, `certificate`.
+    /// The members of `report.json`.
     #[serde(flatten)]
-    #[schema(value_type = Object)]
+    #[schema(value_type = StoredReport)]
     stored: Map<String, Value>,
 }
 
 /// Read the report of a model: its certificate, its summary, and what computed it.
+///
+/// It holds what `report.json` holds.
 #[utoipa::path(
     get, path = "/models/{id}/report", operation_id = "get_report", tag = "files",
     params(

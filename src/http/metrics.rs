@@ -14,6 +14,8 @@ use std::time::Duration;
 use tokio::sync::Semaphore;
 
 /// Read the metrics of this process, and the depth of the queue.
+///
+/// The same metrics are served at `--metrics-addr`, without a key.
 #[utoipa::path(
     get, path = "/metrics", operation_id = "get_metrics", tag = "service",
     responses((status = 200, description = "OpenMetrics text. While the job store is unavailable, the gauges read from it keep their last values and `oviduct_job_store_up` is 0",

@@ -45,6 +45,7 @@ mod router;
 mod samples;
 mod sections;
 mod select;
+mod shapes;
 mod stream;
 mod study;
 mod tickets;

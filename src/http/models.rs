@@ -43,6 +43,8 @@ pub(super) fn retry_after(job: &Job) -> HeaderValue {
 }
 
 /// List models, newest first.
+///
+/// The conditions narrow the list; a model must match all of them. `next` is the `cursor` of the next page.
 #[utoipa::path(
     get, path = "/models", operation_id = "list_models", tag = "models",
     params(
@@ -69,6 +71,8 @@ pub(super) async fn list(
 }
 
 /// Read a model.
+///
+/// A model that has ended never changes, but for its removal.
 #[utoipa::path(
     get, path = "/models/{id}", operation_id = "get_model", tag = "models",
     params(

@@ -2,7 +2,8 @@
 
 use super::extract::PathTexts;
 use super::problem::{Kind, Problem};
-use super::responses::PresetMissing;
+use super::responses::{JsonSchema, PresetMissing};
+use super::shapes::{Preset, PresetSummary};
 use crate::spec::{preset, presets, schema};
 use axum::Json;
 use axum::http::{HeaderValue, header};
@@ -14,12 +15,14 @@ use utoipa::ToSchema;
 /// The presets.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct PresetList {
-    /// Name, title, organ, species, description, and whether it is the default. The default comes first.
-    #[schema(value_type = Vec<Object>)]
+    /// The presets, the default first.
+    #[schema(value_type = Vec<PresetSummary>)]
     presets: Vec<Value>,
 }
 
 /// List the presets.
+///
+/// The default comes first.
 #[utoipa::path(
     get, path = "/presets", operation_id = "list_presets", tag = "presets",
     responses((status = 200, description = "The presets", body = PresetList))
@@ -29,10 +32,12 @@ pub(super) async fn list() -> Json<PresetList> {
 }
 
 /// Read a preset: its values, each with unit and source.
+///
+/// The values are the base that the `spec` of a request is merged into.
 #[utoipa::path(
     get, path = "/presets/{name}", operation_id = "get_preset", tag = "presets",
     params(("name" = String, Path, description = "Name of the preset")),
-    responses((status = 200, description = "The preset", body = Object, content_type = "application/json"), PresetMissing)
+    responses((status = 200, description = "The preset", body = Preset, content_type = "application/json"), PresetMissing)
 )]
 pub(super) async fn get(path: PathTexts) -> Result<Json<Value>, Problem> {
     let found = preset(path.get("name")).ok_or_else(|| {
@@ -43,9 +48,11 @@ pub(super) async fn get(path: PathTexts) -> Result<Json<Value>, Problem> {
 }
 
 /// Read the JSON Schema of a spec: titles, units, bounds, defaults.
+///
+/// It describes the `spec` of a request; the defaults are those of the default preset.
 #[utoipa::path(
     get, path = "/schema", operation_id = "get_schema", tag = "presets",
-    responses((status = 200, description = "JSON Schema, draft 2020-12", content_type = "application/schema+json", body = Object))
+    responses((status = 200, description = "JSON Schema, draft 2020-12", content_type = "application/schema+json", body = JsonSchema))
 )]
 pub(super) async fn spec_schema() -> Response {
     let kind = (header::CONTENT_TYPE, HeaderValue::from_static("application/schema+json"));

@@ -90,7 +90,6 @@ impl ModelRequest {
                 "reuse": { "type": "boolean", "default": true,
                     "description": "Whether a model with the same digest may be reused instead of growing it again: a finished one at once, one that is queued or running when it ends." }
             },
-            "example": { "preset": "pig", "seed": 7, "outputs": ["glb", "obj"], "labels": { "study": "A3" } }
         })
     }
 }

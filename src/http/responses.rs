@@ -1,5 +1,5 @@
 //! What descriptions of routes have in common: their error answers, and the schemas of request bodies and events, which
-//! `openapi.rs` fills in.
+//! `openapi/schemas.rs` fills in.
 
 use super::problem::Kind;
 use std::collections::BTreeMap;
@@ -29,6 +29,16 @@ placeholders! {
     BatchRequest;
     /// Stands for one event of a stream; utoipa has no `contentSchema`.
     ServerSentEvent;
+    /// Stands for `vary`, the study of a batch.
+    Vary;
+    /// Stands for any value of a parameter.
+    ParameterValue;
+    /// Stands for a patch of a spec, and for a spec that is complete.
+    SpecPatch;
+    /// Stands for the schema of a spec.
+    JsonSchema;
+    /// Stands for a certificate without its lists.
+    CertificateFigures;
 }
 
 macro_rules! problems {
@@ -89,14 +99,24 @@ problems! {
 
 /// One response for each status among `kinds`.
 pub(super) fn problem_responses(kinds: &[Kind]) -> BTreeMap<String, RefOr<Response>> {
-    let mut by_status: BTreeMap<String, Vec<Kind>> = BTreeMap::new();
+    let mut responses = BTreeMap::new();
+    add_problems(&mut responses, kinds);
+    responses
+}
+
+/// Adds problems to the responses of an operation, also to those of a status that it has already.
+pub(super) fn add_problems(responses: &mut BTreeMap<String, RefOr<Response>>, kinds: &[Kind]) {
     for kind in kinds {
-        by_status.entry(kind.status().as_str().to_owned()).or_default().push(*kind);
+        let line = format!("{} (`{}`)", kind.title(), kind.slug());
+        match responses.get_mut(kind.status().as_str()) {
+            Some(RefOr::T(known)) if known.description.split("; ").any(|known| known == line) => {}
+            Some(RefOr::T(known)) => known.description = format!("{}; {line}", known.description),
+            Some(RefOr::Ref(_)) => {}
+            None => {
+                let schema = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
+                let response = ResponseBuilder::new().description(line).content("application/problem+json", schema);
+                responses.insert(kind.status().as_str().to_owned(), response.build().into());
+            }
+        }
     }
-    let content = || ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
-    let document = |kinds: Vec<Kind>| {
-        let lines: Vec<_> = kinds.iter().map(|kind| format!("{} (`{}`)", kind.title(), kind.slug())).collect();
-        ResponseBuilder::new().description(lines.join("; ")).content("application/problem+json", content()).build()
-    };
-    by_status.into_iter().map(|(status, kinds)| (status, document(kinds).into())).collect()
 }

@@ -80,6 +80,8 @@ impl From<Ring> for RingAnswer {
 }
 
 /// Read a cross section of a finished model.
+///
+/// As points with the ids of particles, or as a drawing.
 #[utoipa::path(
     get, path = "/models/{id}/sections/{k}", operation_id = "get_section", tag = "files",
     params(

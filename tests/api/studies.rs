@@ -202,20 +202,42 @@ async fn a_table_has_a_row_for_each_model() {
     let reply = app.get(&path).await;
     assert_eq!(reply.header(header::CONTENT_TYPE), Some("application/json"));
     let table = reply.json();
-    let columns =
-        ["id", "status", "seed", "/collision/gap_um", "/steps", "problem", "summary.sections", "summary.vertices"];
+    let figures = [
+        "area_mm2",
+        "min_gap_um",
+        "particles.end",
+        "particles.start",
+        "sections",
+        "triangles",
+        "vertices",
+        "volume_mm3",
+    ];
+    let figures = figures.map(|name| format!("summary.{name}"));
+    let columns: Vec<&str> = ["id", "status", "seed", "/collision/gap_um", "/steps", "problem"]
+        .into_iter()
+        .chain(figures.iter().map(String::as_str))
+        .collect();
     assert_eq!(table["columns"], json!(columns));
     assert_eq!(table["rows"].as_array().unwrap().len(), 8);
-    assert_eq!(table["rows"][0], json!([ids(&batch)[0], "succeeded", 7, 25, 800, null, 201, 790_211]));
-    assert_eq!(table["rows"][7], json!([ids(&batch)[7], "cancelled", 8, 50, null, null, null, null]));
+    assert_eq!(
+        table["rows"][0],
+        json!([ids(&batch)[0], "succeeded", 7, 25, 800, null, 2710.5, 6.2, 8300, 710, 201, 1_580_422, 790_211, 41.7])
+    );
+    assert_eq!(
+        table["rows"][7],
+        json!([ids(&batch)[7], "cancelled", 8, 50, null, null, null, null, null, null, null, null, null, null])
+    );
 
     for reply in [app.get(&format!("{path}?format=csv")).await, app.get_with(&path, &[("accept", "text/csv")]).await] {
         assert!(reply.header(header::CONTENT_TYPE).unwrap().starts_with("text/csv"));
         let text = String::from_utf8(reply.body.to_vec()).unwrap();
         let lines: Vec<&str> = text.split("\r\n").collect();
         assert_eq!((lines.len(), lines[0]), (10, columns.join(",").as_str()));
-        assert_eq!(lines[1], format!("{},succeeded,7,25,800,,201,790211", ids(&batch)[0]));
-        assert_eq!(lines[3], format!("{},queued,7,25,,,,", ids(&batch)[2]));
+        assert_eq!(
+            lines[1],
+            format!("{},succeeded,7,25,800,,2710.5,6.2,8300,710,201,1580422,790211,41.7", ids(&batch)[0])
+        );
+        assert_eq!(lines[3], format!("{},queued,7,25,,,,,,,,,,", ids(&batch)[2]));
     }
     assert_eq!(app.get_with(&path, &[("accept", "text/html")]).await.slug(), "not-acceptable");
     assert_eq!(app.get(&format!("{path}?format=xml&x=1")).await.places(), ["x", "format"]);

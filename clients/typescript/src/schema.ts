@@ -11,12 +11,19 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** List batches, newest first, without the ids of their models. */
+        /**
+         * List batches, newest first, without the ids of their models.
+         * @description Their models are counted by status.
+         *
+         *     Needs a key with the scope `read`.
+         */
         get: operations["list_batches"];
         put?: never;
         /**
          * Request many models of one spec, or of the points of a study.
          * @description Either all of them are queued, or none. Finished models of the same digest are reused as by `POST /models`.
+         *
+         *     Needs a key with the scope `submit`.
          */
         post: operations["create_batch"];
         delete?: never;
@@ -34,7 +41,12 @@ export interface paths {
         };
         get?: never;
         put?: never;
-        /** Check a request for a batch and predict its cost, without queueing anything. */
+        /**
+         * Check a request for a batch and predict its cost, without queueing anything.
+         * @description The answer has the cost of each point. A request that passes can still be refused by a full queue.
+         *
+         *     Needs a key with the scope `read`.
+         */
         post: operations["validate_batch"];
         delete?: never;
         options?: never;
@@ -49,11 +61,21 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Read a batch: the ids of its models, their number by status, and its study. */
+        /**
+         * Read a batch: the ids of its models, their number by status, and its study.
+         * @description Models that were deleted one by one are not listed.
+         *
+         *     Needs a key with the scope `read`.
+         */
         get: operations["get_batch"];
         put?: never;
         post?: never;
-        /** Delete a batch with all its models; those that have not ended are cancelled. */
+        /**
+         * Delete a batch with all its models; those that have not ended are cancelled.
+         * @description Files that another model shares are kept.
+         *
+         *     Needs a key with the scope `submit`.
+         */
         delete: operations["delete_batch"];
         options?: never;
         head?: never;
@@ -72,6 +94,8 @@ export interface paths {
          * @description `manifest.json`, its first entry, has the batch's id and study and, for each model, its place, id, seed, status, spec,
          *     digest, varied values and problem, and path, size and SHA-256 of its files. Models that have not succeeded have no
          *     files. The transfer is broken off if a file cannot be read.
+         *
+         *     Needs a key with the scope `read`.
          */
         get: operations["get_batch_archive"];
         put?: never;
@@ -94,6 +118,8 @@ export interface paths {
         /**
          * Cancel all models of a batch.
          * @description Queued models end at once, running ones within a second; ended models do not change.
+         *
+         *     Needs a key with the scope `submit`.
          */
         post: operations["cancel_batch"];
         delete?: never;
@@ -112,6 +138,8 @@ export interface paths {
         /**
          * Read the models of a batch as a table: varied values, seed, status and all figures.
          * @description Models that have not ended, or not succeeded, have no figures.
+         *
+         *     Needs a key with the scope `read`.
          */
         get: operations["get_batch_table"];
         put?: never;
@@ -129,7 +157,12 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Read this description as a page. */
+        /**
+         * Read this description as a page.
+         * @description The page has no scripts and loads nothing.
+         *
+         *     Needs no key.
+         */
         get: operations["get_docs"];
         put?: never;
         post?: never;
@@ -155,6 +188,8 @@ export interface paths {
          *     `ids`, `label` and `batch` narrow the stream; a model must match all of them. With `ids` or `batch`, the state of each of
          *     these models comes at once, whether it has ended or not (for an id without a model, an `end` with `deleted`); when all
          *     have ended, the stream closes, and a client that reconnects gets 204. Other streams do not close.
+         *
+         *     Needs a key with the scope `read`.
          */
         get: operations["follow_all"];
         put?: never;
@@ -175,6 +210,8 @@ export interface paths {
         /**
          * Tell whether the process works.
          * @description The answer is 503 if a worker has been stuck for minutes. The process should then be restarted.
+         *
+         *     Needs no key.
          */
         get: operations["get_health"];
         put?: never;
@@ -192,7 +229,12 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Read the metrics of this process, and the depth of the queue. */
+        /**
+         * Read the metrics of this process, and the depth of the queue.
+         * @description The same metrics are served at `--metrics-addr`, without a key.
+         *
+         *     Needs a key with the scope `admin`.
+         */
         get: operations["get_metrics"];
         put?: never;
         post?: never;
@@ -209,18 +251,27 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** List models, newest first. */
+        /**
+         * List models, newest first.
+         * @description The conditions narrow the list; a model must match all of them. `next` is the `cursor` of the next page.
+         *
+         *     Needs a key with the scope `read`.
+         */
         get: operations["list_models"];
         put?: never;
         /**
          * Request a model.
          * @description It is queued and grown in the background. Follow it by `GET /models/{id}` or its events.
+         *
+         *     Needs a key with the scope `submit`.
          */
         post: operations["create_model"];
         /**
          * Delete all models that match, and their files.
          * @description Models that have not ended are cancelled; files that another model shares are kept. The conditions are those of
          *     `GET /models`; without any, `all=true` is needed.
+         *
+         *     Needs a key with the scope `submit`.
          */
         delete: operations["delete_models"];
         options?: never;
@@ -241,6 +292,8 @@ export interface paths {
          * Cancel all models that match.
          * @description Queued models end at once, running ones within a second; ended models do not change. The conditions are those of
          *     `GET /models`; without any, `all=true` is needed.
+         *
+         *     Needs a key with the scope `submit`.
          */
         post: operations["cancel_models"];
         delete?: never;
@@ -258,7 +311,12 @@ export interface paths {
         };
         get?: never;
         put?: never;
-        /** Check a request and predict its cost, without queueing anything. */
+        /**
+         * Check a request and predict its cost, without queueing anything.
+         * @description The answer has the complete spec. A request that passes can still be refused by a full queue.
+         *
+         *     Needs a key with the scope `read`.
+         */
         post: operations["validate_model"];
         delete?: never;
         options?: never;
@@ -273,13 +331,20 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Read a model. */
+        /**
+         * Read a model.
+         * @description A model that has ended never changes, but for its removal.
+         *
+         *     Needs a key with the scope `read`.
+         */
         get: operations["get_model"];
         put?: never;
         post?: never;
         /**
          * Delete a model and its files. It is cancelled if it has not ended.
          * @description Files that another model shares are kept.
+         *
+         *     Needs a key with the scope `submit`.
          */
         delete: operations["delete_model"];
         options?: never;
@@ -299,6 +364,8 @@ export interface paths {
         /**
          * Cancel a model.
          * @description A queued model ends at once, a running one within a second. An ended model does not change.
+         *
+         *     Needs a key with the scope `submit`.
          */
         post: operations["cancel_model"];
         delete?: never;
@@ -319,6 +386,8 @@ export interface paths {
          * @description Event names are `status`, `progress`, `section` and `end`. The id is the model's version. The data is the whole Model
          *     but for its spec, which never changes and comes with `view=full`; in `section` events together with its latest contour. The stream closes after `end`. If the model is deleted, the data of
          *     `end` is `{"id", "status": "deleted"}`.
+         *
+         *     Needs a key with the scope `read`.
          */
         get: operations["follow_model"];
         put?: never;
@@ -336,7 +405,12 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Download a file. */
+        /**
+         * Download a file.
+         * @description Its name and media type are among the `files` of the model. Files never change; ranges resume a download.
+         *
+         *     Needs a key with the scope `read`.
+         */
         get: operations["download_file"];
         put?: never;
         post?: never;
@@ -353,7 +427,12 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Read the report of a model: its certificate, its summary, and what computed it. */
+        /**
+         * Read the report of a model: its certificate, its summary, and what computed it.
+         * @description It holds what `report.json` holds.
+         *
+         *     Needs a key with the scope `read`.
+         */
         get: operations["get_report"];
         put?: never;
         post?: never;
@@ -376,6 +455,8 @@ export interface paths {
          * Grow a failed model again, as a new model with the same request.
          * @description An ended model never changes, so the retry is a model of its own: `retry_of` names the failed one, and it belongs to the
          *     same batch. A finished model of the same digest is reused as by `POST /models`.
+         *
+         *     Needs a key with the scope `submit`.
          */
         post: operations["retry_model"];
         delete?: never;
@@ -391,7 +472,12 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Read a cross section of a finished model. */
+        /**
+         * Read a cross section of a finished model.
+         * @description As points with the ids of particles, or as a drawing.
+         *
+         *     Needs a key with the scope `read`.
+         */
         get: operations["get_section"];
         put?: never;
         post?: never;
@@ -408,7 +494,12 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Read this description as YAML. */
+        /**
+         * Read this description as YAML.
+         * @description It is the same for every caller and changes only with the version of the service.
+         *
+         *     Needs a key with any scope.
+         */
         get: operations["get_openapi"];
         put?: never;
         post?: never;
@@ -425,7 +516,12 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** List the presets. */
+        /**
+         * List the presets.
+         * @description The default comes first.
+         *
+         *     Needs a key with any scope.
+         */
         get: operations["list_presets"];
         put?: never;
         post?: never;
@@ -442,7 +538,12 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Read a preset: its values, each with unit and source. */
+        /**
+         * Read a preset: its values, each with unit and source.
+         * @description The values are the base that the `spec` of a request is merged into.
+         *
+         *     Needs a key with any scope.
+         */
         get: operations["get_preset"];
         put?: never;
         post?: never;
@@ -463,6 +564,8 @@ export interface paths {
          * Tell whether the process takes work.
          * @description The answer is 503 while the job store is unavailable, the artifact store does not accept a small file, or the process is
          *     opening its GPUs or shutting down.
+         *
+         *     Needs no key.
          */
         get: operations["get_readiness"];
         put?: never;
@@ -480,7 +583,12 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** Read the JSON Schema of a spec: titles, units, bounds, defaults. */
+        /**
+         * Read the JSON Schema of a spec: titles, units, bounds, defaults.
+         * @description It describes the `spec` of a request; the defaults are those of the default preset.
+         *
+         *     Needs a key with any scope.
+         */
         get: operations["get_schema"];
         put?: never;
         post?: never;
@@ -503,6 +611,8 @@ export interface paths {
          * Get a ticket.
          * @description It is good for one `GET` of one path within 60 seconds, as `?ticket=…`, with the rights of the key: for an `EventSource`
          *     or a link, which cannot send `Authorization`. For each reconnection get another.
+         *
+         *     Needs a key with the scope `read`.
          */
         post: operations["create_ticket"];
         delete?: never;
@@ -518,7 +628,12 @@ export interface paths {
             path?: never;
             cookie?: never;
         };
-        /** List the workers that sent a heartbeat within the last minutes. */
+        /**
+         * List the workers that sent a heartbeat within the last minutes.
+         * @description Without the scope `admin`, only models of the caller are named.
+         *
+         *     Needs a key with the scope `read`.
+         */
         get: operations["list_workers"];
         put?: never;
         post?: never;
@@ -541,6 +656,8 @@ export interface paths {
          * Pause all workers, also those that start later.
          * @description They start no more models. The models that they grow go on, and requests are accepted and queued. The pause holds across
          *     restarts until `POST /workers/resume`.
+         *
+         *     Needs a key with the scope `admin`.
          */
         post: operations["pause_workers"];
         delete?: never;
@@ -558,7 +675,12 @@ export interface paths {
         };
         get?: never;
         put?: never;
-        /** End the pause of all workers. Those that are paused or drained one by one remain so. */
+        /**
+         * End the pause of all workers. Those that are paused or drained one by one remain so.
+         * @description The answer tells which those are.
+         *
+         *     Needs a key with the scope `admin`.
+         */
         post: operations["resume_workers"];
         delete?: never;
         options?: never;
@@ -578,6 +700,8 @@ export interface paths {
         /**
          * Drain a worker: it starts no more models, ends those that it grows, and is `drained` then.
          * @description A drained worker can be stopped without interrupting a model. It idles until it is stopped or resumed.
+         *
+         *     Needs a key with the scope `admin`.
          */
         post: operations["drain_worker"];
         delete?: never;
@@ -598,6 +722,8 @@ export interface paths {
         /**
          * Pause a worker: it starts no more models; those that it grows go on.
          * @description The pause holds until the worker is resumed, also for a worker that is started again under the same name.
+         *
+         *     Needs a key with the scope `admin`.
          */
         post: operations["pause_worker"];
         delete?: never;
@@ -615,7 +741,12 @@ export interface paths {
         };
         get?: never;
         put?: never;
-        /** Let a worker that was paused or drained start models again. */
+        /**
+         * Let a worker that was paused or drained start models again.
+         * @description While all workers are paused, it still starts none.
+         *
+         *     Needs a key with the scope `admin`.
+         */
         post: operations["resume_worker"];
         delete?: never;
         options?: never;
@@ -712,32 +843,306 @@ export interface components {
             /** @description Value of `cursor` for the next page; null on the last page. */
             next?: string | null;
         };
+        /** @description Many models of one spec, or of the points of a study. The members other than `seeds`, `count` and `vary` are those of a ModelRequest. */
+        BatchRequest: components["schemas"]["SeedsBatchRequest"] | components["schemas"]["CountBatchRequest"] | components["schemas"]["StudyBatchRequest"];
+        /** @description The study of a batch. */
+        BatchStudy: {
+            /** @description The models in the order of `models`: points in the order of the design, each with its seeds. */
+            models: components["schemas"]["StudyModel"][];
+            /** @description The member `vary` of the request. */
+            vary: components["schemas"]["Vary"];
+        };
+        /** @description The result of a check: what would be queued. */
+        BatchValidation: {
+            /** @description Predicted cost of all models. */
+            cost: components["schemas"]["BatchCost"];
+            /** @description Number of models: points times seeds. */
+            models: number;
+            /** @description The points of the study; without one, a single point without values. */
+            points: components["schemas"]["PointValidation"][];
+            /** @description Preset that the specs were resolved on. */
+            preset: string;
+            /** @description The seeds of each point; null if they will be drawn. */
+            seeds?: number[] | null;
+        };
+        /** @description The findings on one surface and, for a generated model, the sections it was made from. */
+        Certificate: {
+            /**
+             * Format: double
+             * @description Area of the surface.
+             */
+            area_mm2: number;
+            /** @description The components in the order of their first vertices; the first 256. */
+            bodies: components["schemas"]["Component"][];
+            /** @description Least and greatest coordinates. */
+            bounds_um: [
+                components["schemas"]["Position"],
+                components["schemas"]["Position"]
+            ];
+            /** @description No open edges: each belongs to at least two triangles. */
+            closed: boolean;
+            /** @description Number of parts connected by vertices. */
+            components: number;
+            /** @description Triangles whose area is exactly zero. */
+            degenerate_triangles: number;
+            /** @description Edges whose two triangles run along it in the same direction. */
+            disoriented_edges: number;
+            /** @description Pairs of triangles with the same three vertices. */
+            duplicate_triangles: number;
+            /** @description Vertices − edges + triangles, over all components. */
+            euler: number;
+            /** @description The failures, at most one entry per kind. */
+            failures: components["schemas"]["Failure"][];
+            /** @description Each edge belongs to exactly two triangles, and the triangles at each vertex form one closed fan. */
+            manifold: boolean;
+            /**
+             * Format: double
+             * @description Smallest angle of a triangle.
+             */
+            min_angle_deg: number;
+            /**
+             * Format: double
+             * @description Shortest edge of the surface.
+             */
+            min_edge_um: number;
+            /**
+             * Format: double
+             * @description Least distance between a vertex and an edge of the same section that does not end there, over both rings;
+             *     null without sections.
+             */
+            min_gap_um?: number | null;
+            /** @description Edges of more than two triangles. */
+            non_manifold_edges: number;
+            /** @description Vertices whose triangles form more than one fan. */
+            non_manifold_vertices: number;
+            /** @description Edges of one triangle only. */
+            open_edges: number;
+            /** @description Triangles at an edge run along it in opposite directions, everywhere. */
+            oriented: boolean;
+            /** @description Whether there are no failures. */
+            passed: boolean;
+            /** @description Pairs of edges of one section that meet other than as neighbours, and inner rings not inside the outer one. */
+            section_crossings: number;
+            /**
+             * @description Pairs of triangles that have a point in common other than vertices and edges they share. The search stops after
+             *     100,000 that are found one by one; the number is then a lower bound, and the failure states it.
+             */
+            triangle_intersections: number;
+            /** @description Triangles. */
+            triangles: number;
+            /** @description Vertices that belong to triangles. */
+            vertices: number;
+            /**
+             * Format: double
+             * @description Enclosed volume; components that are inside out, such as cavities, count as negative.
+             */
+            volume_mm3: number;
+        };
+        /** @description The figures of a certificate: all but its lists of components and failures. */
+        CertificateFigures: {
+            /**
+             * Format: double
+             * @description Area of the surface.
+             */
+            area_mm2: number;
+            /** @description Least and greatest coordinates. */
+            bounds_um: [
+                components["schemas"]["Position"],
+                components["schemas"]["Position"]
+            ];
+            /** @description No open edges: each belongs to at least two triangles. */
+            closed: boolean;
+            /** @description Number of parts connected by vertices. */
+            components: number;
+            /** @description Triangles whose area is exactly zero. */
+            degenerate_triangles: number;
+            /** @description Edges whose two triangles run along it in the same direction. */
+            disoriented_edges: number;
+            /** @description Pairs of triangles with the same three vertices. */
+            duplicate_triangles: number;
+            /** @description Vertices − edges + triangles, over all components. */
+            euler: number;
+            /** @description Each edge belongs to exactly two triangles, and the triangles at each vertex form one closed fan. */
+            manifold: boolean;
+            /**
+             * Format: double
+             * @description Smallest angle of a triangle.
+             */
+            min_angle_deg: number;
+            /**
+             * Format: double
+             * @description Shortest edge of the surface.
+             */
+            min_edge_um: number;
+            /**
+             * Format: double
+             * @description Least distance between a vertex and an edge of the same section that does not end there, over both rings;
+             *     null without sections.
+             */
+            min_gap_um?: number | null;
+            /** @description Edges of more than two triangles. */
+            non_manifold_edges: number;
+            /** @description Vertices whose triangles form more than one fan. */
+            non_manifold_vertices: number;
+            /** @description Edges of one triangle only. */
+            open_edges: number;
+            /** @description Triangles at an edge run along it in opposite directions, everywhere. */
+            oriented: boolean;
+            /** @description Whether there are no failures. */
+            passed: boolean;
+            /** @description Pairs of edges of one section that meet other than as neighbours, and inner rings not inside the outer one. */
+            section_crossings: number;
+            /**
+             * @description Pairs of triangles that have a point in common other than vertices and edges they share. The search stops after
+             *     100,000 that are found one by one; the number is then a lower bound, and the failure states it.
+             */
+            triangle_intersections: number;
+            /** @description Triangles. */
+            triangles: number;
+            /** @description Vertices that belong to triangles. */
+            vertices: number;
+            /**
+             * Format: double
+             * @description Enclosed volume; components that are inside out, such as cavities, count as negative.
+             */
+            volume_mm3: number;
+        };
         /**
-         * @description Many models of one spec, or of the points of a study. At most one of `seeds` and `count`, and without `vary` exactly one; the other members are those of a ModelRequest.
-         * @example {
-         *       "preset": "pig",
-         *       "seeds": [
-         *         1,
-         *         2,
-         *         3
-         *       ],
-         *       "vary": {
-         *         "design": "lhs",
-         *         "samples": 50,
-         *         "seed": 4,
-         *         "values": {
-         *           "/collision/gap_um": {
-         *             "from": 25,
-         *             "to": 50
-         *           }
-         *         }
-         *       }
-         *     }
+         * Self-intersection force
+         * @description Self-intersection force, barrier and guard.
          */
-        BatchRequest: {
+        CollisionPatch: {
+            /**
+             * Barrier strength
+             * @description Strength fb of the barrier, an additional force fb(`barrier_um`/d − 1) at distance d.
+             */
+            barrier?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Barrier range
+             * @description Distance below which the barrier acts; 0 disables it.
+             */
+            barrier_um?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Least clearance
+             * @description Least clearance `g_min` between walls that the guard maintains.
+             */
+            clearance_um?: number | null;
+            /**
+             * Lumen gap
+             * @description Range Dg of the force across the lumen gap.
+             */
+            gap_um?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Reference range
+             * @description Reference range: the force is scaled by `reference_um`/D, so that long ranges do not overpower short ones.
+             */
+            reference_um?: number | null;
+            /**
+             * Self-intersection strength
+             * @description Strength kr.
+             */
+            strength?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Tissue thickness
+             * @description Range Dt of the force across tissue.
+             */
+            tissue_um?: number | components["schemas"]["Schedule"] | null;
+        };
+        /** @description A connected part of a surface. */
+        Component: {
+            /** @description Vertices − edges + triangles: 2 for a ball, 0 for a ring. */
+            euler: number;
+            /** @description Triangles. */
+            triangles: number;
+            /** @description Vertices. */
+            vertices: number;
+            /**
+             * Format: double
+             * @description Enclosed volume, negative if the component is inside out.
+             */
+            volume_mm3: number;
+        };
+        /**
+         * Containment force
+         * @description Containment region.
+         */
+        ContainmentPatch: {
+            /**
+             * Containment ramp
+             * @description Distance outside the ellipse over which the force rises to its full strength.
+             */
+            ramp_um?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Strand spacing
+             * @description Spacing s of fold strands. It sets the size of the region: `R_in` = sqrt(n·edge·s / (π·squash)), n particles of the inner loop.
+             */
+            spacing_um?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Squash
+             * @description Ratio of the y radius to the x radius of the ellipse.
+             */
+            squash?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Containment strength
+             * @description Strength.
+             */
+            strength?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Wall thickness
+             * @description Thickness of the wall: `R_wall` − `R_in`.
+             */
+            wall_um?: number | components["schemas"]["Schedule"] | null;
+        };
+        /**
+         * Contortion force
+         * @description Contortion of individual particles.
+         */
+        ContortionPatch: {
+            /**
+             * Contorted fraction
+             * @description Fraction of the particles that are contorted.
+             */
+            fraction?: number | null;
+            /**
+             * Contortion magnitude
+             * @description Magnitude m.
+             */
+            magnitude?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Contortion period
+             * @description Period of the global modifier c, a sine between −1 and 1.
+             */
+            period?: number | null;
+        };
+        /** @description Predicted cost of growing a specification. */
+        Cost: {
+            /** @description Size by output, including `sections` and `report`, which are always written. */
+            bytes: {
+                [key: string]: number;
+            };
+            /** @description Greatest memory in use. */
+            memory_bytes: number;
+            /** @description Particles of both loops at the end. */
+            particles_end: number;
+            /** @description Seconds from start to end, by backend. */
+            seconds: {
+                [key: string]: components["schemas"]["Estimate"];
+            };
+            /** @description Recorded sections, without those added by mending. */
+            sections: number;
+            /** @description Triangles of the surface. */
+            triangles: number;
+            /** @description Vertices of the surface. */
+            vertices: number;
+        };
+        /**
+         * Drawn seeds
+         * @description So many models, of each point of a study.
+         */
+        CountBatchRequest: {
             backend?: components["schemas"]["Backend"];
             /** @description Number of models, of each point of a study. The service draws their seeds. */
-            count?: number;
+            count: number;
             /** @description Names and values of the client's own, to find models by. */
             labels?: {
                 [key: string]: string;
@@ -764,51 +1169,8 @@ export interface components {
              * @default true
              */
             reuse?: boolean;
-            /** @description One model per seed, of each point of a study. The greatest number of models is a setting of the service. */
-            seeds?: number[];
             spec?: components["schemas"]["SpecPatch"];
             vary?: components["schemas"]["Vary"];
-        };
-        /** @description The study of a batch. */
-        BatchStudy: {
-            /** @description The models in the order of `models`: points in the order of the design, each with its seeds. */
-            models: components["schemas"]["StudyModel"][];
-            /** @description The member `vary` of the request. */
-            vary: components["schemas"]["Vary"];
-        };
-        /** @description The result of a check: what would be queued. */
-        BatchValidation: {
-            /** @description Predicted cost of all models. */
-            cost: components["schemas"]["BatchCost"];
-            /** @description Number of models: points times seeds. */
-            models: number;
-            /** @description The points of the study; without one, a single point without values. */
-            points: components["schemas"]["PointValidation"][];
-            /** @description Preset that the specs were resolved on. */
-            preset: string;
-            /** @description The seeds of each point; null if they will be drawn. */
-            seeds?: number[] | null;
-        };
-        /** @description Predicted cost of growing a specification. */
-        Cost: {
-            /** @description Size by output, including `sections` and `report`, which are always written. */
-            bytes: {
-                [key: string]: number;
-            };
-            /** @description Greatest memory in use. */
-            memory_bytes: number;
-            /** @description Particles of both loops at the end. */
-            particles_end: number;
-            /** @description Seconds from start to end, by backend. */
-            seconds: {
-                [key: string]: components["schemas"]["Estimate"];
-            };
-            /** @description Recorded sections, without those added by mending. */
-            sections: number;
-            /** @description Triangles of the surface. */
-            triangles: number;
-            /** @description Vertices of the surface. */
-            vertices: number;
         };
         /**
          * @description The status in the last event of a deleted model.
@@ -825,6 +1187,8 @@ export interface components {
             /** @description `deleted`. */
             status: components["schemas"]["Deleted"];
         };
+        /** @description A distribution of values. */
+        Distribution: components["schemas"]["Uniform"] | components["schemas"]["LogUniform"] | components["schemas"]["Triangular"] | components["schemas"]["Normal"] | components["schemas"]["LogNormal"];
         /** @description A number of seconds and its basis. */
         Estimate: {
             /** @description Basis of the number. */
@@ -835,6 +1199,22 @@ export interface components {
              */
             seconds: number;
         };
+        /** @description A failure. */
+        Failure: {
+            /** @description Number of occurrences. */
+            count: number;
+            /** @description Description. */
+            detail: string;
+            /** @description Kind. */
+            kind: components["schemas"]["FailureKind"];
+            /** @description The first 16 places. */
+            places: components["schemas"]["Place"][];
+        };
+        /**
+         * @description Kinds of failure.
+         * @enum {string}
+         */
+        FailureKind: "empty" | "indices" | "coordinates" | "section_ring" | "section_crossing" | "section_nesting" | "open_edges" | "non_manifold_edges" | "non_manifold_vertices" | "orientation" | "volume" | "overlap" | "degenerate_triangles" | "duplicate_triangles" | "triangle_intersections" | "components" | "euler";
         /** @description One fault of a request: where, and what. */
         Fault: {
             /** @description What is wrong, and what is allowed. */
@@ -845,6 +1225,19 @@ export interface components {
             parameter?: string;
             /** @description JSON pointer into the body, such as `/spec/collision/gap_um`. */
             pointer?: string;
+        };
+        /**
+         * Fluctuation
+         * @description A sine added to the keys; its phase depends on the seed. Amplitude 0 means no fluctuation.
+         */
+        Fluctuation: {
+            /**
+             * Amplitude
+             * @description In the unit of the parameter.
+             */
+            amplitude?: number | null;
+            /** Period */
+            period?: number | null;
         };
         /**
          * @description Representations of a section.
@@ -858,14 +1251,44 @@ export interface components {
             /** @description Version of the service. */
             version: string;
         };
+        /** @description A JSON Schema (draft 2020-12) of a spec or of a part of it. */
+        JsonSchema: {
+            $defs?: {
+                [key: string]: components["schemas"]["JsonSchema"];
+            };
+            $ref?: string;
+            $schema?: string;
+            additionalProperties?: boolean;
+            default?: components["schemas"]["ParameterValue"];
+            description?: string;
+            enum?: string[];
+            items?: components["schemas"]["JsonSchema"];
+            maxItems?: number;
+            maximum?: number;
+            minItems?: number;
+            minimum?: number;
+            oneOf?: components["schemas"]["JsonSchema"][];
+            prefixItems?: components["schemas"]["JsonSchema"][];
+            properties?: {
+                [key: string]: components["schemas"]["JsonSchema"];
+            };
+            title?: string;
+            type?: string;
+            /** @description The meaning of each choice. */
+            "x-enum-descriptions"?: string[];
+            /** @description Why there is a maximum. */
+            "x-maximum-reason"?: string;
+            /** @description Unit of the value. */
+            "x-unit"?: string;
+        };
         /** @description The last section, thinned to at most 512 points per ring, so that a page can draw the growing tube. */
         LiveSection: {
             /** @description Index among the recorded sections. */
             index: number;
             /** @description Inner contour, micrometres. */
-            inner: number[][];
+            inner: components["schemas"]["Point"][];
             /** @description Outer contour, micrometres. */
-            outer: number[][];
+            outer: components["schemas"]["Point"][];
             /** @description Time step. */
             step: number;
             /**
@@ -873,6 +1296,55 @@ export interface components {
              * @description Position along the tube, micrometres.
              */
             z_um: number;
+        };
+        /**
+         * Distribution log-normal
+         * @description In the designs `grid` and `zip`, the quantiles in the middle of parts of equal probability.
+         */
+        LogNormal: {
+            /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
+            count?: number;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            distribution: "log-normal";
+            /** @description Truncates the distribution from above. */
+            max?: number;
+            /** @description Median before truncation. */
+            median: number;
+            /** @description Truncates the distribution from below. */
+            min?: number;
+            /** @description Standard deviation of the natural logarithm before truncation. */
+            sd_log: number;
+        };
+        /**
+         * Distribution log-uniform
+         * @description In the designs `grid` and `zip`, the quantiles in the middle of parts of equal probability.
+         */
+        LogUniform: {
+            /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
+            count?: number;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            distribution: "log-uniform";
+            /** @description Least value. */
+            from: number;
+            /** @description Greatest value. */
+            to: number;
+        };
+        /**
+         * Surface
+         * @description Options of the exported surface.
+         */
+        MeshPatch: {
+            /**
+             * Triangle strips
+             * @description Write the walls as triangle strips, as in the paper, instead of separate triangles.
+             */
+            strips?: boolean | null;
         };
         /** @description A model: the request, its progress and its result. */
         Model: {
@@ -938,7 +1410,7 @@ export interface components {
             /** @description Seed. */
             seed: number;
             /** @description The complete resolved spec, as `GET /schema` describes it. Present with `view=full`, absent with `view=summary`. */
-            spec?: Record<string, unknown>;
+            spec?: components["schemas"]["SpecPatch"];
             /**
              * Format: date-time
              * @description When the first attempt started.
@@ -946,8 +1418,7 @@ export interface components {
             started_at?: string | null;
             /** @description Status. A model that has succeeded, failed or was cancelled never changes. */
             status: components["schemas"]["Status"];
-            /** @description Counts and measures, and in `certificate` the figures of the certificate, once it has succeeded. */
-            summary?: Record<string, unknown> | null;
+            summary?: components["schemas"]["Summary"] | null;
             /** @description Increases with every change. */
             version: number;
             /** @description Signs of poor growth, once it has succeeded; empty if there are none. */
@@ -994,20 +1465,7 @@ export interface components {
             /** @description `urn:oviduct:problem:` and a stable slug: `certificate`, `panic`, `memory`, `attempts-exhausted`, `storage`, … */
             type: string;
         };
-        /**
-         * @description What to grow. All members are optional: `{}` requests the default preset with a random seed.
-         * @example {
-         *       "labels": {
-         *         "study": "A3"
-         *       },
-         *       "outputs": [
-         *         "glb",
-         *         "obj"
-         *       ],
-         *       "preset": "pig",
-         *       "seed": 7
-         *     }
-         */
+        /** @description What to grow. All members are optional: `{}` requests the default preset with a random seed. */
         ModelRequest: {
             backend?: components["schemas"]["Backend"];
             /** @description Names and values of the client's own, to find models by. */
@@ -1048,10 +1506,76 @@ export interface components {
             detail: string;
         };
         /**
+         * Distribution normal
+         * @description In the designs `grid` and `zip`, the quantiles in the middle of parts of equal probability.
+         */
+        Normal: {
+            /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
+            count?: number;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            distribution: "normal";
+            /** @description Truncates the distribution from above. */
+            max?: number;
+            /** @description Mean before truncation. */
+            mean: number;
+            /** @description Truncates the distribution from below. */
+            min?: number;
+            /** @description Standard deviation before truncation. */
+            sd: number;
+        };
+        /**
          * @description A file format of the model.
          * @enum {string}
          */
         Output: "glb" | "obj";
+        /** @description A value of a parameter or of a part of a schedule; null leaves that of `spec`. */
+        ParameterValue: null | boolean | number | string | components["schemas"]["ScheduleKey"][] | components["schemas"]["Schedule"] | components["schemas"]["Fluctuation"];
+        /** @description Numbers of particles at the two ends of the tube. */
+        ParticleCounts: {
+            /** @description In the last section. */
+            end: number;
+            /** @description In the first section. */
+            start: number;
+        };
+        /**
+         * Particles
+         * @description Number of particles, and where new ones are added.
+         */
+        ParticlesPatch: {
+            /**
+             * Candidates per tournament
+             * @description Random candidate edges in each tournament for the edge to split.
+             */
+            candidates?: number | null;
+            /**
+             * Edge length
+             * @description Rest length that edges relax to.
+             */
+            edge_um?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Growth interval
+             * @description Steps between growth events.
+             */
+            every?: number | null;
+            /**
+             * Particles of the outer loop
+             * @description Particles of the outer loop, included in `total`; must not decrease or fluctuate.
+             */
+            outer?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Growth at fold tips
+             * @description Weight of fold-tip curvature in the choice of the edge to split; with 0 only its length counts.
+             */
+            tip_weight?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Particles of both loops
+             * @description Particles of both loops together; must not decrease or fluctuate.
+             */
+            total?: number | components["schemas"]["Schedule"] | null;
+        };
         /** @description A pause of a worker or of all. */
         Pause: {
             /** @description Who asked for it; null if unknown. */
@@ -1062,17 +1586,88 @@ export interface components {
              */
             since: string;
         };
+        /** @description The place of a failure. */
+        Place: {
+            /** @description Position; `z` is the place along the tube. */
+            position_um: components["schemas"]["Position"];
+            /** @description Section concerned, by index. */
+            section?: number | null;
+            /** @description Triangles concerned, by index. */
+            triangles: number[];
+        };
+        /** @description x and y, micrometres. */
+        Point: [
+            number,
+            number
+        ];
         /** @description A point of a study. */
         PointValidation: {
             /** @description Predicted cost of one model. */
             cost: components["schemas"]["Cost"];
             /** @description The varied values by their pointers. */
-            values: Record<string, unknown>;
+            values: {
+                [key: string]: components["schemas"]["ParameterValue"];
+            };
+        };
+        /** @description x, y and z, micrometres. */
+        Position: [
+            number,
+            number,
+            number
+        ];
+        /** @description A preset. */
+        Preset: {
+            /** @description Whether it is the preset of requests that name none. */
+            default: boolean;
+            /** @description What it is a model of. */
+            description: string;
+            /** @description Name. */
+            name: string;
+            /** @description Organ. */
+            organ: string;
+            /** @description Its parameters. */
+            parameters: components["schemas"]["PresetParameter"][];
+            /** @description Its spec. */
+            spec: components["schemas"]["SpecPatch"];
+            /** @description Species. */
+            species: string;
+            /** @description Title. */
+            title: string;
         };
         /** @description The presets. */
         PresetList: {
-            /** @description Name, title, organ, species, description, and whether it is the default. The default comes first. */
-            presets: Record<string, unknown>[];
+            /** @description The presets, the default first. */
+            presets: components["schemas"]["PresetSummary"][];
+        };
+        /** @description A parameter of a preset. */
+        PresetParameter: {
+            /** @description Meaning. */
+            description: string;
+            /** @description JSON pointer into the spec. */
+            pointer: string;
+            /** @description Where the value comes from. */
+            source?: string | null;
+            /** @description Title. */
+            title: string;
+            /** @description Unit; empty if it has none. */
+            unit: string;
+            /** @description Value. */
+            value: components["schemas"]["ParameterValue"];
+        };
+        /** @description A preset in a list. */
+        PresetSummary: {
+            /** @description Whether it is the preset of requests that name none. */
+            default: boolean;
+            /** @description What it is a model of. */
+            description: string;
+            /** @description Name. */
+            name: string;
+            /** @description Organ. */
+            organ: string;
+            /** @description Species. */
+            species: string;
+            /** @description Title. */
+            title: string;
         };
         /** @description A problem as sent (RFC 9457, `application/problem+json`). */
         Problem: {
@@ -1088,8 +1683,10 @@ export interface components {
             errors_left_out?: number;
             /** @description Path of the request. */
             instance: string;
-            /** @description cost-limit, queue-full, payload-too-large: the limit */
-            limit?: unknown;
+            /** @description The limit that was exceeded */
+            limit?: number | {
+                [key: string]: number;
+            };
             /** @description invalid-json: line of the body, from 1 */
             line?: number;
             prediction?: components["schemas"]["Cost"];
@@ -1143,8 +1740,24 @@ export interface components {
              */
             wait_seconds?: number | null;
         };
+        /**
+         * Regulatory force
+         * @description Regulatory force toward the anchor.
+         */
+        RegulatoryPatch: {
+            /**
+             * Regulatory softening
+             * @description Distance to the anchor below which the force decreases to zero.
+             */
+            softening_um?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Regulatory strength
+             * @description Strength.
+             */
+            strength?: number | components["schemas"]["Schedule"] | null;
+        };
         /** @description The report of a model: what `report.json` holds, and what computed it. */
-        Report: Record<string, unknown> & {
+        Report: components["schemas"]["StoredReport"] & {
             /** @description What computed the model. Not in the file, whose bytes are the same on any machine. */
             backend: components["schemas"]["BackendReport"];
             /** @description SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as in the model. */
@@ -1159,8 +1772,28 @@ export interface components {
             /** @description Ids of the particles, one per point. A particle has the same id in every section. */
             ids: number[];
             /** @description Points, micrometres. */
-            points: number[][];
+            points: components["schemas"]["Point"][];
         };
+        /** @description A value that changes along the tube: keys, and an optional fluctuation. */
+        Schedule: {
+            /**
+             * Ease
+             * @description How the value changes between two keys.
+             * @enum {string|null}
+             */
+            ease?: "linear" | "smooth" | null;
+            fluctuation?: components["schemas"]["Fluctuation"] | null;
+            /**
+             * Keys
+             * @description At least two, in order; the first at 0, the last at 1.
+             */
+            keys?: components["schemas"]["ScheduleKey"][] | null;
+        };
+        /** @description A key of a schedule: the fraction of the steps, and the value there. */
+        ScheduleKey: [
+            number,
+            number
+        ];
         /** @description A cross section; lengths in micrometres. */
         SectionAnswer: {
             /** @description Whether the section was added to mend a slab. */
@@ -1191,6 +1824,43 @@ export interface components {
              */
             z_um: number;
         };
+        /**
+         * Given seeds
+         * @description One model per seed, of each point of a study.
+         */
+        SeedsBatchRequest: {
+            backend?: components["schemas"]["Backend"];
+            /** @description Names and values of the client's own, to find models by. */
+            labels?: {
+                [key: string]: string;
+            };
+            /**
+             * @description File formats. `sections.bin` and `report.json` are always written.
+             * @default [
+             *       "glb"
+             *     ]
+             */
+            outputs?: components["schemas"]["Output"][];
+            /**
+             * @description Name of a preset; see `GET /presets`.
+             * @default pig
+             */
+            preset?: string;
+            /**
+             * @description Of the queued models, those of higher priority are started first.
+             * @default 0
+             */
+            priority?: number;
+            /**
+             * @description Whether a model with the same digest may be reused instead of growing it again: a finished one at once, one that is queued or running when it ends.
+             * @default true
+             */
+            reuse?: boolean;
+            /** @description One model per seed, of each point of a study. The greatest number of models is a setting of the service. */
+            seeds: number[];
+            spec?: components["schemas"]["SpecPatch"];
+            vary?: components["schemas"]["Vary"];
+        };
         /** @description One event of the stream (WHATWG server-sent events). */
         ServerSentEvent: {
             /** @description The whole state of the model, as JSON */
@@ -1203,36 +1873,28 @@ export interface components {
             /** @description Value for `Last-Event-ID` when the client reconnects */
             id: string;
         };
-        /** @description A value that changes along the tube: keys, and an optional fluctuation. */
-        "Spec.schedule": {
+        /**
+         * Solver
+         * @description Integrator, neighbour search, recording.
+         */
+        SolverPatch: {
             /**
-             * Ease
-             * @description How the value changes between two keys.
-             * @default linear
+             * Integrator
+             * @description Time integration.
              * @enum {string|null}
              */
-            ease?: "linear" | "smooth" | null;
+            integrator?: "rk4" | "euler" | null;
             /**
-             * Fluctuation
-             * @description A sine added to the keys; its phase depends on the seed. Amplitude 0 means no fluctuation.
+             * Recording interval
+             * @description Steps between recorded sections; the first and the last step are always recorded.
              */
-            fluctuation?: {
-                /**
-                 * Amplitude
-                 * @description In the unit of the parameter.
-                 */
-                amplitude?: number | null;
-                /** Period */
-                period?: number | null;
-            } | null;
+            record_every?: number | null;
             /**
-             * Keys
-             * @description Pairs [fraction of the steps, value]; the first at 0, the last at 1, in order.
+             * Neighbour search
+             * @description Neighbour search: affects speed only, never results.
+             * @enum {string|null}
              */
-            keys?: [
-                number,
-                number
-            ][] | null;
+            search?: "lists" | "grid" | "all_pairs" | null;
         };
         /**
          * Model specification
@@ -1242,441 +1904,64 @@ export interface components {
             /**
              * Bending stiffness
              * @description Bending stiffness: the force follows the normal component of the second difference of positions.
-             * @default 0.2
              */
-            bending?: number | components["schemas"]["Spec.schedule"] | null;
+            bending?: number | components["schemas"]["Schedule"] | null;
             /**
              * Burn-in
              * @description Steps that are run with the parameters of step 0 before the first section is recorded.
-             * @default 300
              */
             burn_in?: number | null;
-            /**
-             * Self-intersection force
-             * @description Self-intersection force, barrier and guard.
-             */
-            collision?: {
-                /**
-                 * Barrier strength
-                 * @description Strength fb of the barrier, an additional force fb(`barrier_um`/d − 1) at distance d.
-                 * @default 3
-                 */
-                barrier?: number | components["schemas"]["Spec.schedule"] | null;
-                /**
-                 * Barrier range
-                 * @description Distance below which the barrier acts; 0 disables it.
-                 * @default 7
-                 */
-                barrier_um?: number | components["schemas"]["Spec.schedule"] | null;
-                /**
-                 * Least clearance
-                 * @description Least clearance `g_min` between walls that the guard maintains.
-                 * @default 0.05
-                 */
-                clearance_um?: number | null;
-                /**
-                 * Lumen gap
-                 * @description Range Dg of the force across the lumen gap.
-                 * @default {
-                 *       "ease": "smooth",
-                 *       "keys": [
-                 *         [
-                 *           0,
-                 *           60
-                 *         ],
-                 *         [
-                 *           0.125,
-                 *           60
-                 *         ],
-                 *         [
-                 *           0.45,
-                 *           36
-                 *         ],
-                 *         [
-                 *           1,
-                 *           36
-                 *         ]
-                 *       ]
-                 *     }
-                 */
-                gap_um?: number | components["schemas"]["Spec.schedule"] | null;
-                /**
-                 * Reference range
-                 * @description Reference range: the force is scaled by `reference_um`/D, so that long ranges do not overpower short ones.
-                 * @default 55
-                 */
-                reference_um?: number | null;
-                /**
-                 * Self-intersection strength
-                 * @description Strength kr.
-                 * @default 0.3
-                 */
-                strength?: number | components["schemas"]["Spec.schedule"] | null;
-                /**
-                 * Tissue thickness
-                 * @description Range Dt of the force across tissue.
-                 * @default {
-                 *       "ease": "smooth",
-                 *       "keys": [
-                 *         [
-                 *           0,
-                 *           220
-                 *         ],
-                 *         [
-                 *           0.125,
-                 *           220
-                 *         ],
-                 *         [
-                 *           0.45,
-                 *           80
-                 *         ],
-                 *         [
-                 *           1,
-                 *           80
-                 *         ]
-                 *       ]
-                 *     }
-                 */
-                tissue_um?: number | components["schemas"]["Spec.schedule"] | null;
-            } | null;
-            /**
-             * Containment force
-             * @description Containment region.
-             */
-            containment?: {
-                /**
-                 * Containment ramp
-                 * @description Distance outside the ellipse over which the force rises to its full strength.
-                 * @default 15
-                 */
-                ramp_um?: number | components["schemas"]["Spec.schedule"] | null;
-                /**
-                 * Strand spacing
-                 * @description Spacing s of fold strands. It sets the size of the region: `R_in` = sqrt(n·edge·s / (π·squash)), n particles of the inner loop.
-                 * @default {
-                 *       "ease": "smooth",
-                 *       "keys": [
-                 *         [
-                 *           0,
-                 *           115
-                 *         ],
-                 *         [
-                 *           0.125,
-                 *           115
-                 *         ],
-                 *         [
-                 *           0.45,
-                 *           62
-                 *         ],
-                 *         [
-                 *           1,
-                 *           62
-                 *         ]
-                 *       ]
-                 *     }
-                 */
-                spacing_um?: number | components["schemas"]["Spec.schedule"] | null;
-                /**
-                 * Squash
-                 * @description Ratio of the y radius to the x radius of the ellipse.
-                 * @default 0.88
-                 */
-                squash?: number | components["schemas"]["Spec.schedule"] | null;
-                /**
-                 * Containment strength
-                 * @description Strength.
-                 * @default 2
-                 */
-                strength?: number | components["schemas"]["Spec.schedule"] | null;
-                /**
-                 * Wall thickness
-                 * @description Thickness of the wall: `R_wall` − `R_in`.
-                 * @default {
-                 *       "ease": "smooth",
-                 *       "keys": [
-                 *         [
-                 *           0,
-                 *           520
-                 *         ],
-                 *         [
-                 *           0.125,
-                 *           520
-                 *         ],
-                 *         [
-                 *           0.45,
-                 *           260
-                 *         ],
-                 *         [
-                 *           1,
-                 *           260
-                 *         ]
-                 *       ]
-                 *     }
-                 */
-                wall_um?: number | components["schemas"]["Spec.schedule"] | null;
-            } | null;
-            /**
-             * Contortion force
-             * @description Contortion of individual particles.
-             */
-            contortion?: {
-                /**
-                 * Contorted fraction
-                 * @description Fraction of the particles that are contorted.
-                 * @default 0.04
-                 */
-                fraction?: number | null;
-                /**
-                 * Contortion magnitude
-                 * @description Magnitude m.
-                 * @default 1
-                 */
-                magnitude?: number | components["schemas"]["Spec.schedule"] | null;
-                /**
-                 * Contortion period
-                 * @description Period of the global modifier c, a sine between −1 and 1.
-                 * @default 120
-                 */
-                period?: number | null;
-            } | null;
+            collision?: components["schemas"]["CollisionPatch"] | null;
+            containment?: components["schemas"]["ContainmentPatch"] | null;
+            contortion?: components["schemas"]["ContortionPatch"] | null;
             /**
              * Friction
              * @description Friction strength: the force is −k·v.
-             * @default 0.3
              */
-            friction?: number | components["schemas"]["Spec.schedule"] | null;
+            friction?: number | components["schemas"]["Schedule"] | null;
             /**
              * Length
              * @description Length of the tube in millimetres.
-             * @default 60
              */
             length_mm?: number | null;
-            /**
-             * Surface
-             * @description Options of the exported surface.
-             */
-            mesh?: {
-                /**
-                 * Triangle strips
-                 * @description Write the walls as triangle strips, as in the paper, instead of separate triangles.
-                 * @default false
-                 */
-                strips?: boolean | null;
-            } | null;
-            /**
-             * Particles
-             * @description Number of particles, and where new ones are added.
-             */
-            particles?: {
-                /**
-                 * Candidates per tournament
-                 * @description Random candidate edges in each tournament for the edge to split.
-                 * @default 6
-                 */
-                candidates?: number | null;
-                /**
-                 * Edge length
-                 * @description Rest length that edges relax to.
-                 * @default 8
-                 */
-                edge_um?: number | components["schemas"]["Spec.schedule"] | null;
-                /**
-                 * Growth interval
-                 * @description Steps between growth events.
-                 * @default 10
-                 */
-                every?: number | null;
-                /**
-                 * Particles of the outer loop
-                 * @description Particles of the outer loop, included in `total`; must not decrease or fluctuate.
-                 * @default {
-                 *       "ease": "linear",
-                 *       "keys": [
-                 *         [
-                 *           0,
-                 *           110
-                 *         ],
-                 *         [
-                 *           1,
-                 *           300
-                 *         ]
-                 *       ]
-                 *     }
-                 */
-                outer?: number | components["schemas"]["Spec.schedule"] | null;
-                /**
-                 * Growth at fold tips
-                 * @description Weight of fold-tip curvature in the choice of the edge to split; with 0 only its length counts.
-                 * @default 0.5
-                 */
-                tip_weight?: number | components["schemas"]["Spec.schedule"] | null;
-                /**
-                 * Particles of both loops
-                 * @description Particles of both loops together; must not decrease or fluctuate.
-                 * @default {
-                 *       "ease": "linear",
-                 *       "keys": [
-                 *         [
-                 *           0,
-                 *           710
-                 *         ],
-                 *         [
-                 *           0.2125,
-                 *           1175
-                 *         ],
-                 *         [
-                 *           1,
-                 *           8300
-                 *         ]
-                 *       ]
-                 *     }
-                 */
-                total?: number | components["schemas"]["Spec.schedule"] | null;
-            } | null;
-            /**
-             * Regulatory force
-             * @description Regulatory force toward the anchor.
-             */
-            regulatory?: {
-                /**
-                 * Regulatory softening
-                 * @description Distance to the anchor below which the force decreases to zero.
-                 * @default 15
-                 */
-                softening_um?: number | components["schemas"]["Spec.schedule"] | null;
-                /**
-                 * Regulatory strength
-                 * @description Strength.
-                 * @default 0.035
-                 */
-                strength?: number | components["schemas"]["Spec.schedule"] | null;
-            } | null;
-            /**
-             * Solver
-             * @description Integrator, neighbour search, recording.
-             */
-            solver?: {
-                /**
-                 * Integrator
-                 * @description Time integration.
-                 * @default rk4
-                 * @enum {string|null}
-                 */
-                integrator?: "rk4" | "euler" | null;
-                /**
-                 * Recording interval
-                 * @description Steps between recorded sections; the first and the last step are always recorded.
-                 * @default 10
-                 */
-                record_every?: number | null;
-                /**
-                 * Neighbour search
-                 * @description Neighbour search: affects speed only, never results.
-                 * @default lists
-                 * @enum {string|null}
-                 */
-                search?: "lists" | "grid" | "all_pairs" | null;
-            } | null;
-            /**
-             * Spring force
-             * @description Spring between neighbours.
-             */
-            spring?: {
-                /**
-                 * Spring damping
-                 * @description Damping strength c, applied to the relative velocity along the edge.
-                 * @default 0.1
-                 */
-                damping?: number | components["schemas"]["Spec.schedule"] | null;
-                /**
-                 * Rest length relaxation
-                 * @description Fraction of the difference to `edge_um` by which a rest length relaxes in each step.
-                 * @default 0.02
-                 */
-                relaxation?: number | components["schemas"]["Spec.schedule"] | null;
-                /**
-                 * Spring strength
-                 * @description Spring strength k.
-                 * @default 0.5
-                 */
-                stiffness?: number | components["schemas"]["Spec.schedule"] | null;
-            } | null;
+            mesh?: components["schemas"]["MeshPatch"] | null;
+            particles?: components["schemas"]["ParticlesPatch"] | null;
+            regulatory?: components["schemas"]["RegulatoryPatch"] | null;
+            solver?: components["schemas"]["SolverPatch"] | null;
+            spring?: components["schemas"]["SpringPatch"] | null;
             /**
              * Time steps
              * @description Time steps from the isthmus end to the ampulla end.
-             * @default 2000
              */
             steps?: number | null;
-            /**
-             * Thickness variation
-             * @description Random variation of tissue thickness and lumen gap.
-             */
-            variation?: {
-                /**
-                 * Variation amplitude
-                 * @description Amplitude a: ranges are scaled by exp(a·z), z the field with unit variance. 0 disables the field.
-                 * @default 0.35
-                 */
-                amplitude?: number | components["schemas"]["Spec.schedule"] | null;
-                /**
-                 * Variation drift
-                 * @description Greatest phase drift of the field per step.
-                 * @default 0.01
-                 */
-                drift?: number | null;
-                /**
-                 * Variation wavelength
-                 * @description Mean wavelength of the field.
-                 * @default 300
-                 */
-                wavelength_um?: number | null;
-            } | null;
-            /**
-             * Outer wall
-             * @description Slow lobes of the outer wall.
-             */
-            wall?: {
-                /**
-                 * Lobe drift
-                 * @description Greatest phase drift of the lobes per step.
-                 * @default 0.004
-                 */
-                drift?: number | null;
-                /**
-                 * Lobes
-                 * @description Greatest number of lobes around the tube.
-                 * @default 5
-                 */
-                lobes?: number | null;
-                /**
-                 * Lobing
-                 * @description Amplitude of the lobes as a fraction of the radius.
-                 * @default 0.04
-                 */
-                lobing?: number | components["schemas"]["Spec.schedule"] | null;
-            } | null;
+            variation?: components["schemas"]["VariationPatch"] | null;
+            wall?: components["schemas"]["WallPatch"] | null;
             /**
              * Place along the tube
              * @description Place along the tube as a fraction of its length, over the fraction of the steps; strictly increasing from 0 to 1.
-             * @default {
-             *       "ease": "linear",
-             *       "keys": [
-             *         [
-             *           0,
-             *           0
-             *         ],
-             *         [
-             *           0.2125,
-             *           0.35
-             *         ],
-             *         [
-             *           1,
-             *           1
-             *         ]
-             *       ]
-             *     }
              */
-            z?: number | components["schemas"]["Spec.schedule"] | null;
+            z?: number | components["schemas"]["Schedule"] | null;
+        };
+        /**
+         * Spring force
+         * @description Spring between neighbours.
+         */
+        SpringPatch: {
+            /**
+             * Spring damping
+             * @description Damping strength c, applied to the relative velocity along the edge.
+             */
+            damping?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Rest length relaxation
+             * @description Fraction of the difference to `edge_um` by which a rest length relaxes in each step.
+             */
+            relaxation?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Spring strength
+             * @description Spring strength k.
+             */
+            stiffness?: number | components["schemas"]["Schedule"] | null;
         };
         /**
          * @description Stage of a running job.
@@ -1688,6 +1973,58 @@ export interface components {
          * @enum {string}
          */
         Status: "queued" | "running" | "succeeded" | "failed" | "cancelled";
+        /** @description What `report.json` holds. */
+        StoredReport: {
+            /** @description The certificate of the surface as exported. */
+            certificate: components["schemas"]["Certificate"];
+            /** @description SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as in the model. */
+            digest: string;
+            /** @description Version of the program that grew it. */
+            engine: string;
+            /** @description Preset that the spec was resolved on. */
+            preset: string;
+            /** @description Seed. */
+            seed: number;
+            /** @description The complete resolved spec. */
+            spec: components["schemas"]["SpecPatch"];
+            /** @description Counts and measures. */
+            summary: components["schemas"]["Summary"];
+        };
+        /**
+         * Study
+         * @description One model of each point of a study.
+         */
+        StudyBatchRequest: {
+            backend?: components["schemas"]["Backend"];
+            /** @description Names and values of the client's own, to find models by. */
+            labels?: {
+                [key: string]: string;
+            };
+            /**
+             * @description File formats. `sections.bin` and `report.json` are always written.
+             * @default [
+             *       "glb"
+             *     ]
+             */
+            outputs?: components["schemas"]["Output"][];
+            /**
+             * @description Name of a preset; see `GET /presets`.
+             * @default pig
+             */
+            preset?: string;
+            /**
+             * @description Of the queued models, those of higher priority are started first.
+             * @default 0
+             */
+            priority?: number;
+            /**
+             * @description Whether a model with the same digest may be reused instead of growing it again: a finished one at once, one that is queued or running when it ends.
+             * @default true
+             */
+            reuse?: boolean;
+            spec?: components["schemas"]["SpecPatch"];
+            vary: components["schemas"]["Vary"];
+        };
         /** @description A model of a study. */
         StudyModel: {
             /**
@@ -1700,7 +2037,47 @@ export interface components {
             /** @description Its seed. */
             seed: number;
             /** @description The varied values by their pointers. */
-            values: Record<string, unknown>;
+            values: {
+                [key: string]: components["schemas"]["ParameterValue"];
+            };
+        };
+        /** @description Counts and measures of a model that has succeeded. An older version wrote fewer. */
+        Summary: {
+            /**
+             * Format: double
+             * @description Area of the surface, square millimetres.
+             */
+            area_mm2: number;
+            /** @description The figures of the certificate; not in a report, which has the certificate itself. */
+            certificate?: components["schemas"]["CertificateFigures"];
+            /** @description Diagonals of the surface that were flipped by mending. */
+            diagonals_flipped?: number | null;
+            /**
+             * Format: double
+             * @description Least distance between walls of one section, micrometres.
+             */
+            min_gap_um?: number | null;
+            /** @description Particles of both loops. */
+            particles: components["schemas"]["ParticleCounts"];
+            /** @description Recorded sections, without those added by mending. */
+            sections: number;
+            /** @description Sections added by mending. */
+            sections_added?: number | null;
+            /** @description Splits that were made later than asked for. */
+            splits_deferred?: number | null;
+            /** @description Splits that were never made. */
+            splits_missing?: number | null;
+            /** @description Triangles of the surface. */
+            triangles: number;
+            /** @description Vertices of the surface. */
+            vertices: number;
+            /**
+             * Format: double
+             * @description Enclosed volume, cubic millimetres.
+             */
+            volume_mm3: number;
+            /** @description Signs of poor growth. */
+            warnings?: components["schemas"]["ModelWarning"][];
         };
         /** @description The models of a batch as a table. */
         Table: {
@@ -1710,7 +2087,7 @@ export interface components {
              */
             columns: string[];
             /** @description One row a model, in the order of the request; a value that a model does not have is null. */
-            rows: (null | boolean | number | string | Record<string, unknown> | number[][])[][];
+            rows: components["schemas"]["ParameterValue"][][];
         };
         /**
          * @description Representations of a table.
@@ -1734,6 +2111,42 @@ export interface components {
             /** @description Path that the ticket is good for, without a query, such as `/models/{id}/events`. */
             path: string;
         };
+        /**
+         * Distribution triangular
+         * @description In the designs `grid` and `zip`, the quantiles in the middle of parts of equal probability.
+         */
+        Triangular: {
+            /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
+            count?: number;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            distribution: "triangular";
+            /** @description Least value. */
+            from: number;
+            /** @description Most likely value. */
+            mode: number;
+            /** @description Greatest value. */
+            to: number;
+        };
+        /**
+         * Distribution uniform
+         * @description In the designs `grid` and `zip`, the quantiles in the middle of parts of equal probability.
+         */
+        Uniform: {
+            /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
+            count?: number;
+            /**
+             * @description discriminator enum property added by openapi-typescript
+             * @enum {string}
+             */
+            distribution: "uniform";
+            /** @description Least value. */
+            from: number;
+            /** @description Greatest value. */
+            to: number;
+        };
         /** @description The result of a check: what would be queued. */
         Validation: {
             /** @description Predicted cost. */
@@ -1745,8 +2158,48 @@ export interface components {
             /** @description Seed; null if a random one will be drawn. */
             seed?: number | null;
             /** @description The complete resolved spec. */
-            spec: Record<string, unknown>;
+            spec: components["schemas"]["SpecPatch"];
         };
+        /**
+         * List
+         * @description These values; in a Latin hypercube all are equally likely.
+         */
+        ValueList: components["schemas"]["ParameterValue"][];
+        /**
+         * Range
+         * @description Equal steps from one end to the other; in a Latin hypercube a uniform distribution.
+         */
+        ValueRange: {
+            /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
+            count?: number;
+            /** @description First value. */
+            from: number;
+            /** @description Last value. */
+            to: number;
+        };
+        /**
+         * Thickness variation
+         * @description Random variation of tissue thickness and lumen gap.
+         */
+        VariationPatch: {
+            /**
+             * Variation amplitude
+             * @description Amplitude a: ranges are scaled by exp(a·z), z the field with unit variance. 0 disables the field.
+             */
+            amplitude?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Variation drift
+             * @description Greatest phase drift of the field per step.
+             */
+            drift?: number | null;
+            /**
+             * Variation wavelength
+             * @description Mean wavelength of the field.
+             */
+            wavelength_um?: number | null;
+        };
+        /** @description The values of one parameter. */
+        VariedValues: components["schemas"]["ValueList"] | components["schemas"]["Distribution"] | components["schemas"]["ValueRange"];
         /**
          * @description A parameter study: values of parameters, and how they are combined to points. Each point is grown with each seed.
          * @example {
@@ -1790,76 +2243,11 @@ export interface components {
             design: "grid" | "zip" | "lhs";
             /** @description Number of points; design `lhs` only. */
             samples?: number;
-            /**
-             * @description The same seed gives the same points; design `lhs` only.
-             * @default 0
-             */
+            /** @description The same seed gives the same points; design `lhs` only. If it is absent, 0. */
             seed?: number;
             /** @description The values of each parameter by its JSON pointer in the spec. */
             values: {
-                [key: string]: (null | boolean | number | string | Record<string, unknown> | number[][])[] | {
-                    /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
-                    count?: number;
-                    /** @description First value. */
-                    from: number;
-                    /** @description Last value. */
-                    to: number;
-                } | {
-                    /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
-                    count?: number;
-                    /** @constant */
-                    distribution: "uniform";
-                    /** @description Least value. */
-                    from: number;
-                    /** @description Greatest value. */
-                    to: number;
-                } | {
-                    /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
-                    count?: number;
-                    /** @constant */
-                    distribution: "log-uniform";
-                    /** @description Least value. */
-                    from: number;
-                    /** @description Greatest value. */
-                    to: number;
-                } | {
-                    /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
-                    count?: number;
-                    /** @constant */
-                    distribution: "triangular";
-                    /** @description Least value. */
-                    from: number;
-                    /** @description Most likely value. */
-                    mode: number;
-                    /** @description Greatest value. */
-                    to: number;
-                } | {
-                    /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
-                    count?: number;
-                    /** @constant */
-                    distribution: "normal";
-                    /** @description Truncates the distribution from above. */
-                    max?: number;
-                    /** @description Mean before truncation. */
-                    mean: number;
-                    /** @description Truncates the distribution from below. */
-                    min?: number;
-                    /** @description Standard deviation before truncation. */
-                    sd: number;
-                } | {
-                    /** @description Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`. */
-                    count?: number;
-                    /** @constant */
-                    distribution: "log-normal";
-                    /** @description Truncates the distribution from above. */
-                    max?: number;
-                    /** @description Median before truncation. */
-                    median: number;
-                    /** @description Truncates the distribution from below. */
-                    min?: number;
-                    /** @description Standard deviation of the natural logarithm before truncation. */
-                    sd_log: number;
-                };
+                [key: string]: components["schemas"]["VariedValues"];
             };
         };
         /**
@@ -1867,6 +2255,27 @@ export interface components {
          * @enum {string}
          */
         View: "summary" | "full";
+        /**
+         * Outer wall
+         * @description Slow lobes of the outer wall.
+         */
+        WallPatch: {
+            /**
+             * Lobe drift
+             * @description Greatest phase drift of the lobes per step.
+             */
+            drift?: number | null;
+            /**
+             * Lobes
+             * @description Greatest number of lobes around the tube.
+             */
+            lobes?: number | null;
+            /**
+             * Lobing
+             * @description Amplitude of the lobes as a fraction of the radius.
+             */
+            lobing?: number | components["schemas"]["Schedule"] | null;
+        };
         /** @description A worker. */
         Worker: {
             /** @description Backend. */
@@ -1956,6 +2365,8 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -1964,6 +2375,17 @@ export interface operations {
             };
             /** @description The key does not allow this (`forbidden`) */
             403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -1983,6 +2405,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -2056,15 +2482,19 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -2098,6 +2528,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description The request is not valid (`invalid-request`); The predicted cost exceeds a limit (`cost-limit`); No GPU worker is available (`gpu-unavailable`); The idempotency key was used for another request (`idempotency-key-reused`) */
             422: {
                 headers: {
@@ -2107,9 +2546,13 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The queue is full (`queue-full`); The quota is used up (`quota-exceeded`) */
+            /** @description The queue is full (`queue-full`); The quota is used up (`quota-exceeded`); Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -2174,15 +2617,19 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -2216,6 +2663,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description The request is not valid (`invalid-request`); The predicted cost exceeds a limit (`cost-limit`); No GPU worker is available (`gpu-unavailable`); The idempotency key was used for another request (`idempotency-key-reused`) */
             422: {
                 headers: {
@@ -2228,6 +2684,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -2284,6 +2744,8 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -2293,6 +2755,8 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -2308,9 +2772,22 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -2363,15 +2840,19 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -2387,9 +2868,22 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -2445,8 +2939,8 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/x-tar": unknown;
-                    "application/zip": unknown;
+                    "application/x-tar": string;
+                    "application/zip": string;
                 };
             };
             /** @description The request is malformed (`bad-request`) */
@@ -2461,6 +2955,8 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -2470,6 +2966,8 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -2478,6 +2976,15 @@ export interface operations {
             };
             /** @description There is no such batch (`batch-not-found`) */
             404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -2497,6 +3004,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -2551,15 +3062,19 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -2575,9 +3090,22 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -2645,6 +3173,8 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -2654,6 +3184,8 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -2678,6 +3210,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description The request is not valid (`invalid-request`) */
             422: {
                 headers: {
@@ -2690,6 +3231,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -2800,6 +3345,8 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -2808,6 +3355,17 @@ export interface operations {
             };
             /** @description The key does not allow this (`forbidden`) */
             403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -2827,6 +3385,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -2918,6 +3480,8 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -2926,6 +3490,17 @@ export interface operations {
             };
             /** @description The key does not allow this (`forbidden`) */
             403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -2936,6 +3511,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -2947,6 +3526,17 @@ export interface operations {
             /** @description The service failed (`internal`) */
             500: {
                 headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3006,6 +3596,8 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3014,6 +3606,17 @@ export interface operations {
             };
             /** @description The key does not allow this (`forbidden`) */
             403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -3033,6 +3636,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -3136,15 +3743,19 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3178,6 +3789,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description The request is not valid (`invalid-request`); The predicted cost exceeds a limit (`cost-limit`); No GPU worker is available (`gpu-unavailable`); The idempotency key was used for another request (`idempotency-key-reused`) */
             422: {
                 headers: {
@@ -3187,9 +3807,13 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The queue is full (`queue-full`); The quota is used up (`quota-exceeded`) */
+            /** @description The queue is full (`queue-full`); The quota is used up (`quota-exceeded`); Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -3269,14 +3893,27 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -3296,6 +3933,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -3375,14 +4016,27 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -3402,6 +4056,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -3466,15 +4124,19 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3508,6 +4170,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description The request is not valid (`invalid-request`); The predicted cost exceeds a limit (`cost-limit`); No GPU worker is available (`gpu-unavailable`); The idempotency key was used for another request (`idempotency-key-reused`) */
             422: {
                 headers: {
@@ -3520,6 +4191,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -3600,6 +4275,8 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3609,6 +4286,8 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3617,6 +4296,15 @@ export interface operations {
             };
             /** @description There is no such model (`model-not-found`) */
             404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -3636,6 +4324,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -3688,15 +4380,19 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3712,9 +4408,22 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -3769,15 +4478,19 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3793,9 +4506,22 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -3874,6 +4600,8 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3883,6 +4611,8 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -3891,6 +4621,15 @@ export interface operations {
             };
             /** @description There is no such model (`model-not-found`) */
             404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -3910,6 +4649,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -3973,10 +4716,8 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": unknown;
-                    "application/vnd.oviduct.sections": unknown;
-                    "model/gltf-binary": unknown;
-                    "model/obj": unknown;
+                    "*/*": string;
+                    "application/json": components["schemas"]["StoredReport"];
                 };
             };
             /** @description The range */
@@ -3987,10 +4728,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": unknown;
-                    "application/vnd.oviduct.sections": unknown;
-                    "model/gltf-binary": unknown;
-                    "model/obj": unknown;
+                    "*/*": string;
                 };
             };
             /** @description The client has this file */
@@ -4012,6 +4750,8 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4021,6 +4761,8 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4047,9 +4789,22 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -4116,6 +4871,8 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4125,6 +4882,8 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4140,9 +4899,22 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -4228,15 +5000,19 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4261,6 +5037,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description The request is not valid (`invalid-request`); The predicted cost exceeds a limit (`cost-limit`); No GPU worker is available (`gpu-unavailable`); The idempotency key was used for another request (`idempotency-key-reused`) */
             422: {
                 headers: {
@@ -4270,9 +5055,13 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The queue is full (`queue-full`); The quota is used up (`quota-exceeded`) */
+            /** @description The queue is full (`queue-full`); The quota is used up (`quota-exceeded`); Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -4352,6 +5141,8 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4361,6 +5152,8 @@ export interface operations {
             /** @description The key does not allow this (`forbidden`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4385,6 +5178,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description The request is not valid (`invalid-request`) */
             422: {
                 headers: {
@@ -4397,6 +5199,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -4442,20 +5248,22 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/yaml": unknown;
+                    "application/yaml": string;
                 };
             };
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
-            403: {
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -4466,6 +5274,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -4477,6 +5289,17 @@ export interface operations {
             /** @description The service failed (`internal`) */
             500: {
                 headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4506,14 +5329,16 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
-            403: {
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -4524,6 +5349,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -4535,6 +5364,17 @@ export interface operations {
             /** @description The service failed (`internal`) */
             500: {
                 headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4561,21 +5401,14 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": Record<string, unknown>;
+                    "application/json": components["schemas"]["Preset"];
                 };
             };
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["Problem"];
-                };
-            };
-            /** @description The key does not allow this (`forbidden`) */
-            403: {
-                headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4591,9 +5424,22 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -4605,6 +5451,17 @@ export interface operations {
             /** @description The service failed (`internal`) */
             500: {
                 headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4668,20 +5525,22 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/schema+json": Record<string, unknown>;
+                    "application/schema+json": components["schemas"]["JsonSchema"];
                 };
             };
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
-            403: {
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -4692,6 +5551,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -4703,6 +5566,17 @@ export interface operations {
             /** @description The service failed (`internal`) */
             500: {
                 headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4745,15 +5619,19 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4787,6 +5665,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description The request is not valid (`invalid-request`) */
             422: {
                 headers: {
@@ -4799,6 +5686,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -4850,6 +5741,8 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -4858,6 +5751,17 @@ export interface operations {
             };
             /** @description The key does not allow this (`forbidden`) */
             403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -4868,6 +5772,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -4919,14 +5827,27 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -4937,6 +5858,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -4988,14 +5913,27 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -5006,6 +5944,10 @@ export interface operations {
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -5060,15 +6002,19 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5084,9 +6030,22 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -5141,15 +6100,19 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5165,9 +6128,22 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;
@@ -5222,15 +6198,19 @@ export interface operations {
             /** @description A key is required (`unauthorized`) */
             401: {
                 headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The key does not allow this (`forbidden`) */
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
             403: {
                 headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
                     [name: string]: unknown;
                 };
                 content: {
@@ -5246,9 +6226,22 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
             /** @description Too many requests (`rate-limited`) */
             429: {
                 headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
                     /** @description Seconds to wait before the next attempt */
                     "retry-after"?: number;
                     [name: string]: unknown;

@@ -55,8 +55,10 @@ impl Default for AccessOptions {
     }
 }
 
-/// Parameter of a ticket.
+/// Parameter of a ticket, and the name of its security scheme.
 pub(super) const TICKET: &str = "ticket";
+/// Name of the security scheme of keys.
+pub(super) const BEARER: &str = "bearer";
 
 /// Finds out who sends a request.
 pub(super) struct Access {

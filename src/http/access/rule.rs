@@ -1,9 +1,9 @@
 //! What a route needs of its caller.
 
 use super::bucket::add_headers;
-use super::{Access, Caller};
+use super::{Access, BEARER, Caller, TICKET};
 use crate::http::problem::{Kind, Problem};
-use crate::http::responses::problem_responses;
+use crate::http::responses::add_problems;
 use crate::jobs::keys::Scope;
 use axum::extract::Request;
 use axum::http::{HeaderValue, header};
@@ -46,23 +46,27 @@ impl Rule {
         S: Clone + Send + Sync + 'static,
     {
         for item in routes.get_openapi_mut().paths.paths.values_mut() {
-            let operations = [&mut item.get, &mut item.post, &mut item.put, &mut item.patch, &mut item.delete];
-            operations.into_iter().flatten().for_each(|operation| self.describe(operation));
+            item.get.iter_mut().for_each(|operation| self.describe(operation, true));
+            let others = [&mut item.post, &mut item.put, &mut item.patch, &mut item.delete];
+            others.into_iter().flatten().for_each(|operation| self.describe(operation, false));
         }
         routes.route_layer(axum::middleware::from_fn(move |request, next| self.enforce(request, next)))
     }
 
-    fn describe(self, operation: &mut Operation) {
+    /// Describes what it asks for and how it refuses. Only what `reads` takes tickets, and is open to pages of other origins
+    /// on a service without keys.
+    fn describe(self, operation: &mut Operation, reads: bool) {
         if self == Self::Open {
             operation.security = Some(Vec::new());
             return;
         }
         let scopes: Vec<&str> = self.scope().iter().map(|scope| scope.name()).collect();
-        operation.security = Some(vec![SecurityRequirement::new("key", scopes)]);
-        let kinds = [Kind::Unauthorized, Kind::Forbidden, Kind::RateLimited];
-        for (status, response) in problem_responses(&kinds) {
-            operation.responses.responses.entry(status).or_insert(response);
-        }
+        let ticket = reads.then(|| SecurityRequirement::new(TICKET, scopes.clone()));
+        operation.security = Some([SecurityRequirement::new(BEARER, scopes)].into_iter().chain(ticket).collect());
+        let mut kinds = vec![Kind::Unauthorized, Kind::UnknownHost, Kind::RateLimited, Kind::StoreUnavailable];
+        kinds.extend(self.scope().map(|_| Kind::Forbidden));
+        kinds.extend((!reads).then_some(Kind::ForbiddenOrigin));
+        add_problems(&mut operation.responses.responses, &kinds);
     }
 
     /// Finds out who sends the request, and passes it on if the rule allows.

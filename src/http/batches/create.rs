@@ -10,7 +10,9 @@ use crate::http::dto::Batch;
 use crate::http::headers::IDEMPOTENCY_REPLAYED;
 use crate::http::json::JsonBody;
 use crate::http::problem::Problem;
-use crate::http::responses::{BatchRequest as BatchRequestDoc, BodyProblems, QueueFull, StoreAwayOrOpening};
+use crate::http::responses::{
+    BatchRequest as BatchRequestDoc, BodyProblems, ParameterValue, QueueFull, StoreAwayOrOpening,
+};
 use crate::http::study::StoredStudy;
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{self, NewBatch, NewJob, StoreError, SubmittedBatch};
@@ -123,7 +125,7 @@ pub(in crate::http) struct BatchValidation {
 #[derive(Debug, Serialize, ToSchema)]
 pub(in crate::http) struct PointValidation {
     /// The varied values by their pointers.
-    #[schema(value_type = Object)]
+    #[schema(value_type = BTreeMap<String, ParameterValue>)]
     values: Map<String, Value>,
     /// Predicted cost of one model.
     cost: Cost,
@@ -143,6 +145,8 @@ pub(in crate::http) struct BatchCost {
 }
 
 /// Check a request for a batch and predict its cost, without queueing anything.
+///
+/// The answer has the cost of each point. A request that passes can still be refused by a full queue.
 #[utoipa::path(
     post, path = "/batches/validate", operation_id = "validate_batch", tag = "batches",
     request_body(content = BatchRequestDoc, content_type = "application/json"),

@@ -23,6 +23,8 @@ pub(super) fn answer(status: StatusCode, batch: &Batch) -> Response {
 }
 
 /// List batches, newest first, without the ids of their models.
+///
+/// Their models are counted by status.
 #[utoipa::path(
     get, path = "/batches", operation_id = "list_batches", tag = "batches",
     params(
@@ -50,6 +52,8 @@ pub(in crate::http) async fn list(
 }
 
 /// Read a batch: the ids of its models, their number by status, and its study.
+///
+/// Models that were deleted one by one are not listed.
 #[utoipa::path(
     get, path = "/batches/{id}", operation_id = "get_batch", tag = "batches",
     params(("id" = Uuid, Path, description = "Id of the batch")),
@@ -69,6 +73,8 @@ pub(in crate::http) async fn get(
 }
 
 /// Delete a batch with all its models; those that have not ended are cancelled.
+///
+/// Files that another model shares are kept.
 #[utoipa::path(
     delete, path = "/batches/{id}", operation_id = "delete_batch", tag = "batches",
     params(("id" = Uuid, Path, description = "Id of the batch")),

@@ -60,27 +60,40 @@ impl BatchRequest {
         Self { seeds: seeds.unwrap_or(Seeds::Count(0)), study, each }
     }
 
-    /// JSON Schema of a request; `most` is the greatest number of models by default.
+    /// JSON Schema of a request; `most` is the greatest number of models by default. One variant each for `seeds`, for
+    /// `count`, and for `vary` without both.
     pub(in crate::http) fn schema(most: usize) -> Value {
-        let mut schema = ModelRequest::schema();
-        schema["description"] = json!(
-            "Many models of one spec, or of the points of a study. At most one of `seeds` and `count`, and without `vary` \
-             exactly one; the other members are those of a ModelRequest."
-        );
-        schema["example"] = json!({ "preset": "pig", "seeds": [1, 2, 3], "vary": {
-            "design": "lhs", "samples": 50, "seed": 4, "values": { "/collision/gap_um": { "from": 25, "to": 50 } } } });
-        schema["properties"]["seeds"] = json!({ "type": "array", "uniqueItems": true, "minItems": 1, "maxItems": most,
+        let seeds = json!({ "type": "array", "uniqueItems": true, "minItems": 1, "maxItems": most,
             "items": { "type": "integer", "format": "int64", "minimum": 0, "maximum": SEED_MAX },
             "description": "One model per seed, of each point of a study. The greatest number of models is a setting of the service." });
-        schema["properties"]["count"] = json!({ "type": "integer", "minimum": 1, "maximum": most,
+        let count = json!({ "type": "integer", "minimum": 1, "maximum": most,
             "description": "Number of models, of each point of a study. The service draws their seeds." });
-        schema["properties"]["vary"] = json!({ "$ref": "#/components/schemas/Vary" });
-        if let Some(members) = schema["properties"].as_object_mut() {
-            members.remove("seed");
-        }
-        schema["anyOf"] = json!([{ "required": ["seeds"] }, { "required": ["count"] }, { "required": ["vary"] }]);
-        schema["not"] = json!({ "required": ["seeds", "count"] });
-        schema
+        let variant = |title: &str, description: &str, own: Option<(&str, Value)>| {
+            let mut schema = ModelRequest::schema();
+            schema["title"] = json!(title);
+            schema["description"] = json!(description);
+            schema["required"] = json!([own.as_ref().map_or("vary", |(name, _)| name)]);
+            if let Some(members) = schema["properties"].as_object_mut() {
+                members.remove("seed");
+                members.insert("vary".to_owned(), json!({ "$ref": "#/components/schemas/Vary" }));
+                members.extend(own.map(|(name, schema)| (name.to_owned(), schema)));
+            }
+            schema
+        };
+        json!({
+            "description": "Many models of one spec, or of the points of a study. The members other than `seeds`, `count` and \
+                `vary` are those of a ModelRequest.",
+            "oneOf": [
+                { "$ref": "#/$defs/SeedsBatchRequest" },
+                { "$ref": "#/$defs/CountBatchRequest" },
+                { "$ref": "#/$defs/StudyBatchRequest" },
+            ],
+            "$defs": {
+                "SeedsBatchRequest": variant("Given seeds", "One model per seed, of each point of a study.", Some(("seeds", seeds))),
+                "CountBatchRequest": variant("Drawn seeds", "So many models, of each point of a study.", Some(("count", count))),
+                "StudyBatchRequest": variant("Study", "One model of each point of a study.", None),
+            },
+        })
     }
 }
 
@@ -140,6 +153,7 @@ fn count(value: &Value, most: usize, faults: &mut Faults) -> Option<Seeds> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::BTreeSet;
 
     #[test]
     fn a_batch_has_seeds_or_a_count_or_a_study() {
@@ -176,10 +190,11 @@ mod tests {
 
     #[test]
     fn the_schema_names_the_members_that_are_read() {
-        let mut named: Vec<_> = BatchRequest::schema(9)["properties"].as_object().unwrap().keys().cloned().collect();
-        let mut members = MEMBERS;
-        named.sort();
-        members.sort_unstable();
-        assert_eq!(named, members);
+        let schema = BatchRequest::schema(9);
+        let variants = schema["$defs"].as_object().unwrap().values();
+        let named: BTreeSet<&str> = variants
+            .flat_map(|variant| variant["properties"].as_object().unwrap().keys().map(String::as_str))
+            .collect();
+        assert_eq!(named, BTreeSet::from(MEMBERS));
     }
 }

@@ -11,7 +11,7 @@ use crate::http::extract::{BatchId, Parameters, no_batch};
 use crate::http::faults::Fault;
 use crate::http::headers::accept;
 use crate::http::problem::{Kind, Problem, TYPE_PREFIX};
-use crate::http::responses::{BadParameters, BatchMissing, Inacceptable, StoreAway};
+use crate::http::responses::{BadParameters, BatchMissing, Inacceptable, ParameterValue, StoreAway};
 use crate::http::study::StoredStudy;
 use crate::jobs::Job;
 use axum::Json;
@@ -46,7 +46,7 @@ pub(in crate::http) struct Table {
     /// the models by dotted names such as `summary.particles.end`.
     columns: Vec<String>,
     /// One row a model, in the order of the request; a value that a model does not have is null.
-    #[schema(value_type = Vec<Vec<Object>>)]
+    #[schema(value_type = Vec<Vec<ParameterValue>>)]
     rows: Vec<Vec<Value>>,
 }
 

@@ -118,7 +118,9 @@ fn bounds(schema: &Value) -> String {
     if let Some(pattern) = schema.get("pattern") {
         parts.push(format!("matches {}", value(pattern)));
     }
-    if let Some(default) = schema.get("default").filter(|default| !default.is_object()) {
+    if let Some(default) =
+        schema.get("default").or_else(|| schema.get("x-default")).filter(|default| !default.is_object())
+    {
         parts.push(format!("default {}", value(default)));
     }
     parts.into_iter().fold(String::new(), |all, part| format!("{all}, {part}"))

@@ -35,7 +35,8 @@ fn everything_that_is_described_is_shown() {
     for kind in Kind::ALL {
         assert!(page.contains(&format!("<code>{}</code></th><td>{}</td>", kind.slug(), kind.status().as_u16())));
     }
-    assert!(page.contains("<code>collision.gap_um</code>"), "members within members");
+    assert!(page.contains("<a href=\"#schema-CollisionPatch\">"), "groups of a spec");
+    assert!(page.contains("<code>gap_um</code>"), "members of groups");
 }
 
 #[test]

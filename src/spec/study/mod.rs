@@ -20,7 +20,7 @@ mod target;
 #[cfg(test)]
 mod tests;
 
-pub use schema::{schema, value_schema};
+pub use schema::schema;
 
 use super::fault::{Fault, child, describe};
 use super::reader::Reader;

@@ -4,7 +4,7 @@ use super::design::{Design, SEED_MAX};
 use super::source::DISTRIBUTIONS;
 use serde_json::{Map, Value, json};
 
-/// The schema of a study of at most `most` points.
+/// The schema of a study of at most `most` points. Its discriminator names components of an OpenAPI description.
 #[must_use]
 pub fn schema(most: usize) -> Value {
     json!({
@@ -16,11 +16,13 @@ pub fn schema(most: usize) -> Value {
             "design": { "type": "string", "enum": Design::NAMES.map(|(name, _)| name),
                 "description": "`grid`: every combination, the last pointer varying fastest. `zip`: the first values of all, the second of all, and so on. `lhs`: a Latin hypercube." },
             "samples": { "type": "integer", "minimum": 1, "maximum": most, "description": "Number of points; design `lhs` only." },
-            "seed": { "type": "integer", "minimum": 0, "maximum": SEED_MAX, "default": 0,
-                "description": "The same seed gives the same points; design `lhs` only." },
+            // No `default`: a generated client would send it, and other designs refuse it.
+            "seed": { "type": "integer", "minimum": 0, "maximum": SEED_MAX,
+                "description": "The same seed gives the same points; design `lhs` only. If it is absent, 0." },
             "values": { "type": "object", "minProperties": 1, "description": "The values of each parameter by its JSON pointer in the spec.",
-                "additionalProperties": values(most) },
+                "additionalProperties": { "$ref": "#/$defs/VariedValues" } },
         },
+        "$defs": definitions(most),
         "examples": [
             { "design": "lhs", "samples": 50, "seed": 4, "values": {
                 "/collision/gap_um": { "from": 25, "to": 50 },
@@ -31,28 +33,27 @@ pub fn schema(most: usize) -> Value {
     })
 }
 
-/// The schema of any value of a parameter: a number, a name, a schedule or one of its parts; null if there is none.
-#[must_use]
-pub fn value_schema() -> Value {
-    json!({
-        "type": ["null", "boolean", "number", "string", "object", "array"],
-        "items": { "type": "array", "items": { "type": "number" } },
-    })
-}
-
-/// The values of one parameter.
-fn values(most: usize) -> Value {
+/// The values of one parameter. Distributions come before the range, whose members some of them have too: a reader that
+/// takes the first alternative that fits finds the right one.
+fn definitions(most: usize) -> Value {
+    let mut definitions = crate::spec::schema::definitions();
+    let own = |name: &str| json!({ "$ref": format!("#/$defs/{name}") });
     let count = json!({ "type": "integer", "minimum": 1, "maximum": most,
         "description": "Number of values; required in the designs `grid` and `zip`, not allowed in `lhs`." });
-    let mut item = value_schema();
-    item["description"] = json!("Any value of the parameter; null leaves that of `spec`.");
-    let mut forms = vec![
-        json!({ "title": "List", "type": "array", "minItems": 1, "maxItems": most, "items": item,
-            "description": "These values; in a Latin hypercube all are equally likely." }),
-        json!({ "title": "Range", "type": "object", "additionalProperties": false, "required": ["from", "to"],
-            "properties": { "from": number("First value."), "to": number("Last value."), "count": count },
-            "description": "Equal steps from one end to the other; in a Latin hypercube a uniform distribution." }),
-    ];
+    definitions["ParameterValue"] = json!({
+        "description": "A value of a parameter or of a part of a schedule; null leaves that of `spec`.",
+        "anyOf": [
+            { "type": "null" }, { "type": "boolean" }, { "type": "number" }, { "type": "string" },
+            { "title": "Keys", "type": "array", "items": own("ScheduleKey") }, own("Schedule"), own("Fluctuation"),
+        ],
+    });
+    definitions["ValueList"] = json!({ "title": "List", "type": "array", "minItems": 1, "maxItems": most,
+        "items": own("ParameterValue"), "description": "These values; in a Latin hypercube all are equally likely." });
+    definitions["ValueRange"] = json!({ "title": "Range", "type": "object", "additionalProperties": false,
+        "required": ["from", "to"],
+        "properties": { "from": number("First value."), "to": number("Last value."), "count": count },
+        "description": "Equal steps from one end to the other; in a Latin hypercube a uniform distribution." });
+    let mut mapping = Map::new();
     for (name, members) in DISTRIBUTIONS {
         let mut properties = Map::new();
         properties.insert("distribution".to_owned(), json!({ "type": "string", "const": name }));
@@ -60,13 +61,26 @@ fn values(most: usize) -> Value {
         properties.insert("count".to_owned(), count.clone());
         let needed = members.iter().copied().filter(|member| !["min", "max"].contains(member));
         let required: Vec<&str> = ["distribution"].into_iter().chain(needed).collect();
-        forms.push(json!({
-            "title": name, "type": "object", "additionalProperties": false,
+        let component = component(name);
+        mapping.insert(name.to_owned(), format!("#/components/schemas/{component}").into());
+        definitions[component] = json!({
+            "title": format!("Distribution {name}"), "type": "object", "additionalProperties": false,
+            "description": "In the designs `grid` and `zip`, the quantiles in the middle of parts of equal probability.",
             "required": required,
             "properties": properties,
-        }));
+        });
     }
-    json!({ "oneOf": forms })
+    let all = DISTRIBUTIONS.map(|(name, _)| own(&component(name)));
+    definitions["Distribution"] = json!({ "description": "A distribution of values.", "type": "object", "oneOf": all,
+        "discriminator": { "propertyName": "distribution", "mapping": mapping } });
+    definitions["VariedValues"] = json!({ "description": "The values of one parameter.",
+        "oneOf": [own("ValueList"), own("Distribution"), own("ValueRange")] });
+    definitions
+}
+
+/// Name of the definition of a distribution.
+fn component(distribution: &str) -> String {
+    distribution.split('-').map(|word| word[..1].to_uppercase() + &word[1..]).collect()
 }
 
 fn number(description: &str) -> Value {

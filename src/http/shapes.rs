@@ -1,0 +1,142 @@
+//! What is stored or built as JSON and sent as it is: the types here only describe it.
+#![expect(dead_code, reason = "describes JSON; only its schema is used")]
+
+use super::responses::{CertificateFigures, ParameterValue, SpecPatch};
+use crate::measure::Certificate;
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// Counts and measures of a model that has succeeded. An older version wrote fewer.
+#[derive(ToSchema)]
+pub(super) struct Summary {
+    /// Recorded sections, without those added by mending.
+    #[schema(minimum = 0)]
+    sections: u64,
+    /// Sections added by mending.
+    #[schema(minimum = 0)]
+    sections_added: Option<u64>,
+    /// Diagonals of the surface that were flipped by mending.
+    #[schema(minimum = 0)]
+    diagonals_flipped: Option<u64>,
+    /// Particles of both loops.
+    particles: ParticleCounts,
+    /// Splits that were made later than asked for.
+    #[schema(minimum = 0)]
+    splits_deferred: Option<u64>,
+    /// Splits that were never made.
+    #[schema(minimum = 0)]
+    splits_missing: Option<u64>,
+    /// Vertices of the surface.
+    #[schema(minimum = 0)]
+    vertices: u64,
+    /// Triangles of the surface.
+    #[schema(minimum = 0)]
+    triangles: u64,
+    /// Least distance between walls of one section, micrometres.
+    min_gap_um: Option<f64>,
+    /// Enclosed volume, cubic millimetres.
+    volume_mm3: f64,
+    /// Area of the surface, square millimetres.
+    area_mm2: f64,
+    /// Signs of poor growth.
+    #[schema(required = false)]
+    warnings: Vec<ModelWarning>,
+    /// The figures of the certificate; not in a report, which has the certificate itself.
+    #[schema(required = false)]
+    certificate: CertificateFigures,
+}
+
+/// Numbers of particles at the two ends of the tube.
+#[derive(ToSchema)]
+pub(super) struct ParticleCounts {
+    /// In the first section.
+    #[schema(minimum = 0)]
+    start: u64,
+    /// In the last section.
+    #[schema(minimum = 0)]
+    end: u64,
+}
+
+/// A sign of poor growth of a model that has succeeded.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct ModelWarning {
+    /// `splits-missing`, `small-gap` or `particles-short`; there may be more in future.
+    pub code: String,
+    /// A sentence with the numbers.
+    pub detail: String,
+}
+
+/// What `report.json` holds.
+#[derive(ToSchema)]
+pub(super) struct StoredReport {
+    /// SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as in the model.
+    digest: String,
+    /// Preset that the spec was resolved on.
+    preset: String,
+    /// Seed.
+    #[schema(minimum = 0, maximum = 9007199254740991i64)]
+    seed: u64,
+    /// Version of the program that grew it.
+    engine: String,
+    /// The complete resolved spec.
+    spec: SpecPatch,
+    /// Counts and measures.
+    summary: Summary,
+    /// The certificate of the surface as exported.
+    certificate: Certificate,
+}
+
+/// A preset in a list.
+#[derive(ToSchema)]
+pub(super) struct PresetSummary {
+    /// Name.
+    name: String,
+    /// Title.
+    title: String,
+    /// Organ.
+    organ: String,
+    /// Species.
+    species: String,
+    /// What it is a model of.
+    description: String,
+    /// Whether it is the preset of requests that name none.
+    default: bool,
+}
+
+/// A preset.
+#[derive(ToSchema)]
+pub(super) struct Preset {
+    /// Name.
+    name: String,
+    /// Title.
+    title: String,
+    /// Organ.
+    organ: String,
+    /// Species.
+    species: String,
+    /// What it is a model of.
+    description: String,
+    /// Whether it is the preset of requests that name none.
+    default: bool,
+    /// Its spec.
+    spec: SpecPatch,
+    /// Its parameters.
+    parameters: Vec<PresetParameter>,
+}
+
+/// A parameter of a preset.
+#[derive(ToSchema)]
+pub(super) struct PresetParameter {
+    /// Title.
+    title: String,
+    /// Unit; empty if it has none.
+    unit: String,
+    /// Meaning.
+    description: String,
+    /// Value.
+    value: ParameterValue,
+    /// Where the value comes from.
+    source: Option<String>,
+    /// JSON pointer into the spec.
+    pointer: String,
+}
