@@ -16,8 +16,8 @@ use crate::http::responses::{
 use crate::http::study::StoredStudy;
 use crate::jobs::reuse::exclude_missing_files;
 use crate::jobs::{self, NewBatch, NewJob, StoreError, SubmittedBatch};
-use crate::spec::study::Study;
 use crate::spec::Cost;
+use crate::spec::study::Study;
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};

@@ -1,4 +1,4 @@
-//! Examples of requests and responses. A test checks each against its schema, and sends those of requests.
+//! Examples of requests and responses; the model is the default one with seed 7, its spec abridged. A test checks each against its schema, and sends those of requests.
 
 use serde_json::{Value, json};
 
@@ -55,7 +55,7 @@ pub(super) fn add(document: &mut Value) {
             "Two points of a study",
             json!({
             "columns": ["id", "status", "seed", "/friction", "problem", "summary.volume_mm3"],
-            "rows": [[ID, "succeeded", 7, 0.28, null, 41.7],
+            "rows": [[ID, "succeeded", 7, 0.28, null, 183.083_789_087_184_73],
                 ["019c3a5e-7d22-7b10-b1c7-0f2d4e6a8b91", "running", 7, 0.32, null, null]] }),
         ),
         (
@@ -65,7 +65,7 @@ pub(super) fn add(document: &mut Value) {
             "type": "urn:oviduct:problem:invalid-request", "title": "The request is not valid", "status": 422,
             "detail": "2 values are invalid; see errors.", "instance": "/models", "request_id": "019c3a5e-7d20-7000-8000-3c1d2e4f5a6b",
             "errors": [{ "pointer": "/seed", "detail": "must be an integer from 0 to 9007199254740991, not -1" },
-                { "pointer": "/spec/friction", "detail": "must be from 0 to 2.5 1/step, not 3" }] }),
+                { "pointer": "/spec/friction", "detail": "is 3, above the greatest allowed 2.5 1/step: the integration is unstable above it" }] }),
         ),
         ("Event", "A model was cancelled", json!({ "event": "end", "id": "3", "data": event().to_string() })),
         ("WorkerList", "One worker", json!({ "pause": null, "workers": [worker()] })),
@@ -110,22 +110,23 @@ fn model() -> Value {
     json!({
         "id": ID, "status": "succeeded", "version": 12, "preset": "pig", "seed": 7, "outputs": ["glb"],
         "labels": { "study": "A3" }, "priority": 0, "owner": "smith-lab", "batch": null,
-        "backend": { "requested": "auto", "used": "cpu", "device": "CPU, 16 threads", "fallback": null },
-        "worker": "worker-1", "queue": { "position": null, "wait_seconds": 0.4 },
-        "progress": { "stage": "store", "fraction": 1.0, "step": 4000, "steps": 4000, "particles": 8300, "sections": 401,
+        "backend": { "requested": "cpu", "used": "cpu", "device": "cpu, 2 threads", "fallback": null },
+        "worker": "node3-812-0", "queue": { "position": null, "wait_seconds": 0.003_909 },
+        "progress": { "stage": "store", "fraction": 1.0, "step": 2000, "steps": 2000, "particles": 8300, "sections": 201,
             "eta_seconds": null },
-        "attempts": 1, "created_at": "2026-02-08T09:12:00Z", "started_at": "2026-02-08T09:12:00.4Z",
-        "finished_at": "2026-02-08T09:14:31Z", "expires_at": null,
-        "files": [{ "name": "model.glb", "media_type": "model/gltf-binary", "bytes": 68_412_096,
-            "sha256": "9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08",
+        "attempts": 1, "created_at": "2026-02-08T09:12:00Z", "started_at": "2026-02-08T09:12:00.003909Z",
+        "finished_at": "2026-02-08T09:12:03.365964Z", "expires_at": null,
+        "files": [{ "name": "model.glb", "media_type": "model/gltf-binary", "bytes": 37_991_564,
+            "sha256": "34fd790e8767e0311c7de2165a8156f61210d212167afbfdb5f6e10c339e6937",
             "href": format!("{ID}/files/model.glb") }],
-        "summary": { "sections": 401, "sections_added": 0, "diagonals_flipped": 2, "particles": { "start": 710, "end": 8300 },
-            "splits_deferred": 4, "splits_missing": 0, "vertices": 1_812_004, "triangles": 3_624_004, "min_gap_um": 6.2,
-            "volume_mm3": 41.7, "area_mm2": 2710.5, "warnings": [] },
+        "summary": { "sections": 201, "sections_added": 0, "diagonals_flipped": 0, "particles": { "start": 710, "end": 8300 },
+            "splits_deferred": 0, "splits_missing": 0, "vertices": 798_315, "triangles": 1_596_630,
+            "min_gap_um": 4.430_645_642_790_343, "volume_mm3": 183.417_057_648_667_62,
+            "area_mm2": 2_013.645_312_659_674, "warnings": [] },
         "warnings": [], "problem": null,
-        "digest": "60303ae22b998861bce3b28f33eec1be758a213c86c93c076dbe9f558c11c752",
+        "digest": "5e87226f5acbf7b58f2408b4d9c286a99686fd491532ec4ded66856d2b9fe044",
         "reused_from": null, "retry_of": null,
-        "spec": { "friction": 0.3, "collision": { "gap_um": { "keys": [[0, 60], [1, 36]], "ease": "smooth" } } }
+        "spec": { "friction": 0.3, "steps": 2000 }
     })
 }
 
@@ -162,6 +163,6 @@ fn batch() -> Value {
 }
 
 fn worker() -> Value {
-    json!({ "id": "worker-1", "host": "node-3", "backend": "gpu", "device": "NVIDIA H100", "job": ID, "jobs": [ID],
+    json!({ "id": "node3-812-0", "host": "node3", "backend": "cpu", "device": "cpu, 2 threads", "job": ID, "jobs": [ID],
         "jobs_done": 311, "heartbeat_at": "2026-02-08T09:14:30Z", "state": "active", "pause": null })
 }
