@@ -15,7 +15,7 @@ sys.path.insert(0, str(ROOT / "tests/outside"))
 from service import SMALL, Service  # noqa: E402
 
 # A model that takes a few seconds, so that there is time to disturb it.
-SLOW = {"steps": 800, "particles": {"total": {"keys": [[0, 300], [1, 1200]]}}}
+SLOW = {"steps": 2000, "particles": {"total": {"keys": [[0, 300], [1, 3000]]}}}
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -3,7 +3,7 @@ import hashlib
 import time
 
 import pytest
-from conftest import SMALL
+from conftest import SLOW, SMALL
 from relay import Relay
 
 from oviduct import (
@@ -128,7 +128,7 @@ def test_streams_that_are_refused_leave_the_record_to_read(client, relay):
 
 def test_a_stream_that_breaks_goes_on_after_its_last_event(client, relay, grown):
     relay.only, relay.cuts = "/events", [3000, 0]
-    model = client.submit(seed=43, spec=SMALL)
+    model = client.submit(seed=43, spec=SLOW)
     events = list(client.events(model))
     assert events[-1].name == "end"
     _, second, third = (headers for _, path, headers in relay.requests if path.endswith("/events"))

@@ -16,7 +16,7 @@ export const SMALL = {
 
 /** A model that is still growing when a test kills the service after its first events. */
 export const LONG = {
-  spec: { steps: 700, particles: { total: { keys: [[0, 1200], [1, 2400]] } } },
+  spec: { steps: 2000, particles: { total: { keys: [[0, 710], [1, 6000]] } } },
 } satisfies ModelRequest;
 
 const binary = process.env["OVIDUCT_BINARY"];
