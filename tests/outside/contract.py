@@ -1,4 +1,4 @@
-"""Tests the live service against openapi.yaml with schemathesis.
+"""Tests the live service against openapi.yaml with schemathesis, without keys and, with fewer cases, with one.
 
 Usage: contract.py OVIDUCT_BINARY
 """
@@ -15,9 +15,16 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 ROOT = os.path.join(HERE, "..", "..")
 
 
-def main(folder):
+def main(folder, keyed):
     # One model in each final state; then a service that only queues, so that valid requests cost nothing.
-    service = Service(BINARY, folder, "--queue-limit", "100000").start()
+    service = Service(BINARY, folder, "--queue-limit", "100000")
+    options = []
+    if keyed:
+        service.add_key("judge", "admin")
+        # The header is added to every request, so none lacks it. tests/api/access.rs sends requests without a key.
+        options = ["--header", f"Authorization: Bearer {service.key}", "--exclude-checks", "missing_required_header",
+                   "--max-examples", "5"]
+    service.start()
     succeeded = service.json("POST", "/models", {"seed": 1, "spec": SMALL, "outputs": ["glb", "obj"]})["id"]
     assert service.ended(succeeded)["status"] == "succeeded", service.ended(succeeded)
     service.stop()
@@ -35,7 +42,7 @@ def main(folder):
     done = subprocess.run(
         [
             judge, "--config-file", os.path.join(HERE, "schemathesis.toml"), "run", os.path.join(ROOT, "openapi.yaml"),
-            "--url", service.url, "--seed", "7",
+            "--url", service.url, "--seed", "7", *options,
         ],
         env={
             **os.environ,
@@ -44,6 +51,7 @@ def main(folder):
             "OVIDUCT_SUCCEEDED": succeeded,
             "OVIDUCT_CANCELLED": cancelled,
             "OVIDUCT_URL": service.url,
+            "OVIDUCT_KEY": service.key or "",
             "OVIDUCT_SMALL": json.dumps(SMALL),
         },
         cwd=folder,
@@ -53,10 +61,11 @@ def main(folder):
     # Afterwards the service is still ready.
     assert service.call("GET", "/readyz")[0] == 200
     service.stop()
-    print("contract: the service conforms to openapi.yaml")
+    print(f"contract: the service {'with' if keyed else 'without'} keys conforms to openapi.yaml")
 
 
 if __name__ == "__main__":
     BINARY = os.path.abspath(sys.argv[1])
-    with tempfile.TemporaryDirectory() as folder:
-        main(folder)
+    for keyed in (False, True):
+        with tempfile.TemporaryDirectory() as folder:
+            main(folder, keyed)

@@ -34,6 +34,8 @@ class Service:
         self.port = port or free_port()
         self.url = f"http://127.0.0.1:{self.port}"
         self.process = None
+        # Sent with every call, if there is one.
+        self.key = None
         self.log = open(os.path.join(data, "server.log"), "ab")
 
     def start(self, *options, **variables):
@@ -54,6 +56,11 @@ class Service:
                 pass
             time.sleep(0.05)
         raise SystemExit(f"the service did not become ready:\n{self.tail()}")
+
+    def add_key(self, owner, scopes):
+        """Makes a key, and sends it from now on."""
+        line = [self.binary, "keys", "add", "--data", self.data, "--owner", owner, "--scopes", scopes, "--json"]
+        self.key = json.loads(subprocess.run(line, check=True, capture_output=True).stdout)["key"]
 
     def kill(self):
         """Kills it with SIGKILL."""
@@ -87,6 +94,8 @@ class Service:
         """Status, headers and body of an answer."""
         data = None if body is None else json.dumps(body).encode()
         headers = {**({"Content-Type": "application/json"} if data else {}), **(headers or {})}
+        if self.key:
+            headers["Authorization"] = f"Bearer {self.key}"
         request = urllib.request.Request(self.url + path, data=data, method=method, headers=headers)
         try:
             with urllib.request.urlopen(request, timeout=900) as answer:
