@@ -1,5 +1,6 @@
-//! Periodic maintenance by `serve`: deletes models past their retention and files that no record names, and reports the
-//! size of all files. Workers do none of it; of several `serve` processes over one store, one sweeps at a time.
+//! Periodic maintenance by `serve`: deletes models past their retention and files that no record names, queues jobs that wait
+//! for nothing, and reports the size of all files. Workers do none of it; of several `serve` processes over one store, one
+//! sweeps at a time.
 
 use crate::clock::Clock;
 use crate::jobs::Store;
@@ -14,6 +15,8 @@ use tokio::task::JoinSet;
 const RETENTION_EVERY: Duration = Duration::from_secs(60);
 /// Interval between sums of the size of all files, which are only reported as a metric.
 const BYTES_EVERY: Duration = Duration::from_secs(15 * 60);
+/// Interval between looks for jobs that wait for an equal job that has ended.
+const STRANDED_EVERY: Duration = Duration::from_secs(60);
 /// Interval between sweeps of orphans.
 const ORPHANS_EVERY: Duration = Duration::from_secs(6 * 60 * 60);
 /// Minimum age of an orphan to be deleted if other processes may be uploading: longer than an upload and its commit take.
@@ -50,6 +53,17 @@ impl Upkeep {
             loop {
                 tokio::time::sleep(ORPHANS_EVERY).await;
                 sweep_orphans(&orphans, clock.now(), ORPHAN_AGE).await;
+            }
+        });
+        let store = Arc::clone(&context.store);
+        tasks.spawn(async move {
+            loop {
+                match store.queue_stranded().await {
+                    Ok(jobs) if jobs.is_empty() => {}
+                    Ok(jobs) => tracing::info!(?jobs, "jobs waited for an equal job that had ended; they are queued"),
+                    Err(error) => tracing::warn!(%error, "jobs that wait for nothing could not be looked for"),
+                }
+                tokio::time::sleep(STRANDED_EVERY).await;
             }
         });
         let expired = context.clone();

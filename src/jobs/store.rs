@@ -368,6 +368,9 @@ pub trait Store: KeyStore {
     async fn cancel_many(&self, ids: Vec<JobId>) -> Result<Applied, StoreError>;
     /// Removes these jobs as [`Store::delete`] does, in one transaction.
     async fn delete_many(&self, ids: Vec<JobId>) -> Result<Applied, StoreError>;
+    /// Queues jobs that wait for the growth of an equal job that has ended: a process of a version before shared growth ended
+    /// it. Gives those that were queued.
+    async fn queue_stranded(&self) -> Result<Vec<JobId>, StoreError>;
 
     /// Queues all jobs of a batch in one transaction, or none ([`StoreError::QueueFull`] if there is no room for all).
     /// Each is an ordinary job; finished models are reused as by [`Store::submit`]. Ids ascend in the order of the jobs.

@@ -89,6 +89,9 @@ impl Store for Faulty {
     async fn delete_many(&self, _: Vec<JobId>) -> Result<Applied, StoreError> {
         away()
     }
+    async fn queue_stranded(&self) -> Result<Vec<JobId>, StoreError> {
+        away()
+    }
     async fn batches(&self, _: &BatchFilter) -> Result<BatchPage, StoreError> {
         away()
     }

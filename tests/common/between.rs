@@ -129,6 +129,10 @@ impl<E: Eye> Store for Between<E> {
         self.store.delete_many(ids).await
     }
 
+    async fn queue_stranded(&self) -> Result<Vec<JobId>, StoreError> {
+        self.store.queue_stranded().await
+    }
+
     async fn batches(&self, filter: &BatchFilter) -> Result<BatchPage, StoreError> {
         self.store.batches(filter).await
     }

@@ -15,8 +15,11 @@ use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{Directive, Job, JobId, NewJob, Status, Store, StoreError, StoreOptions, Submitted};
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
 
 /// A lease that does not expire during a test.
 const LEASE: Duration = Duration::from_secs(600);
@@ -423,6 +426,71 @@ async fn an_outage_longer_than_three_leases_costs_no_attempt() {
         assert_eq!((job.status, job.attempts), (Status::Succeeded, 1), "{:?}", place.store.attempts(id).await);
     }
     tokio::join!(holders.shutdown(Duration::from_secs(5)), idle.shutdown(Duration::from_secs(5)));
+}
+
+/// Passes a connection on to the server, and closes it instead of passing on the answer to a commit if `cut` is set.
+async fn relay(client: TcpStream, server: TcpStream, cut: Arc<AtomicBool>) -> std::io::Result<()> {
+    let ((mut from_client, mut to_client), (mut from_server, mut to_server)) =
+        (client.into_split(), server.into_split());
+    let (mut asked, mut answered) = (vec![0; 1 << 16], vec![0; 1 << 16]);
+    let mut cutting = false;
+    loop {
+        tokio::select! {
+            length = from_client.read(&mut asked) => {
+                let bytes = &asked[..length?];
+                if bytes.windows(6).any(|window| window == b"COMMIT") {
+                    cutting = cut.swap(false, Ordering::SeqCst);
+                }
+                to_server.write_all(bytes).await?;
+                if bytes.is_empty() {
+                    return Ok(());
+                }
+            }
+            length = from_server.read(&mut answered) => {
+                let bytes = &answered[..length?];
+                if bytes.is_empty() || cutting {
+                    return Ok(());
+                }
+                to_client.write_all(bytes).await?;
+            }
+        }
+    }
+}
+
+/// A transaction is committed, but its connection breaks before the answer: it is not repeated, and its result is not lost.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_commit_whose_answer_is_lost_takes_effect_once() {
+    let url = Database::Postgres.url("".as_ref()).await;
+    let server = url.split(['@', '/']).nth(3).unwrap().to_owned();
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let through = url.replace(&server, &listener.local_addr().unwrap().to_string());
+    let cut = Arc::new(AtomicBool::new(false));
+    tokio::spawn({
+        let cut = Arc::clone(&cut);
+        async move {
+            while let Ok((client, _)) = listener.accept().await {
+                let server = TcpStream::connect(&server).await.unwrap();
+                tokio::spawn(relay(client, server, Arc::clone(&cut)));
+            }
+        }
+    });
+    let store = open(&through).await;
+    let lose_the_next_answer = || assert!(!cut.swap(true, Ordering::SeqCst), "the last answer was not lost");
+    for seed in ["1", "2", "3"] {
+        lose_the_next_answer();
+        let id = store.submit(new_job(seed)).await.unwrap().job().id;
+        lose_the_next_answer();
+        let claimed = store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().pop().expect("the claim was lost");
+        assert_eq!((claimed.job().id, claimed.attempt()), (id, 1));
+        lose_the_next_answer();
+        let done = finished(&claimed);
+        store.finish(claimed, done).await.unwrap();
+        let ends: Vec<_> = store.attempts(id).await.unwrap().into_iter().map(|attempt| attempt.outcome).collect();
+        assert_eq!(ends, [Some(AttemptEnd::Succeeded)]);
+    }
+    assert!(!cut.load(Ordering::SeqCst));
+    let counts = store.counts().await.unwrap();
+    assert_eq!((counts.succeeded, counts.total()), (3, 3));
 }
 
 /// A process that starts after an outage knows nothing of it, and leaves leases alone for as long as a lease.

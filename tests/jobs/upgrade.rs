@@ -1,10 +1,12 @@
-//! Tables of the version before priorities, migrated with the jobs in them.
+//! Tables of the version before priorities, migrated with the jobs in them, and what versions before shared growth do to
+//! tables of this one.
 
 use crate::scripted::Database;
 use crate::suite::{LEASE, finished, new_job};
 use oviduct::generate::Backend;
 use oviduct::jobs::sqlite::SqliteStore;
-use oviduct::jobs::{Counts, NewJob, Store, StoreOptions};
+use oviduct::jobs::{Counts, JobId, NewJob, Store, StoreOptions};
+use sqlx::AssertSqlSafe;
 use sqlx::migrate::Migrator;
 use std::path::Path;
 
@@ -93,4 +95,56 @@ async fn jobs_of_an_older_version_go_on_on_postgres() {
     sqlx::raw_sql(JOBS).execute(&before).await.unwrap();
     before.close().await;
     goes_on(&*oviduct::jobs::open(&url, StoreOptions::default()).await.unwrap()).await;
+}
+
+/// Ends the first of three equal jobs as a version before shared growth does. Gives the ids of the others.
+async fn strand(store: &dyn Store, execute: impl AsyncFnOnce(&'static str)) -> [JobId; 2] {
+    let mut ids = Vec::new();
+    for _ in 0..3 {
+        ids.push(store.submit(new_job("d")).await.unwrap().job().id);
+    }
+    assert_eq!(store.queue_stranded().await.unwrap(), []);
+    execute("UPDATE jobs SET status = 'cancelled', finished_at = 1 WHERE NOT shares").await;
+    assert!(store.claim("w", Backend::Cpu, LEASE, 1).await.unwrap().is_empty());
+    [ids[1], ids[2]]
+}
+
+async fn grows(store: &dyn Store, [second, third]: [JobId; 2]) {
+    assert_eq!(store.queue_stranded().await.unwrap(), [second]);
+    let claimed = store.claim("w", Backend::Cpu, LEASE, 9).await.unwrap().pop().unwrap();
+    assert_eq!(claimed.job().id, second);
+    let done = finished(&claimed);
+    store.finish(claimed, done).await.unwrap();
+    assert_eq!(store.get(third).await.unwrap().unwrap().reused_from, Some(second));
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn jobs_that_an_older_version_left_waiting_are_queued_on_sqlite() {
+    let dir = tempfile::tempdir().unwrap();
+    let store = SqliteStore::open(dir.path().join("jobs.db"), StoreOptions::default()).await.unwrap();
+    let pool = sqlx::SqlitePool::connect(&Database::Sqlite.url(dir.path()).await).await.unwrap();
+    let left = strand(&store, async |sql| {
+        sqlx::raw_sql(sql).execute(&pool).await.unwrap();
+    })
+    .await;
+    grows(&store, left).await;
+    // The claims of that version name their indexes.
+    for (index, column) in [("jobs_queue", "backend_requested"), ("jobs_by_batch_key", "batch_key")] {
+        let sql = format!(
+            "SELECT id FROM jobs INDEXED BY {index} WHERE status = 'queued' AND {column} = 'auto' ORDER BY rank, turn, id"
+        );
+        sqlx::raw_sql(AssertSqlSafe(sql)).execute(&pool).await.unwrap();
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn jobs_that_an_older_version_left_waiting_are_queued_on_postgres() {
+    let url = Database::Postgres.url("".as_ref()).await;
+    let store = oviduct::jobs::open(&url, StoreOptions::default()).await.unwrap();
+    let pool = sqlx::PgPool::connect(&url).await.unwrap();
+    let left = strand(&*store, async |sql| {
+        sqlx::raw_sql(sql).execute(&pool).await.unwrap();
+    })
+    .await;
+    grows(&*store, left).await;
 }

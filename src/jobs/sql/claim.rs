@@ -13,7 +13,8 @@
 use super::codec::{Value, enum_to_sql, until, values};
 use super::error::SqlError;
 use super::lease::{self, End, Record as Ending};
-use super::operation::{Done, Operation};
+use super::operation::{Before, Done, Operation, PATIENCE};
+use super::order;
 use super::pause::unpaused;
 use super::read;
 use super::record::{Record, select_jobs, to_record};
@@ -24,6 +25,7 @@ use crate::jobs::state::{self, Event};
 use crate::jobs::store::{Change, ClaimedJob, StoreOptions};
 use jiff::Timestamp;
 use std::collections::VecDeque;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 /// Longest delay before a job may be tried again. One with a longer delay was given it by a wrong clock: it is due.
@@ -36,6 +38,8 @@ pub(super) struct Claim {
     pub(super) backend: Backend,
     pub(super) lease: Duration,
     pub(super) limit: u32,
+    /// The jobs that the last try claimed, and their attempts.
+    pub(super) tried: Mutex<Vec<(JobId, u32)>>,
 }
 
 /// What a claim of a worker would find.
@@ -54,10 +58,11 @@ pub(super) async fn look(tx: &mut Tx<'_>, worker: &str, backend: Backend) -> Res
     let now = tx.steady().await?;
     let mut values = values![now, until(now, LONGEST_DELAY), worker];
     // Not EXISTS: for that PostgreSQL may choose to read the table, in the hope of an early match.
+    let jobs = order::lanes(tx);
     let lane = |lane| {
         values.push(Value::from(enum_to_sql(lane)));
         format!(
-            "(SELECT 1 FROM jobs WHERE status = 'queued' AND NOT shares AND backend_requested = ${} \
+            "(SELECT 1 FROM {jobs} WHERE status = 'queued' AND NOT shares AND backend_requested = ${} \
              AND (available_at <= $1 OR available_at > $2) ORDER BY rank, turn, id LIMIT 1) IS NOT NULL",
             values.len()
         )
@@ -95,7 +100,36 @@ impl Operation for Claim {
         } else {
             self.fill(tx, options, &mut claimed, self.limit, None).await?;
         }
+        *self.tried() = claimed.jobs.iter().map(|claimed| (claimed.job.id, claimed.attempt)).collect();
         Ok(Done::new(claimed.jobs, claimed.changes))
+    }
+
+    async fn done_before(&self, tx: &mut Tx<'_>) -> Result<Before<Vec<ClaimedJob>>, SqlError> {
+        let tried = self.tried().clone();
+        let mut claimed = Claimed::default();
+        let until = until(tx.steady().await?, self.lease);
+        for (id, attempt) in tried {
+            // Waits at the job's row for a commit that is still under way. The lease begins anew.
+            let held = tx
+                .execute(
+                    "UPDATE jobs SET lease_until = $4 \
+                     WHERE id = $1 AND status = 'running' AND attempts = $2 AND holder = $3",
+                    values![id, attempt, &self.worker, until],
+                )
+                .await?;
+            if held > 0 {
+                let Record { job, .. } = read::known_record(tx, id).await?;
+                claimed.changes.push(Change { id, version: Some(job.version) });
+                claimed.jobs.push(ClaimedJob { job, attempt, worker: self.worker.clone() });
+            }
+        }
+        Ok((!claimed.jobs.is_empty()).then(|| Done::new(claimed.jobs, claimed.changes)))
+    }
+
+    /// Jobs that a commit without an answer may have claimed are worth a long wait: nobody else runs them until their leases
+    /// expire.
+    fn patience(&self) -> Duration {
+        if self.tried().is_empty() { PATIENCE.0 } else { PATIENCE.1 }
     }
 }
 
@@ -118,6 +152,10 @@ async fn fail(
 }
 
 impl Claim {
+    fn tried(&self) -> MutexGuard<'_, Vec<(JobId, u32)>> {
+        self.tried.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Claims due jobs until there are `limit`, or no more are due. With a batch key, only those that have it.
     async fn fill(
         &self,
@@ -165,9 +203,9 @@ impl Claim {
     ) -> Result<Vec<Record>, SqlError> {
         let (now, steady) = (tx.now().await?, tx.steady().await?);
         let lanes: Vec<(&str, &str, String)> = match batch_key {
-            Some(key) => vec![("jobs_by_batch_key", "batch_key", key.to_owned())],
+            Some(key) => vec![("jobs_claimable_by_batch_key", "batch_key", key.to_owned())],
             None => {
-                let lane = |lane| ("jobs_queue", "backend_requested", enum_to_sql(lane));
+                let lane = |lane| ("jobs_claimable", "backend_requested", enum_to_sql(lane));
                 state::accepted(self.backend).iter().map(lane).collect()
             }
         };

@@ -2,7 +2,7 @@
 
 use super::codec::{enum_from_sql, enum_to_sql, json, until, values};
 use super::error::SqlError;
-use super::operation::{Before, Done, Operation};
+use super::operation::{Before, Done, Operation, PATIENCE};
 use super::read::{self, known_job};
 use super::share;
 use super::submit::insert_files;
@@ -180,7 +180,7 @@ impl Operation for End {
 
     /// The computed model is worth a long wait; the fence holds whatever happens meanwhile.
     fn patience(&self) -> Duration {
-        Duration::from_secs(60)
+        PATIENCE.1
     }
 
     async fn done_before(&self, tx: &mut Tx<'_>) -> Result<Before<Job>, SqlError> {

@@ -29,20 +29,25 @@ pub(super) fn rank(priority: Priority) -> i64 {
     -priority.get()
 }
 
+/// The table of jobs, to be read by the index of those that wait for a claim.
+pub(super) fn lanes(tx: &Tx<'_>) -> &'static str {
+    tx.either("jobs INDEXED BY jobs_claimable", "jobs")
+}
+
 /// The turn of a job that is about to be queued.
 pub(super) async fn turn(tx: &mut Tx<'_>, new: &NewJob) -> Result<i64, SqlError> {
     // An aggregate over a lane would do; ORDER BY with LIMIT leaves the planner no choice but the end of the index.
-    let row = tx
-        .one(
-            "SELECT (SELECT turn FROM jobs WHERE status = 'running' AND backend_requested = $1 AND rank = $2 \
-             ORDER BY turn DESC LIMIT 1) AS running, \
-             (SELECT turn FROM jobs WHERE status = 'queued' AND NOT shares AND backend_requested = $1 AND rank = $2 \
-             ORDER BY turn, id LIMIT 1) AS head, \
-             (SELECT turn FROM jobs WHERE status = 'queued' AND NOT shares AND backend_requested = $1 AND rank = $2 \
-             AND submitter = $3 ORDER BY turn DESC LIMIT 1) AS own",
-            values![enum_to_sql(new.backend), rank(new.priority), submitter(new.owner.as_deref())],
-        )
-        .await?;
+    let sql = format!(
+        "SELECT (SELECT turn FROM jobs WHERE status = 'running' AND backend_requested = $1 AND rank = $2 \
+         ORDER BY turn DESC LIMIT 1) AS running, \
+         (SELECT turn FROM {} WHERE status = 'queued' AND NOT shares AND backend_requested = $1 AND rank = $2 \
+         ORDER BY turn, id LIMIT 1) AS head, \
+         (SELECT turn FROM jobs WHERE status = 'queued' AND NOT shares AND backend_requested = $1 AND rank = $2 \
+         AND submitter = $3 ORDER BY turn DESC LIMIT 1) AS own",
+        lanes(tx)
+    );
+    let values = values![enum_to_sql(new.backend), rank(new.priority), submitter(new.owner.as_deref())];
+    let row = tx.one(sql, values).await?;
     let present = row.optional_int("running")?.max(row.optional_int("head")?).unwrap_or(0);
     Ok(row.optional_int("own")?.map_or(present, |own| present.max(own + 1)))
 }
@@ -57,14 +62,12 @@ pub(super) async fn queue_room(tx: &mut Tx<'_>, options: &StoreOptions) -> Resul
 pub(super) async fn waiting(tx: &mut Tx<'_>, backend: Backend) -> Result<u64, SqlError> {
     let mut waiting = 0;
     for lane in state::accepted(backend) {
-        let row = tx
-            .one(
-                "SELECT COUNT(*) AS n FROM (SELECT 1 FROM jobs WHERE status = 'queued' AND NOT shares AND backend_requested = $1 \
-                 LIMIT 1000) AS lane",
-                values![enum_to_sql(lane)],
-            )
-            .await?;
-        waiting += row.count::<u64>("n")?;
+        let sql = format!(
+            "SELECT COUNT(*) AS n FROM (SELECT 1 FROM {} WHERE status = 'queued' AND NOT shares \
+             AND backend_requested = $1 LIMIT 1000) AS lane",
+            lanes(tx)
+        );
+        waiting += tx.one(sql, values![enum_to_sql(lane)]).await?.count::<u64>("n")?;
     }
     Ok(waiting)
 }
@@ -87,15 +90,14 @@ pub(super) async fn set_positions(tx: &mut Tx<'_>, records: &mut [Record]) -> Re
             (lane, from, before) = (backend, FIRST, 0);
         }
         if before < POSITIONS {
-            let row = tx
-                .one(
-                    "SELECT COUNT(*) AS n FROM (SELECT 1 FROM jobs WHERE status = 'queued' AND NOT shares AND backend_requested = $1 \
-                     AND (rank, turn, id) >= ($2, $3, $4) AND (rank, turn, id) < ($5, $6, $7) \
-                     ORDER BY rank, turn, id LIMIT 1000) AS ahead",
-                    values![lane.clone(), from.0, from.1, from.2, here.0, here.1, here.2.clone()],
-                )
-                .await?;
-            before = POSITIONS.min(before + row.count::<u64>("n")?);
+            let sql = format!(
+                "SELECT COUNT(*) AS n FROM (SELECT 1 FROM {} WHERE status = 'queued' AND NOT shares \
+                 AND backend_requested = $1 AND (rank, turn, id) >= ($2, $3, $4) AND (rank, turn, id) < ($5, $6, $7) \
+                 ORDER BY rank, turn, id LIMIT 1000) AS ahead",
+                lanes(tx)
+            );
+            let values = values![lane.clone(), from.0, from.1, from.2, here.0, here.1, here.2.clone()];
+            before = POSITIONS.min(before + tx.one(sql, values).await?.count::<u64>("n")?);
         }
         job.queue_position = Some(before);
         from = here;

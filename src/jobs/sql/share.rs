@@ -15,6 +15,7 @@
 
 use super::codec::{Value, enum_to_sql, json, parse, values};
 use super::error::SqlError;
+use super::operation::{Done, Operation};
 use super::order::rank;
 use super::read::known_job;
 use super::record::{is_wanted, submitter};
@@ -22,7 +23,7 @@ use super::tx::{Row, Tx};
 use crate::generate::Output;
 use crate::jobs::job::{Job, JobId, NewJob, Status};
 use crate::jobs::state;
-use crate::jobs::store::Change;
+use crate::jobs::store::{Change, StoreOptions};
 
 /// Candidates to wait for that a submission looks at.
 const CANDIDATES: usize = 16;
@@ -168,6 +169,28 @@ pub(super) async fn promote(tx: &mut Tx<'_>, id: JobId) -> Result<Vec<Change>, S
         }
     }
     Ok(Vec::new())
+}
+
+/// Queues jobs that wait although no equal job is in flight: a version before shared growth ended that.
+#[derive(Debug)]
+pub(super) struct QueueStranded;
+
+impl Operation for QueueStranded {
+    type Output = Vec<JobId>;
+
+    async fn run(&self, tx: &mut Tx<'_>, _: &StoreOptions) -> Result<Done<Vec<JobId>>, SqlError> {
+        // One of each kind: the others wait for it.
+        let sql = "UPDATE jobs SET shares = FALSE, version = version + 1 WHERE id IN (SELECT id FROM (\
+                   SELECT f.id, ROW_NUMBER() OVER (PARTITION BY f.digest, f.preset, f.submitter, f.backend_requested \
+                   ORDER BY f.rank, f.id) AS place FROM jobs f WHERE f.finished_at IS NULL AND f.shares \
+                   AND f.status = 'queued' AND NOT EXISTS (SELECT 1 FROM jobs l WHERE l.digest = f.digest \
+                   AND l.preset = f.preset AND l.submitter = f.submitter AND l.backend_requested = f.backend_requested \
+                   AND l.finished_at IS NULL AND NOT l.shares)) AS stranded WHERE place = 1) \
+                   AND status = 'queued' RETURNING id, version";
+        let rows = tx.all(sql, values![]).await?;
+        let changes = rows.iter().map(to_change).collect::<Result<Vec<_>, _>>()?;
+        Ok(Done::new(changes.iter().map(|change| change.id).collect(), changes))
+    }
 }
 
 fn to_change(row: &Row) -> Result<Change, SqlError> {

@@ -8,6 +8,7 @@ use super::keys::{self, AddKey, AddTicket, RevokeKey, UseTicket};
 use super::lease::{Cancel, End, Expire, Record, Renew, SetCheckpoint};
 use super::operation::{Done, Operation};
 use super::pause::{self, Instruct};
+use super::share::QueueStranded;
 use super::submit::{self, Delete, Ids, Submit};
 use super::tx::{Connection, Time, Tx};
 use super::upkeep::{self, AcquireUpkeep};
@@ -304,6 +305,10 @@ impl<E: Engine> Store for SqlStore<E> {
         self.run(DeleteMany(ids)).await
     }
 
+    async fn queue_stranded(&self) -> Result<Vec<JobId>, StoreError> {
+        self.run(QueueStranded).await
+    }
+
     async fn submit_batch(&self, new: NewBatch) -> Result<SubmittedBatch, StoreError> {
         self.run(SubmitBatch { new, ids: Arc::clone(&self.shared.ids), tried: Mutex::new(None) }).await
     }
@@ -348,7 +353,7 @@ impl<E: Engine> Store for SqlStore<E> {
         } else if !found.due {
             return Ok(Vec::new());
         }
-        self.run(Claim { worker: worker.to_owned(), backend, lease, limit }).await
+        self.run(Claim { worker: worker.to_owned(), backend, lease, limit, tried: Mutex::default() }).await
     }
 
     async fn waiting(&self, backend: Backend) -> Result<u64, StoreError> {
