@@ -1,7 +1,9 @@
 import gc
 import hashlib
+import json
 import time
 
+import httpx
 import pytest
 from conftest import SLOW, SMALL
 from relay import Relay
@@ -133,6 +135,24 @@ def test_a_stream_that_breaks_goes_on_after_its_last_event(client, relay, grown)
     assert events[-1].name == "end"
     _, second, third = (headers for _, path, headers in relay.requests if path.endswith("/events"))
     assert second["last-event-id"] == third["last-event-id"]
+
+
+def test_a_wait_reconnects_more_than_a_thousand_times(monkeypatch):
+    """Behind a proxy that ends every stream at once, the record says when the model has ended."""
+    streams, pauses = [], []
+
+    def answer(request):
+        if request.url.path.endswith("/events"):
+            streams.append(request)
+            return httpx.Response(200, headers={"content-type": "text/event-stream"})
+        status = "succeeded" if len(streams) >= 1100 else "running"
+        return httpx.Response(200, json={"id": "a", "status": status, "version": 1, "preset": "pig", "seed": 1})
+
+    monkeypatch.setattr("time.sleep", pauses.append)
+    with httpx.Client(transport=httpx.MockTransport(answer)) as http, Client(http=http) as client:
+        assert client.wait("a").status == "succeeded"
+    assert len(streams) == 1100 and len(pauses) == 1099
+    assert 0.2 <= pauses[0] <= 0.3 and all(6.4 <= pause <= 9.6 for pause in pauses[5:])
 
 
 def test_a_service_that_is_away_is_an_error(monkeypatch):

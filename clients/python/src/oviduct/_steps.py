@@ -81,7 +81,8 @@ Steps = Generator[Step, Any, T]
 
 def backoff(tries: int) -> float:
     """Seconds to wait after so many failed tries: about 0.25, 0.5, 1, … up to 8."""
-    return float(min(8.0, 0.25 * 2 ** (tries - 1)) * random.uniform(0.8, 1.2))
+    # The exponent is bounded: a wait may try more than a thousand times, and 2 ** 1024 is too large for a float.
+    return float(0.25 * 2 ** min(tries - 1, 5) * random.uniform(0.8, 1.2))
 
 
 def delay(error: ConnectionFailed | Problem, tries: int) -> float | None:
