@@ -12,6 +12,8 @@ from oviduct import (
     CheckFailed,
     Client,
     ConnectionFailed,
+    Fault,
+    InvalidRequest,
     Problem,
     RateLimited,
     ServerError,
@@ -121,6 +123,37 @@ def test_retry_after_is_waited_for(client, relay, monkeypatch):
     relay.answers = [unavailable(500)]
     with pytest.raises(ServerError):
         client.health()
+
+
+@pytest.mark.parametrize(
+    "errors",
+    [
+        ["upstream timeout"],
+        {"upstream": "timeout"},
+        "upstream timeout",
+        7,
+        [None, ["upstream"]],
+        [{"detail": {"upstream": "timeout"}}, {"detail": "timeout", "pointer": ["upstream"]}],
+    ],
+)
+def test_a_problem_of_a_proxy_has_no_faults_and_is_tried_again(client, relay, errors):
+    answer = 503, {"content-type": "application/json", "retry-after": "0"}, json.dumps({"errors": errors}).encode()
+    relay.answers = [answer]
+    assert client.health().status == "ok"
+    relay.only, relay.answers = "/events", [answer]
+    assert client.wait(client.submit(seed=45, spec=SMALL)).status == "succeeded"
+    relay.only, relay.answers = "", 5 * [answer]
+    with pytest.raises(ServerError) as caught:
+        client.health()
+    assert caught.value.errors == () and caught.value.members == {"errors": errors}
+
+
+def test_faults_are_found_among_other_errors(client, relay):
+    errors = [{"detail": "is -3", "pointer": "/spec/friction"}, "timeout", {"parameter": "limit", "header": None}]
+    relay.answers = [(422, {"content-type": "application/json"}, json.dumps({"errors": errors}).encode())]
+    with pytest.raises(InvalidRequest) as caught:
+        client.health()
+    assert caught.value.errors == (Fault("is -3", pointer="/spec/friction"), Fault("", parameter="limit"))
 
 
 def test_streams_that_are_refused_leave_the_record_to_read(client, relay):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import datetime
 import email.utils
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Any
@@ -81,6 +81,17 @@ class Fault:
         return self.pointer if self.pointer is not None else self.parameter or self.header or ""
 
 
+def _faults(errors: Any) -> Iterator[Fault]:
+    """The faults in the member `errors` of a problem. What has other types, such as that of a proxy, is left out."""
+    for error in errors if isinstance(errors, list) else ():
+        if not isinstance(error, dict):
+            continue
+        detail = error.get("detail", "")
+        places = [error.get(name) for name in ("pointer", "parameter", "header")]
+        if isinstance(detail, str) and all(place is None or isinstance(place, str) for place in places):
+            yield Fault(detail, *places)
+
+
 class Problem(OviductError):
     """An answer with an error status (RFC 9457). Subclasses are for those that a caller may want to tell apart."""
 
@@ -93,10 +104,7 @@ class Problem(OviductError):
         """The same for every problem of the type."""
         self.detail = str(members.get("detail", ""))
         """What happened."""
-        self.errors = tuple(
-            Fault(str(fault.get("detail", "")), fault.get("pointer"), fault.get("parameter"), fault.get("header"))
-            for fault in members.get("errors") or ()
-        )
+        self.errors = tuple(_faults(members.get("errors")))
         """The faults of the request."""
         self.request_id: str | None = members.get("request_id")
         """Id of the request. Quote it in reports."""
