@@ -94,6 +94,44 @@ def test_a_file_that_is_not_the_right_one_is_refused(client, relay, grown, tmp_p
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("", ".", "..", ".hidden", "../x", "../../x", "a/../../../x", "a/b", "/no/such/x", "//host/x"),
+        *("..\\x", "a\\b", "\\x", "\\\\host\\x", "C:x", "C:\\x", "C:/x", "x:stream", "x\0", "x\n"),
+        "{outside}/x",
+    ],
+)
+def test_a_name_that_leads_out_of_the_folder_is_refused(tmp_path, monkeypatch, name):
+    name = name.replace("{outside}", str(tmp_path))
+    content = b"content"
+    files = [
+        {"name": each, "bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()}
+        for each in ("model.glb", name)
+    ]
+    record = {"id": "a", "status": "succeeded", "version": 1, "preset": "pig", "seed": 1, "files": files}
+
+    def answer(request):
+        return httpx.Response(200, **({"content": content} if "/files/" in str(request.url) else {"json": record}))
+
+    inner = tmp_path / "outer" / "inner"
+    with httpx.Client(transport=httpx.MockTransport(answer)) as http, Client(http=http) as client:
+        with pytest.raises(CheckFailed, match="not a name"):
+            client.download_all("a", inner)
+        assert list(tmp_path.iterdir()) == []
+        inner.mkdir(parents=True)
+        monkeypatch.chdir(inner)
+        for path in (inner, None):
+            with pytest.raises(CheckFailed, match="not a name"):
+                client.download("a", name, path)
+        assert list(tmp_path.rglob("*")) == [tmp_path / "outer", inner]
+        # The same answers with a good name.
+        files[1]["name"] = "model..v2.obj"
+        paths = client.download_all("a", inner)
+        assert paths == [inner / "model.glb", inner / "model..v2.obj"]
+        assert all(path.read_bytes() == content for path in paths)
+
+
 def test_a_request_whose_answer_is_lost_is_not_done_twice(client, relay):
     relay.cuts = [0, 0]
     model = client.submit(spec=SMALL, labels={"lost": "answer"})

@@ -89,9 +89,17 @@ def replaced(path: Path) -> Iterator[BinaryIO]:
         part.unlink(missing_ok=True)
 
 
+def local(name: str) -> str:
+    """The name of a file of a model, for a file in a folder; raises CheckFailed for one that could lead elsewhere."""
+    # A backslash, a drive or a stream (`:`) has a meaning on Windows only, but is refused on every system.
+    if name.startswith(".") or not re.fullmatch(r"[^/\\:\x00-\x1f]+", name):
+        raise CheckFailed(f"not a name for a file: {name!r}")
+    return name
+
+
 def _target(path: PathLike | None, name: str) -> Path:
-    target = Path(name if path is None else path)
-    return target / name if target.is_dir() else target
+    target = Path(local(name) if path is None else path)
+    return target / local(name) if target.is_dir() else target
 
 
 def named(ref: ModelRef, name: str, retries: int) -> Steps[File | None]:
@@ -117,10 +125,12 @@ def download(ref: ModelRef, name: str, path: PathLike | None, retries: int) -> S
 def download_all(ref: ModelRef, folder: PathLike, retries: int) -> Steps[list[Path]]:
     """Saves all files of a model."""
     model = yield from call(*_calls.model(ref), retries)
+    # All names are checked before anything is written.
+    targets = [(file.name, Path(folder) / local(file.name)) for file in model.files]
     Path(folder).mkdir(parents=True, exist_ok=True)
     paths = []
-    for file in model.files:
-        paths.append((yield from download(model, file.name, Path(folder) / file.name, retries)))
+    for name, target in targets:
+        paths.append((yield from download(model, name, target, retries)))
     return paths
 
 

@@ -214,12 +214,15 @@ class Client(Driver):
 
         Raises:
             NotFound: There is no such model or file; a model has its files once it has succeeded.
-            CheckFailed: What was received is not the file.
+            CheckFailed: What was received is not the file, or the name could lead out of the folder.
         """
         return self._run(_download.download(model, name, path, self._options.retries))
 
     def download_all(self, model: ModelRef, folder: _download.PathLike) -> list[Path]:
-        """Saves all files of a model in a folder, which is made if needed; returns their paths."""
+        """Saves all files of a model in a folder, which is made if needed; returns their paths.
+
+        Raises what `download` raises. Nothing is saved if any of the names could lead out of the folder.
+        """
         return self._run(_download.download_all(model, folder, self._options.retries))
 
     def content(self, model: ModelRef, name: str) -> bytes:

@@ -31,7 +31,7 @@ class UnexpectedAnswer(OviductError):
 
 
 class CheckFailed(OviductError):
-    """Received bytes do not have the size, the hash or the format that they should have."""
+    """A file does not have the size, the hash or the format that it should have, or its name is unsafe."""
 
 
 class WaitTimeout(OviductError, TimeoutError):
