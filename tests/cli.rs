@@ -271,7 +271,7 @@ fn generate_check_and_a_broken_file() {
     assert_eq!(code(&output), 1);
     let lines = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(lines.contains("a/out/model.glb: passed") && lines.contains("hole.obj: FAILED"), "{lines}");
-    assert!(lines.contains("missing.obj: cannot be read"), "{lines}");
+    assert!(lines.contains("\nmissing.obj: cannot be read: No such file"), "{lines}");
 }
 
 #[cfg(unix)]

@@ -3,7 +3,7 @@
 use super::args::CheckArgs;
 use super::exit::{Ended, Failure};
 use super::{interrupt, term};
-use crate::export::read::read_surface;
+use crate::export::read::{ReadError, read_surface};
 use crate::measure::{Certificate, CheckOptions, check_surface};
 use anyhow::Context;
 use serde_json::{Value, json};
@@ -47,11 +47,17 @@ fn as_json(file: &Path, found: &anyhow::Result<Certificate>) -> Value {
 }
 
 fn as_text(file: &Path, found: &anyhow::Result<Certificate>) -> Vec<String> {
-    let file = file.display();
     let certificate = match found {
         Ok(certificate) => certificate,
-        Err(error) => return vec![format!("{file}: cannot be read: {error:#}")],
+        Err(error) => {
+            let why = match error.downcast_ref() {
+                Some(ReadError::Io { path, source }) if path == file => source.to_string(),
+                _ => format!("{error:#}"),
+            };
+            return vec![format!("{}: cannot be read: {why}", file.display())];
+        }
     };
+    let file = file.display();
     let verdict = if certificate.passed { "passed" } else { "FAILED" };
     let (v, t, c) = (certificate.vertices, certificate.triangles, certificate.components);
     let noun = if c == 1 { "component" } else { "components" };

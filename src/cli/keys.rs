@@ -170,7 +170,8 @@ async fn rotate(args: KeysRotateArgs) -> Ended {
     };
     // First the new one: if the second step fails, both work, and the old one can be revoked again.
     let key = stored(store.add_key(new).await)?;
+    show(&secret, &key, args.json)?;
     end(&*store, &old, args.overlap).await?;
     store.close().await;
-    show(&secret, &key, args.json)
+    Ok(())
 }

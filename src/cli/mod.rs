@@ -66,7 +66,12 @@ pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 
 fn start(cli: Cli) -> Ended {
     let serves = matches!(cli.command, Command::Serve(_) | Command::Worker(_));
-    let telemetry = Telemetry::start(&cli.global, serves)?;
+    let filter = match cli.command {
+        _ if serves => "info",
+        Command::Keys(_) => "warn,oviduct::audit=info",
+        _ => "warn",
+    };
+    let telemetry = Telemetry::start(&cli.global, filter, serves)?;
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build()?;
     let ended = runtime.block_on(dispatch(cli.command));
     runtime.shutdown_timeout(SHUTDOWN);

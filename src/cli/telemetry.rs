@@ -26,13 +26,13 @@ const SERVICE_NAME: &str = "OTEL_SERVICE_NAME";
 pub(super) struct Telemetry(Option<SdkTracerProvider>);
 
 impl Telemetry {
-    /// Starts the log, and traces if a collector is configured by the options or, for a process that `serves`, by the
+    /// Starts the log, by `default` unless there is an option, and traces if a collector is configured by the options or, for a process that `serves`, by the
     /// variables of the OpenTelemetry specification. Call it before an async runtime exists.
     ///
     /// # Errors
     /// [`Failure::Usage`] for an invalid filter or URL.
-    pub(super) fn start(global: &Global, serves: bool) -> Result<Self, Failure> {
-        let filter = global.log.as_deref().unwrap_or(if serves { "info" } else { "warn" });
+    pub(super) fn start(global: &Global, default: &str, serves: bool) -> Result<Self, Failure> {
+        let filter = global.log.as_deref().unwrap_or(default);
         let filter = EnvFilter::try_new(filter).map_err(|error| Failure::usage(format!("--log {filter}: {error}")))?;
         let log =
             tracing_subscriber::fmt::layer().with_writer(std::io::stderr).with_ansi(std::io::stderr().is_terminal());

@@ -88,7 +88,7 @@ pub struct Progress {
     pub particles: u32,
     /// Sections recorded.
     pub sections: u32,
-    /// Estimated seconds to the end; `None` until there is enough data.
+    /// Estimated seconds to the end; unknown until there is enough data.
     pub eta_seconds: Option<f64>,
 }
 

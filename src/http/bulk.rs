@@ -1,10 +1,10 @@
 //! `POST /models/cancel`, `DELETE /models` and `POST /batches/{id}/cancel`: cancel or delete many models.
 //!
-//! Models are found and changed some at a time, each time in one transaction. A request that breaks off has done a part, and
-//! can be repeated.
+//! Models are found and changed some at a time, each time in one transaction. A request that fails has done a part, and can be
+//! repeated; one whose client disconnects goes on.
 
 use super::AppState;
-use super::access::{Caller, audit};
+use super::access::{Caller, audit, to_its_end};
 use super::dto::{Applied, Batch};
 use super::extract::{BatchId, Parameters, no_batch};
 use super::faults::{Fault, Faults};
@@ -17,7 +17,7 @@ use axum::extract::State;
 
 /// Most models that one transaction changes.
 const AT_A_TIME: u32 = 100;
-/// Times that models are looked for: one that changes its status meanwhile may be missed once.
+/// Times that models to be cancelled are looked for: one that runs and is queued again meanwhile may be missed once.
 const ROUNDS: usize = 3;
 
 /// What is done to models.
@@ -25,6 +25,15 @@ const ROUNDS: usize = 3;
 enum Action {
     Cancel,
     Delete,
+}
+
+impl Action {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Cancel => "models cancelled",
+            Self::Delete => "models deleted",
+        }
+    }
 }
 
 /// A request for many models.
@@ -46,8 +55,8 @@ impl Request {
         Ok(Self { filter, dry_run })
     }
 
-    /// Does it to all models of the filter; gives their number.
-    async fn apply(self, state: &AppState, action: Action) -> Result<Applied, StoreError> {
+    /// Does it to all models of the filter, and adds up their number.
+    async fn apply(self, state: &AppState, action: Action, count: &mut u64) -> Result<(), StoreError> {
         let Self { filter, dry_run } = self;
         let statuses: Vec<Option<Status>> = match (action, filter.status) {
             (Action::Delete, status) => vec![status],
@@ -55,17 +64,22 @@ impl Request {
             (Action::Cancel, Some(status)) if status.is_ended() => vec![],
             (Action::Cancel, status) => vec![status],
         };
-        let mut count = 0;
-        for _ in 0..if dry_run { 1 } else { ROUNDS } {
-            let before = count;
+        // Models that are accepted meanwhile are not among them.
+        let Some(&newest) = state.store.ids(&ListFilter { limit: 1, ..filter.clone() }).await?.first() else {
+            return Ok(());
+        };
+        let before = Some(JobId(uuid::Uuid::from_u128(newest.0.as_u128().saturating_add(1))));
+        let filter = ListFilter { before, ..filter };
+        for _ in 0..if dry_run || statuses.len() < 2 { 1 } else { ROUNDS } {
+            let before = *count;
             for status in &statuses {
-                count += self::round(state, action, ListFilter { status: *status, ..filter.clone() }, dry_run).await?;
+                round(state, action, ListFilter { status: *status, ..filter.clone() }, dry_run, count).await?;
             }
-            if count == before {
+            if *count == before {
                 break;
             }
         }
-        Ok(Applied { count, dry_run })
+        Ok(())
     }
 }
 
@@ -80,23 +94,28 @@ fn flag(parameters: &Parameters, name: &str, faults: &mut Faults) -> bool {
     }
 }
 
-/// Goes through the models of a filter once, newest first; models that are accepted meanwhile are not among them.
-async fn round(state: &AppState, action: Action, filter: ListFilter, dry_run: bool) -> Result<u64, StoreError> {
+/// Goes through the models of a filter once, newest first.
+async fn round(
+    state: &AppState,
+    action: Action,
+    filter: ListFilter,
+    dry_run: bool,
+    count: &mut u64,
+) -> Result<(), StoreError> {
     let mut filter = ListFilter { limit: if dry_run { 1000 } else { AT_A_TIME }, ..filter };
-    let mut count = 0;
     loop {
         let ids = state.store.ids(&filter).await?;
-        let Some(&last) = ids.last() else { return Ok(count) };
+        let Some(&last) = ids.last() else { return Ok(()) };
         filter.before = Some(last);
-        count += if dry_run { ids.len() as u64 } else { change(state, action, ids).await? };
+        *count += if dry_run { ids.len() as u64 } else { change(state, action, ids, filter.status).await? };
     }
 }
 
-/// Changes these models in one transaction; gives the number of those that it changed.
-async fn change(state: &AppState, action: Action, ids: Vec<JobId>) -> Result<u64, StoreError> {
+/// Changes those of these models that are still in `status`, in one transaction; gives their number.
+async fn change(state: &AppState, action: Action, ids: Vec<JobId>, status: Option<Status>) -> Result<u64, StoreError> {
     let applied = match action {
-        Action::Cancel => state.store.cancel_many(ids).await?,
-        Action::Delete => state.store.delete_many(ids).await?,
+        Action::Cancel => state.store.cancel_many(ids, status).await?,
+        Action::Delete => state.store.delete_many(ids, status).await?,
     };
     if !applied.keys.is_empty() {
         state.forget(applied.keys).await;
@@ -104,12 +123,26 @@ async fn change(state: &AppState, action: Action, ids: Vec<JobId>) -> Result<u64
     Ok(applied.jobs)
 }
 
-/// Records what was done to the models of these conditions.
-fn audit_all(caller: &Caller, action: &'static str, parameters: &Parameters, applied: Applied) {
-    if !applied.dry_run {
-        let conditions: Vec<String> = parameters.0.iter().map(|(name, value)| format!("{name}={value}")).collect();
-        audit(caller, action, format_args!("{} models of {}", applied.count, conditions.join(", ")));
-    }
+/// Does what a request asks for, and records it, also if it fails on the way.
+async fn answer(
+    state: AppState,
+    caller: Caller,
+    parameters: &Parameters,
+    action: Action,
+) -> Result<Json<Applied>, Problem> {
+    let request = Request::read(parameters, &caller)?;
+    let dry_run = request.dry_run;
+    // A value may contain line breaks, which would forge lines of a log.
+    let conditions: Vec<String> = parameters.0.iter().map(|(name, value)| format!("{name}={value:?}")).collect();
+    let count = to_its_end(async move {
+        let mut count = 0;
+        let done = request.apply(&state, action, &mut count).await;
+        if !dry_run {
+            audit(&caller, action.name(), format_args!("{count} models of {}", conditions.join(", ")));
+        }
+        done.map(|()| count)
+    });
+    Ok(Json(Applied { count: count.await?, dry_run }))
 }
 
 /// Cancel all models that match.
@@ -130,9 +163,7 @@ pub(super) async fn cancel(
     caller: Caller,
     parameters: Parameters,
 ) -> Result<Json<Applied>, Problem> {
-    let applied = Request::read(&parameters, &caller)?.apply(&state, Action::Cancel).await?;
-    audit_all(&caller, "models cancelled", &parameters, applied);
-    Ok(Json(applied))
+    answer(state, caller, &parameters, Action::Cancel).await
 }
 
 /// Delete all models that match, and their files.
@@ -153,9 +184,7 @@ pub(super) async fn delete(
     caller: Caller,
     parameters: Parameters,
 ) -> Result<Json<Applied>, Problem> {
-    let applied = Request::read(&parameters, &caller)?.apply(&state, Action::Delete).await?;
-    audit_all(&caller, "models deleted", &parameters, applied);
-    Ok(Json(applied))
+    answer(state, caller, &parameters, Action::Delete).await
 }
 
 /// Cancel all models of a batch.
@@ -172,10 +201,13 @@ pub(super) async fn cancel_batch(
     BatchId(id): BatchId,
 ) -> Result<Json<Batch>, Problem> {
     let batch = caller.batch(state.store.batch(id).await?).ok_or_else(|| no_batch(id))?;
-    for some in batch.jobs.chunks(AT_A_TIME as usize) {
-        change(&state, Action::Cancel, some.to_vec()).await?;
-    }
-    audit(&caller, "batch cancelled", id);
-    let batch = state.store.batch(id).await?.ok_or_else(|| no_batch(id))?;
+    let batch = to_its_end(async move {
+        for some in batch.jobs.chunks(AT_A_TIME as usize) {
+            change(&state, Action::Cancel, some.to_vec(), None).await?;
+        }
+        audit(&caller, "batch cancelled", id);
+        state.store.batch(id).await
+    });
+    let batch = batch.await?.ok_or_else(|| no_batch(id))?;
     Ok(Json(Batch::from(&batch)))
 }

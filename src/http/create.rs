@@ -3,7 +3,7 @@
 //! All checks are made before anything is queued.
 
 use super::AppState;
-use super::access::{Caller, audit};
+use super::access::{Caller, audit, to_its_end};
 use super::detail::Detail;
 use super::dto::Model;
 use super::faults::{Fault, Faults};
@@ -28,6 +28,7 @@ use axum::response::{IntoResponse, Response};
 use serde::Serialize;
 use serde_json::Value;
 use sha2::{Digest, Sha256};
+use std::sync::Arc;
 use std::time::Duration;
 use utoipa::ToSchema;
 
@@ -152,14 +153,11 @@ pub(super) async fn create(
     let key = key_of(&headers, &body)?;
     let submitted = match check_body(&state, &body).await {
         Ok(Accepted { request, spec, .. }) => {
-            queue(&state, NewJob { idempotency: key, ..new_job(&caller, request, &spec) }).await?
+            queue(&state, &caller, NewJob { idempotency: key, ..new_job(&caller, request, &spec) }).await?
         }
         // A replayed request is not refused because of what has changed since: a lower limit, or a GPU worker that has gone.
         Err(refusal) => Submitted::Replayed(earlier(&state, caller.owner(), key).await.ok_or(refusal)?),
     };
-    if !matches!(submitted, Submitted::Replayed(_)) {
-        audit(&caller, "model created", submitted.job().id);
-    }
     let mut job = submitted.job().clone();
     tracing::Span::current().record("model", tracing::field::display(job.id));
     let waited = wait(&headers).and_then(|time| Some((time, state.held.try_acquire().ok()?)));
@@ -231,9 +229,18 @@ pub(super) fn new_job(caller: &Caller, request: ModelRequest, spec: &ModelSpec) 
 }
 
 /// Queues a job, or reuses a finished model that has all its files.
-pub(super) async fn queue(state: &AppState, mut new: NewJob) -> Result<Submitted, StoreError> {
+pub(super) async fn queue(state: &AppState, caller: &Caller, mut new: NewJob) -> Result<Submitted, StoreError> {
     exclude_missing_files(&*state.store, &state.artifacts, std::slice::from_mut(&mut new)).await?;
-    state.store.submit(new).await
+    let action = if new.retry_of.is_some() { "model retried" } else { "model created" };
+    let (store, caller) = (Arc::clone(&state.store), caller.clone());
+    to_its_end(async move {
+        let submitted = store.submit(new).await?;
+        if !matches!(submitted, Submitted::Replayed(_)) {
+            audit(&caller, action, submitted.job().id);
+        }
+        Ok(submitted)
+    })
+    .await
 }
 
 /// A random seed: 53 of the random bits of a UUIDv4.

@@ -359,7 +359,7 @@ pub struct Pause {
     /// When it began.
     #[schema(value_type = String, format = DateTime)]
     pub since: Timestamp,
-    /// Who asked for it; null if unknown.
+    /// Who asked for it; null if unknown, and for callers without the scope `admin`.
     pub by: Option<String>,
 }
 

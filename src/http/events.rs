@@ -91,7 +91,9 @@ pub(super) async fn of_model(
     state.feed.offer(&job);
     // A place in the queue changes without a new version, so a queued model is sent in any case.
     let known = known && job.status != Status::Queued;
-    let number = reader.view().filter(|_| known).map_or(0, |view| view.number());
+    // What was published since the job was read is still to be sent.
+    let seen = reader.view().filter(|view| known && view.version() <= job.version);
+    let number = seen.map_or(0, |view| view.number());
     Ok(Stream::new(&state, caller, permit, detail, Vec::new(), Source::Model(reader, number)).into_response())
 }
 
@@ -131,7 +133,8 @@ pub(super) async fn of_all(
     let filter = select::read(&parameters, &caller, &mut faults);
     Problem::check(faults)?;
     let permit = permit(&state)?;
-    let many = Many::new(state.feed.follow().await?, Interest::new(filter), last_seen(&headers, &parameters));
+    let last = last_seen(&headers, &parameters);
+    let many = Many::new(state.feed.follow().await?, Interest::new(filter), last).await?;
     if many.is_over() {
         return Ok(StatusCode::NO_CONTENT.into_response());
     }

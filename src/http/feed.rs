@@ -265,7 +265,8 @@ impl AllReader {
     /// The state of a model just read, for a reader that begins at `number`; `None` if it gets that state as one after
     /// `number`. A model that has not ended is followed from now on.
     pub(super) fn state_of(&self, job: &Job, number: u64) -> Option<Arc<View>> {
-        if !job.status.is_ended() {
+        // The end of a model that is followed is published, or it would be sent now and once more when the feed finds it.
+        if !job.status.is_ended() || self.feed.lock().tracks.contains_key(&job.id) {
             self.feed.offer(job);
         }
         let known = self.view(job.id);
@@ -284,6 +285,28 @@ impl AllReader {
         interest.is_finite()
             && !open.any(|(id, tracked)| interest.includes(*id, tracked.traits.as_deref()))
             && matches!(state.log.after(number, interest), Next::Nothing(_))
+    }
+
+    /// Describes the models of a finite interest, in every process alike, if all have ended: their number and the newest.
+    pub(super) async fn ended(&self, interest: &Interest) -> Result<Option<String>, StoreError> {
+        let store = &self.feed.store;
+        for status in [Status::Queued, Status::Running] {
+            if !store.ids(&interest.filter(Some(status), 1)).await?.is_empty() {
+                return Ok(None);
+            }
+        }
+        let (mut count, mut newest) = (0, String::new());
+        let mut filter = interest.filter(None, 1000);
+        loop {
+            let ids = store.ids(&filter).await?;
+            let (Some(first), Some(last)) = (ids.first(), ids.last()) else { break };
+            if count == 0 {
+                newest = format!("-{first}");
+            }
+            count += ids.len();
+            filter.before = Some(*last);
+        }
+        Ok(Some(format!("{count}{newest}")))
     }
 
     /// How often the store is asked again.

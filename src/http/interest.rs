@@ -58,6 +58,11 @@ impl Interest {
         !self.0.ids.is_empty() || self.0.batch.is_some()
     }
 
+    /// Finds its models of a status, or all.
+    pub(super) fn filter(&self, status: Option<Status>, limit: u32) -> ListFilter {
+        ListFilter { status, limit, ..self.0.clone() }
+    }
+
     /// Those of its ids that are not among these.
     pub(super) fn missing(&self, found: impl Iterator<Item = JobId>) -> Vec<JobId> {
         let found: BTreeSet<_> = found.collect();
@@ -89,7 +94,7 @@ impl Interest {
     /// wait, `with_ended` also those of the newest `most` that have ended.
     pub(super) fn first(&self, with_ended: bool, most: u32) -> Vec<Part> {
         let part = |status: Option<Status>, whole: bool, ended_only: bool| Part {
-            filter: ListFilter { status, limit: most, ..self.0.clone() },
+            filter: self.filter(status, most),
             whole,
             ended_only,
         };

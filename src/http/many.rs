@@ -30,6 +30,8 @@ enum First {
     Parts(VecDeque<Part>),
     /// Sent.
     Done,
+    /// Sent, as all else: its models have ended, and the client knows.
+    Over,
 }
 
 /// A reader of many models.
@@ -47,15 +49,20 @@ pub(super) struct Many {
 
 impl Many {
     /// A reader that goes on after the event with the id `last`; if that is unknown, it begins with ended models too.
-    pub(super) fn new(reader: AllReader, interest: Interest, last: Option<&str>) -> Self {
+    pub(super) async fn new(reader: AllReader, interest: Interest, last: Option<&str>) -> Result<Self, StoreError> {
         let name = format!("{}{}-", reader.name(), interest.name());
         let number = last.and_then(|cursor| cursor.strip_prefix(&name)?.parse().ok());
         let mut many = Self { reader, interest, name, first: First::Done, number: number.unwrap_or(0), check: true };
-        // 0 is never a number of the feed.
-        if matches!(many.reader.after(many.number, &many.interest), Next::Unknown) {
+        if let Some(models) = last.and_then(|last| last.strip_prefix(&many.over_prefix()))
+            && many.interest.is_finite()
+            && many.reader.ended(&many.interest).await?.as_deref() == Some(models)
+        {
+            many.first = First::Over;
+        } else if matches!(many.reader.after(many.number, &many.interest), Next::Unknown) {
+            // 0 is never a number of the feed.
             many.begin(last.is_some());
         }
-        many
+        Ok(many)
     }
 
     fn begin(&mut self, with_ended: bool) {
@@ -71,7 +78,11 @@ impl Many {
 
     /// Whether its models have all ended, and the client knows.
     pub(super) fn is_over(&self) -> bool {
-        matches!(self.first, First::Done) && self.reader.is_over(&self.interest, self.number)
+        match self.first {
+            First::Over => true,
+            First::Done => self.reader.is_over(&self.interest, self.number),
+            First::Known(_) | First::Parts(_) => false,
+        }
     }
 
     /// What comes next. Fails if the store fails, and can be called again then.
@@ -119,14 +130,25 @@ impl Many {
                 }
                 Next::Nothing(number) => {
                     self.number = number;
-                    let over = std::mem::take(&mut self.check) && self.is_over();
-                    if over { Step::Over } else { Step::Wait }
+                    let ended = match self.check && self.is_over() {
+                        true => self.reader.ended(&self.interest).await?,
+                        false => None,
+                    };
+                    self.check = false;
+                    match ended {
+                        Some(models) => {
+                            self.first = First::Over;
+                            Step::Pieces(vec![format!("id: {}{models}\n\n", self.over_prefix()).into()])
+                        }
+                        None => Step::Wait,
+                    }
                 }
                 Next::Unknown => {
                     self.begin(true);
                     Step::Pieces(Vec::new())
                 }
             }),
+            First::Over => Ok(Step::Over),
         }
     }
 
@@ -139,6 +161,12 @@ impl Many {
     /// The id of events after which a client goes on at `number`.
     fn cursor(&self, number: u64) -> String {
         format!("{}{number}", self.name)
+    }
+
+    /// What the last id of a stream that has ended begins with. It means the same in every process, so that a client that a
+    /// load balancer sends to another one learns there that nothing follows.
+    fn over_prefix(&self) -> String {
+        format!("over{}-", self.interest.name())
     }
 
     /// Waits until something is published.

@@ -1,7 +1,7 @@
 //! `GET /models`, `GET`, `DELETE /models/{id}`, `POST /models/{id}/cancel`: list, read, delete and cancel models.
 
 use super::AppState;
-use super::access::{Caller, audit};
+use super::access::{Caller, audited};
 use super::conditional::ETag;
 use super::detail::Detail;
 use super::dto::{Model, ModelList};
@@ -15,6 +15,7 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use std::sync::Arc;
 
 /// The tag of a model's state: its version, and its position in the queue, which changes without a new version.
 pub(super) fn tag(job: &Job) -> ETag {
@@ -128,8 +129,9 @@ pub(super) async fn cancel(
 ) -> Result<Response, Problem> {
     // The owner of a job never changes.
     caller.job(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
-    let job = state.store.cancel(id).await?.ok_or_else(|| no_model(id))?;
-    audit(&caller, "model cancelled", id);
+    let store = Arc::clone(&state.store);
+    let cancelled = audited(&caller, "model cancelled", id, async move { store.cancel(id).await });
+    let job = cancelled.await?.ok_or_else(|| no_model(id))?;
     if let Some(checkpoint) = job.checkpoint.clone().filter(|_| job.status.is_ended()) {
         state.forget(vec![checkpoint]).await;
     }
@@ -150,8 +152,9 @@ pub(super) async fn delete(
     ModelId(id): ModelId,
 ) -> Result<StatusCode, Problem> {
     caller.job(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
-    let keys = state.store.delete(id).await?.ok_or_else(|| no_model(id))?;
-    audit(&caller, "model deleted", id);
+    let store = Arc::clone(&state.store);
+    let deleted = audited(&caller, "model deleted", id, async move { store.delete(id).await });
+    let keys = deleted.await?.ok_or_else(|| no_model(id))?;
     state.forget(keys).await;
     Ok(StatusCode::NO_CONTENT)
 }

@@ -11,6 +11,8 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
+/// Greatest integer of a structured field (RFC 9651).
+const INTEGER_MAX: u64 = 999_999_999_999_999;
 /// `RateLimit` and `RateLimit-Policy` (draft-ietf-httpapi-ratelimit-headers-10).
 pub(super) const RATE_LIMIT: HeaderName = HeaderName::from_static("ratelimit");
 /// See [`RATE_LIMIT`].
@@ -286,8 +288,8 @@ impl From<crate::jobs::StoreError> for Problem {
                     Self::new(Kind::QuotaExceeded, format!("You have {used} {} of at most {limit}.", what.unit()));
                 let fields = [
                     (header::RETRY_AFTER, "10".to_owned()),
-                    (RATE_LIMIT, format!("\"{policy}\";r={}", limit.saturating_sub(used))),
-                    (RATE_LIMIT_POLICY, format!("\"{policy}\";q={limit}")),
+                    (RATE_LIMIT, format!("\"{policy}\";r={}", limit.saturating_sub(used).min(INTEGER_MAX))),
+                    (RATE_LIMIT_POLICY, format!("\"{policy}\";q={};qu=\"{policy}\"", limit.min(INTEGER_MAX))),
                 ];
                 fields.into_iter().fold(problem.with("limit", limit), |problem, (name, value)| {
                     match HeaderValue::try_from(value) {

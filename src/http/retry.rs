@@ -1,7 +1,7 @@
 //! `POST /models/{id}/retry`: a failed model again.
 
 use super::AppState;
-use super::access::{Caller, audit};
+use super::access::Caller;
 use super::create::{Accepted, check_limits, created, earlier, key_of, new_job, queue};
 use super::dto::Model;
 use super::extract::{ModelId, no_model};
@@ -10,7 +10,7 @@ use super::links::At;
 use super::problem::{Kind, Problem};
 use super::request::ModelRequest;
 use super::responses::{ModelMissing, NotFailed, QueueFull, RetryProblems, StoreAwayOrOpening};
-use crate::jobs::{Job, NewJob, Status, Submitted};
+use crate::jobs::{Job, NewJob, Quota, Status, Submitted};
 use crate::spec::ModelSpec;
 use axum::extract::State;
 use axum::http::HeaderMap;
@@ -52,18 +52,19 @@ pub(super) async fn retry(
         let detail = format!("The status of the model is {status}. Only a failed model can be retried.");
         return Err(Problem::new(Kind::NotFailed, detail));
     }
-    // Of the same owner, whoever retries it.
+    // Of the same owner, whoever retries it. An admin's own quota and keys of idempotency are not those of the owner.
     let owner = failed.owner.clone();
+    let (quota, key) = match caller.owner() {
+        by if by == owner.as_deref() => (caller.quota(), key),
+        by => (Quota::default(), key.map(|(key, body)| (format!("{key}\u{1f}{}", by.unwrap_or_default()), body))),
+    };
     let submitted = match again(&state, &failed).await {
         Ok(Accepted { request, spec, .. }) => {
             let new = new_job(&caller, request, &spec);
-            queue(&state, NewJob { idempotency: key, owner, retry_of: Some(id), ..new }).await?
+            queue(&state, &caller, NewJob { idempotency: key, owner, quota, retry_of: Some(id), ..new }).await?
         }
         Err(refusal) => Submitted::Replayed(earlier(&state, owner.as_deref(), key).await.ok_or(refusal)?),
     };
-    if !matches!(submitted, Submitted::Replayed(_)) {
-        audit(&caller, "model retried", submitted.job().id);
-    }
     created(&state, &submitted, submitted.job(), At::Model)
 }
 

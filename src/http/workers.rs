@@ -1,7 +1,7 @@
 //! `/workers`: the workers of the installation, their devices and models; to pause, resume and drain them.
 
 use super::AppState;
-use super::access::{Caller, audit};
+use super::access::{Caller, audited};
 use super::dto::{Worker, WorkerList};
 use super::extract::PathTexts;
 use super::problem::{Kind, Problem};
@@ -9,23 +9,26 @@ use super::responses::{StoreAway, WorkerMissing};
 use crate::jobs::{Instruction, JobId};
 use axum::Json;
 use axum::extract::State;
+use std::sync::Arc;
 
 /// List the workers that sent a heartbeat within the last minutes.
 ///
-/// Without the scope `admin`, only models of the caller are named.
+/// Without the scope `admin`, only models of the caller are named, and nobody who paused a worker.
 #[utoipa::path(
     get, path = "/workers", operation_id = "list_workers", tag = "service",
     responses((status = 200, description = "The workers", body = WorkerList), StoreAway)
 )]
 pub(super) async fn list(State(state): State<AppState>, caller: Caller) -> Result<Json<WorkerList>, Problem> {
-    let pause = state.store.paused().await?.map(Into::into);
+    let mut pause = state.store.paused().await?;
     let mut workers = state.store.workers().await?;
     if caller.only().is_some() {
+        let pauses = workers.iter_mut().map(|worker| &mut worker.pause).chain([&mut pause]);
+        pauses.flatten().for_each(|pause| pause.by = None);
         for worker in &mut workers {
             worker.jobs = visible(&state, &caller, &worker.jobs).await?;
         }
     }
-    Ok(Json(WorkerList { pause, workers: workers.into_iter().map(Into::into).collect() }))
+    Ok(Json(WorkerList { pause: pause.map(Into::into), workers: workers.into_iter().map(Into::into).collect() }))
 }
 
 /// Those of the jobs that the caller sees.
@@ -112,8 +115,10 @@ pub(super) async fn drain(
 
 /// Pauses or resumes all workers.
 async fn set_paused(state: &AppState, caller: &Caller, paused: bool) -> Result<(), Problem> {
-    state.store.set_paused(paused, caller.owner()).await?;
-    audit(caller, if paused { "workers paused" } else { "workers resumed" }, "*");
+    let (store, by) = (Arc::clone(&state.store), caller.owner().map(str::to_owned));
+    let action = if paused { "workers paused" } else { "workers resumed" };
+    let change = async move { store.set_paused(paused, by.as_deref()).await.map(Some) };
+    audited(caller, action, "*", change).await?;
     Ok(())
 }
 
@@ -127,7 +132,7 @@ async fn instruct(
     let missing =
         || Problem::new(Kind::WorkerNotFound, format!("No worker {name} sent a heartbeat within five minutes."));
     // No name has a NUL, which PostgreSQL refuses.
-    if name.contains('\0') || !state.store.instruct(name, instruction, caller.owner()).await? {
+    if name.contains('\0') {
         return Err(missing());
     }
     let action = match instruction {
@@ -135,7 +140,12 @@ async fn instruct(
         Instruction::Resume => "worker resumed",
         Instruction::Drain => "worker drained",
     };
-    audit(caller, action, name);
+    let (store, worker, by) = (Arc::clone(&state.store), name.to_owned(), caller.owner().map(str::to_owned));
+    let change = async move {
+        let instructed = store.instruct(&worker, instruction, by.as_deref()).await?;
+        Ok(instructed.then_some(()))
+    };
+    audited(caller, action, name.to_owned(), change).await?.ok_or_else(missing)?;
     let found = state.store.workers().await?.into_iter().find(|worker| worker.id == name);
     Ok(Json(found.ok_or_else(missing)?.into()))
 }

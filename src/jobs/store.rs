@@ -364,10 +364,11 @@ pub trait Store: KeyStore {
 
     /// The ids of the jobs of a page, newest first.
     async fn ids(&self, filter: &ListFilter) -> Result<Vec<JobId>, StoreError>;
-    /// Cancels these jobs as [`Store::cancel`] does, in one transaction. Jobs that have ended or do not exist are passed over.
-    async fn cancel_many(&self, ids: Vec<JobId>) -> Result<Applied, StoreError>;
-    /// Removes these jobs as [`Store::delete`] does, in one transaction.
-    async fn delete_many(&self, ids: Vec<JobId>) -> Result<Applied, StoreError>;
+    /// Cancels these jobs as [`Store::cancel`] does, in one transaction. Jobs that have ended, do not exist or are not in
+    /// `status` (any more) are passed over.
+    async fn cancel_many(&self, ids: Vec<JobId>, status: Option<Status>) -> Result<Applied, StoreError>;
+    /// Removes these jobs as [`Store::delete`] does, in one transaction; only those in `status`.
+    async fn delete_many(&self, ids: Vec<JobId>, status: Option<Status>) -> Result<Applied, StoreError>;
     /// Queues jobs that wait for the growth of an equal job that has ended: a process of a version before shared growth ended
     /// it. Gives those that were queued.
     async fn queue_stranded(&self) -> Result<Vec<JobId>, StoreError>;

@@ -368,8 +368,9 @@ async fn observe_wait(context: &Context, claimed: &ClaimedJob) {
 async fn wait_for(context: &Context, worker: &str, id: JobId, mut generation: Generation) {
     let (status, patience) = (&context.options.status, context.options.stuck_after);
     if timeout(patience, generation.result()).await.is_err() {
-        let detail = format!("worker {worker} was told to stop model {id} and has not within {} s", patience.as_secs());
-        tracing::error!(detail, "a worker is stuck");
+        // Probes show it to anyone, so it does not name the model.
+        let detail = format!("worker {worker} was told to stop a model and has not within {} s", patience.as_secs());
+        tracing::error!(model = %id, detail, "a worker is stuck");
         let key = format!("{worker} {id}");
         status.stuck(&key, detail);
         let _ = generation.result().await;

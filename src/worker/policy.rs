@@ -116,7 +116,8 @@ impl Storage {
         self.state.send_modify(|state| {
             if state.outage.is_none() {
                 tracing::warn!(cause, "storage is unavailable; no jobs are claimed until it answers again");
-                self.status.set(Condition::Storage, format!("storage is unavailable: {cause}"));
+                // The cause may name hosts, paths and models, and probes show the detail to anyone.
+                self.status.set(Condition::Storage, "storage is unavailable");
             }
             let outage = state.outage.get_or_insert(Outage { rests_until: now, scratch });
             outage.scratch = outage.scratch.max(scratch);
@@ -228,7 +229,7 @@ mod tests {
         storage.wait_until_available(&artifacts, &scratch).await;
         storage.write_failed("refused");
         let (condition, detail) = status.not_ready().unwrap();
-        assert_eq!((condition, detail.as_str()), (Condition::Storage, "storage is unavailable: refused"));
+        assert_eq!((condition, detail.as_str()), (Condition::Storage, "storage is unavailable"));
         std::fs::remove_dir_all(dir.path().join("artifacts")).unwrap();
         std::fs::write(dir.path().join("artifacts"), "a file instead of the directory").unwrap();
         let paused =

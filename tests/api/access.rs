@@ -1,13 +1,15 @@
 //! Keys, tickets and quotas: who gets what.
 
-use super::app::{App, Reply};
+use super::app::{App, Reply, used};
+use super::between::{Between, Eye};
 use axum::body::Body;
 use axum::http::{Method, Request, header};
 use http_body_util::BodyExt;
 use oviduct::http::{Limits, WithoutKeys};
-use oviduct::jobs::Quota;
 use oviduct::jobs::keys::{KeyLimits, Scope, Secret};
+use oviduct::jobs::{Problem, Quota};
 use serde_json::{Value, json};
+use std::sync::Arc;
 use std::time::Duration;
 
 /// What an operation needs, by its id in the description. A new route must be added here.
@@ -319,7 +321,76 @@ async fn a_key_has_a_rate_and_a_quota() {
     assert_eq!(full.json()["limit"], 2);
     assert!(full.header(header::RETRY_AFTER).is_some());
     assert_eq!(full.header("ratelimit"), Some("\"models\";r=0"));
-    assert_eq!(full.header("ratelimit-policy"), Some("\"models\";q=2"));
+    assert_eq!(full.header("ratelimit-policy"), Some("\"models\";q=2;qu=\"models\""));
+}
+
+#[tokio::test]
+async fn an_admin_retries_by_rights_of_its_own() {
+    let app = guarded(App::new().await);
+    let of = |models| KeyLimits { rate: None, quota: Quota { unfinished: Some(models), bytes: None } };
+    let owner = app.key_with("a", &[Scope::Read, Scope::Submit], of(3), None).await;
+    let admin = app.key_with("root", &[Scope::Admin], of(1), None).await;
+    let model = post(&app, "/models", &owner, &json!({ "seed": 9 })).await.location();
+    let problem = Problem { kind: "certificate".into(), title: "A fault".into(), detail: "somewhere".into() };
+    app.store.fail(app.claim().await, used(), problem).await.unwrap();
+    let retry = format!("{model}/retry");
+    let as_who = |key: &str| [("authorization", key.to_owned()), ("idempotency-key", "again".to_owned())];
+    let ask = async |key: &str| {
+        let headers = as_who(key);
+        let headers = headers.each_ref().map(|(name, value)| (*name, value.as_str()));
+        app.post_with(&retry, &headers, &json!({})).await
+    };
+    // Its own quota is full by then, and the key of idempotency is the owner's as well.
+    assert_eq!(post(&app, "/models", &admin, &json!({ "seed": 1 })).await.status, 202);
+    let mine = ask(&owner).await;
+    assert!(mine.status.is_success(), "{mine:?}");
+    let theirs = ask(&admin).await;
+    assert!(theirs.status.is_success(), "{theirs:?}");
+    assert_ne!(mine.json()["id"], theirs.json()["id"]);
+    assert_eq!(theirs.json()["owner"], "a");
+    assert_eq!(ask(&admin).await.json()["id"], theirs.json()["id"]);
+}
+
+#[tokio::test]
+async fn a_ticket_of_a_refused_request_stays_good() {
+    let app = guarded(App::new().await);
+    // Two requests at once: for the ticket, and for its use.
+    let limits = KeyLimits { rate: Some(0.4), quota: Quota::default() };
+    let key = app.key_with("a", &[Scope::Read], limits, None).await;
+    let ticket = post(&app, "/tickets", &key, &json!({ "path": "/models" })).await.json();
+    let path = format!("/models?ticket={}", ticket["ticket"].as_str().unwrap());
+    assert_eq!(app.get_with("/models", &[("authorization", &key)]).await.status, 200);
+    let full = app.get(&path).await;
+    assert_eq!(full.status, 429);
+    let wait: u64 = full.header(header::RETRY_AFTER).unwrap().parse().unwrap();
+    tokio::time::sleep(Duration::from_secs(wait)).await;
+    assert_eq!(app.get(&path).await.status, 200);
+    for text in ["x", "ovt_", &format!("ovt_{}", "0".repeat(64)), &format!("OVT_{}", "0".repeat(64))] {
+        assert_eq!(app.get(&format!("/models?ticket={text}")).await.status, 401, "{text}");
+    }
+}
+
+/// Reads of the keys take longer than a request waits for them.
+struct Slow;
+
+#[async_trait::async_trait]
+impl Eye for Slow {
+    async fn before_keys(&self) {
+        tokio::time::sleep(Duration::from_millis(600)).await;
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_revoked_key_ends_although_the_store_is_slow() {
+    let app = App::new().await;
+    let store = Between::new(Arc::clone(&app.store), Slow);
+    let slow = guarded(App::over(store, app.clock.clone(), Limits::default()));
+    let key = app.key("a", &[Scope::Read]).await;
+    let status = async || slow.get_with("/models", &[("authorization", &key)]).await.status.as_u16();
+    assert_eq!(status().await, 200);
+    app.store.revoke_key(&key["Bearer oviduct_".len()..][..8], Duration::ZERO).await.unwrap();
+    let ended = async { while status().await != 401 {} };
+    tokio::time::timeout(Duration::from_secs(60), ended).await.expect("it goes on to work");
 }
 
 #[tokio::test]
@@ -375,6 +446,17 @@ async fn a_stream_of_all_models_has_only_ones_own() {
         text += std::str::from_utf8(frame.data_ref().unwrap()).unwrap();
     }
     assert!(!text.contains(&mine), "{text}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stream_without_a_key_ends_when_there_are_keys() {
+    let limits = Limits { event_comment: Duration::from_millis(50), ..Limits::default() };
+    let app = App::with(limits, 100).await.with_access(WithoutKeys::Anyone, KeyLimits::default());
+    let mut stream = app.start(Request::get("/events").body(Body::empty()).unwrap()).await.into_body();
+    let mut next = async || tokio::time::timeout(Duration::from_secs(20), stream.frame()).await.unwrap();
+    assert!(next().await.is_some() && next().await.is_some() && next().await.is_some(), "it stays open");
+    app.key("a", &[Scope::Read]).await;
+    while next().await.is_some() {}
 }
 
 #[tokio::test(flavor = "multi_thread")]

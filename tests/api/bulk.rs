@@ -1,11 +1,14 @@
 //! Many models at once: by filter, by batch; retries; lists of batches.
 
 use super::app::{App, used};
+use super::between::{Between, Eye};
 use axum::body::Body;
 use axum::http::Method;
+use oviduct::generate::Backend;
 use oviduct::http::Limits;
-use oviduct::jobs::Problem;
+use oviduct::jobs::{Job, NewJob, Problem, Quota, Store};
 use serde_json::{Value, json};
+use std::sync::Arc;
 use std::time::Duration;
 
 async fn labelled(app: &App, seed: u64, study: &str) -> String {
@@ -160,4 +163,45 @@ async fn batches_are_listed() {
     assert_eq!(json!(ids), made[1]["models"]);
     assert!(of["models"].as_array().unwrap().iter().all(|model| model["batch"] == made[1]["id"]));
     assert_eq!(app.get("/batches?limit=0&label=a:b").await.places(), ["label", "limit"]);
+}
+
+/// Accepts a model while others are being removed.
+struct Busy(NewJob);
+
+#[async_trait::async_trait]
+impl Eye for Busy {
+    async fn before_delete_many(&self, store: &dyn Store) {
+        store.submit(self.0.clone()).await.unwrap();
+    }
+}
+
+#[tokio::test]
+async fn models_that_are_accepted_meanwhile_are_not_touched() {
+    let app = App::new().await;
+    labelled(&app, 1, "A").await;
+    let job = app.claim().await;
+    let Job { preset, seed, spec, outputs, labels, priority, digest, engine, .. } = job.job().clone();
+    let new = NewJob {
+        preset,
+        seed,
+        spec,
+        outputs,
+        backend: Backend::Auto,
+        labels,
+        priority,
+        digest,
+        engine,
+        reuse: false,
+        missing: Vec::new(),
+        batch_key: None,
+        idempotency: None,
+        owner: None,
+        quota: Quota::default(),
+        trace: None,
+        retry_of: None,
+    };
+    let busy = App::over(Between::new(Arc::clone(&app.store), Busy(new)), app.clock.clone(), Limits::default());
+    assert_eq!(busy.delete("/models?label=study:A").await.json(), applied(1, false));
+    let left = app.get("/models?label=study:A").await.json();
+    assert_eq!(left["models"].as_array().unwrap().len(), 1, "{left}");
 }

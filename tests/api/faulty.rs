@@ -6,7 +6,7 @@ use oviduct::generate::{Backend, Progress};
 use oviduct::jobs::keys::{Key, KeyStore, NewKey, NewTicket};
 use oviduct::jobs::{
     Applied, Attempt, BackendReport, Batch, BatchFilter, BatchId, BatchPage, Change, ClaimedJob, Counts, Directive,
-    Finished, Instruction, Job, JobId, ListFilter, LiveSection, NewBatch, NewJob, Page, Pause, Problem, Store,
+    Finished, Instruction, Job, JobId, ListFilter, LiveSection, NewBatch, NewJob, Page, Pause, Problem, Status, Store,
     StoreError, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo,
 };
 use std::collections::BTreeSet;
@@ -52,6 +52,9 @@ impl KeyStore for Faulty {
     async fn add_ticket(&self, _: NewTicket) -> Result<Timestamp, StoreError> {
         away()
     }
+    async fn ticket(&self, _: &str, _: &str) -> Result<Option<String>, StoreError> {
+        away()
+    }
     async fn use_ticket(&self, _: &str, _: &str) -> Result<Option<String>, StoreError> {
         away()
     }
@@ -83,10 +86,10 @@ impl Store for Faulty {
     async fn ids(&self, _: &ListFilter) -> Result<Vec<JobId>, StoreError> {
         away()
     }
-    async fn cancel_many(&self, _: Vec<JobId>) -> Result<Applied, StoreError> {
+    async fn cancel_many(&self, _: Vec<JobId>, _: Option<Status>) -> Result<Applied, StoreError> {
         away()
     }
-    async fn delete_many(&self, _: Vec<JobId>) -> Result<Applied, StoreError> {
+    async fn delete_many(&self, _: Vec<JobId>, _: Option<Status>) -> Result<Applied, StoreError> {
         away()
     }
     async fn queue_stranded(&self) -> Result<Vec<JobId>, StoreError> {

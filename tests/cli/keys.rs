@@ -30,6 +30,7 @@ fn keys_are_managed_beside_a_running_service() {
     let key = String::from_utf8(made.stdout.clone()).expect("text").trim().to_owned();
     assert!(key.starts_with("oviduct_") && key.lines().count() == 1, "{key}");
     assert!(!said(&made).contains(&key), "the secret goes to stdout only");
+    assert!(said(&made).contains("action=\"key added\" key=\""), "{}", said(&made));
     until("the key is asked for", || get(&address, "/models").starts_with("HTTP/1.1 401"));
     assert_eq!(status_with(&address, "/models", &key), 200);
     assert_eq!(status_with(&address, "/metrics", &key), 403);
@@ -106,6 +107,7 @@ fn a_service_that_others_can_reach_starts_with_a_key() {
     signal(&first, "-TERM");
     let ended = first.wait_with_output().expect("it ends");
     assert!(!said(&ended).contains(&key[17..]), "a secret is in the log");
+    assert!(said(&ended).contains("key added") && said(&ended).contains(&key[8..16]), "{}", said(&ended));
     // The next start has a key already.
     let mut second = start(&[]);
     assert!(lines_of(&mut second, 1)[0].starts_with("http://"));

@@ -6,8 +6,8 @@ use oviduct::generate::{Backend, Progress};
 use oviduct::jobs::keys::{Key, KeyStore, NewKey, NewTicket};
 use oviduct::jobs::{
     Applied, Attempt, BackendReport, Batch, BatchFilter, BatchId, BatchPage, Change, ClaimedJob, Counts, Directive,
-    Finished, Instruction, Job, JobId, ListFilter, LiveSection, NewBatch, NewJob, Page, Pause, PoolUse, Problem, Store,
-    StoreError, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo,
+    Finished, Instruction, Job, JobId, ListFilter, LiveSection, NewBatch, NewJob, Page, Pause, PoolUse, Problem,
+    Status, Store, StoreError, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo,
 };
 use std::collections::BTreeSet;
 use std::ops::Deref;
@@ -27,6 +27,12 @@ pub(crate) trait Eye: Send + Sync + 'static {
     fn before_get(&self) -> Result<(), StoreError> {
         Ok(())
     }
+
+    /// The keys are about to be read.
+    async fn before_keys(&self) {}
+
+    /// Many jobs are about to be removed.
+    async fn before_delete_many(&self, _: &dyn Store) {}
 
     /// A heartbeat begins.
     async fn before_heartbeat(&self) {}
@@ -66,6 +72,7 @@ impl<E: Eye> KeyStore for Between<E> {
     }
 
     async fn keys(&self) -> Result<(Timestamp, Vec<Key>), StoreError> {
+        self.eye.before_keys().await;
         self.store.keys().await
     }
 
@@ -75,6 +82,10 @@ impl<E: Eye> KeyStore for Between<E> {
 
     async fn add_ticket(&self, new: NewTicket) -> Result<Timestamp, StoreError> {
         self.store.add_ticket(new).await
+    }
+
+    async fn ticket(&self, hash: &str, path: &str) -> Result<Option<String>, StoreError> {
+        self.store.ticket(hash, path).await
     }
 
     async fn use_ticket(&self, hash: &str, path: &str) -> Result<Option<String>, StoreError> {
@@ -121,12 +132,13 @@ impl<E: Eye> Store for Between<E> {
         self.store.ids(filter).await
     }
 
-    async fn cancel_many(&self, ids: Vec<JobId>) -> Result<Applied, StoreError> {
-        self.store.cancel_many(ids).await
+    async fn cancel_many(&self, ids: Vec<JobId>, status: Option<Status>) -> Result<Applied, StoreError> {
+        self.store.cancel_many(ids, status).await
     }
 
-    async fn delete_many(&self, ids: Vec<JobId>) -> Result<Applied, StoreError> {
-        self.store.delete_many(ids).await
+    async fn delete_many(&self, ids: Vec<JobId>, status: Option<Status>) -> Result<Applied, StoreError> {
+        self.eye.before_delete_many(&*self.store).await;
+        self.store.delete_many(ids, status).await
     }
 
     async fn queue_stranded(&self) -> Result<Vec<JobId>, StoreError> {

@@ -158,9 +158,9 @@ async fn ten_minutes_without_an_artifact_store(database: Database) {
     }
     let counts = place.store.counts().await.unwrap();
     assert_eq!((counts.succeeded, counts.failed, counts.queued + counts.running), (5, 0, 60));
-    let (condition, detail) = status.not_ready().unwrap();
-    assert!(condition == Condition::Storage && detail.contains("503 Slow Down"), "{detail}");
-    assert!(place.artifacts.outage().is_some(), "it is not reported");
+    assert_eq!(status.not_ready().unwrap().0, Condition::Storage);
+    let outage = place.artifacts.outage().expect("it is not reported");
+    assert!(outage.contains("503 Slow Down"), "{outage}");
 
     switch.set(Mode::Up);
     let mut releases = 0;

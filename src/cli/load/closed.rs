@@ -26,6 +26,8 @@ pub(super) struct Users {
     pub(super) count: u32,
     /// Time of the run at which they begin nothing more; `None` to go on until the seeds are used up.
     pub(super) until: Option<Duration>,
+    /// Time after `until` for what they have begun: a full queue or paused workers could hold them for ever.
+    pub(super) patience: Duration,
     /// The calls that they make, with the seed of the draws; `None` for whole models.
     pub(super) mix: Option<(Mix, u64)>,
 }
@@ -38,7 +40,8 @@ pub(super) async fn run(target: &Arc<Target>, users: Users) -> Result<u64, Failu
     let (mut tasks, calls) = (JoinSet::new(), Arc::new(AtomicU64::new(0)));
     for _ in 0..users.count {
         let (target, users, calls) = (Arc::clone(target), users.clone(), Arc::clone(&calls));
-        tasks.spawn(async move {
+        let most = users.until.map(|until| (until + users.patience).saturating_sub(target.watch.elapsed()));
+        let work = async move {
             let mut succeeded = 0;
             while !target.stop.is_cancelled() && users.until.is_none_or(|until| target.watch.elapsed() < until) {
                 let went_well = match &users.mix {
@@ -59,6 +62,12 @@ pub(super) async fn run(target: &Arc<Target>, users: Users) -> Result<u64, Failu
                 }
             }
             succeeded
+        };
+        tasks.spawn(async move {
+            match most {
+                Some(most) => tokio::time::timeout(most, work).await.unwrap_or_default(),
+                None => work.await,
+            }
         });
     }
     let mut succeeded = 0;
@@ -141,7 +150,8 @@ pub(in crate::cli) async fn through(
     let count = seeds.left();
     // The limit of single calls does not matter: there are whole models only.
     let target = Arc::new(Target::new(client.clone(), body.clone(), seeds, Duration::ZERO, Duration::MAX));
-    let succeeded = run(&target, Users { count: concurrency, until: None, mix: None }).await?;
+    let succeeded =
+        run(&target, Users { count: concurrency, until: None, patience: Duration::ZERO, mix: None }).await?;
     if succeeded == count {
         return Ok(());
     }

@@ -36,7 +36,8 @@ use super::exit::{Ended, Failure};
 use super::interrupt::Signals;
 use super::{connections, model, submit, term};
 use crate::clock::Stopwatch;
-use anyhow::Context;
+use crate::generate::Backend;
+use anyhow::{Context, anyhow};
 use closed::Users;
 use mix::Call;
 use models::Models;
@@ -171,7 +172,11 @@ async fn through_service(
     let warm_up = settings.warm_up.as_secs_f64();
     let run = Run { mode, seed: first, interrupted, warm_up, seconds, waited: !args.wait.is_zero() };
     let svg = args.plot.as_ref().map(|_| chart::draw(&numbers));
-    Ok((Report::of(&run, &numbers, models, efficiency?), svg))
+    let efficiency = efficiency.unwrap_or_else(|failure| {
+        term::note(&format!("no efficiency: {}", failure.report().1.join("; ")));
+        None
+    });
+    Ok((Report::of(&run, &numbers, models, efficiency), svg))
 }
 
 /// Makes the calls, and waits for the models and streams.
@@ -189,7 +194,7 @@ async fn drive(args: &LoadArgs, settings: &Settings, seed: u64, target: &Arc<Tar
             target.end(length);
         }
         (_, mix, until) => {
-            let users = Users { count: args.concurrency, until, mix: mix.map(|mix| (mix, seed)) };
+            let users = Users { count: args.concurrency, until, patience: args.wait, mix: mix.map(|mix| (mix, seed)) };
             closed::run(target, users).await?;
             target.end(target.watch.elapsed());
         }
@@ -209,6 +214,9 @@ async fn drive(args: &LoadArgs, settings: &Settings, seed: u64, target: &Arc<Tar
 
 /// The model of the options, for this process.
 fn local(args: &LoadArgs) -> Result<Model, Failure> {
+    if args.model.backend == Backend::Gpu {
+        return Err(Failure::usage("--backend gpu: models are grown without the service on the CPU alone"));
+    }
     let (preset, spec) = model::resolve(&args.model)?;
     Ok(Model {
         preset: preset.name.clone(),
@@ -228,7 +236,16 @@ async fn compare(model: &Model, first: u64, per_second: f64) -> Result<Efficienc
     let sample = 4 * u64::from(cores);
     let watch = Stopwatch::start();
     let grown = direct(model, Seeds::new(first, sample), cores, 1).await?;
-    let direct_per_second = grown.len() as f64 / watch.seconds();
+    let direct_per_second = sample as f64 / watch.seconds();
+    for one in grown {
+        match one {
+            Ok(Grown { succeeded: true, .. }) => {}
+            Ok(_) => return Err(anyhow!("a model that was grown without the service failed").into()),
+            Err(lost) => {
+                return Err(anyhow!("a model could not be grown without the service: {}", lost.message).into());
+            }
+        }
+    }
     Ok(Efficiency { sample, direct_per_second, ratio: per_second / direct_per_second })
 }
 
@@ -240,6 +257,7 @@ async fn without_service(args: &LoadArgs, first: u64) -> Result<Report, Failure>
     let grown = direct(&local(args)?, settings.seeds, args.concurrency, cores()).await?;
     let seconds = watch.seconds();
     let mut models = Models { models: grown.len() as u64, ..Models::default() };
+    models.per_second = grown.iter().filter(|one| one.is_ok()).count() as f64 / seconds;
     for one in grown {
         record.due(Call::Model, Duration::ZERO);
         let mut timed =
@@ -256,7 +274,6 @@ async fn without_service(args: &LoadArgs, first: u64) -> Result<Report, Failure>
         record.ended(timed, outcome);
     }
     models.failed = models.models - models.succeeded;
-    models.per_second = models.models as f64 / seconds;
     let mode = Mode::Direct { concurrency: args.concurrency };
     let run = Run { mode, seed: first, interrupted: false, warm_up: 0.0, seconds, waited: true };
     let numbers = record.numbers();

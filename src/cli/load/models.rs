@@ -54,7 +54,8 @@ pub(super) struct Models {
     pub(super) unanswered: u64,
     /// Size of all files.
     pub(super) bytes: u64,
-    /// Models that ended per second, from the first that was created to the last that ended.
+    /// Models that ended per second, from the first that was created to the last that ended; with those of the warm-up that
+    /// ended in that time, because the workers grew them too.
     pub(super) per_second: f64,
     /// From created to started.
     pub(super) queue_wait: Times,
@@ -87,7 +88,8 @@ impl Models {
             last = last.max(listed.finished_at.unwrap_or(Timestamp::MIN));
         }
         if last > first {
-            models.per_second = ends.len() as f64 / last.duration_since(first).as_secs_f64();
+            let within = listed.iter().filter_map(|listed| listed.finished_at).filter(|at| (first..=last).contains(at));
+            models.per_second = within.count() as f64 / last.duration_since(first).as_secs_f64();
         }
         [models.queue_wait, models.end_to_end] = [waits, ends].map(|times| {
             let mut all = histogram(3);
@@ -178,14 +180,15 @@ mod tests {
             { "id": "b", "status": "failed", "created_at": at(2), "started_at": at(6), "finished_at": at(10) },
             { "id": "c", "status": "running", "created_at": at(3), "started_at": at(5), "finished_at": null },
             { "id": "d", "status": "cancelled", "created_at": at(4), "started_at": null, "finished_at": at(8) },
-            { "id": "warm", "status": "succeeded", "created_at": at(0), "started_at": at(0), "finished_at": at(59) },
+            { "id": "warm", "status": "succeeded", "created_at": at(0), "started_at": at(0), "finished_at": at(2) },
+            { "id": "late", "status": "succeeded", "created_at": at(0), "started_at": at(0), "finished_at": at(59) },
         ]))
         .expect("records");
         let ids = |ids: &[&str]| ids.iter().map(|id| Arc::from(*id)).collect();
-        let models = Models::of(&listed, &ids(&["a", "b", "c", "gone"]), &ids(&["warm"]));
+        let models = Models::of(&listed, &ids(&["a", "b", "c", "gone"]), &ids(&["warm", "late"]));
         assert_eq!((models.models, models.succeeded, models.failed, models.unended), (4, 1, 2, 1));
         assert_eq!((models.missing, models.unanswered, models.bytes), (1, 1, 5));
-        assert!((models.per_second - 0.3).abs() < 1e-9, "{}", models.per_second);
+        assert!((models.per_second - 0.4).abs() < 1e-9, "{}", models.per_second);
         assert!((models.queue_wait.max - 4.0).abs() < 0.01 && (models.end_to_end.max - 8.0).abs() < 0.01, "{models:?}");
         assert!((models.queue_wait.p50 - 2.0).abs() < 0.01, "{models:?}");
     }

@@ -40,8 +40,20 @@ impl Standing {
 
 #[derive(Debug)]
 struct Bucket {
+    rate: f64,
     left: f64,
     since: Stopwatch,
+}
+
+impl Bucket {
+    /// Requests that fit into a bucket that fills at `rate`.
+    fn most(rate: f64) -> f64 {
+        (rate * BURST_SECONDS).ceil().max(1.0)
+    }
+
+    fn is_full(&self) -> bool {
+        self.left + self.since.seconds() * self.rate >= Self::most(self.rate)
+    }
 }
 
 /// A bucket for each key.
@@ -51,16 +63,17 @@ pub(super) struct Buckets(Mutex<HashMap<String, Bucket>>);
 impl Buckets {
     /// Takes one request from the bucket of `key`, which fills at `rate` requests a second. An error if it is empty.
     pub(super) fn take(&self, key: &str, rate: f64) -> Result<Standing, Standing> {
-        let most = (rate * BURST_SECONDS).ceil().max(1.0);
+        let most = Bucket::most(rate);
         let mut buckets = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if buckets.len() >= MANY && !buckets.contains_key(key) {
-            buckets.retain(|_, bucket| bucket.left + bucket.since.seconds() * rate < most);
+            buckets.retain(|_, bucket| !bucket.is_full());
         }
-        let bucket = buckets.entry(key.to_owned()).or_insert_with(|| Bucket { left: most, since: Stopwatch::start() });
+        let bucket =
+            buckets.entry(key.to_owned()).or_insert_with(|| Bucket { rate, left: most, since: Stopwatch::start() });
         let left = (bucket.left + bucket.since.seconds() * rate).min(most);
         let fits = left >= 1.0;
         let left = if fits { left - 1.0 } else { left };
-        *bucket = Bucket { left, since: Stopwatch::start() };
+        *bucket = Bucket { rate, left, since: Stopwatch::start() };
         let standing = Standing { most, left, rate };
         if fits { Ok(standing) } else { Err(standing) }
     }
@@ -87,6 +100,10 @@ mod tests {
         let empty = buckets.take("a", rate).expect_err("empty");
         assert!((990.0..=1000.0).contains(&empty.wait().as_secs_f64()), "{empty:?}");
         assert!(buckets.take("b", rate).is_ok(), "each key has its own");
+        for n in 0..MANY {
+            assert!(buckets.take(&format!("fast {n}"), 1000.0).is_ok());
+        }
+        assert!(buckets.take("a", rate).is_err(), "the rates of other keys do not fill it");
         let burst = (0..100).filter(|_| buckets.take("c", 4.0).is_ok()).count();
         assert!((20..22).contains(&burst), "{burst}");
     }

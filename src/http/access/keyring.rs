@@ -7,6 +7,7 @@ use jiff::{SignedDuration, Timestamp};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
+use tokio::task::JoinError;
 
 /// Longest time that a request waits for keys that are read again; then those read last count.
 const PATIENCE: Duration = Duration::from_millis(250);
@@ -45,60 +46,69 @@ impl Keys {
 }
 
 /// Keeps the keys.
-pub(super) struct Keyring {
+pub(super) struct Keyring(Arc<Shared>);
+
+struct Shared {
     store: Arc<dyn Store>,
     refresh: Duration,
     read: Mutex<Option<Arc<Keys>>>,
-    /// Held while they are read, with the time of the last try.
+    /// Held while they are read, with the time since the last failure.
     reading: tokio::sync::Mutex<Option<Stopwatch>>,
 }
 
 impl Keyring {
     pub(super) fn new(store: Arc<dyn Store>, refresh: Duration) -> Self {
-        Self { store, refresh, read: Mutex::default(), reading: tokio::sync::Mutex::default() }
+        Self(Arc::new(Shared { store, refresh, read: Mutex::default(), reading: tokio::sync::Mutex::default() }))
     }
 
     /// The keys. They are read again if that was done longer ago than the time of refresh; if the store does not answer in
-    /// time, those read last go on to count.
+    /// time, those read last go on to count until it does.
     pub(super) async fn current(&self) -> Result<Arc<Keys>, StoreError> {
-        let last = self.last();
-        if let Some(keys) = last.clone().filter(|keys| keys.age.elapsed() < self.refresh) {
+        let last = self.0.last();
+        if let Some(keys) = last.clone().filter(|keys| keys.age.elapsed() < self.0.refresh) {
             return Ok(keys);
         }
-        let Some(last) = last else { return self.read_again().await };
-        match tokio::time::timeout(PATIENCE, self.read_again()).await {
-            Ok(Ok(keys)) => Ok(keys),
-            Ok(Err(_)) | Err(_) => Ok(last),
+        // A slow store answers some time, although nobody waits for it any more.
+        let shared = Arc::clone(&self.0);
+        let reading = tokio::spawn(async move { shared.read_again().await });
+        let failed = |error: JoinError| StoreError::Database(format!("the keys could not be read: {error}"));
+        let Some(last) = last else { return reading.await.map_err(failed)? };
+        match tokio::time::timeout(PATIENCE, reading).await {
+            Ok(Ok(Ok(keys))) => Ok(keys),
+            Ok(Ok(Err(_)) | Err(_)) | Err(_) => Ok(last),
         }
     }
+}
 
+impl Shared {
     fn last(&self) -> Option<Arc<Keys>> {
         self.read.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Reads the keys, one caller for all that wait. After a failure, for the time of refresh the keys read last are
-    /// returned without another try.
+    /// Reads the keys, one caller for all that wait. After a failure there is no other try for the time of refresh.
     async fn read_again(&self) -> Result<Arc<Keys>, StoreError> {
         let waiting = Stopwatch::start();
-        let mut tried = self.reading.lock().await;
+        let mut failed = self.reading.lock().await;
         let last = self.last();
         // Another caller has read them meanwhile.
         if let Some(keys) = last.clone().filter(|keys| keys.age.elapsed() <= waiting.elapsed()) {
             return Ok(keys);
         }
-        if let Some(last) = last.clone().filter(|_| tried.is_some_and(|tried| tried.elapsed() < self.refresh)) {
-            return Ok(last);
+        if failed.is_some_and(|failed| failed.elapsed() < self.refresh) {
+            return last.ok_or_else(|| StoreError::Database("the keys could not be read a moment ago".to_owned()));
         }
-        *tried = Some(Stopwatch::start());
         let (age, result) = (Stopwatch::start(), self.store.keys().await);
+        *failed = result.is_err().then(Stopwatch::start);
         let (at, keys) = result.inspect_err(|error| tracing::warn!(%error, "the keys could not be read"))?;
+        if age.elapsed() > PATIENCE {
+            tracing::warn!(seconds = age.seconds(), "reading the keys was slow; those read before counted meanwhile");
+        }
         let by_prefix = keys.into_iter().map(|key| (key.prefix.clone(), Arc::new(key))).collect();
         let keys = Arc::new(Keys { by_prefix, at, age });
         if let Some(last) = last {
             report_changes(&last, &keys);
         }
         *self.read.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&keys));
-        *tried = None;
         Ok(keys)
     }
 }

@@ -10,14 +10,14 @@ mod keyring;
 mod origin;
 mod rule;
 
-pub(super) use audit::audit;
+pub(super) use audit::{audit, audited, to_its_end};
 pub(super) use caller::Caller;
 pub(super) use rule::Rule;
 
 use super::cors::Origin;
 use super::problem::{Kind, Problem};
 use crate::jobs::Store;
-use crate::jobs::keys::{KeyLimits, Secret, TicketSecret};
+use crate::jobs::keys::{Key, KeyLimits, Secret, TicketSecret};
 use axum::extract::Query;
 use axum::http::{HeaderMap, HeaderValue, Method, Uri, header};
 use bucket::{Buckets, Standing};
@@ -76,34 +76,47 @@ impl Access {
         Self { store, options, origins, keyring, buckets: Buckets::default() }
     }
 
-    /// Who sends a request.
-    pub(super) async fn caller(&self, method: &Method, uri: &Uri, headers: &HeaderMap) -> Result<Caller, Problem> {
+    /// Who sends a request, and the ticket that shows it, if it is one.
+    async fn caller(
+        &self,
+        method: &Method,
+        uri: &Uri,
+        headers: &HeaderMap,
+    ) -> Result<(Caller, Option<TicketSecret>), Problem> {
         let keys = self.keyring.current().await?;
         if keys.is_empty() {
-            return match self.options.without_keys {
-                WithoutKeys::Nobody => Err(unauthorized("The service has no keys yet. `oviduct keys add` makes one.")),
-                WithoutKeys::Loopback => {
-                    origin::check_loopback(uri, headers)?;
-                    origin::check_same(method, uri, headers, &self.origins).map(|()| Caller::Anyone)
+            match self.options.without_keys {
+                WithoutKeys::Nobody => {
+                    return Err(unauthorized("The service has no keys yet. `oviduct keys add` makes one."));
                 }
-                WithoutKeys::Anyone => origin::check_same(method, uri, headers, &self.origins).map(|()| Caller::Anyone),
-            };
+                WithoutKeys::Loopback => origin::check_loopback(uri, headers)?,
+                WithoutKeys::Anyone => {}
+            }
+            origin::check_same(method, uri, headers, &self.origins)?;
+            return Ok((Caller::Anyone, None));
         }
         let mut credentials = headers.get_all(header::AUTHORIZATION).iter();
-        let caller = match (credentials.next(), credentials.next(), ticket(uri)) {
-            (Some(credential), None, _) => by_secret(&keys, credential),
-            (Some(_), Some(_), _) => Err(unauthorized("The request has more than one Authorization header.")),
-            (None, _, Some(ticket)) => self.by_ticket(&keys, &ticket, method, uri).await,
-            (None, _, None) => Err(unauthorized("Send a key as `Authorization: Bearer …`.")),
-        }?;
-        Ok(caller.with_limits(self.options.limits))
+        let (key, ticket) = match (credentials.next(), credentials.next(), ticket(uri)) {
+            (Some(credential), None, _) => (by_secret(&keys, credential)?, None),
+            (Some(_), Some(_), _) => {
+                return Err(unauthorized("The request has more than one Authorization header."));
+            }
+            (None, _, Some(text)) => {
+                let ticket = TicketSecret::parse(&text).map_err(|_| bad_ticket())?;
+                (self.by_ticket(&keys, &ticket, method, uri).await?, Some(ticket))
+            }
+            (None, _, None) => return Err(unauthorized("Send a key as `Authorization: Bearer …`.")),
+        };
+        Ok((Caller::Key(key).with_limits(self.options.limits), ticket))
     }
 
-    /// Whether the key of a caller still works. A caller without a key goes on when keys come to exist.
+    /// Whether the key of a caller still works, or there are still no keys if it has none.
     pub(super) async fn still_works(&self, caller: &Caller) -> bool {
-        let Caller::Key(key) = caller else { return true };
         // In an outage nothing is known, and what was allowed goes on.
-        self.keyring.current().await.map_or(true, |keys| keys.working(&key.prefix).is_some())
+        self.keyring.current().await.map_or(true, |keys| match caller {
+            Caller::Anyone => keys.is_empty(),
+            Caller::Key(key) => keys.working(&key.prefix).is_some(),
+        })
     }
 
     /// Counts a request of this caller. `None` if it has no limit.
@@ -112,20 +125,32 @@ impl Access {
         Some(self.buckets.take(&key.prefix, key.limits.rate?))
     }
 
-    async fn by_ticket(&self, keys: &Keys, text: &str, method: &Method, uri: &Uri) -> Result<Caller, Problem> {
+    async fn by_ticket(
+        &self,
+        keys: &Keys,
+        ticket: &TicketSecret,
+        method: &Method,
+        uri: &Uri,
+    ) -> Result<Arc<Key>, Problem> {
         if method != Method::GET && method != Method::HEAD {
             return Err(unauthorized("A ticket is for GET only. Send a key as `Authorization: Bearer …`."));
         }
-        let prefix = self.store.use_ticket(&TicketSecret::of(text).hash(), uri.path()).await?;
-        let key = prefix.and_then(|prefix| keys.working(&prefix));
-        key.map(Caller::Key).ok_or_else(|| {
-            unauthorized("The ticket is for another path, was used before, or is older than a minute. Get another.")
-        })
+        let prefix = self.store.ticket(&ticket.hash(), uri.path()).await?;
+        prefix.and_then(|prefix| keys.working(&prefix)).ok_or_else(bad_ticket)
+    }
+
+    /// Uses up the ticket of a request that is about to be served. Of several with the same ticket one is served.
+    async fn use_ticket(&self, ticket: &TicketSecret, uri: &Uri) -> Result<(), Problem> {
+        self.store.use_ticket(&ticket.hash(), uri.path()).await?.map(drop).ok_or_else(bad_ticket)
     }
 }
 
-/// The caller with the key that a header has.
-fn by_secret(keys: &Keys, credential: &HeaderValue) -> Result<Caller, Problem> {
+fn bad_ticket() -> Problem {
+    unauthorized("The ticket is for another path, was used before, or is older than a minute. Get another.")
+}
+
+/// The key that a header has.
+fn by_secret(keys: &Keys, credential: &HeaderValue) -> Result<Arc<Key>, Problem> {
     let text = credential.to_str().unwrap_or_default();
     let (scheme, token) = text.split_once(' ').unwrap_or((text, ""));
     if !scheme.eq_ignore_ascii_case("bearer") {
@@ -136,7 +161,7 @@ fn by_secret(keys: &Keys, credential: &HeaderValue) -> Result<Caller, Problem> {
         problem.with_header(header::WWW_AUTHENTICATE, HeaderValue::from_static(INVALID))
     };
     let secret = Secret::parse(token.trim()).map_err(|_| invalid())?;
-    keys.working_with(&secret).map(Caller::Key).ok_or_else(invalid)
+    keys.working_with(&secret).ok_or_else(invalid)
 }
 
 const CHALLENGE: &str = "Bearer realm=\"oviduct\"";

@@ -78,21 +78,29 @@ impl Rule {
             tracing::error!(path = request.uri().path(), "keys cannot be checked");
             return Problem::new(Kind::Internal, "The service failed. Its log has this request id.").into_response();
         };
-        let caller = match access.caller(request.method(), request.uri(), request.headers()).await {
-            Ok(caller) => caller,
+        let (caller, ticket) = match access.caller(request.method(), request.uri(), request.headers()).await {
+            Ok(known) => known,
             Err(problem) => return problem.into_response(),
         };
         if let Caller::Key(key) = &caller {
             tracing::Span::current().record("key", &key.prefix);
         }
         let standing = access.count(&caller);
-        let mut response = match (&standing, self.check(&caller)) {
-            (Some(Err(standing)), _) => too_fast(standing.wait()).into_response(),
-            (_, Err(problem)) => problem.into_response(),
-            (_, Ok(())) => {
+        let admitted = match &standing {
+            Some(Err(standing)) => Err(too_fast(standing.wait())),
+            _ => self.check(&caller),
+        };
+        // A ticket of a request that is refused stays good.
+        let admitted = match (admitted, ticket) {
+            (Ok(()), Some(ticket)) => access.use_ticket(&ticket, request.uri()).await,
+            (admitted, _) => admitted,
+        };
+        let mut response = match admitted {
+            Ok(()) => {
                 request.extensions_mut().insert(caller);
                 next.run(request).await
             }
+            Err(problem) => problem.into_response(),
         };
         if let Some(Ok(standing) | Err(standing)) = standing {
             add_headers(response.headers_mut(), standing);

@@ -75,6 +75,8 @@ pub(in crate::http) async fn archive(
 ) -> Result<Response, Problem> {
     let Options { names, format } = options(&parameters)?;
     let batch = caller.batch(state.store.batch(id).await?).ok_or_else(|| no_batch(id))?;
+    // Before the manifest is made, which may take 32 MiB.
+    let permit = permit(&state)?;
     let contents = contents(&state, &batch, names.as_deref()).await?;
     let (media_type, extension) = match format {
         ArchiveFormat::Zip => ("application/zip", "zip"),
@@ -86,7 +88,7 @@ pub(in crate::http) async fn archive(
         (header::CONTENT_DISPOSITION, disposition.unwrap_or(HeaderValue::from_static("attachment"))),
         (header::CACHE_CONTROL, HeaderValue::from_static("no-cache")),
     ];
-    let body = if method == Method::HEAD { Body::empty() } else { body(&state, contents, format).await? };
+    let body = if method == Method::HEAD { Body::empty() } else { body(&state, contents, format, permit).await? };
     Ok((headers, body).into_response())
 }
 
@@ -114,7 +116,7 @@ fn options(parameters: &Parameters) -> Result<Options, Problem> {
 
 /// What an archive is made of.
 struct Contents {
-    manifest: (Entry, Bytes),
+    manifest: (Entry, Vec<u8>),
     /// The other entries, each with the key of its file.
     files: Vec<(Entry, String)>,
 }
@@ -122,7 +124,8 @@ struct Contents {
 /// The manifest and the files of these names, or all.
 async fn contents(state: &AppState, batch: &Batch, names: Option<&[String]>) -> Result<Contents, Problem> {
     let study = StoredStudy::of(batch);
-    let (mut files, mut models) = (Vec::new(), Vec::new());
+    let mut files = Vec::new();
+    let mut manifest = Manifest::begin(batch, study.as_ref());
     let mut known: BTreeSet<String> = ALWAYS.map(str::to_owned).into();
     each_model(state, batch, |place, job| {
         known.extend(job.outputs.iter().map(|output| format!("model.{}", output.extension())));
@@ -130,7 +133,7 @@ async fn contents(state: &AppState, batch: &Batch, names: Option<&[String]>) -> 
         let chosen = |file: &&File| names.is_none_or(|names| names.contains(&file.name));
         let chosen: Vec<&File> = job.files.iter().filter(chosen).collect();
         files.extend(chosen.iter().map(|file| (entry(place, job, file), file.key.clone())));
-        models.push(model(study.as_ref(), place, job, &chosen));
+        manifest.add(&model(study.as_ref(), place, job, &chosen));
     })
     .await?;
     if let Some(unknown) = names.into_iter().flatten().find(|name| !known.contains(*name)) {
@@ -138,15 +141,34 @@ async fn contents(state: &AppState, batch: &Batch, names: Option<&[String]>) -> 
         let detail = format!("`{}`: no model of the batch has it; known are {}", shorten(unknown), known.join(", "));
         return Err(Problem::invalid(Fault::parameter("files", detail)));
     }
-    let manifest = json!({
-        "batch": batch.id,
-        "created_at": batch.created_at,
-        "vary": study.map(|study| study.vary),
-        "models": models,
-    });
-    let manifest: Bytes = serde_json::to_vec_pretty(&manifest).expect("a manifest has string keys only").into();
+    let manifest = manifest.end();
     let entry = Entry { path: MANIFEST.to_owned(), bytes: manifest.len() as u64, modified: batch.created_at };
     Ok(Contents { manifest: (entry, manifest), files })
+}
+
+/// The manifest as JSON, a line for each model: as text it takes a tenth of the memory that it would take as values.
+struct Manifest {
+    text: Vec<u8>,
+    models: usize,
+}
+
+impl Manifest {
+    fn begin(batch: &Batch, study: Option<&StoredStudy>) -> Self {
+        let (id, at, vary) = (json!(batch.id), json!(batch.created_at), json!(study.map(|study| &study.vary)));
+        let text = format!("{{\"batch\":{id},\"created_at\":{at},\"vary\":{vary},\"models\":[");
+        Self { text: text.into_bytes(), models: 0 }
+    }
+
+    fn add(&mut self, model: &Value) {
+        self.text.extend_from_slice(if self.models == 0 { b"\n" } else { b",\n" });
+        serde_json::to_writer(&mut self.text, model).expect("a model has string keys only");
+        self.models += 1;
+    }
+
+    fn end(mut self) -> Vec<u8> {
+        self.text.extend_from_slice(b"\n]}\n");
+        self.text
+    }
 }
 
 fn shorten(name: &str) -> String {
@@ -186,8 +208,12 @@ fn model(study: Option<&StoredStudy>, place: u32, job: &Job, files: &[&File]) ->
 }
 
 /// The archive as a body. The first file is opened before, so that an artifact store that is away is a problem.
-async fn body(state: &AppState, contents: Contents, format: ArchiveFormat) -> Result<Body, Problem> {
-    let permit = permit(state)?;
+async fn body(
+    state: &AppState,
+    contents: Contents,
+    format: ArchiveFormat,
+    permit: OwnedSemaphorePermit,
+) -> Result<Body, Problem> {
     let first = match contents.files.first() {
         Some((_, key)) => Some(state.artifacts.get_range(key, None).await?),
         None => None,
@@ -222,7 +248,13 @@ async fn pack(
     _permit: OwnedSemaphorePermit,
 ) -> io::Result<()> {
     packer.begin(&entry)?;
-    packer.write(&manifest)?;
+    for piece in manifest.chunks(PIECE) {
+        packer.write(piece)?;
+        if packer.ready() >= PIECE && sender.send(packer.take()).await.is_err() {
+            return Ok(());
+        }
+    }
+    drop(manifest);
     for (entry, key) in files {
         packer.begin(&entry)?;
         let download = match first.take() {

@@ -50,15 +50,22 @@ pub(super) async fn check_body(state: &AppState, body: &Value) -> Result<Accepte
             AcceptedBatch { points: vec![Point::new(&request, spec)], request, seeds, study: None }
         }
     };
-    let bytes = accepted.points.iter().map(|point| point.spec.to_json().to_string().len()).sum::<usize>();
-    let bytes = bytes.saturating_mul(accepted.seeds.len());
-    if bytes > SPECS_MAX {
-        let place = if accepted.study.is_some() { "/vary" } else { "/spec" };
-        let detail =
-            format!("the specs of all models together have {bytes} bytes as JSON; at most {SPECS_MAX} are allowed");
-        return Err(Problem::invalid(Fault::at(place, detail)));
+    if accepted.study.is_none() {
+        let bytes: usize = accepted.points.iter().map(|point| written(&point.spec)).sum();
+        if bytes.saturating_mul(accepted.seeds.len()) > SPECS_MAX {
+            return Err(Problem::invalid(too_large("/spec")));
+        }
     }
     Ok(accepted)
+}
+
+/// Bytes of a spec as JSON.
+fn written(spec: &ModelSpec) -> usize {
+    spec.to_json().to_string().len()
+}
+
+fn too_large(place: &str) -> Fault {
+    Fault::at(place, format!("the specs of all models together have more than {SPECS_MAX} bytes as JSON"))
 }
 
 async fn check_study(
@@ -73,9 +80,8 @@ async fn check_study(
     if let Some(preset) = preset {
         faults.extend(replaced(preset, &request, &study));
         // Thousands of points take seconds.
-        let (common, of) = (request.clone(), Arc::clone(&study));
-        let resolved = tokio::task::spawn_blocking(move || resolve(preset, &common, &of)).await;
-        match resolved.map_err(|error| failed(&error))? {
+        let (common, of, seeds) = (request.clone(), Arc::clone(&study), seeds.len());
+        match blocking(move || resolve(preset, &common, &of, seeds)).await? {
             Ok(resolved) => points = resolved,
             Err(found) => faults.extend(found),
         }
@@ -99,18 +105,26 @@ fn replaced(preset: &Preset, request: &ModelRequest, study: &Study) -> Vec<Fault
     replaced.map(|fault| Fault::at(format!("/spec{}", fault.pointer), &fault.detail)).collect()
 }
 
-fn failed(error: &tokio::task::JoinError) -> Problem {
-    tracing::error!(%error, "a study could not be checked");
-    Problem::new(Kind::Internal, "The study could not be checked.")
+/// Does work that may take seconds.
+pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Problem> {
+    let span = tracing::Span::current();
+    tokio::task::spawn_blocking(move || span.in_scope(work)).await.map_err(|error| {
+        tracing::error!(%error, "the work for a batch panicked");
+        Problem::new(Kind::Internal, "The batch could not be checked.")
+    })
 }
 
-/// All points, or all faults: each once, with the first point that has it.
-fn resolve(preset: &Preset, common: &ModelRequest, study: &Study) -> Result<Vec<Point>, Vec<Fault>> {
-    let (mut points, mut found) = (Vec::new(), Found::default());
+/// All points, or all faults: each once, with the first point that has it. Each point has so many `seeds`.
+fn resolve(preset: &Preset, common: &ModelRequest, study: &Study, seeds: usize) -> Result<Vec<Point>, Vec<Fault>> {
+    let (mut points, mut found, mut bytes) = (Vec::new(), Found::default(), 0);
     let mut digests = BTreeMap::new();
     for point in 0..study.points() {
         match ModelSpec::resolve_all(preset, &[&common.spec, &study.patch(point)]) {
             Ok(spec) => {
+                bytes += written(&spec);
+                if bytes.saturating_mul(seeds) > SPECS_MAX {
+                    return Err(vec![too_large("/vary")]);
+                }
                 if let Some(first) = digests.insert(spec.digest(0), point) {
                     let detail =
                         format!("gives the same model at {} and at {}", study.describe(first), study.describe(point));

@@ -1,10 +1,10 @@
 //! `POST /batches` and `POST /batches/validate`: from a request to queued models.
 
-use super::check::{AcceptedBatch, Point, check_body};
+use super::check::{AcceptedBatch, Point, blocking, check_body};
 use super::read::answer;
 use super::request::Seeds;
 use crate::http::AppState;
-use crate::http::access::{Caller, audit};
+use crate::http::access::{Caller, audit, to_its_end};
 use crate::http::create::{draw_seed, key_of, new_job};
 use crate::http::dto::Batch;
 use crate::http::headers::IDEMPOTENCY_REPLAYED;
@@ -25,6 +25,7 @@ use axum::response::Response;
 use serde::Serialize;
 use serde_json::{Map, Value};
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 use utoipa::ToSchema;
 
 /// Request many models of one spec, or of the points of a study.
@@ -56,9 +57,6 @@ pub(in crate::http) async fn create(
         // As for a model: a replayed request is not refused because of what has changed since.
         Err(refusal) => SubmittedBatch::Replayed(earlier(&state, &caller, key).await.ok_or(refusal)?),
     };
-    if matches!(submitted, SubmittedBatch::Accepted(_)) {
-        audit(&caller, "batch created", submitted.batch().id);
-    }
     let mut response = answer(StatusCode::ACCEPTED, &Batch::from(submitted.batch()));
     let headers = response.headers_mut();
     if let Ok(location) = HeaderValue::try_from(format!("batches/{}", submitted.batch().id)) {
@@ -82,20 +80,35 @@ async fn submit(
     AcceptedBatch { request, seeds, study, points }: AcceptedBatch,
     vary: &Value,
     idempotency: Option<(String, String)>,
-) -> Result<SubmittedBatch, StoreError> {
+) -> Result<SubmittedBatch, Problem> {
     let seeds = match seeds {
         Seeds::These(seeds) => seeds,
         Seeds::Count(count) => draw(count),
     };
-    let mut jobs = Vec::with_capacity(points.len() * seeds.len());
-    for Point { spec, .. } in &points {
-        let new = new_job(caller, request.clone(), spec);
-        jobs.extend(seeds.iter().map(|&seed| NewJob { seed, digest: spec.digest(seed), ..new.clone() }));
-    }
+    let (by, priority) = (caller.clone(), request.priority);
+    let (mut jobs, seeds) = blocking(move || {
+        let mut jobs = Vec::with_capacity(points.len() * seeds.len());
+        for Point { spec, .. } in &points {
+            let new = new_job(&by, request.clone(), spec);
+            jobs.extend(seeds.iter().map(|&seed| NewJob { seed, digest: spec.digest(seed), ..new.clone() }));
+        }
+        (jobs, seeds)
+    })
+    .await?;
     let study = study.map(|study| StoredStudy::new(vary.clone(), &study, seeds).to_json());
     exclude_missing_files(&*state.store, &state.artifacts, &mut jobs).await?;
     let (owner, quota) = (caller.owner().map(str::to_owned), caller.quota());
-    state.store.submit_batch(NewBatch { jobs, owner, quota, priority: request.priority, study, idempotency }).await
+    let batch = NewBatch { jobs, owner, quota, priority, study, idempotency };
+    let (store, caller) = (Arc::clone(&state.store), caller.clone());
+    to_its_end(async move {
+        let submitted = store.submit_batch(batch).await?;
+        if matches!(submitted, SubmittedBatch::Accepted(_)) {
+            audit(&caller, "batch created", submitted.batch().id);
+        }
+        Ok::<_, StoreError>(submitted)
+    })
+    .await
+    .map_err(Problem::from)
 }
 
 /// So many random seeds, all different.

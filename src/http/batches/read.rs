@@ -1,7 +1,7 @@
 //! `GET /batches`, `GET` and `DELETE /batches/{id}`.
 
 use crate::http::AppState;
-use crate::http::access::{Caller, audit};
+use crate::http::access::{Caller, audited};
 use crate::http::dto::{Batch, BatchList};
 use crate::http::extract::{BatchId, Parameters, no_batch};
 use crate::http::problem::Problem;
@@ -12,6 +12,7 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use std::sync::Arc;
 
 /// A batch as a response.
 pub(super) fn answer(status: StatusCode, batch: &Batch) -> Response {
@@ -86,8 +87,9 @@ pub(in crate::http) async fn delete(
     BatchId(id): BatchId,
 ) -> Result<StatusCode, Problem> {
     caller.batch(state.store.batch(id).await?).ok_or_else(|| no_batch(id))?;
-    let keys = state.store.delete_batch(id).await?.ok_or_else(|| no_batch(id))?;
-    audit(&caller, "batch deleted", id);
+    let store = Arc::clone(&state.store);
+    let deleted = audited(&caller, "batch deleted", id, async move { store.delete_batch(id).await });
+    let keys = deleted.await?.ok_or_else(|| no_batch(id))?;
     state.forget(keys).await;
     Ok(StatusCode::NO_CONTENT)
 }

@@ -60,10 +60,7 @@ impl Secret {
     pub fn parse(text: &str) -> Result<Self, NoSecret> {
         let rest = text.strip_prefix(KEY).ok_or(NoSecret)?;
         let (prefix, random) = rest.split_once('_').ok_or(NoSecret)?;
-        let hex = |text: &str, length| {
-            text.len() == length && text.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b))
-        };
-        let valid = hex(prefix, PREFIX) && hex(random, 2 * BYTES);
+        let valid = is_hex(prefix, PREFIX) && is_hex(random, 2 * BYTES);
         if valid { Ok(Self { text: text.to_owned() }) } else { Err(NoSecret) }
     }
 
@@ -92,6 +89,11 @@ impl Secret {
     }
 }
 
+/// Whether a text is that many lower-case hexadecimal digits.
+fn is_hex(text: &str, length: usize) -> bool {
+    text.len() == length && text.bytes().all(|b| b.is_ascii_digit() || (b'a'..=b'f').contains(&b))
+}
+
 /// The secret of a ticket. Looked up by its hash, so no comparison takes a time that depends on it.
 #[derive(Clone)]
 pub struct TicketSecret {
@@ -105,10 +107,13 @@ impl TicketSecret {
         Self { text: format!("{TICKET}{}", random(BYTES)) }
     }
 
-    /// What a client sent; any text.
-    #[must_use]
-    pub fn of(text: &str) -> Self {
-        Self { text: text.to_owned() }
+    /// Reads one.
+    ///
+    /// # Errors
+    /// If the text does not have the form of a ticket.
+    pub fn parse(text: &str) -> Result<Self, NoSecret> {
+        let valid = text.strip_prefix(TICKET).is_some_and(|random| is_hex(random, 2 * BYTES));
+        if valid { Ok(Self { text: text.to_owned() }) } else { Err(NoSecret) }
     }
 
     /// The secret itself: to be sent once.

@@ -49,6 +49,8 @@ pub trait KeyStore: Send + Sync + 'static {
     async fn revoke_key(&self, prefix: &str, after: Duration) -> Result<Option<Key>, StoreError>;
     /// Stores a ticket; returns when it expires. Tickets that have expired are removed.
     async fn add_ticket(&self, new: NewTicket) -> Result<Timestamp, StoreError>;
+    /// The prefix of the key of a ticket that [`KeyStore::use_ticket`] would use up now.
+    async fn ticket(&self, hash: &str, path: &str) -> Result<Option<String>, StoreError>;
     /// Uses up a ticket for this path. Returns the prefix of its key; `None` if there is no such ticket, if it has expired,
     /// or if it is for another path (then it stays).
     async fn use_ticket(&self, hash: &str, path: &str) -> Result<Option<String>, StoreError>;

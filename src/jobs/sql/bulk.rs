@@ -1,13 +1,13 @@
 //! Many jobs in one transaction: those of a filter are found first, then cancelled or removed some at a time.
 
-use super::codec::Value;
+use super::codec::{Value, enum_to_sql, values};
 use super::error::SqlError;
 use super::lease;
 use super::operation::{Done, Operation};
 use super::read::matching;
 use super::submit;
 use super::tx::Tx;
-use crate::jobs::job::JobId;
+use crate::jobs::job::{JobId, Status};
 use crate::jobs::store::{Applied, ListFilter, StoreOptions};
 
 /// Ids of the jobs of a page, newest first.
@@ -24,9 +24,16 @@ fn ordered(mut ids: Vec<JobId>) -> Vec<JobId> {
     ids
 }
 
-/// Cancels those of the jobs that have not ended.
+/// Whether a job is in this status; then it stays there until the transaction ends.
+async fn is(tx: &mut Tx<'_>, id: JobId, status: Option<Status>) -> Result<bool, SqlError> {
+    let Some(status) = status else { return Ok(true) };
+    let sql = format!("SELECT 1 FROM jobs WHERE id = $1 AND status = $2{}", tx.either("", " FOR UPDATE"));
+    Ok(tx.optional(sql, values![id, enum_to_sql(status)]).await?.is_some())
+}
+
+/// Cancels those of the jobs that have not ended, or that are still in this status.
 #[derive(Debug)]
-pub(super) struct CancelMany(pub(super) Vec<JobId>);
+pub(super) struct CancelMany(pub(super) Vec<JobId>, pub(super) Option<Status>);
 
 impl Operation for CancelMany {
     type Output = Applied;
@@ -34,6 +41,9 @@ impl Operation for CancelMany {
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Applied>, SqlError> {
         let (mut applied, mut changes) = (Applied::default(), Vec::new());
         for id in ordered(self.0.clone()) {
+            if !is(tx, id, self.1).await? {
+                continue;
+            }
             let Some(cancelled) = lease::cancel(tx, options, id).await? else { continue };
             applied.jobs += 1;
             applied.keys.extend(cancelled.checkpoint);
@@ -43,9 +53,9 @@ impl Operation for CancelMany {
     }
 }
 
-/// Removes the jobs.
+/// Removes the jobs, or those that are still in this status.
 #[derive(Debug)]
-pub(super) struct DeleteMany(pub(super) Vec<JobId>);
+pub(super) struct DeleteMany(pub(super) Vec<JobId>, pub(super) Option<Status>);
 
 impl Operation for DeleteMany {
     type Output = Applied;
@@ -53,7 +63,7 @@ impl Operation for DeleteMany {
     async fn run(&self, tx: &mut Tx<'_>, _: &StoreOptions) -> Result<Done<Applied>, SqlError> {
         let (mut applied, mut changes) = (Applied::default(), Vec::new());
         for id in ordered(self.0.clone()) {
-            let Some(deleted) = submit::delete(tx, id).await? else { continue };
+            let Some(deleted) = submit::delete_in(tx, id, self.1).await? else { continue };
             applied.jobs += 1;
             applied.keys.extend(deleted.keys);
             changes.extend(deleted.changes);

@@ -249,7 +249,7 @@ impl Claim {
                     "due AS MATERIALIZED (SELECT id, ROW_NUMBER() OVER (ORDER BY rank, turn, id) AS place FROM (\
                      SELECT rank, turn, id FROM jobs WHERE (status = 'queued') IS TRUE AND NOT shares AND batch_key = $1 \
                      AND (available_at <= $2 OR available_at > $5) AND {unpaused} \
-                     ORDER BY rank, turn, id LIMIT {limit} FOR UPDATE SKIP LOCKED) AS heads)"
+                     ORDER BY rank, turn, id LIMIT {limit} FOR NO KEY UPDATE SKIP LOCKED) AS heads)"
                 ),
                 Value::from(key),
             ),
@@ -259,7 +259,7 @@ impl Claim {
                     "heads AS MATERIALIZED (SELECT lane.name, head.* FROM unnest($1::text[]) AS lane (name) \
                      CROSS JOIN LATERAL (SELECT rank, turn, id FROM jobs WHERE status = 'queued' \
                      AND NOT shares AND backend_requested = lane.name AND (available_at <= $2 OR available_at > $5) AND {unpaused} \
-                     ORDER BY rank, turn, id LIMIT {limit} FOR UPDATE SKIP LOCKED) AS head), \
+                     ORDER BY rank, turn, id LIMIT {limit} FOR NO KEY UPDATE SKIP LOCKED) AS head), \
                      due AS MATERIALIZED (SELECT id, ROW_NUMBER() OVER (ORDER BY rank, last, turn, id) AS place FROM (\
                      SELECT rank, turn, id, MAX(id) OVER (PARTITION BY name, rank ORDER BY turn, id) AS last FROM heads\
                      ) AS merged ORDER BY place LIMIT {limit})"

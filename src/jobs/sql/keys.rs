@@ -109,6 +109,14 @@ impl Operation for AddTicket {
     }
 }
 
+/// The prefix of the key of a ticket that is good for a path.
+pub(super) async fn ticket(tx: &mut Tx<'_>, hash: &str, path: &str) -> Result<Option<String>, SqlError> {
+    let sql = "SELECT key FROM tickets WHERE hash = $1 AND path = $2 AND expires_at > $3";
+    let now = tx.now().await?;
+    let row = tx.optional(sql, values![hash, path, now]).await?;
+    row.map(|row| row.text("key").map(str::to_owned)).transpose()
+}
+
 /// Uses up a ticket.
 #[derive(Debug)]
 pub(super) struct UseTicket {

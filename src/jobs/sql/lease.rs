@@ -63,7 +63,7 @@ impl Operation for Renew {
     type Output = Directive;
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Directive>, SqlError> {
-        let Some((state, before)) = load(tx, self.id).await? else {
+        let Some((state, before)) = load_to_go_on(tx, self.id).await? else {
             return Ok(Done::quiet(Directive::Lost));
         };
         if state.on(&Event::Renew(self.fence.clone()), options.max_attempts).is_err() {
@@ -110,7 +110,7 @@ impl Operation for SetCheckpoint {
     type Output = Option<String>;
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Option<String>>, SqlError> {
-        let (state, _) = load(tx, self.id).await?.ok_or(StoreError::Fenced)?;
+        let (state, _) = load_to_go_on(tx, self.id).await?.ok_or(StoreError::Fenced)?;
         state.on(&Event::Renew(self.fence.clone()), options.max_attempts).map_err(|_| StoreError::Fenced)?;
         let before = named_checkpoint(tx, self.id).await?;
         tx.execute("UPDATE jobs SET checkpoint = $2 WHERE id = $1", values![self.id, &self.key]).await?;
@@ -265,9 +265,18 @@ pub(super) async fn apply(
 
 /// The state and version of a job, locked until the transaction ends.
 async fn load(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(State, u64)>, SqlError> {
+    load_locked(tx, id, " FOR UPDATE").await
+}
+
+/// The same for what does not end the job: submissions that will wait for it are not waited for.
+async fn load_to_go_on(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(State, u64)>, SqlError> {
+    load_locked(tx, id, " FOR NO KEY UPDATE").await
+}
+
+async fn load_locked(tx: &mut Tx<'_>, id: JobId, lock: &'static str) -> Result<Option<(State, u64)>, SqlError> {
     let sql = format!(
         "SELECT status, attempts, spent, cancel_requested, holder, version FROM jobs WHERE id = $1{}",
-        tx.either("", " FOR UPDATE"),
+        tx.either("", lock),
     );
     let row = tx.optional(sql, values![id]).await?;
     row.map(|row| {
@@ -341,6 +350,8 @@ async fn write(
     let mut changes = vec![Change { id, version: Some(row.count("version")?) }];
     if state.status.is_ended() {
         changes.extend(share::settle(tx, id, state.status).await?);
+    } else if state.status == Status::Queued {
+        changes.extend(share::overtake(tx, id).await?);
     }
     Ok(changes)
 }

@@ -8,7 +8,12 @@ use crate::jobs::store::{Quantity, StoreError};
 
 /// Refuses `more` jobs of an owner that would exceed its quota. Reused models count as jobs here, although they end at once.
 pub(super) async fn check(tx: &mut Tx<'_>, owner: Option<&str>, quota: Quota, more: u64) -> Result<(), SqlError> {
-    let Some(owner) = owner else { return Ok(()) };
+    let Some(owner) = owner.filter(|_| quota != Quota::default()) else { return Ok(()) };
+    // Submissions of an owner come one after the other, or several could each find room for themselves alone.
+    let lock = tx.either("", "SELECT pg_advisory_xact_lock(hashtextextended($1, 1))");
+    if !lock.is_empty() {
+        tx.all(lock, values![owner]).await?;
+    }
     if let Some(limit) = quota.unfinished {
         let used = unfinished(tx, owner, limit).await?;
         if used + more > limit {

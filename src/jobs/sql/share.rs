@@ -10,8 +10,10 @@
 //! Who waits for whom is not recorded: jobs are equal if digest, preset, owner and requested backend are. A job waits only for
 //! one that has all its outputs, and that will not be claimed after jobs less urgent than itself.
 //!
-//! On PostgreSQL a submission locks the job that it will wait for, so that this one does not end unnoticed, and all equal
-//! submissions come one after the other.
+//! A running job that is queued again, behind jobs less urgent than one that waits for it, is not waited for by that one.
+//!
+//! On PostgreSQL a submission locks the job that it will wait for, so that this one does not end unnoticed. Its lock (`FOR KEY
+//! SHARE`) conflicts with that of an end (`FOR UPDATE`), but not with those of claims and heartbeats (`FOR NO KEY UPDATE`).
 
 use super::codec::{Value, enum_to_sql, json, parse, values};
 use super::error::SqlError;
@@ -28,14 +30,20 @@ use crate::jobs::store::{Change, StoreOptions};
 /// Candidates to wait for that a submission looks at.
 const CANDIDATES: usize = 16;
 
+/// Lets equal submissions come one after the other, so that one of several at the same time waits for another. A batch does
+/// without: a lock for each of its jobs would be many, held for long.
+pub(super) async fn queue_up(tx: &mut Tx<'_>, new: &NewJob) -> Result<(), SqlError> {
+    let lock = tx.either("", "SELECT pg_advisory_xact_lock(hashtextextended($1, 0))");
+    if new.reuse && !lock.is_empty() {
+        tx.all(lock, values![&new.digest]).await?;
+    }
+    Ok(())
+}
+
 /// Whether there is an equal job for `new` to wait for. It does not end until the transaction has.
 pub(super) async fn in_flight(tx: &mut Tx<'_>, new: &NewJob) -> Result<bool, SqlError> {
     if !new.reuse {
         return Ok(false);
-    }
-    let lock = tx.either("", "SELECT pg_advisory_xact_lock(hashtextextended($1, 0))");
-    if !lock.is_empty() {
-        tx.all(lock, values![&new.digest]).await?;
     }
     let sql = format!(
         "SELECT id, outputs FROM jobs{} WHERE finished_at IS NULL AND NOT shares AND digest = $1 AND preset = $2 \
@@ -159,7 +167,16 @@ async fn fail(tx: &mut Tx<'_>, job: &Job) -> Result<Vec<Change>, SqlError> {
 
 /// Queues the first of the jobs that wait for `id`; the others wait for it from now on.
 pub(super) async fn promote(tx: &mut Tx<'_>, id: JobId) -> Result<Vec<Change>, SqlError> {
-    let first = format!("SELECT f.id {} AND NOT l.shares ORDER BY f.rank, f.id LIMIT 1", waiting(tx));
+    queue_first(tx, id, "").await
+}
+
+/// Queues the first of the jobs that wait for `id`, which is queued again, if it is more urgent.
+pub(super) async fn overtake(tx: &mut Tx<'_>, id: JobId) -> Result<Vec<Change>, SqlError> {
+    queue_first(tx, id, "AND f.rank < l.rank").await
+}
+
+async fn queue_first(tx: &mut Tx<'_>, id: JobId, condition: &str) -> Result<Vec<Change>, SqlError> {
+    let first = format!("SELECT f.id {} AND NOT l.shares {condition} ORDER BY f.rank, f.id LIMIT 1", waiting(tx));
     while let Some(row) = tx.optional(first.clone(), values![id]).await? {
         // It may have been cancelled meanwhile; then it is the turn of the next.
         let sql = "UPDATE jobs SET shares = FALSE, version = version + 1 \

@@ -16,7 +16,7 @@ use super::workers::{self, WorkerSeen};
 use super::{order, read};
 use crate::clock::Stopwatch;
 use crate::generate::{Backend, Progress};
-use crate::jobs::job::{BackendReport, BatchId, Job, JobId, LiveSection, NewJob, Problem};
+use crate::jobs::job::{BackendReport, BatchId, Job, JobId, LiveSection, NewJob, Problem, Status};
 use crate::jobs::keys::{Key, KeyStore, NewKey, NewTicket};
 use crate::jobs::operators::{Instruction, Pause, PoolUse, WorkerInfo};
 use crate::jobs::state::Event;
@@ -258,6 +258,10 @@ impl<E: Engine> KeyStore for SqlStore<E> {
         self.run(AddTicket(new)).await
     }
 
+    async fn ticket(&self, hash: &str, path: &str) -> Result<Option<String>, StoreError> {
+        Ok(keys::ticket(&mut self.reader().await?.tx(self.time()), hash, path).await?)
+    }
+
     async fn use_ticket(&self, hash: &str, path: &str) -> Result<Option<String>, StoreError> {
         self.run(UseTicket { hash: hash.to_owned(), path: path.to_owned() }).await
     }
@@ -297,12 +301,12 @@ impl<E: Engine> Store for SqlStore<E> {
         Ok(bulk::ids(&mut self.reader().await?.tx(self.time()), filter).await?)
     }
 
-    async fn cancel_many(&self, ids: Vec<JobId>) -> Result<Applied, StoreError> {
-        self.run(CancelMany(ids)).await
+    async fn cancel_many(&self, ids: Vec<JobId>, status: Option<Status>) -> Result<Applied, StoreError> {
+        self.run(CancelMany(ids, status)).await
     }
 
-    async fn delete_many(&self, ids: Vec<JobId>) -> Result<Applied, StoreError> {
-        self.run(DeleteMany(ids)).await
+    async fn delete_many(&self, ids: Vec<JobId>, status: Option<Status>) -> Result<Applied, StoreError> {
+        self.run(DeleteMany(ids, status)).await
     }
 
     async fn queue_stranded(&self) -> Result<Vec<JobId>, StoreError> {

@@ -10,7 +10,7 @@ use super::record::{is_wanted, submitter};
 use super::share;
 use super::tx::Tx;
 use crate::generate::Backend;
-use crate::jobs::job::{BatchId, File, Job, JobId, NewJob};
+use crate::jobs::job::{BatchId, File, Job, JobId, NewJob, Status};
 use crate::jobs::state;
 use crate::jobs::store::{Change, StoreError, StoreOptions, Submitted};
 use jiff::Timestamp;
@@ -63,6 +63,7 @@ impl Operation for Submit {
         let id = *self.tried.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| self.ids.at(now));
         quota::check(tx, new.owner.as_deref(), new.quota, 1).await?;
         let batch = batch_of(tx, new.retry_of).await?;
+        share::queue_up(tx, new).await?;
         let reused = place(tx, options, id, new, batch, &mut room).await?;
         let job = known_job(tx, id).await?;
         let change = Change { id, version: Some(job.version) };
@@ -287,6 +288,11 @@ pub(super) struct Deleted {
 }
 
 pub(super) async fn delete(tx: &mut Tx<'_>, id: JobId) -> Result<Option<Deleted>, SqlError> {
+    delete_in(tx, id, None).await
+}
+
+/// Removes a record if it is in this status, or in any.
+pub(super) async fn delete_in(tx: &mut Tx<'_>, id: JobId, status: Option<Status>) -> Result<Option<Deleted>, SqlError> {
     // Locks the batch before the job, in the order of DeleteBatch. A job's batch never changes.
     let batch = match tx.optional("SELECT batch FROM jobs WHERE id = $1", values![id]).await? {
         None => return Ok(None),
@@ -297,8 +303,11 @@ pub(super) async fn delete(tx: &mut Tx<'_>, id: JobId) -> Result<Option<Deleted>
         tx.optional(sql, values![batch]).await?;
     }
     // A submission that reuses its files comes before or after this lock, not between.
-    let sql = format!("SELECT finished_at FROM jobs WHERE id = $1{}", tx.either("", " FOR UPDATE"));
+    let sql = format!("SELECT status, finished_at FROM jobs WHERE id = $1{}", tx.either("", " FOR UPDATE"));
     let Some(row) = tx.optional(sql, values![id]).await? else { return Ok(None) };
+    if status.is_some_and(|status| row.text("status").ok() != Some(enum_to_sql(status).as_str())) {
+        return Ok(None);
+    }
     let mut changes = vec![Change { id, version: None }];
     if row.optional_time("finished_at")?.is_none() {
         changes.extend(share::promote(tx, id).await?);

@@ -73,7 +73,9 @@ impl Source {
             Self::Range { from, to, count, integer } => {
                 let count = count.unwrap_or_default();
                 let step = |i: usize| i as f64 / (count - 1) as f64;
-                (0..count).map(|i| whole(from + (to - from) * step(i), *integer)).collect()
+                // Rounding must not lead beyond an end.
+                let value = |i: usize| if i + 1 == count { *to } else { from + (to - from) * step(i) };
+                (0..count).map(|i| whole(value(i), *integer)).collect()
             }
             Self::Drawn { distribution, count, integer } => {
                 let count = count.unwrap_or_default();

@@ -119,6 +119,7 @@ macro_rules! over {
             unsuitable_files_are_not_shared
             equal_points_of_batches_share_growths
             racing_equal_submissions_share_one_growth
+            a_job_does_not_wait_for_one_that_is_queued_again_behind_it
         }
     };
 }

@@ -90,6 +90,13 @@ pub async fn an_owner_has_a_quota(factory: Factory) {
     assert_eq!(refused.unwrap_err().to_string(), full.to_string());
     bench.store.delete(ended.id).await.unwrap();
     bench.store.submit(two("a", "4")).await.unwrap();
+    // Submissions at the same time do not each find room.
+    let racing = (0..12).map(|n| {
+        let (store, new) = (Arc::clone(&bench.store), two("racer", &format!("r{n}")));
+        tokio::spawn(async move { store.submit(new).await.is_ok() })
+    });
+    let accepted = join_all(racing).await.into_iter().filter(|taken| *taken.as_ref().unwrap()).count();
+    assert_eq!(accepted, 2);
     // A batch is taken whole or not at all.
     let batch = NewBatch {
         jobs: vec![new_job("5"), new_job("6"), new_job("7")],
@@ -175,6 +182,8 @@ pub async fn a_ticket_is_good_once_for_its_path_and_a_minute(factory: Factory) {
     assert!(end >= now + life);
     assert_eq!(bench.store.use_ticket(&secret.hash(), "/models/2/events").await.unwrap(), None);
     assert_eq!(bench.store.use_ticket(&TicketSecret::generate().hash(), "/models/1/events").await.unwrap(), None);
+    assert_eq!(bench.store.ticket(&secret.hash(), "/models/2/events").await.unwrap(), None);
+    assert_eq!(bench.store.ticket(&secret.hash(), "/models/1/events").await.unwrap().as_deref(), Some("12345678"));
     // Of many that try at the same time, one gets in.
     let racers = (0..8).map(|_| {
         let (store, hash) = (Arc::clone(&bench.store), secret.hash());
@@ -182,7 +191,9 @@ pub async fn a_ticket_is_good_once_for_its_path_and_a_minute(factory: Factory) {
     });
     let used: Vec<String> = join_all(racers).await.into_iter().filter_map(Result::unwrap).collect();
     assert_eq!(used, ["12345678"]);
+    assert_eq!(bench.store.ticket(&secret.hash(), "/models/1/events").await.unwrap(), None);
     let late = TicketSecret::generate();
     bench.store.add_ticket(ticket(&late, Duration::ZERO)).await.unwrap();
+    assert_eq!(bench.store.ticket(&late.hash(), "/models/1/events").await.unwrap(), None);
     assert_eq!(bench.store.use_ticket(&late.hash(), "/models/1/events").await.unwrap(), None);
 }

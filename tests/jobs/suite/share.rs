@@ -179,7 +179,7 @@ pub async fn equal_points_of_batches_share_growths(factory: Factory) {
     let filter = ListFilter { limit: 100, status: Some(Status::Queued), ..ListFilter::default() };
     loop {
         let ids = bench.store.ids(&filter).await.unwrap();
-        if bench.store.cancel_many(ids).await.unwrap().jobs == 0 {
+        if bench.store.cancel_many(ids, None).await.unwrap().jobs == 0 {
             break;
         }
     }
@@ -201,4 +201,21 @@ pub async fn racing_equal_submissions_share_one_growth(factory: Factory) {
     ended.unwrap();
     assert!(racing.iter().all(Result::is_ok));
     assert_eq!(bench.store.counts().await.unwrap(), Counts { succeeded: 80, ..Counts::default() });
+}
+
+/// A job that is grown again later than one that waits for it would be is not waited for.
+pub async fn a_job_does_not_wait_for_one_that_is_queued_again_behind_it(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let with_priority = |priority: i64| NewJob { priority: priority.try_into().unwrap(), ..new_job("d") };
+    let low = bench.submit(with_priority(-9)).await.id;
+    let claimed = bench.claim("w").await.unwrap();
+    let high = bench.submit(with_priority(9)).await.id;
+    let middle = bench.submit(with_priority(0)).await.id;
+    assert!(bench.claim("w").await.is_none());
+    bench.store.release(claimed, None).await.unwrap();
+    let next = bench.claim("w").await.unwrap();
+    assert_eq!(next.job().id, high);
+    bench.finish(next).await;
+    assert_eq!(bench.get(middle).await.reused_from, Some(high));
+    assert_eq!(bench.claim("w").await.unwrap().job().id, low);
 }
