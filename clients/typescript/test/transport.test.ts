@@ -130,6 +130,31 @@ test("bytes that do not have the hash of their entity tag are loaded again", asy
   );
 });
 
+test("of the faults of a problem only those that are well formed are taken", async () => {
+  const fault = { pointer: "/a", detail: "D" };
+  const others = [null, 1, "text", {}, { detail: 1 }, { pointer: { toString: 1, valueOf: 1 }, detail: "D" }];
+  const cases: [errors: unknown, taken: unknown[]][] = [
+    ["many", []],
+    [{ "/a": ["D"] }, []],
+    [null, []],
+    [[...others, fault, { detail: "E" }], [fault, { detail: "E" }]],
+  ];
+  for (const [errors, taken] of cases) {
+    await withServer(
+      (_, answer) => {
+        answer.writeHead(422, { "content-type": "application/problem+json" });
+        answer.end(JSON.stringify({ type: "urn:oviduct:problem:invalid-request", title: "T", detail: "D", errors }));
+      },
+      async (url) => {
+        const error = (await failure(new Oviduct(url, { attempts: 1 }).presets())) as OviductError;
+        assert(error instanceof OviductError && error.is("invalid-request"), String(error));
+        assert.deepEqual(error.errors, taken);
+        assert.equal(error.message, taken.length > 0 ? "T: D\n- /a: D\n- E" : "T: D");
+      },
+    );
+  }
+});
+
 test("nothing shows the key", async () => {
   await withServer(
     (request, answer) => {
