@@ -77,14 +77,16 @@ export class Transport {
 
   /** Sends a request and reads the answer, again and again while that may help. */
   async send<T>(call: Call, read: (response: Response, url: string) => Promise<T> | T): Promise<T> {
+    let lost = false;
     for (let attempt = 1; ; attempt++) {
       try {
         return await this.#attempt(call, read);
       } catch (error) {
-        // The first attempt deleted it, but its answer was lost.
-        if (call.method === "DELETE" && attempt > 1 && error instanceof OviductError && error.status === 404) {
+        // An earlier attempt may have deleted it, if its answer was lost; one that was refused has not.
+        if (call.method === "DELETE" && lost && error instanceof OviductError && error.status === 404) {
           return await read(new Response(null, { status: 204 }), "");
         }
+        lost ||= error instanceof OviductConnectionError;
         const wait = this.delay(attempt, error);
         if (call.once || attempt >= this.#settings.attempts || wait === undefined) throw error;
         await sleep(wait, call.signal);

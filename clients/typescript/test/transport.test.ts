@@ -82,6 +82,17 @@ test("a deletion whose answer was lost has succeeded", async () => {
   );
 });
 
+test("a deletion that was only refused before has not succeeded", async () => {
+  const statuses = [429, 502, 503, 404];
+  await withServer(
+    (_, answer) => answer.writeHead(statuses.shift() ?? 500).end(),
+    async (url) => {
+      const error = (await failure(new Oviduct(url, { maxDelay: 10 }).delete("m"))) as OviductError;
+      assert.deepEqual([error.status, statuses], [404, []]);
+    },
+  );
+});
+
 test("a signal ends a request, a wait and a stream", async () => {
   await withServer(
     (request, answer) => {
