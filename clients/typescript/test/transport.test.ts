@@ -2,6 +2,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { inspect } from "node:util";
+import { gzipSync } from "node:zlib";
 import { Oviduct, OviductConnectionError, OviductError, type OviductOptions } from "oviduct-client";
 import { withServer } from "./service.js";
 
@@ -130,15 +131,22 @@ test("an answer that does not come or is no JSON is a failed connection", async 
 });
 
 test("bytes that do not have the hash of their entity tag are loaded again", async () => {
-  let count = 0;
   const tag = '"5891b5b522d5df086d0ff0b110fbd9d21bb4fc7163af34d08286a2e846f6be03"';
-  await withServer(
-    (_, answer) => answer.writeHead(200, { etag: tag }).end(++count % 2 ? "hallo\n" : "hello\n"),
-    async (url) => {
-      assert.equal(Buffer.from(await new Oviduct(url).bytes("m", "f")).toString(), "hello\n");
-      assert((await failure(new Oviduct(url, { attempts: 1 }).bytes("m", "f"))) instanceof OviductConnectionError);
-    },
-  );
+  // The tag of a compressed answer is weak.
+  const weak = { etag: `W/${tag}`, "content-encoding": "gzip" };
+  for (const headers of [{ etag: tag }, weak]) {
+    let count = 0;
+    await withServer(
+      (_, answer) => {
+        const text = ++count % 2 ? "hallo\n" : "hello\n";
+        answer.writeHead(200, headers).end(headers === weak ? gzipSync(text) : text);
+      },
+      async (url) => {
+        assert.equal(Buffer.from(await new Oviduct(url).bytes("m", "f")).toString(), "hello\n");
+        assert((await failure(new Oviduct(url, { attempts: 1 }).bytes("m", "f"))) instanceof OviductConnectionError);
+      },
+    );
+  }
 });
 
 test("of the faults of a problem only those that are well formed are taken", async () => {
