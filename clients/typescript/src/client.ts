@@ -36,7 +36,7 @@ export interface OviductOptions {
   fetch?: typeof fetch | undefined;
   /** Receives events; the global one by default. `null` for `fetch`, which is used too where there is none. */
   eventSource?: EventSourceClass | null | undefined;
-  /** Milliseconds that one attempt of a request may take, without the body of a download; 60,000 by default. */
+  /** Milliseconds until an answer must begin, and that its body may then pause; 60,000 by default. */
   timeout?: number | undefined;
   /** How often a request is sent at most, if it gets no answer, or 408, 429, 502, 503 or 504; 6 by default. */
   attempts?: number | undefined;
@@ -250,7 +250,7 @@ export class Oviduct {
   /** The table of a batch as CSV (RFC 4180). */
   tableCsv(id: string, options: CallOptions = {}): Promise<string> {
     const call = this.#call("GET", `batches/${segment(id)}/table`, options, { format: "csv" });
-    return this.#transport.send(call, (response) => response.text());
+    return this.#transport.send(call, async (_, body) => new TextDecoder().decode(await body()));
   }
 
   /** The URL of the CSV table of a batch, for a link; see {@link downloadUrl}. */
@@ -345,8 +345,8 @@ export class Oviduct {
 
   /** The bytes of a file. They are compared with its SHA-256, where the entity tag and the page allow it. */
   bytes(id: string, name: string, options: FileOptions = {}): Promise<ArrayBuffer> {
-    return this.#transport.send(this.#fileCall(id, name, options), async (response) => {
-      const bytes = await response.arrayBuffer();
+    return this.#transport.send(this.#fileCall(id, name, options), async (response, body) => {
+      const bytes = await body();
       // The tag of a compressed answer is weak; its hash is that of the decoded bytes.
       const hash = /^(?:W\/)?"([0-9a-f]{64})"$/.exec(response.headers.get("etag") ?? "")?.[1];
       if (hash && response.status === 200 && ((await sha256(bytes)) ?? hash) !== hash) {

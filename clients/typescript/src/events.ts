@@ -1,4 +1,5 @@
 import { OviductConnectionError } from "./errors.js";
+import { orSilence } from "./transport.js";
 
 /** A server-sent event as it came. An id without data has the type "". */
 export interface RawEvent {
@@ -91,7 +92,9 @@ export async function* readEvents(body: ReadableStream<Uint8Array>): AsyncGenera
   let named = false;
   try {
     for (;;) {
-      const chunk = await orSilence(reader.read());
+      const chunk = await orSilence(reader.read(), SILENCE).catch((cause: unknown) => {
+        throw new OviductConnectionError("the event stream broke off", { cause });
+      });
       if (chunk.done) return;
       rest += decoder.decode(chunk.value, { stream: true });
       // A carriage return at the end may be half of a line end.
@@ -114,20 +117,5 @@ export async function* readEvents(body: ReadableStream<Uint8Array>): AsyncGenera
     }
   } finally {
     await reader.cancel().catch(() => {});
-  }
-}
-
-/** The result, unless the connection breaks or there is silence for too long. */
-async function orSilence<T>(read: Promise<T>): Promise<T> {
-  let timer: ReturnType<typeof setTimeout> | undefined;
-  const silence = new Promise<never>((_, reject) => {
-    timer = setTimeout(() => reject(new Error(`nothing came for ${SILENCE} ms`)), SILENCE);
-  });
-  try {
-    return await Promise.race([read, silence]);
-  } catch (cause) {
-    throw new OviductConnectionError("the event stream broke off", { cause });
-  } finally {
-    clearTimeout(timer);
   }
 }

@@ -1,6 +1,7 @@
 // Retries, limits of time, and what errors say, with servers that misbehave.
 import assert from "node:assert/strict";
 import { test } from "node:test";
+import { setTimeout as sleep } from "node:timers/promises";
 import { inspect } from "node:util";
 import { gzipSync } from "node:zlib";
 import { Oviduct, OviductConnectionError, OviductError, type OviductOptions } from "oviduct-client";
@@ -126,6 +127,34 @@ test("an answer that does not come or is no JSON is a failed connection", async 
       assert(late instanceof OviductConnectionError);
       assert.match(late.message, /^GET http:\/\/127\.0\.0\.1:\d+\/presets: no answer within 50 ms$/);
       assert.match(((await failure(client.schema())) as Error).message, /the answer is not JSON/);
+    },
+  );
+});
+
+test("a body may take longer than the limit, but not pause for so long", async () => {
+  let requests = 0;
+  await withServer(
+    async (request, answer) => {
+      requests++;
+      answer.writeHead(200).write("a");
+      if (request.url?.startsWith("/models/silent")) return;
+      for (let i = 0; i < 8; i++) await sleep(100).then(() => answer.write("a"));
+      answer.end();
+    },
+    async (url) => {
+      const client = new Oviduct(url, { timeout: 400, attempts: 2, maxDelay: 10 });
+      const [bytes, csv] = await Promise.all([client.bytes("m", "f"), client.tableCsv("b")]);
+      assert.deepEqual([Buffer.from(bytes).toString(), csv, requests], ["aaaaaaaaa", "aaaaaaaaa", 2]);
+      requests = 0;
+      const signal = AbortSignal.timeout(3000);
+      const errors = await Promise.all([client.bytes("silent", "f", { signal }), client.get("silent", { signal })].map(failure));
+      for (const error of errors) {
+        assert(error instanceof OviductConnectionError);
+        assert.match(String(error.cause), /nothing came for 400 ms/);
+      }
+      assert.equal(requests, 4);
+      const patient = new Oviduct(url).bytes("silent", "f", { signal: AbortSignal.timeout(100) });
+      assert.equal(((await failure(patient)) as Error).name, "TimeoutError");
     },
   );
 });
