@@ -1,5 +1,5 @@
 import { OviductConnectionError, OviductError } from "./errors.js";
-import { openEventSource, readEvents, type EventSourceClass, type RawEvent } from "./events.js";
+import { LIMITS, openEventSource, readEvents, type EventSourceClass, type RawEvent } from "./events.js";
 import { Sections } from "./sections.js";
 import { absolute, sleep, Transport, type Call, type Query } from "./transport.js";
 import type {
@@ -102,9 +102,6 @@ export interface ArchiveOptions extends CallOptions {
 
 /** Which models `cancelAll` and `deleteAll` are for. Conditions, or explicitly all. */
 export type Which = ModelFilter & { all?: boolean | undefined };
-
-/** Time after which a connection without events counts as one that worked, in milliseconds. */
-const LASTING = 5000;
 
 /**
  * A client of an oviduct service. Members of requests and answers have their names on the wire; `href` of files is absolute.
@@ -287,12 +284,13 @@ export class Oviduct {
     const awaited = one ? new Set([which]) : which.ids && new Set(which.ids);
     let last = options.lastEventId;
     for (let failures = 0; ; ) {
-      const began = Date.now();
+      let opened: number | undefined;
       let problem: unknown;
       try {
         const call = this.#call("GET", path, options, { ...query, view, last_event_id: last });
         const events = await this.#connect(call);
         if (events === undefined) return;
+        opened = Date.now();
         for await (const raw of events) {
           failures = 0;
           last = raw.id || last;
@@ -306,7 +304,8 @@ export class Oviduct {
         problem = error;
       }
       signal?.throwIfAborted();
-      failures = Date.now() - began > LASTING ? 1 : failures + 1;
+      // Only a stream that was opened has worked, however long the attempt took.
+      failures = opened !== undefined && Date.now() - opened > LIMITS.lasting ? 1 : failures + 1;
       const wait = this.#transport.delay(failures, problem);
       if (wait === undefined) throw problem;
       if (failures > this.#reconnects) {
@@ -483,7 +482,7 @@ export class Oviduct {
     const { path, query = {}, signal } = call;
     if (this.#eventSource) {
       const url = await this.#link(path, query, { signal }, true);
-      const events = await openEventSource(this.#eventSource, url, signal);
+      const events = await openEventSource(this.#eventSource, url, this.#transport.timeout, signal);
       if (events) return events;
     }
     // An `EventSource` does not tell why it was not let in: the answer to the same request does, or is the stream.

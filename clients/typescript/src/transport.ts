@@ -59,6 +59,10 @@ export class Transport {
     return this.#settings.key !== undefined;
   }
 
+  get timeout(): number {
+    return this.#settings.timeout;
+  }
+
   url(path: string, query: Query = {}): URL {
     const url = new URL(path, this.base);
     for (const [name, value] of Object.entries(query)) {
