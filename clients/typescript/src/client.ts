@@ -1,5 +1,5 @@
 import { OviductConnectionError, OviductError } from "./errors.js";
-import { openEventSource, readEvents, type EventSourceClass, type RawEvent } from "./events.js";
+import { LIMITS, openEventSource, readEvents, type EventSourceClass, type RawEvent } from "./events.js";
 import { Sections } from "./sections.js";
 import { absolute, sleep, Transport, type Call, type Query } from "./transport.js";
 import type {
@@ -36,7 +36,7 @@ export interface OviductOptions {
   fetch?: typeof fetch | undefined;
   /** Receives events; the global one by default. `null` for `fetch`, which is used too where there is none. */
   eventSource?: EventSourceClass | null | undefined;
-  /** Milliseconds that one attempt of a request may take, without the body of a download; 60,000 by default. */
+  /** Milliseconds until an answer must begin, and that its body may then pause; 60,000 by default. */
   timeout?: number | undefined;
   /** How often a request is sent at most, if it gets no answer, or 408, 429, 502, 503 or 504; 6 by default. */
   attempts?: number | undefined;
@@ -102,9 +102,6 @@ export interface ArchiveOptions extends CallOptions {
 
 /** Which models `cancelAll` and `deleteAll` are for. Conditions, or explicitly all. */
 export type Which = ModelFilter & { all?: boolean | undefined };
-
-/** Time after which a connection without events counts as one that worked, in milliseconds. */
-const LASTING = 5000;
 
 /**
  * A client of an oviduct service. Members of requests and answers have their names on the wire; `href` of files is absolute.
@@ -250,7 +247,7 @@ export class Oviduct {
   /** The table of a batch as CSV (RFC 4180). */
   tableCsv(id: string, options: CallOptions = {}): Promise<string> {
     const call = this.#call("GET", `batches/${segment(id)}/table`, options, { format: "csv" });
-    return this.#transport.send(call, (response) => response.text());
+    return this.#transport.send(call, async (_, body) => new TextDecoder().decode(await body()));
   }
 
   /** The URL of the CSV table of a batch, for a link; see {@link downloadUrl}. */
@@ -287,12 +284,13 @@ export class Oviduct {
     const awaited = one ? new Set([which]) : which.ids && new Set(which.ids);
     let last = options.lastEventId;
     for (let failures = 0; ; ) {
-      const began = Date.now();
+      let opened: number | undefined;
       let problem: unknown;
       try {
         const call = this.#call("GET", path, options, { ...query, view, last_event_id: last });
         const events = await this.#connect(call);
         if (events === undefined) return;
+        opened = Date.now();
         for await (const raw of events) {
           failures = 0;
           last = raw.id || last;
@@ -306,7 +304,8 @@ export class Oviduct {
         problem = error;
       }
       signal?.throwIfAborted();
-      failures = Date.now() - began > LASTING ? 1 : failures + 1;
+      // Only a stream that was opened has worked, however long the attempt took.
+      failures = opened !== undefined && Date.now() - opened > LIMITS.lasting ? 1 : failures + 1;
       const wait = this.#transport.delay(failures, problem);
       if (wait === undefined) throw problem;
       if (failures > this.#reconnects) {
@@ -345,9 +344,10 @@ export class Oviduct {
 
   /** The bytes of a file. They are compared with its SHA-256, where the entity tag and the page allow it. */
   bytes(id: string, name: string, options: FileOptions = {}): Promise<ArrayBuffer> {
-    return this.#transport.send(this.#fileCall(id, name, options), async (response) => {
-      const bytes = await response.arrayBuffer();
-      const hash = /^"([0-9a-f]{64})"$/.exec(response.headers.get("etag") ?? "")?.[1];
+    return this.#transport.send(this.#fileCall(id, name, options), async (response, body) => {
+      const bytes = await body();
+      // The tag of a compressed answer is weak; its hash is that of the decoded bytes.
+      const hash = /^(?:W\/)?"([0-9a-f]{64})"$/.exec(response.headers.get("etag") ?? "")?.[1];
       if (hash && response.status === 200 && ((await sha256(bytes)) ?? hash) !== hash) {
         throw new OviductConnectionError(`${name} of ${id} arrived damaged`);
       }
@@ -482,7 +482,7 @@ export class Oviduct {
     const { path, query = {}, signal } = call;
     if (this.#eventSource) {
       const url = await this.#link(path, query, { signal }, true);
-      const events = await openEventSource(this.#eventSource, url, signal);
+      const events = await openEventSource(this.#eventSource, url, this.#transport.timeout, signal);
       if (events) return events;
     }
     // An `EventSource` does not tell why it was not let in: the answer to the same request does, or is the stream.

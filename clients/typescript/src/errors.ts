@@ -25,13 +25,13 @@ export class OviductError extends Error {
   constructor(response: Response, problem?: Problem) {
     const title = problem?.title ?? (response.statusText || `status ${response.status}`);
     const detail = problem?.detail ?? `The answer has the status ${response.status} and is not a problem.`;
-    const faults = (problem?.errors ?? []).map((fault) => `\n- ${place(fault)}${fault.detail}`);
-    super(`${title}: ${detail}${faults.join("")}`);
+    const errors = faults(problem?.errors);
+    super(`${title}: ${detail}${errors.map((fault) => `\n- ${place(fault)}${fault.detail}`).join("")}`);
     this.status = response.status;
     this.type = problem?.type ?? "about:blank";
     this.title = title;
     this.detail = detail;
-    this.errors = problem?.errors ?? [];
+    this.errors = errors;
     this.requestId = problem?.request_id ?? response.headers.get("x-request-id") ?? undefined;
     this.retryAfter = seconds(response.headers.get("retry-after"));
     this.problem = problem;
@@ -56,6 +56,17 @@ export class OviductError extends Error {
 /** No complete answer came: the service cannot be reached, took too long, or broke off. `cause` is the reason. */
 export class OviductConnectionError extends Error {
   override readonly name = "OviductConnectionError";
+}
+
+/** Those that are well formed: a proxy may send a problem with other members. */
+function faults(errors: unknown): Fault[] {
+  return Array.isArray(errors) ? errors.filter(isFault) : [];
+}
+
+function isFault(value: unknown): value is Fault {
+  if (typeof value !== "object" || value === null) return false;
+  const { detail, pointer, parameter, header } = value as Record<string, unknown>;
+  return typeof detail === "string" && [pointer, parameter, header].every((at) => typeof (at ?? "") === "string");
 }
 
 function place(fault: Fault): string {

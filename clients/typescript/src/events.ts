@@ -1,4 +1,5 @@
 import { OviductConnectionError } from "./errors.js";
+import { orSilence } from "./transport.js";
 
 /** A server-sent event as it came. An id without data has the type "". */
 export interface RawEvent {
@@ -16,31 +17,54 @@ export type EventSourceClass = new (url: string) => EventSourceLike;
 
 /** Names of the events of the service. */
 const TYPES = ["status", "progress", "section", "end"];
-/** Milliseconds without a byte after which a stream counts as broken; the service sends a comment every 15 s. */
-const SILENCE = 60_000;
+/** Limits of a stream in milliseconds; an object, so that tests can shorten them. */
+export const LIMITS = {
+  /** Without a byte for so long it counts as broken; the service sends a comment every 15 s. */
+  silence: 60_000,
+  /** An `EventSource` does not show comments, so it is closed after so long without an event, in case it is broken. */
+  quiet: 300_000,
+  /** A stream that was open for so long counts as one that worked, also without events. */
+  lasting: 5000,
+};
 
 /**
  * Opens an `EventSource`. It never reconnects by itself, because its ticket is good for one connection. Undefined if it
- * was not let in: it does not tell why.
+ * was not let in: it does not tell why. The events end when it breaks or is quiet for too long.
+ *
+ * @param timeout Milliseconds until it must be open.
  */
 export async function openEventSource(
   EventSource: EventSourceClass,
   url: string,
+  timeout: number,
   signal?: AbortSignal,
 ): Promise<AsyncGenerator<RawEvent, void> | undefined> {
   const source = new EventSource(url);
   // Of a model and a type only the newest event is kept: each holds the whole state, and the reader may be slow.
   const queue = new Map<string, RawEvent>();
   let state: "opening" | "open" | "over" = "opening";
+  let late = false;
+  let timer: ReturnType<typeof setTimeout> | undefined;
   let wake = () => {};
   const change = () => new Promise<void>((resolve) => (wake = resolve));
   const stop = () => {
     state = "over";
+    clearTimeout(timer);
     source.close();
     wake();
   };
+  const stopAfterQuiet = () => {
+    clearTimeout(timer);
+    timer = setTimeout(stop, LIMITS.quiet);
+  };
+  timer = setTimeout(() => {
+    late = true;
+    stop();
+  }, timeout);
   source.addEventListener("open", () => {
+    if (state !== "opening") return;
     state = "open";
+    stopAfterQuiet();
     wake();
   });
   source.addEventListener("error", stop);
@@ -49,6 +73,7 @@ export async function openEventSource(
       const key = `${type} ${(JSON.parse(event.data) as { id: string }).id}`;
       queue.delete(key);
       queue.set(key, { type, id: event.lastEventId, data: event.data });
+      if (state === "open") stopAfterQuiet();
       wake();
     });
   }
@@ -59,6 +84,7 @@ export async function openEventSource(
   if (!opened()) {
     signal?.removeEventListener("abort", stop);
     signal?.throwIfAborted();
+    if (late) throw new OviductConnectionError(`the event stream did not open within ${timeout} ms`);
     return undefined;
   }
   return (async function* () {
@@ -91,7 +117,9 @@ export async function* readEvents(body: ReadableStream<Uint8Array>): AsyncGenera
   let named = false;
   try {
     for (;;) {
-      const chunk = await orSilence(reader.read());
+      const chunk = await orSilence(reader.read(), LIMITS.silence).catch((cause: unknown) => {
+        throw new OviductConnectionError("the event stream broke off", { cause });
+      });
       if (chunk.done) return;
       rest += decoder.decode(chunk.value, { stream: true });
       // A carriage return at the end may be half of a line end.
@@ -114,20 +142,5 @@ export async function* readEvents(body: ReadableStream<Uint8Array>): AsyncGenera
     }
   } finally {
     await reader.cancel().catch(() => {});
-  }
-}
-
-/** The result, unless the connection breaks or there is silence for too long. */
-async function orSilence<T>(read: Promise<T>): Promise<T> {
-  let timer: ReturnType<typeof setTimeout> | undefined;
-  const silence = new Promise<never>((_, reject) => {
-    timer = setTimeout(() => reject(new Error(`nothing came for ${SILENCE} ms`)), SILENCE);
-  });
-  try {
-    return await Promise.race([read, silence]);
-  } catch (cause) {
-    throw new OviductConnectionError("the event stream broke off", { cause });
-  } finally {
-    clearTimeout(timer);
   }
 }

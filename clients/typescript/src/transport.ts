@@ -19,10 +19,14 @@ export interface Call {
   once?: boolean;
 }
 
+/** Reads what one attempt answered; `body` gives the whole body. */
+export type Read<T> = (response: Response, body: () => Promise<ArrayBuffer>) => Promise<T> | T;
+
 /** How requests are sent. */
 export interface Settings {
   key: string | undefined;
   fetch: typeof fetch;
+  /** Milliseconds until an answer must begin, and that its body may then pause. */
   timeout: number;
   attempts: number;
   maxDelay: number;
@@ -55,6 +59,10 @@ export class Transport {
     return this.#settings.key !== undefined;
   }
 
+  get timeout(): number {
+    return this.#settings.timeout;
+  }
+
   url(path: string, query: Query = {}): URL {
     const url = new URL(path, this.base);
     for (const [name, value] of Object.entries(query)) {
@@ -66,7 +74,10 @@ export class Transport {
 
   /** The JSON of an answer; undefined if it has none. References to files are made absolute. */
   async json<T>(call: Call): Promise<T> {
-    const [text, url] = await this.send(call, async (response, url) => [await response.text(), response.url || url]);
+    const [text, url] = await this.send(call, async (response, body) => [
+      new TextDecoder().decode(await body()),
+      response.url || this.url(call.path, call.query).href,
+    ]);
     if (text === "") return undefined as T;
     try {
       return absolute(JSON.parse(text), url) as T;
@@ -76,15 +87,17 @@ export class Transport {
   }
 
   /** Sends a request and reads the answer, again and again while that may help. */
-  async send<T>(call: Call, read: (response: Response, url: string) => Promise<T> | T): Promise<T> {
+  async send<T>(call: Call, read: Read<T>): Promise<T> {
+    let lost = false;
     for (let attempt = 1; ; attempt++) {
       try {
         return await this.#attempt(call, read);
       } catch (error) {
-        // The first attempt deleted it, but its answer was lost.
-        if (call.method === "DELETE" && attempt > 1 && error instanceof OviductError && error.status === 404) {
-          return await read(new Response(null, { status: 204 }), "");
+        // An earlier attempt may have deleted it, if its answer was lost; one that was refused has not.
+        if (call.method === "DELETE" && lost && error instanceof OviductError && error.status === 404) {
+          return await read(new Response(null, { status: 204 }), () => Promise.resolve(new ArrayBuffer(0)));
         }
+        lost ||= error instanceof OviductConnectionError;
         const wait = this.delay(attempt, error);
         if (call.once || attempt >= this.#settings.attempts || wait === undefined) throw error;
         await sleep(wait, call.signal);
@@ -107,7 +120,7 @@ export class Transport {
     return Math.min(maxDelay, FIRST_DELAY * 2 ** (failures - 1)) * (0.5 + Math.random() / 2);
   }
 
-  async #attempt<T>(call: Call, read: (response: Response, url: string) => Promise<T> | T): Promise<T> {
+  async #attempt<T>(call: Call, read: Read<T>): Promise<T> {
     const { key, timeout } = this.#settings;
     const url = this.url(call.path, call.query);
     const headers = new Headers(call.headers);
@@ -125,7 +138,9 @@ export class Transport {
     try {
       const response = await this.#settings.fetch(url.href, init);
       if (!response.ok) throw await OviductError.of(response);
-      return await read(response, url.href);
+      // A large body may take longer, as long as it goes on.
+      clearTimeout(timer);
+      return await read(response, () => readBody(response, timeout));
     } catch (cause) {
       if (cause instanceof OviductError || cause instanceof OviductConnectionError) throw cause;
       call.signal?.throwIfAborted();
@@ -134,6 +149,46 @@ export class Transport {
     } finally {
       clearTimeout(timer);
     }
+  }
+}
+
+/** The whole body. Fails if nothing of it comes for so many milliseconds. */
+async function readBody(response: Response, limit: number): Promise<ArrayBuffer> {
+  // Some implementations of `fetch` have no streams: the limit is then for the whole.
+  if (!response.body) return orSilence(response.arrayBuffer(), limit);
+  const reader = response.body.getReader();
+  const chunks: Uint8Array[] = [];
+  let length = 0;
+  try {
+    for (;;) {
+      const { done, value } = await orSilence(reader.read(), limit);
+      if (done) break;
+      chunks.push(value);
+      length += value.length;
+    }
+  } finally {
+    // Not awaited: what is silent may not answer this either.
+    reader.cancel().catch(() => {});
+  }
+  const bytes = new Uint8Array(length);
+  let at = 0;
+  for (const chunk of chunks) {
+    bytes.set(chunk, at);
+    at += chunk.length;
+  }
+  return bytes.buffer;
+}
+
+/** The result, unless it does not come within so many milliseconds. */
+export async function orSilence<T>(read: Promise<T>, limit: number): Promise<T> {
+  let timer: ReturnType<typeof setTimeout> | undefined;
+  const silence = new Promise<never>((_, reject) => {
+    timer = setTimeout(() => reject(new Error(`nothing came for ${limit} ms`)), limit);
+  });
+  try {
+    return await Promise.race([read, silence]);
+  } finally {
+    clearTimeout(timer);
   }
 }
 

@@ -2,6 +2,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { Oviduct, OviductConnectionError, OviductError, type ModelEvent } from "oviduct-client";
+// Not exported by the package.
+import { LIMITS, openEventSource } from "../dist/events.js";
 import { LONG, SMALL, withServer, withService } from "./service.js";
 
 test("a stream goes on through a restart of the service", async () => {
@@ -130,6 +132,52 @@ class Scripted {
   }
 }
 
+/** Shortens limits of streams during a test. */
+async function withLimits(limits: Partial<typeof LIMITS>, test: () => Promise<void>): Promise<void> {
+  const before = { ...LIMITS };
+  Object.assign(LIMITS, limits);
+  try {
+    await test();
+  } finally {
+    Object.assign(LIMITS, before);
+  }
+}
+
+test("a service that takes connections and never answers is given up", async () => {
+  let requests = 0;
+  await withServer(
+    () => void requests++,
+    (url) =>
+      withLimits({ lasting: 20 }, async () => {
+        for (const eventSource of [null, Scripted]) {
+          [requests, Scripted.urls, Scripted.script] = [0, [], []];
+          const client = new Oviduct(url, { eventSource, timeout: 100, reconnects: 2, maxDelay: 10 });
+          await assert.rejects(client.wait("m", { signal: AbortSignal.timeout(3000) }), OviductConnectionError);
+          assert.deepEqual([requests, Scripted.urls.length], eventSource ? [0, 3] : [3, 0]);
+        }
+      }),
+  );
+});
+
+test("streams that last are opened again without end, also if they bring no event", async () => {
+  let requests = 0;
+  await withServer(
+    (_, answer) => {
+      answer.writeHead(200, { "content-type": "text/event-stream" });
+      if (++requests > 4) return void answer.end(END);
+      answer.write(":\n\n");
+      setTimeout(() => answer.destroy(), 100);
+    },
+    (url) =>
+      withLimits({ lasting: 20 }, async () => {
+        const types = [];
+        const client = new Oviduct(url, { reconnects: 1, maxDelay: 10 });
+        for await (const event of client.follow("m")) types.push(event.type);
+        assert.deepEqual([types, requests], [["end"], 5]);
+      }),
+  );
+});
+
 test("each EventSource has a ticket of its own, and is closed before the next", async () => {
   let tickets = 0;
   const posted: string[] = [];
@@ -170,6 +218,63 @@ test("each EventSource has a ticket of its own, and is closed before the next", 
       assert.deepEqual(posted, ["POST /tickets", "POST /tickets", "GET /events?batch=b&last_event_id=c-3"]);
     },
   );
+});
+
+test("an EventSource that does not open or is quiet for too long gives way to another", async () => {
+  let tickets = 0;
+  await withServer(
+    (request, answer) => {
+      assert.equal(`${request.method} ${request.url}`, "POST /tickets");
+      answer.writeHead(201, { "content-type": "application/json" }).end(`{"ticket":"ovt_${++tickets}"}`);
+    },
+    (url) =>
+      withLimits({ quiet: 100 }, async () => {
+        const used: Scripted[] = [];
+        Scripted.urls = [];
+        Scripted.script = [
+          (source) => {
+            used.push(source);
+            source.send("open");
+            source.send("status", '{"id":"m","status":"running"}', "c-1");
+          },
+          (source) => used.push(source),
+          (source) => {
+            used.push(source);
+            source.send("open");
+            source.send("end", '{"id":"m","status":"succeeded"}', "c-2");
+          },
+        ];
+        const client = new Oviduct(url, { key: "secret", eventSource: Scripted, timeout: 300, maxDelay: 10 });
+        const events = [];
+        const signal = AbortSignal.timeout(5000);
+        for await (const event of client.follow("m", { signal })) events.push(event.id);
+        assert.deepEqual(events, ["c-1", "c-2"]);
+        assert.deepEqual(Scripted.urls, [
+          `${url}/models/m/events?ticket=ovt_1`,
+          `${url}/models/m/events?last_event_id=c-1&ticket=ovt_2`,
+          `${url}/models/m/events?last_event_id=c-1&ticket=ovt_3`,
+        ]);
+        assert(used.every((source) => source.closed));
+      }),
+  );
+});
+
+test("an EventSource stays open while events come", async (context) => {
+  context.mock.timers.enable({ apis: ["setTimeout"] });
+  let source!: Scripted;
+  Scripted.script = [(own) => (source = own).send("open")];
+  const opening = openEventSource(Scripted, "http://127.0.0.1", 60_000);
+  context.mock.timers.tick(1);
+  const events = (await opening)!;
+  for (const id of ["c-1", "c-2"]) {
+    context.mock.timers.tick(LIMITS.quiet - 1);
+    source.send("progress", '{"id":"m","status":"running"}', id);
+    assert.equal((await events.next()).value?.id, id);
+  }
+  assert(!source.closed);
+  context.mock.timers.tick(LIMITS.quiet);
+  assert(source.closed);
+  assert((await events.next()).done);
 });
 
 test("where no EventSource can connect, fetch reads the stream", async () => {

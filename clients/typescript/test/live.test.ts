@@ -166,6 +166,12 @@ test("files arrive whole, in parts and by links, and their references are absolu
   const response = await client.file(model.id, "model.glb");
   assert.equal(response.headers.get("etag"), `"${file.sha256}"`);
   assert.equal(hash(await response.arrayBuffer()), file.sha256);
+  // It arrives compressed; the tag has the hash of the decoded bytes.
+  const report = model.files.find((file) => file.name === "report.json")!;
+  const compressed = await client.file(model.id, "report.json");
+  assert.equal(compressed.headers.get("etag"), `W/"${report.sha256}"`);
+  assert.equal(hash(await compressed.arrayBuffer()), report.sha256);
+  assert.equal(hash(await client.bytes(model.id, "report.json")), report.sha256);
   assert.equal(hash(await (await fetch(await client.downloadUrl(model.id, "model.glb"))).arrayBuffer()), file.sha256);
   const [first, last] = [[0, 3] as const, -4].map((range) => client.bytes(model.id, "model.glb", { range }));
   assert.equal(Buffer.from(await first!).toString(), "glTF");

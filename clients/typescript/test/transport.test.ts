@@ -1,7 +1,9 @@
 // Retries, limits of time, and what errors say, with servers that misbehave.
 import assert from "node:assert/strict";
 import { test } from "node:test";
+import { setTimeout as sleep } from "node:timers/promises";
 import { inspect } from "node:util";
+import { gzipSync } from "node:zlib";
 import { Oviduct, OviductConnectionError, OviductError, type OviductOptions } from "oviduct-client";
 import { withServer } from "./service.js";
 
@@ -82,6 +84,17 @@ test("a deletion whose answer was lost has succeeded", async () => {
   );
 });
 
+test("a deletion that was only refused before has not succeeded", async () => {
+  const statuses = [429, 502, 503, 404];
+  await withServer(
+    (_, answer) => answer.writeHead(statuses.shift() ?? 500).end(),
+    async (url) => {
+      const error = (await failure(new Oviduct(url, { maxDelay: 10 }).delete("m"))) as OviductError;
+      assert.deepEqual([error.status, statuses], [404, []]);
+    },
+  );
+});
+
 test("a signal ends a request, a wait and a stream", async () => {
   await withServer(
     (request, answer) => {
@@ -118,16 +131,76 @@ test("an answer that does not come or is no JSON is a failed connection", async 
   );
 });
 
-test("bytes that do not have the hash of their entity tag are loaded again", async () => {
-  let count = 0;
-  const tag = '"5891b5b522d5df086d0ff0b110fbd9d21bb4fc7163af34d08286a2e846f6be03"';
+test("a body may take longer than the limit, but not pause for so long", async () => {
+  let requests = 0;
   await withServer(
-    (_, answer) => answer.writeHead(200, { etag: tag }).end(++count % 2 ? "hallo\n" : "hello\n"),
+    async (request, answer) => {
+      requests++;
+      answer.writeHead(200).write("a");
+      if (request.url?.startsWith("/models/silent")) return;
+      for (let i = 0; i < 8; i++) await sleep(100).then(() => answer.write("a"));
+      answer.end();
+    },
     async (url) => {
-      assert.equal(Buffer.from(await new Oviduct(url).bytes("m", "f")).toString(), "hello\n");
-      assert((await failure(new Oviduct(url, { attempts: 1 }).bytes("m", "f"))) instanceof OviductConnectionError);
+      const client = new Oviduct(url, { timeout: 400, attempts: 2, maxDelay: 10 });
+      const [bytes, csv] = await Promise.all([client.bytes("m", "f"), client.tableCsv("b")]);
+      assert.deepEqual([Buffer.from(bytes).toString(), csv, requests], ["aaaaaaaaa", "aaaaaaaaa", 2]);
+      requests = 0;
+      const signal = AbortSignal.timeout(3000);
+      const errors = await Promise.all([client.bytes("silent", "f", { signal }), client.get("silent", { signal })].map(failure));
+      for (const error of errors) {
+        assert(error instanceof OviductConnectionError);
+        assert.match(String(error.cause), /nothing came for 400 ms/);
+      }
+      assert.equal(requests, 4);
+      const patient = new Oviduct(url).bytes("silent", "f", { signal: AbortSignal.timeout(100) });
+      assert.equal(((await failure(patient)) as Error).name, "TimeoutError");
     },
   );
+});
+
+test("bytes that do not have the hash of their entity tag are loaded again", async () => {
+  const tag = '"5891b5b522d5df086d0ff0b110fbd9d21bb4fc7163af34d08286a2e846f6be03"';
+  // The tag of a compressed answer is weak.
+  const weak = { etag: `W/${tag}`, "content-encoding": "gzip" };
+  for (const headers of [{ etag: tag }, weak]) {
+    let count = 0;
+    await withServer(
+      (_, answer) => {
+        const text = ++count % 2 ? "hallo\n" : "hello\n";
+        answer.writeHead(200, headers).end(headers === weak ? gzipSync(text) : text);
+      },
+      async (url) => {
+        assert.equal(Buffer.from(await new Oviduct(url).bytes("m", "f")).toString(), "hello\n");
+        assert((await failure(new Oviduct(url, { attempts: 1 }).bytes("m", "f"))) instanceof OviductConnectionError);
+      },
+    );
+  }
+});
+
+test("of the faults of a problem only those that are well formed are taken", async () => {
+  const fault = { pointer: "/a", detail: "D" };
+  const others = [null, 1, "text", {}, { detail: 1 }, { pointer: { toString: 1, valueOf: 1 }, detail: "D" }];
+  const cases: [errors: unknown, taken: unknown[]][] = [
+    ["many", []],
+    [{ "/a": ["D"] }, []],
+    [null, []],
+    [[...others, fault, { detail: "E" }], [fault, { detail: "E" }]],
+  ];
+  for (const [errors, taken] of cases) {
+    await withServer(
+      (_, answer) => {
+        answer.writeHead(422, { "content-type": "application/problem+json" });
+        answer.end(JSON.stringify({ type: "urn:oviduct:problem:invalid-request", title: "T", detail: "D", errors }));
+      },
+      async (url) => {
+        const error = (await failure(new Oviduct(url, { attempts: 1 }).presets())) as OviductError;
+        assert(error instanceof OviductError && error.is("invalid-request"), String(error));
+        assert.deepEqual(error.errors, taken);
+        assert.equal(error.message, taken.length > 0 ? "T: D\n- /a: D\n- E" : "T: D");
+      },
+    );
+  }
 });
 
 test("nothing shows the key", async () => {
