@@ -630,7 +630,7 @@ export interface paths {
         };
         /**
          * List the workers that sent a heartbeat within the last minutes.
-         * @description Without the scope `admin`, only models of the caller are named.
+         * @description Without the scope `admin`, only models of the caller are named, and nobody who paused a worker.
          *
          *     Needs a key with the scope `read`.
          */
@@ -1578,7 +1578,7 @@ export interface components {
         };
         /** @description A pause of a worker or of all. */
         Pause: {
-            /** @description Who asked for it; null if unknown. */
+            /** @description Who asked for it; null if unknown, and for callers without the scope `admin`. */
             by?: string | null;
             /**
              * Format: date-time
@@ -1708,7 +1708,7 @@ export interface components {
         Progress: {
             /**
              * Format: double
-             * @description Estimated seconds to the end; `None` until there is enough data.
+             * @description Estimated seconds to the end; unknown until there is enough data.
              */
             eta_seconds?: number | null;
             /**
