@@ -29,7 +29,8 @@ fn a_grid_has_every_combination() {
 #[test]
 fn a_range_ends_with_its_ends() {
     // 0.03 + (0.3 - 0.03) is more than 0.3.
-    let rows = points(&json!({ "design": "grid", "values": { "/wall/lobing": { "from": 0.03, "to": 0.3, "count": 5 } } }));
+    let rows =
+        points(&json!({ "design": "grid", "values": { "/wall/lobing": { "from": 0.03, "to": 0.3, "count": 5 } } }));
     assert_eq!((rows.len(), &rows[0], &rows[4]), (5, &vec![json!(0.03)], &vec![json!(0.3)]));
 }
 
