@@ -484,7 +484,8 @@ pub(super) struct LoadArgs {
     /// Number of event streams held open for the whole run; each follows a model of this run to its end, then the next
     #[arg(long, value_name = "N", conflicts_with = "direct", default_value_t = 0)]
     pub(super) streams: u32,
-    /// Longest time to wait at the end for the models that were accepted [0: do not wait]
+    /// Longest time to wait at the end for the models that were accepted [0: do not wait]. What users of the closed loop
+    /// have begun is broken off after it, or after --timeout if that is longer
     #[arg(long, value_name = "TIME", value_parser = units::duration_or_zero, default_value = "5m")]
     pub(super) wait: Duration,
     /// Time after which a call of the open loop or of a mix is an error if it has no answer

@@ -73,7 +73,8 @@ impl Request {
         for _ in 0..if dry_run || statuses.len() < 2 { 1 } else { ROUNDS } {
             let before = *count;
             for status in &statuses {
-                round(state, action, ListFilter { status: *status, ..filter.clone() }, dry_run, count).await?;
+                let some = ListFilter { status: *status, ..filter.clone() };
+                round(state, action, some, filter.status, dry_run, count).await?;
             }
             if *count == before {
                 break;
@@ -94,11 +95,12 @@ fn flag(parameters: &Parameters, name: &str, faults: &mut Faults) -> bool {
     }
 }
 
-/// Goes through the models of a filter once, newest first.
+/// Goes through the models of a filter once, newest first; `asked` is the status that the client asked for.
 async fn round(
     state: &AppState,
     action: Action,
     filter: ListFilter,
+    asked: Option<Status>,
     dry_run: bool,
     count: &mut u64,
 ) -> Result<(), StoreError> {
@@ -107,7 +109,7 @@ async fn round(
         let ids = state.store.ids(&filter).await?;
         let Some(&last) = ids.last() else { return Ok(()) };
         filter.before = Some(last);
-        *count += if dry_run { ids.len() as u64 } else { change(state, action, ids, filter.status).await? };
+        *count += if dry_run { ids.len() as u64 } else { change(state, action, ids, asked).await? };
     }
 }
 
@@ -202,10 +204,15 @@ pub(super) async fn cancel_batch(
 ) -> Result<Json<Batch>, Problem> {
     let batch = caller.batch(state.store.batch(id).await?).ok_or_else(|| no_batch(id))?;
     let batch = to_its_end(async move {
+        let mut done = Ok(0);
         for some in batch.jobs.chunks(AT_A_TIME as usize) {
-            change(&state, Action::Cancel, some.to_vec(), None).await?;
+            done = change(&state, Action::Cancel, some.to_vec(), None).await;
+            if done.is_err() {
+                break;
+            }
         }
         audit(&caller, "batch cancelled", id);
+        done?;
         state.store.batch(id).await
     });
     let batch = batch.await?.ok_or_else(|| no_batch(id))?;

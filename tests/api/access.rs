@@ -354,8 +354,8 @@ async fn an_admin_retries_by_rights_of_its_own() {
 #[tokio::test]
 async fn a_ticket_of_a_refused_request_stays_good() {
     let app = guarded(App::new().await);
-    // Two requests at once: for the ticket, and for its use.
-    let limits = KeyLimits { rate: Some(0.4), quota: Quota::default() };
+    // Two requests at once: for the ticket, and another.
+    let limits = KeyLimits { rate: Some(0.21), quota: Quota::default() };
     let key = app.key_with("a", &[Scope::Read], limits, None).await;
     let ticket = post(&app, "/tickets", &key, &json!({ "path": "/models" })).await.json();
     let path = format!("/models?ticket={}", ticket["ticket"].as_str().unwrap());

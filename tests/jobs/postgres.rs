@@ -15,7 +15,6 @@ use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{Directive, Job, JobId, NewJob, Status, Store, StoreError, StoreOptions, Submitted};
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -428,8 +427,17 @@ async fn an_outage_longer_than_three_leases_costs_no_attempt() {
     tokio::join!(holders.shutdown(Duration::from_secs(5)), idle.shutdown(Duration::from_secs(5)));
 }
 
-/// Passes a connection on to the server, and closes it instead of passing on the answer to a commit if `cut` is set.
-async fn relay(client: TcpStream, server: TcpStream, cut: Arc<AtomicBool>) -> std::io::Result<()> {
+/// When a connection breaks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Cut {
+    /// Once the next commit has taken effect, before its answer.
+    Done,
+    /// Before the next commit has taken effect, which it does a little later.
+    UnderWay,
+}
+
+/// Passes a connection on to the server, and closes it at the next commit if `cut` is set.
+async fn relay(client: TcpStream, server: TcpStream, cut: Arc<Mutex<Option<Cut>>>) -> std::io::Result<()> {
     let ((mut from_client, mut to_client), (mut from_server, mut to_server)) =
         (client.into_split(), server.into_split());
     let (mut asked, mut answered) = (vec![0; 1 << 16], vec![0; 1 << 16]);
@@ -439,7 +447,12 @@ async fn relay(client: TcpStream, server: TcpStream, cut: Arc<AtomicBool>) -> st
             length = from_client.read(&mut asked) => {
                 let bytes = &asked[..length?];
                 if bytes.windows(6).any(|window| window == b"COMMIT") {
-                    cutting = cut.swap(false, Ordering::SeqCst);
+                    let how = cut.lock().unwrap().take();
+                    cutting = how.is_some();
+                    if how == Some(Cut::UnderWay) {
+                        to_client.shutdown().await?;
+                        tokio::time::sleep(Duration::from_millis(300)).await;
+                    }
                 }
                 to_server.write_all(bytes).await?;
                 if bytes.is_empty() {
@@ -464,7 +477,7 @@ async fn a_commit_whose_answer_is_lost_takes_effect_once() {
     let server = url.split(['@', '/']).nth(3).unwrap().to_owned();
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let through = url.replace(&server, &listener.local_addr().unwrap().to_string());
-    let cut = Arc::new(AtomicBool::new(false));
+    let cut = Arc::new(Mutex::new(None));
     tokio::spawn({
         let cut = Arc::clone(&cut);
         async move {
@@ -475,8 +488,9 @@ async fn a_commit_whose_answer_is_lost_takes_effect_once() {
         }
     });
     let store = open(&through).await;
-    let lose_the_next_answer = || assert!(!cut.swap(true, Ordering::SeqCst), "the last answer was not lost");
-    for seed in ["1", "2", "3"] {
+    for (how, seed) in [(Cut::Done, "1"), (Cut::UnderWay, "2"), (Cut::Done, "3"), (Cut::UnderWay, "4")] {
+        let lose_the_next_answer =
+            || assert_eq!(cut.lock().unwrap().replace(how), None, "the last answer was not lost");
         lose_the_next_answer();
         let id = store.submit(new_job(seed)).await.unwrap().job().id;
         lose_the_next_answer();
@@ -488,9 +502,9 @@ async fn a_commit_whose_answer_is_lost_takes_effect_once() {
         let ends: Vec<_> = store.attempts(id).await.unwrap().into_iter().map(|attempt| attempt.outcome).collect();
         assert_eq!(ends, [Some(AttemptEnd::Succeeded)]);
     }
-    assert!(!cut.load(Ordering::SeqCst));
+    assert_eq!(*cut.lock().unwrap(), None);
     let counts = store.counts().await.unwrap();
-    assert_eq!((counts.succeeded, counts.total()), (3, 3));
+    assert_eq!((counts.succeeded, counts.total()), (4, 4));
 }
 
 /// A process that starts after an outage knows nothing of it, and leaves leases alone for as long as a lease.

@@ -282,13 +282,15 @@ export class Oviduct {
     const path = one ? `models/${segment(which)}/events` : "events";
     const query = one ? {} : { ids: which.ids?.join(","), label: labels(which.labels), batch: which.batch };
     const awaited = one ? new Set([which]) : which.ids && new Set(which.ids);
+    const finite = !one && (which.ids !== undefined || which.batch !== undefined);
     let last = options.lastEventId;
+    let byFetch = false;
     for (let failures = 0; ; ) {
       let opened: number | undefined;
       let problem: unknown;
       try {
         const call = this.#call("GET", path, options, { ...query, view, last_event_id: last });
-        const events = await this.#connect(call);
+        const events = await this.#connect(call, byFetch);
         if (events === undefined) return;
         opened = Date.now();
         for await (const raw of events) {
@@ -300,6 +302,8 @@ export class Oviduct {
           yield event;
           if (event.type === "end" && awaited?.delete(event.model.id) && awaited.size === 0) return;
         }
+        // The id by which every process of the service knows that all have ended comes without an event: only `fetch` sees it.
+        byFetch = finite;
       } catch (error) {
         problem = error;
       }
@@ -478,9 +482,9 @@ export class Oviduct {
   }
 
   /** Opens a stream of events; undefined if there is nothing more to come. */
-  async #connect(call: Call): Promise<AsyncGenerator<RawEvent, void> | undefined> {
+  async #connect(call: Call, byFetch: boolean): Promise<AsyncGenerator<RawEvent, void> | undefined> {
     const { path, query = {}, signal } = call;
-    if (this.#eventSource) {
+    if (this.#eventSource && !byFetch) {
       const url = await this.#link(path, query, { signal }, true);
       const events = await openEventSource(this.#eventSource, url, this.#transport.timeout, signal);
       if (events) return events;

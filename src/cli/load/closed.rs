@@ -26,7 +26,8 @@ pub(super) struct Users {
     pub(super) count: u32,
     /// Time of the run at which they begin nothing more; `None` to go on until the seeds are used up.
     pub(super) until: Option<Duration>,
-    /// Time after `until` for what they have begun: a full queue or paused workers could hold them for ever.
+    /// Time after `until` for what they have begun. What has not ended then is not in the latencies: a full queue or paused
+    /// workers could hold it for ever.
     pub(super) patience: Duration,
     /// The calls that they make, with the seed of the draws; `None` for whole models.
     pub(super) mix: Option<(Mix, u64)>,

@@ -194,7 +194,12 @@ async fn drive(args: &LoadArgs, settings: &Settings, seed: u64, target: &Arc<Tar
             target.end(length);
         }
         (_, mix, until) => {
-            let users = Users { count: args.concurrency, until, patience: args.wait, mix: mix.map(|mix| (mix, seed)) };
+            let users = Users {
+                count: args.concurrency,
+                until,
+                patience: args.wait.max(args.timeout),
+                mix: mix.map(|mix| (mix, seed)),
+            };
             closed::run(target, users).await?;
             target.end(target.watch.elapsed());
         }
@@ -203,7 +208,10 @@ async fn drive(args: &LoadArgs, settings: &Settings, seed: u64, target: &Arc<Tar
         return Err(Failure::Usage(faults.clone()));
     }
     drop(scouts);
-    let ended = target.known.is_empty() || tokio::time::timeout(args.wait, models::wait(target)).await.is_ok();
+    // The closed loop has waited already.
+    let left =
+        args.wait.saturating_sub(until.map_or(Duration::ZERO, |until| target.watch.elapsed().saturating_sub(until)));
+    let ended = target.known.is_empty() || tokio::time::timeout(left, models::wait(target)).await.is_ok();
     if ended {
         let told = async { while held.join_next().await.is_some() {} };
         // Streams that were not told until then are counted in the report.

@@ -124,7 +124,11 @@ impl Engine for Postgres {
     }
 
     fn trouble(&self, error: &SqlError) -> Trouble {
-        let SqlError::Database(error) = error else { return Trouble::Lasting };
+        let error = match error {
+            SqlError::Store(_) => return Trouble::Lasting,
+            SqlError::Occupied => return Trouble::Passing,
+            SqlError::Database(error) => error,
+        };
         match error {
             sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut | sqlx::Error::WorkerCrashed => Trouble::Outage,
             // A connection that was closed in the middle of an answer.

@@ -34,6 +34,7 @@ impl Operation for SubmitBatch {
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<SubmittedBatch>, SqlError> {
         let whose = self.new.owner.as_deref();
+        quota::alone(tx, whose, self.new.quota).await?;
         let (key, body) = self.new.idempotency.clone().unzip();
         let key = key.map(|key| submit::scoped(whose, &key));
         if key.is_some() {

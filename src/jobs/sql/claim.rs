@@ -109,7 +109,9 @@ impl Operation for Claim {
         let mut claimed = Claimed::default();
         let until = until(tx.steady().await?, self.lease);
         for (id, attempt) in tried {
-            // Waits at the job's row for a commit that is still under way. The lease begins anew.
+            // Waits at the job's row for a commit that is still under way; an update alone would not see what it leaves.
+            lease::load_to_go_on(tx, id).await?;
+            // The lease begins anew.
             let held = tx
                 .execute(
                     "UPDATE jobs SET lease_until = $4 \

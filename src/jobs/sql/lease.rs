@@ -269,7 +269,7 @@ async fn load(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(State, u64)>, SqlErr
 }
 
 /// The same for what does not end the job: submissions that will wait for it are not waited for.
-async fn load_to_go_on(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(State, u64)>, SqlError> {
+pub(super) async fn load_to_go_on(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(State, u64)>, SqlError> {
     load_locked(tx, id, " FOR NO KEY UPDATE").await
 }
 

@@ -5,15 +5,26 @@ use super::error::SqlError;
 use super::tx::Tx;
 use crate::jobs::job::Quota;
 use crate::jobs::store::{Quantity, StoreError};
+use std::time::Duration;
+
+/// Lets submissions of an owner with a quota come one after the other, or several could each find room for themselves alone. To
+/// be called first, before keys of idempotency are looked for. While another takes long, as one of a large batch does, the
+/// transaction is given up and tried again later, so that it does not hold a connection.
+pub(super) async fn alone(tx: &mut Tx<'_>, owner: Option<&str>, quota: Quota) -> Result<(), SqlError> {
+    let sql = tx.either("", "SELECT pg_try_advisory_xact_lock(hashtextextended($1, 1)) AS taken");
+    let Some(owner) = owner.filter(|_| quota != Quota::default() && !sql.is_empty()) else { return Ok(()) };
+    for wait in [2, 4, 8, 16, 32] {
+        if tx.one(sql, values![owner]).await?.flag("taken")? {
+            return Ok(());
+        }
+        tokio::time::sleep(Duration::from_millis(wait)).await;
+    }
+    Err(SqlError::Occupied)
+}
 
 /// Refuses `more` jobs of an owner that would exceed its quota. Reused models count as jobs here, although they end at once.
 pub(super) async fn check(tx: &mut Tx<'_>, owner: Option<&str>, quota: Quota, more: u64) -> Result<(), SqlError> {
-    let Some(owner) = owner.filter(|_| quota != Quota::default()) else { return Ok(()) };
-    // Submissions of an owner come one after the other, or several could each find room for themselves alone.
-    let lock = tx.either("", "SELECT pg_advisory_xact_lock(hashtextextended($1, 1))");
-    if !lock.is_empty() {
-        tx.all(lock, values![owner]).await?;
-    }
+    let Some(owner) = owner else { return Ok(()) };
     if let Some(limit) = quota.unfinished {
         let used = unfinished(tx, owner, limit).await?;
         if used + more > limit {

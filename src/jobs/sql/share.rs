@@ -56,11 +56,13 @@ pub(super) async fn in_flight(tx: &mut Tx<'_>, new: &NewJob) -> Result<bool, Sql
         if !includes(row.text("outputs")?, &new.outputs) {
             continue;
         }
+        // The same conditions of what may have changed since.
         let sql = format!(
-            "SELECT id FROM jobs WHERE id = $1 AND finished_at IS NULL AND NOT cancel_requested{}",
+            "SELECT id FROM jobs WHERE id = $1 AND finished_at IS NULL AND NOT cancel_requested \
+             AND (status = 'running' OR rank <= $2){}",
             tx.either("", " FOR KEY SHARE")
         );
-        if tx.optional(sql, values![row.id("id")?]).await?.is_some() {
+        if tx.optional(sql, values![row.id("id")?, rank(new.priority)]).await?.is_some() {
             return Ok(true);
         }
     }

@@ -155,7 +155,10 @@ impl<E: Engine> Shared<E> {
             if over || self.engine.trouble(&error) == Trouble::Lasting {
                 return Err(error);
             }
-            tracing::warn!(%error, "a transaction is tried again");
+            match error {
+                SqlError::Occupied => tracing::debug!(%error, "a transaction is tried again"),
+                _ => tracing::warn!(%error, "a transaction is tried again"),
+            }
             tokio::time::sleep(wait).await;
             wait = (wait * 2).min(WAITS.1);
         }

@@ -47,6 +47,7 @@ impl Operation for Submit {
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Submitted>, SqlError> {
         let new = &self.new;
+        quota::alone(tx, new.owner.as_deref(), new.quota).await?;
         if let Some((key, body)) = &new.idempotency {
             let sql = "SELECT id, idempotency_body FROM jobs WHERE idempotency_key = $1";
             let key = scoped(new.owner.as_deref(), key);
