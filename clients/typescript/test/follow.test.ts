@@ -208,14 +208,43 @@ test("each EventSource has a ticket of its own, and is closed before the next", 
       ];
       const client = new Oviduct(url, { key: "secret", eventSource: Scripted });
       const events = [];
-      for await (const event of client.follow({ batch: "b" })) events.push(event);
+      for await (const event of client.follow({ labels: { of: "b" } })) events.push(event);
       assert.deepEqual(events.map((event) => event.id), ["c-1", "c-3"]);
       assert.deepEqual(Scripted.urls, [
-        `${url}/events?batch=b&ticket=ovt_1`,
-        `${url}/events?batch=b&last_event_id=c-3&ticket=ovt_2`,
+        `${url}/events?label=of%3Ab&ticket=ovt_1`,
+        `${url}/events?label=of%3Ab&last_event_id=c-3&ticket=ovt_2`,
       ]);
       assert(used.every((source) => source.closed));
-      assert.deepEqual(posted, ["POST /tickets", "POST /tickets", "GET /events?batch=b&last_event_id=c-3"]);
+      assert.deepEqual(posted, ["POST /tickets", "POST /tickets", "GET /events?label=of%3Ab&last_event_id=c-3"]);
+    },
+  );
+});
+
+test("the end of a batch is learnt by fetch, which sees ids without an event", async () => {
+  const asked: string[] = [];
+  await withServer(
+    (request, answer) => {
+      asked.push(request.url ?? "");
+      if (asked.length > 1) return void answer.writeHead(204).end();
+      // Another process: it does not know the cursor.
+      answer.writeHead(200, { "content-type": "text/event-stream" });
+      answer.end('event: end\ndata: {"id":"m","status":"succeeded"}\nid: d-7\n\nid: over-b-1\n\n');
+    },
+    async (url) => {
+      Scripted.urls = [];
+      Scripted.script = [
+        (source) => {
+          source.send("open");
+          source.send("end", '{"id":"m","status":"succeeded"}', "c-1");
+          source.send("error");
+        },
+      ];
+      const client = new Oviduct(url, { eventSource: Scripted });
+      const ids = [];
+      for await (const event of client.follow({ batch: "b" })) ids.push(event.id);
+      assert.deepEqual(ids, ["c-1", "d-7"]);
+      assert.deepEqual(Scripted.urls, [`${url}/events?batch=b`]);
+      assert.deepEqual(asked, ["/events?batch=b&last_event_id=c-1", "/events?batch=b&last_event_id=over-b-1"]);
     },
   );
 });
