@@ -115,3 +115,48 @@ fn a_service_that_others_can_reach_starts_with_a_key() {
     signal(&second, "-TERM");
     assert!(second.wait().expect("it ends").success());
 }
+
+/// Creations, cancellations and deletions are in the log, one line each, whatever the request contains.
+#[test]
+fn changes_are_in_the_log() {
+    let at = folder();
+    let mut command = oviduct(at.path());
+    command.args(["serve", "--addr", "127.0.0.1:0", "--cpu-workers", "0", "--gpu", "off"]);
+    command.args(["--log", "warn,oviduct::audit=info"]);
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it starts");
+    let mut url = String::new();
+    BufReader::new(child.stdout.take().expect("piped")).read_line(&mut url).expect("it prints its address");
+    let address = url.trim().strip_prefix("http://").expect("a URL").to_owned();
+    let send = |line: &str, body: &str| {
+        let mut stream = TcpStream::connect(&address).expect("connected");
+        let length = body.len();
+        let request = format!(
+            "{line} HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\ncontent-type: application/json\r\n\
+             content-length: {length}\r\n\r\n{body}"
+        );
+        stream.write_all(request.as_bytes()).expect("sent");
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).expect("answered");
+        assert!(answer.starts_with("HTTP/1.1 2"), "{line}: {answer}");
+        answer
+    };
+    let made = send("POST /models", r#"{ "seed": 1, "labels": { "a": "x" } }"#);
+    let id = made.split("\"id\":\"").nth(1).and_then(|rest| rest.get(..36)).expect("an id").to_owned();
+    send(&format!("POST /models/{id}/cancel"), "");
+    send("DELETE /models?label=a:x%0AFORGED", "");
+    send(&format!("DELETE /models/{id}"), "");
+    signal(&child, "-TERM");
+    let log = said(&child.wait_with_output().expect("it ends"));
+    let lines: Vec<&str> = log.lines().collect();
+    let expected = [
+        ("model created", id.as_str()),
+        ("model cancelled", &id),
+        ("models deleted", "0 models of label=\"a:x\\nFORGED\""),
+        ("model deleted", &id),
+    ];
+    assert_eq!(lines.len(), expected.len(), "{log}");
+    for (line, (action, subject)) in lines.iter().zip(expected) {
+        let whole = line.contains("oviduct::audit") && line.contains(&format!("action=\"{action}\""));
+        assert!(whole && line.contains(subject), "{line}");
+    }
+}
