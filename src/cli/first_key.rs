@@ -1,7 +1,7 @@
 //! The first key of a service that others can reach.
 
 use crate::jobs::Store;
-use crate::jobs::keys::{Key, KeyLimits, NewKey, NoOwner, Scope, Secret};
+use crate::jobs::keys::{KeyLimits, NewKey, NoOwner, Scope, Secret};
 use anyhow::Context;
 
 /// Makes an admin key if there is no key at all yet; returns its secret.
@@ -20,8 +20,7 @@ pub(super) async fn make(store: &dyn Store) -> anyhow::Result<Option<Secret>> {
     };
     let added = store.add_first_key(new).await.context("the first key could not be stored")?;
     Ok(added.map(|key| {
-        let Key { prefix, owner, scopes, .. } = key;
-        tracing::info!(target: "oviduct::audit", action = "key added", key = prefix, %owner, %scopes);
+        key.audit_added();
         secret
     }))
 }

@@ -60,7 +60,7 @@ fn stored(key: Result<Key, StoreError>) -> Result<Key, Failure> {
 
 /// Prints a new key, with its secret.
 fn show(secret: &Secret, key: &Key, as_json: bool) -> Ended {
-    tracing::info!(target: "oviduct::audit", action = "key added", key = key.prefix, owner = %key.owner, scopes = %key.scopes);
+    key.audit_added();
     if as_json {
         let mut value = described(key, "active");
         value["key"] = json!(secret.reveal());
@@ -149,7 +149,7 @@ async fn revoke(args: KeysRevokeArgs) -> Ended {
 
 async fn end(store: &dyn Store, key: &Key, after: Duration) -> Result<(), Failure> {
     store.revoke_key(&key.prefix, after).await.context("the key could not be revoked")?;
-    tracing::info!(target: "oviduct::audit", action = "key revoked", key = key.prefix, owner = %key.owner);
+    key.audit_revoked();
     Ok(())
 }
 

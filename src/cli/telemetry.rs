@@ -26,8 +26,9 @@ const SERVICE_NAME: &str = "OTEL_SERVICE_NAME";
 pub(super) struct Telemetry(Option<SdkTracerProvider>);
 
 impl Telemetry {
-    /// Starts the log, by `default` unless there is an option, and traces if a collector is configured by the options or, for a process that `serves`, by the
-    /// variables of the OpenTelemetry specification. Call it before an async runtime exists.
+    /// Starts the log, with the filter `default` unless an option gives another, and traces if a collector is configured by
+    /// the options or, for a process that `serves`, by the variables of the OpenTelemetry specification. Call it before an
+    /// async runtime exists.
     ///
     /// # Errors
     /// [`Failure::Usage`] for an invalid filter or URL.

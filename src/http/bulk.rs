@@ -4,7 +4,7 @@
 //! repeated; one whose client disconnects goes on.
 
 use super::AppState;
-use super::access::{Caller, audit, to_its_end};
+use super::access::{Caller, audit, run_to_completion};
 use super::dto::{Applied, Batch};
 use super::extract::{BatchId, Parameters, no_batch};
 use super::faults::{Fault, Faults};
@@ -54,33 +54,59 @@ impl Request {
         Problem::check(faults)?;
         Ok(Self { filter, dry_run })
     }
+}
 
-    /// Does it to all models of the filter, and adds up their number.
-    async fn apply(self, state: &AppState, action: Action, count: &mut u64) -> Result<(), StoreError> {
-        let Self { filter, dry_run } = self;
-        let statuses: Vec<Option<Status>> = match (action, filter.status) {
+/// What is being done to the models of a request.
+struct Run {
+    state: AppState,
+    action: Action,
+    request: Request,
+    /// Models done, or in a dry run found.
+    count: u64,
+}
+
+impl Run {
+    /// Does it to all models of the filter.
+    async fn all(&mut self) -> Result<(), StoreError> {
+        let filter = self.request.filter.clone();
+        let statuses: Vec<Option<Status>> = match (self.action, filter.status) {
             (Action::Delete, status) => vec![status],
             (Action::Cancel, None) => vec![Some(Status::Queued), Some(Status::Running)],
             (Action::Cancel, Some(status)) if status.is_ended() => vec![],
             (Action::Cancel, status) => vec![status],
         };
         // Models that are accepted meanwhile are not among them.
-        let Some(&newest) = state.store.ids(&ListFilter { limit: 1, ..filter.clone() }).await?.first() else {
+        let Some(&newest) = self.state.store.ids(&ListFilter { limit: 1, ..filter.clone() }).await?.first() else {
             return Ok(());
         };
         let before = Some(JobId(uuid::Uuid::from_u128(newest.0.as_u128().saturating_add(1))));
         let filter = ListFilter { before, ..filter };
-        for _ in 0..if dry_run || statuses.len() < 2 { 1 } else { ROUNDS } {
-            let before = *count;
+        for _ in 0..if self.request.dry_run || statuses.len() < 2 { 1 } else { ROUNDS } {
+            let before = self.count;
             for status in &statuses {
-                let some = ListFilter { status: *status, ..filter.clone() };
-                round(state, action, some, filter.status, dry_run, count).await?;
+                self.round(ListFilter { status: *status, ..filter.clone() }).await?;
             }
-            if *count == before {
+            if self.count == before {
                 break;
             }
         }
         Ok(())
+    }
+
+    /// Goes through the models of a filter once, newest first.
+    async fn round(&mut self, mut filter: ListFilter) -> Result<(), StoreError> {
+        let Request { filter: asked, dry_run } = &self.request;
+        filter.limit = if *dry_run { 1000 } else { AT_A_TIME };
+        loop {
+            let ids = self.state.store.ids(&filter).await?;
+            let Some(&last) = ids.last() else { return Ok(()) };
+            filter.before = Some(last);
+            self.count += match dry_run {
+                true => ids.len() as u64,
+                // One that is queued again meanwhile is cancelled too, unless the client asked for those that run.
+                false => change(&self.state, self.action, ids, asked.status).await?,
+            };
+        }
     }
 }
 
@@ -92,24 +118,6 @@ fn flag(parameters: &Parameters, name: &str, faults: &mut Faults) -> bool {
             faults.push(Fault::parameter(name, "must be true or false"));
             false
         }
-    }
-}
-
-/// Goes through the models of a filter once, newest first; `asked` is the status that the client asked for.
-async fn round(
-    state: &AppState,
-    action: Action,
-    filter: ListFilter,
-    asked: Option<Status>,
-    dry_run: bool,
-    count: &mut u64,
-) -> Result<(), StoreError> {
-    let mut filter = ListFilter { limit: if dry_run { 1000 } else { AT_A_TIME }, ..filter };
-    loop {
-        let ids = state.store.ids(&filter).await?;
-        let Some(&last) = ids.last() else { return Ok(()) };
-        filter.before = Some(last);
-        *count += if dry_run { ids.len() as u64 } else { change(state, action, ids, asked).await? };
     }
 }
 
@@ -136,13 +144,13 @@ async fn answer(
     let dry_run = request.dry_run;
     // A value may contain line breaks, which would forge lines of a log.
     let conditions: Vec<String> = parameters.0.iter().map(|(name, value)| format!("{name}={value:?}")).collect();
-    let count = to_its_end(async move {
-        let mut count = 0;
-        let done = request.apply(&state, action, &mut count).await;
+    let count = run_to_completion(async move {
+        let mut run = Run { state, action, request, count: 0 };
+        let done = run.all().await;
         if !dry_run {
-            audit(&caller, action.name(), format_args!("{count} models of {}", conditions.join(", ")));
+            audit(&caller, action.name(), format_args!("{} models of {}", run.count, conditions.join(", ")));
         }
-        done.map(|()| count)
+        done.map(|()| run.count)
     });
     Ok(Json(Applied { count: count.await?, dry_run }))
 }
@@ -203,7 +211,7 @@ pub(super) async fn cancel_batch(
     BatchId(id): BatchId,
 ) -> Result<Json<Batch>, Problem> {
     let batch = caller.batch(state.store.batch(id).await?).ok_or_else(|| no_batch(id))?;
-    let batch = to_its_end(async move {
+    let batch = run_to_completion(async move {
         let mut done = Ok(0);
         for some in batch.jobs.chunks(AT_A_TIME as usize) {
             done = change(&state, Action::Cancel, some.to_vec(), None).await;

@@ -3,7 +3,7 @@
 //! All checks are made before anything is queued.
 
 use super::AppState;
-use super::access::{Caller, audit, to_its_end};
+use super::access::{Caller, audit, run_to_completion};
 use super::detail::Detail;
 use super::dto::Model;
 use super::faults::{Fault, Faults};
@@ -233,7 +233,7 @@ pub(super) async fn queue(state: &AppState, caller: &Caller, mut new: NewJob) ->
     exclude_missing_files(&*state.store, &state.artifacts, std::slice::from_mut(&mut new)).await?;
     let action = if new.retry_of.is_some() { "model retried" } else { "model created" };
     let (store, caller) = (Arc::clone(&state.store), caller.clone());
-    to_its_end(async move {
+    run_to_completion(async move {
         let submitted = store.submit(new).await?;
         if !matches!(submitted, Submitted::Replayed(_)) {
             audit(&caller, action, submitted.job().id);

@@ -4,9 +4,8 @@ use super::app::{App, used};
 use super::between::{Between, Eye};
 use axum::body::Body;
 use axum::http::Method;
-use oviduct::generate::Backend;
 use oviduct::http::Limits;
-use oviduct::jobs::{Job, NewJob, Problem, Quota, Store};
+use oviduct::jobs::Problem;
 use serde_json::{Value, json};
 use std::sync::Arc;
 use std::time::Duration;
@@ -165,42 +164,22 @@ async fn batches_are_listed() {
     assert_eq!(app.get("/batches?limit=0&label=a:b").await.places(), ["label", "limit"]);
 }
 
-/// Accepts a model while others are being removed.
-struct Busy(NewJob);
+/// Accepts a model of the study while others are being removed.
+struct Busy(Arc<App>);
 
 #[async_trait::async_trait]
 impl Eye for Busy {
-    async fn before_delete_many(&self, store: &dyn Store) {
-        store.submit(self.0.clone()).await.unwrap();
+    async fn before_delete_many(&self) {
+        labelled(&self.0, 2, "A").await;
     }
 }
 
 #[tokio::test]
 async fn models_that_are_accepted_meanwhile_are_not_touched() {
-    let app = App::new().await;
+    let app = Arc::new(App::new().await);
     labelled(&app, 1, "A").await;
-    let job = app.claim().await;
-    let Job { preset, seed, spec, outputs, labels, priority, digest, engine, .. } = job.job().clone();
-    let new = NewJob {
-        preset,
-        seed,
-        spec,
-        outputs,
-        backend: Backend::Auto,
-        labels,
-        priority,
-        digest,
-        engine,
-        reuse: false,
-        missing: Vec::new(),
-        batch_key: None,
-        idempotency: None,
-        owner: None,
-        quota: Quota::default(),
-        trace: None,
-        retry_of: None,
-    };
-    let busy = App::over(Between::new(Arc::clone(&app.store), Busy(new)), app.clock.clone(), Limits::default());
+    let store = Between::new(Arc::clone(&app.store), Busy(Arc::clone(&app)));
+    let busy = App::over(store, app.clock.clone(), Limits::default());
     assert_eq!(busy.delete("/models?label=study:A").await.json(), applied(1, false));
     let left = app.get("/models?label=study:A").await.json();
     assert_eq!(left["models"].as_array().unwrap().len(), 1, "{left}");

@@ -32,7 +32,7 @@ pub(crate) trait Eye: Send + Sync + 'static {
     async fn before_keys(&self) {}
 
     /// Many jobs are about to be removed.
-    async fn before_delete_many(&self, _: &dyn Store) {}
+    async fn before_delete_many(&self) {}
 
     /// A heartbeat begins.
     async fn before_heartbeat(&self) {}
@@ -137,7 +137,7 @@ impl<E: Eye> Store for Between<E> {
     }
 
     async fn delete_many(&self, ids: Vec<JobId>, status: Option<Status>) -> Result<Applied, StoreError> {
-        self.eye.before_delete_many(&*self.store).await;
+        self.eye.before_delete_many().await;
         self.store.delete_many(ids, status).await
     }
 

@@ -23,7 +23,7 @@ pub(in crate::http) async fn audited<T: Send + 'static>(
     change: impl Future<Output = Result<Option<T>, StoreError>> + Send + 'static,
 ) -> Result<Option<T>, StoreError> {
     let caller = caller.clone();
-    to_its_end(async move {
+    run_to_completion(async move {
         let changed = change.await?;
         if changed.is_some() {
             audit(&caller, action, subject);
@@ -34,7 +34,7 @@ pub(in crate::http) async fn audited<T: Send + 'static>(
 }
 
 /// Does work to its end, also if the client closes the connection: no change is left without its audit line.
-pub(in crate::http) async fn to_its_end<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> T {
+pub(in crate::http) async fn run_to_completion<T: Send + 'static>(work: impl Future<Output = T> + Send + 'static) -> T {
     match tokio::spawn(work.in_current_span()).await {
         Ok(output) => output,
         Err(error) => match error.try_into_panic() {

@@ -116,12 +116,9 @@ impl Shared {
 /// Logs keys that were made or revoked elsewhere.
 fn report_changes(before: &Keys, after: &Keys) {
     for (prefix, key) in &after.by_prefix {
-        let (owner, scopes) = (&key.owner, &key.scopes);
         match before.by_prefix.get(prefix) {
-            None => tracing::info!(target: "oviduct::audit", action = "key added", key = prefix, %owner, %scopes),
-            Some(known) if known.revoked_at != key.revoked_at => {
-                tracing::info!(target: "oviduct::audit", action = "key revoked", key = prefix, %owner);
-            }
+            None => key.audit_added(),
+            Some(known) if known.revoked_at != key.revoked_at => key.audit_revoked(),
             Some(_) => {}
         }
     }

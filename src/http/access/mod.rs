@@ -10,7 +10,7 @@ mod keyring;
 mod origin;
 mod rule;
 
-pub(super) use audit::{audit, audited, to_its_end};
+pub(super) use audit::{audit, audited, run_to_completion};
 pub(super) use caller::Caller;
 pub(super) use rule::Rule;
 

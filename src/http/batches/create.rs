@@ -4,7 +4,7 @@ use super::check::{AcceptedBatch, Point, blocking, check_body};
 use super::read::answer;
 use super::request::Seeds;
 use crate::http::AppState;
-use crate::http::access::{Caller, audit, to_its_end};
+use crate::http::access::{Caller, audit, run_to_completion};
 use crate::http::create::{draw_seed, key_of, new_job};
 use crate::http::dto::Batch;
 use crate::http::headers::IDEMPOTENCY_REPLAYED;
@@ -100,7 +100,7 @@ async fn submit(
     let (owner, quota) = (caller.owner().map(str::to_owned), caller.quota());
     let batch = NewBatch { jobs, owner, quota, priority, study, idempotency };
     let (store, caller) = (Arc::clone(&state.store), caller.clone());
-    to_its_end(async move {
+    run_to_completion(async move {
         let submitted = store.submit_batch(batch).await?;
         if matches!(submitted, SubmittedBatch::Accepted(_)) {
             audit(&caller, "batch created", submitted.batch().id);

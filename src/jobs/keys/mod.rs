@@ -157,6 +157,17 @@ impl Key {
     pub fn works_at(&self, now: Timestamp) -> bool {
         self.revoked_at.is_none_or(|at| now < at) && self.expires_at.is_none_or(|at| now < at)
     }
+
+    /// Logs for the audit that it was added.
+    pub(crate) fn audit_added(&self) {
+        let Self { prefix, owner, scopes, .. } = self;
+        tracing::info!(target: "oviduct::audit", action = "key added", key = prefix, %owner, %scopes);
+    }
+
+    /// Logs for the audit that it was revoked.
+    pub(crate) fn audit_revoked(&self) {
+        tracing::info!(target: "oviduct::audit", action = "key revoked", key = self.prefix, owner = %self.owner);
+    }
 }
 
 #[cfg(test)]

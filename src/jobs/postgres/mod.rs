@@ -126,7 +126,7 @@ impl Engine for Postgres {
     fn trouble(&self, error: &SqlError) -> Trouble {
         let error = match error {
             SqlError::Store(_) => return Trouble::Lasting,
-            SqlError::Occupied => return Trouble::Passing,
+            SqlError::OwnerLocked => return Trouble::Passing,
             SqlError::Database(error) => error,
         };
         match error {

@@ -34,7 +34,7 @@ impl Operation for SubmitBatch {
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<SubmittedBatch>, SqlError> {
         let whose = self.new.owner.as_deref();
-        quota::alone(tx, whose, self.new.quota).await?;
+        quota::lock_owner(tx, whose, self.new.quota).await?;
         let (key, body) = self.new.idempotency.clone().unzip();
         let key = key.map(|key| submit::scoped(whose, &key));
         if key.is_some() {
@@ -228,7 +228,7 @@ impl Operation for DeleteBatch {
         let batch = known(tx, self.0).await?;
         let (mut keys, mut changes) = (Vec::new(), Vec::new());
         for &job in &batch.jobs {
-            let Some(deleted) = submit::delete(tx, job).await? else { continue };
+            let Some(deleted) = submit::delete(tx, job, None).await? else { continue };
             keys.extend(deleted.keys);
             changes.extend(deleted.changes);
         }

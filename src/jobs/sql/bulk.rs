@@ -1,6 +1,6 @@
 //! Many jobs in one transaction: those of a filter are found first, then cancelled or removed some at a time.
 
-use super::codec::{Value, enum_to_sql, values};
+use super::codec::Value;
 use super::error::SqlError;
 use super::lease;
 use super::operation::{Done, Operation};
@@ -24,14 +24,7 @@ fn ordered(mut ids: Vec<JobId>) -> Vec<JobId> {
     ids
 }
 
-/// Whether a job is in this status; then it stays there until the transaction ends.
-async fn is(tx: &mut Tx<'_>, id: JobId, status: Option<Status>) -> Result<bool, SqlError> {
-    let Some(status) = status else { return Ok(true) };
-    let sql = format!("SELECT 1 FROM jobs WHERE id = $1 AND status = $2{}", tx.either("", " FOR UPDATE"));
-    Ok(tx.optional(sql, values![id, enum_to_sql(status)]).await?.is_some())
-}
-
-/// Cancels those of the jobs that have not ended, or that are still in this status.
+/// Cancels those of the jobs that have not ended; with a status, those that are in it.
 #[derive(Debug)]
 pub(super) struct CancelMany(pub(super) Vec<JobId>, pub(super) Option<Status>);
 
@@ -41,10 +34,7 @@ impl Operation for CancelMany {
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Applied>, SqlError> {
         let (mut applied, mut changes) = (Applied::default(), Vec::new());
         for id in ordered(self.0.clone()) {
-            if !is(tx, id, self.1).await? {
-                continue;
-            }
-            let Some(cancelled) = lease::cancel(tx, options, id).await? else { continue };
+            let Some(cancelled) = lease::cancel(tx, options, id, self.1).await? else { continue };
             applied.jobs += 1;
             applied.keys.extend(cancelled.checkpoint);
             changes.extend(cancelled.changes);
@@ -53,7 +43,7 @@ impl Operation for CancelMany {
     }
 }
 
-/// Removes the jobs, or those that are still in this status.
+/// Removes the jobs; with a status, those that are in it.
 #[derive(Debug)]
 pub(super) struct DeleteMany(pub(super) Vec<JobId>, pub(super) Option<Status>);
 
@@ -63,7 +53,7 @@ impl Operation for DeleteMany {
     async fn run(&self, tx: &mut Tx<'_>, _: &StoreOptions) -> Result<Done<Applied>, SqlError> {
         let (mut applied, mut changes) = (Applied::default(), Vec::new());
         for id in ordered(self.0.clone()) {
-            let Some(deleted) = submit::delete_in(tx, id, self.1).await? else { continue };
+            let Some(deleted) = submit::delete(tx, id, self.1).await? else { continue };
             applied.jobs += 1;
             applied.keys.extend(deleted.keys);
             changes.extend(deleted.changes);

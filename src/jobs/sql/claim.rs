@@ -13,7 +13,7 @@
 use super::codec::{Value, enum_to_sql, until, values};
 use super::error::SqlError;
 use super::lease::{self, End, Record as Ending};
-use super::operation::{Before, Done, Operation, PATIENCE};
+use super::operation::{Before, Done, LONG_PATIENCE, Operation, PATIENCE};
 use super::order;
 use super::pause::unpaused;
 use super::read;
@@ -110,7 +110,7 @@ impl Operation for Claim {
         let until = until(tx.steady().await?, self.lease);
         for (id, attempt) in tried {
             // Waits at the job's row for a commit that is still under way; an update alone would not see what it leaves.
-            lease::load_to_go_on(tx, id).await?;
+            lease::load_for_renewal(tx, id).await?;
             // The lease begins anew.
             let held = tx
                 .execute(
@@ -131,7 +131,7 @@ impl Operation for Claim {
     /// Jobs that a commit without an answer may have claimed are worth a long wait: nobody else runs them until their leases
     /// expire.
     fn patience(&self) -> Duration {
-        if self.tried().is_empty() { PATIENCE.0 } else { PATIENCE.1 }
+        if self.tried().is_empty() { PATIENCE } else { LONG_PATIENCE }
     }
 }
 

@@ -8,9 +8,9 @@ pub(in crate::jobs) enum SqlError {
     /// A refusal by the store itself.
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// Another transaction is doing what must not be done twice at the same time.
+    /// Another transaction holds the lock of the owner's submissions.
     #[error("another submission of the same owner is under way")]
-    Occupied,
+    OwnerLocked,
     /// The database failed or is unavailable.
     #[error(transparent)]
     Database(#[from] sqlx::Error),
@@ -20,7 +20,7 @@ impl From<SqlError> for StoreError {
     fn from(error: SqlError) -> Self {
         match error {
             SqlError::Store(error) => error,
-            SqlError::Occupied => Self::Database(error.to_string()),
+            SqlError::OwnerLocked => Self::Database(error.to_string()),
             SqlError::Database(error) => Self::Database(error.to_string()),
         }
     }

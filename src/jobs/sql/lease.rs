@@ -2,7 +2,7 @@
 
 use super::codec::{enum_from_sql, enum_to_sql, json, until, values};
 use super::error::SqlError;
-use super::operation::{Before, Done, Operation, PATIENCE};
+use super::operation::{Before, Done, LONG_PATIENCE, Operation};
 use super::read::{self, known_job};
 use super::share;
 use super::submit::insert_files;
@@ -63,7 +63,7 @@ impl Operation for Renew {
     type Output = Directive;
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Directive>, SqlError> {
-        let Some((state, before)) = load_to_go_on(tx, self.id).await? else {
+        let Some((state, before)) = load_for_renewal(tx, self.id).await? else {
             return Ok(Done::quiet(Directive::Lost));
         };
         if state.on(&Event::Renew(self.fence.clone()), options.max_attempts).is_err() {
@@ -110,7 +110,7 @@ impl Operation for SetCheckpoint {
     type Output = Option<String>;
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Option<String>>, SqlError> {
-        let (state, _) = load_to_go_on(tx, self.id).await?.ok_or(StoreError::Fenced)?;
+        let (state, _) = load_for_renewal(tx, self.id).await?.ok_or(StoreError::Fenced)?;
         state.on(&Event::Renew(self.fence.clone()), options.max_attempts).map_err(|_| StoreError::Fenced)?;
         let before = named_checkpoint(tx, self.id).await?;
         tx.execute("UPDATE jobs SET checkpoint = $2 WHERE id = $1", values![self.id, &self.key]).await?;
@@ -180,7 +180,7 @@ impl Operation for End {
 
     /// The computed model is worth a long wait; the fence holds whatever happens meanwhile.
     fn patience(&self) -> Duration {
-        PATIENCE.1
+        LONG_PATIENCE
     }
 
     async fn done_before(&self, tx: &mut Tx<'_>) -> Result<Before<Job>, SqlError> {
@@ -221,7 +221,7 @@ impl Operation for Cancel {
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Option<Job>>, SqlError> {
         let id = self.0;
-        let cancelled = cancel(tx, options, id).await?;
+        let cancelled = cancel(tx, options, id, None).await?;
         let Some(job) = read::job(tx, id).await? else { return Ok(Done::quiet(None)) };
         let Some(Cancelled { changes, checkpoint }) = cancelled else { return Ok(Done::quiet(Some(job))) };
         // The record no longer names the checkpoint; the caller removes its file.
@@ -238,9 +238,15 @@ pub(super) struct Cancelled {
     pub(super) checkpoint: Option<String>,
 }
 
-/// Cancels a job. `None` if that changes nothing, or there is no such job.
-pub(super) async fn cancel(tx: &mut Tx<'_>, options: &StoreOptions, id: JobId) -> Result<Option<Cancelled>, SqlError> {
-    let Some((state, _)) = load(tx, id).await? else { return Ok(None) };
+/// Cancels a job, if it is in `status` or that is `None`. `None` if that changes nothing, or there is no such job.
+pub(super) async fn cancel(
+    tx: &mut Tx<'_>,
+    options: &StoreOptions,
+    id: JobId,
+    status: Option<Status>,
+) -> Result<Option<Cancelled>, SqlError> {
+    let found = load(tx, id).await?.filter(|(state, _)| status.is_none_or(|status| status == state.status));
+    let Some((state, _)) = found else { return Ok(None) };
     let Some(next) = state.on(&Event::Cancel, options.max_attempts).ok().filter(|next| next.state != state) else {
         return Ok(None);
     };
@@ -269,7 +275,7 @@ async fn load(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(State, u64)>, SqlErr
 }
 
 /// The same for what does not end the job: submissions that will wait for it are not waited for.
-pub(super) async fn load_to_go_on(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(State, u64)>, SqlError> {
+pub(super) async fn load_for_renewal(tx: &mut Tx<'_>, id: JobId) -> Result<Option<(State, u64)>, SqlError> {
     load_locked(tx, id, " FOR NO KEY UPDATE").await
 }
 
@@ -351,7 +357,7 @@ async fn write(
     if state.status.is_ended() {
         changes.extend(share::settle(tx, id, state.status).await?);
     } else if state.status == Status::Queued {
-        changes.extend(share::overtake(tx, id).await?);
+        changes.extend(share::promote_more_urgent(tx, id).await?);
     }
     Ok(changes)
 }

@@ -6,8 +6,10 @@ use crate::jobs::store::{Change, StoreOptions};
 use std::future::Future;
 use std::time::Duration;
 
-/// How long operations are tried again: most, and those that end or begin an attempt and may have been committed.
-pub(super) const PATIENCE: (Duration, Duration) = (Duration::from_secs(5), Duration::from_secs(60));
+/// How long most operations are tried again.
+pub(super) const PATIENCE: Duration = Duration::from_secs(5);
+/// The same for those that end an attempt, or may have begun one.
+pub(super) const LONG_PATIENCE: Duration = Duration::from_secs(60);
 
 /// Something done in one transaction.
 pub(in crate::jobs) trait Operation: Send + Sync + 'static {
@@ -29,7 +31,7 @@ pub(in crate::jobs) trait Operation: Send + Sync + 'static {
 
     /// How long it is tried again after errors that may pass.
     fn patience(&self) -> Duration {
-        PATIENCE.0
+        PATIENCE
     }
 }
 

@@ -3,11 +3,11 @@
 //! Each backend that a request may ask for has a lane of its own, so that a worker never reads past jobs that it cannot
 //! run. Within a lane, jobs are claimed by (`rank`, `turn`, age). The rank is the negated priority, so that the order is one
 //! direction of one index. Turns are counted within a lane and a rank. A submission gets its turn once, when it is queued:
-//! one after the last queued job of its submitter (the owner of the job), but not before the present turn (that of the job claimed last, or of
-//! the first that waits). So submitters take turns however many jobs each has queued; a new submitter waits for one
-//! turn of each other; an absent one accumulates no credit; and with a single submitter and one priority the order is
-//! that of age. A released job keeps its rank and turn. Between lanes the head of higher priority goes
-//! first, then the older one.
+//! one after the last queued job of its submitter (the owner of the job), but not before the present turn (that of the job
+//! claimed last, or of the first that waits). So submitters take turns however many jobs each has queued; a new submitter
+//! waits for one turn of each other; an absent one accumulates no credit; and with a single submitter and one priority the
+//! order is that of age. A released job keeps its rank and turn. Between lanes the head of higher priority goes first, then
+//! the older one.
 //!
 //! Every query here reads a few ends of indexes, whatever the length of the queue: a turn costs three; a position is
 //! counted, up to [`POSITIONS`].

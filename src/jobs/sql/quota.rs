@@ -10,7 +10,7 @@ use std::time::Duration;
 /// Lets submissions of an owner with a quota come one after the other, or several could each find room for themselves alone. To
 /// be called first, before keys of idempotency are looked for. While another takes long, as one of a large batch does, the
 /// transaction is given up and tried again later, so that it does not hold a connection.
-pub(super) async fn alone(tx: &mut Tx<'_>, owner: Option<&str>, quota: Quota) -> Result<(), SqlError> {
+pub(super) async fn lock_owner(tx: &mut Tx<'_>, owner: Option<&str>, quota: Quota) -> Result<(), SqlError> {
     let sql = tx.either("", "SELECT pg_try_advisory_xact_lock(hashtextextended($1, 1)) AS taken");
     let Some(owner) = owner.filter(|_| quota != Quota::default() && !sql.is_empty()) else { return Ok(()) };
     for wait in [2, 4, 8, 16, 32] {
@@ -19,7 +19,7 @@ pub(super) async fn alone(tx: &mut Tx<'_>, owner: Option<&str>, quota: Quota) ->
         }
         tokio::time::sleep(Duration::from_millis(wait)).await;
     }
-    Err(SqlError::Occupied)
+    Err(SqlError::OwnerLocked)
 }
 
 /// Refuses `more` jobs of an owner that would exceed its quota. Reused models count as jobs here, although they end at once.

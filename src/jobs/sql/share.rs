@@ -32,7 +32,7 @@ const CANDIDATES: usize = 16;
 
 /// Lets equal submissions come one after the other, so that one of several at the same time waits for another. A batch does
 /// without: a lock for each of its jobs would be many, held for long.
-pub(super) async fn queue_up(tx: &mut Tx<'_>, new: &NewJob) -> Result<(), SqlError> {
+pub(super) async fn lock_digest(tx: &mut Tx<'_>, new: &NewJob) -> Result<(), SqlError> {
     let lock = tx.either("", "SELECT pg_advisory_xact_lock(hashtextextended($1, 0))");
     if new.reuse && !lock.is_empty() {
         tx.all(lock, values![&new.digest]).await?;
@@ -173,7 +173,7 @@ pub(super) async fn promote(tx: &mut Tx<'_>, id: JobId) -> Result<Vec<Change>, S
 }
 
 /// Queues the first of the jobs that wait for `id`, which is queued again, if it is more urgent.
-pub(super) async fn overtake(tx: &mut Tx<'_>, id: JobId) -> Result<Vec<Change>, SqlError> {
+pub(super) async fn promote_more_urgent(tx: &mut Tx<'_>, id: JobId) -> Result<Vec<Change>, SqlError> {
     queue_first(tx, id, "AND f.rank < l.rank").await
 }
 

@@ -156,7 +156,7 @@ impl<E: Engine> Shared<E> {
                 return Err(error);
             }
             match error {
-                SqlError::Occupied => tracing::debug!(%error, "a transaction is tried again"),
+                SqlError::OwnerLocked => tracing::debug!(%error, "a transaction is tried again"),
                 _ => tracing::warn!(%error, "a transaction is tried again"),
             }
             tokio::time::sleep(wait).await;

@@ -1,6 +1,6 @@
 //! Queueing jobs and removing them.
 
-use super::codec::{Value, enum_to_sql, json, values};
+use super::codec::{Value, enum_from_sql, enum_to_sql, json, values};
 use super::error::SqlError;
 use super::operation::{Before, Done, Operation};
 use super::order::{queue_room, rank, turn};
@@ -47,7 +47,7 @@ impl Operation for Submit {
 
     async fn run(&self, tx: &mut Tx<'_>, options: &StoreOptions) -> Result<Done<Submitted>, SqlError> {
         let new = &self.new;
-        quota::alone(tx, new.owner.as_deref(), new.quota).await?;
+        quota::lock_owner(tx, new.owner.as_deref(), new.quota).await?;
         if let Some((key, body)) = &new.idempotency {
             let sql = "SELECT id, idempotency_body FROM jobs WHERE idempotency_key = $1";
             let key = scoped(new.owner.as_deref(), key);
@@ -64,7 +64,7 @@ impl Operation for Submit {
         let id = *self.tried.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| self.ids.at(now));
         quota::check(tx, new.owner.as_deref(), new.quota, 1).await?;
         let batch = batch_of(tx, new.retry_of).await?;
-        share::queue_up(tx, new).await?;
+        share::lock_digest(tx, new).await?;
         let reused = place(tx, options, id, new, batch, &mut room).await?;
         let job = known_job(tx, id).await?;
         let change = Change { id, version: Some(job.version) };
@@ -142,8 +142,9 @@ pub(super) async fn place(
     Ok(source.is_some())
 }
 
-/// The finished model of the same owner that `new` would reuse: the first one made that still exists. Its row stays until the transaction has
-/// named its files. Its preset is the same, because the files contain the preset's name, which is not part of the digest.
+/// The finished model of the same owner that `new` would reuse: the first one made that still exists. Its row stays until the
+/// transaction has named its files. Its preset is the same, because the files contain the preset's name, which is not part of
+/// the digest.
 pub(super) async fn reusable(tx: &mut Tx<'_>, new: &NewJob) -> Result<Option<Job>, SqlError> {
     if !new.reuse {
         return Ok(None);
@@ -275,7 +276,7 @@ impl Operation for Delete {
     type Output = Option<Vec<String>>;
 
     async fn run(&self, tx: &mut Tx<'_>, _: &StoreOptions) -> Result<Done<Self::Output>, SqlError> {
-        let (keys, changes) = delete(tx, self.0).await?.map(|deleted| (deleted.keys, deleted.changes)).unzip();
+        let (keys, changes) = delete(tx, self.0, None).await?.map(|deleted| (deleted.keys, deleted.changes)).unzip();
         Ok(Done::new(keys, changes.unwrap_or_default()))
     }
 }
@@ -288,12 +289,8 @@ pub(super) struct Deleted {
     pub(super) changes: Vec<Change>,
 }
 
-pub(super) async fn delete(tx: &mut Tx<'_>, id: JobId) -> Result<Option<Deleted>, SqlError> {
-    delete_in(tx, id, None).await
-}
-
-/// Removes a record if it is in this status, or in any.
-pub(super) async fn delete_in(tx: &mut Tx<'_>, id: JobId, status: Option<Status>) -> Result<Option<Deleted>, SqlError> {
+/// Removes a record, if it is in `status` or that is `None`.
+pub(super) async fn delete(tx: &mut Tx<'_>, id: JobId, status: Option<Status>) -> Result<Option<Deleted>, SqlError> {
     // Locks the batch before the job, in the order of DeleteBatch. A job's batch never changes.
     let batch = match tx.optional("SELECT batch FROM jobs WHERE id = $1", values![id]).await? {
         None => return Ok(None),
@@ -306,7 +303,8 @@ pub(super) async fn delete_in(tx: &mut Tx<'_>, id: JobId, status: Option<Status>
     // A submission that reuses its files comes before or after this lock, not between.
     let sql = format!("SELECT status, finished_at FROM jobs WHERE id = $1{}", tx.either("", " FOR UPDATE"));
     let Some(row) = tx.optional(sql, values![id]).await? else { return Ok(None) };
-    if status.is_some_and(|status| row.text("status").ok() != Some(enum_to_sql(status).as_str())) {
+    let found: Status = enum_from_sql(row.text("status")?)?;
+    if status.is_some_and(|status| status != found) {
         return Ok(None);
     }
     let mut changes = vec![Change { id, version: None }];
