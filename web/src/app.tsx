@@ -1,0 +1,171 @@
+// The frame of all pages: navigation, state of the connection, theme and key.
+import { computed, signal } from "@preact/signals";
+import type { FunctionComponent } from "preact";
+import { useEffect, useRef, useState } from "preact/hooks";
+import { KeyDialog } from "./access.tsx";
+import { connection } from "./models.ts";
+import { href, route } from "./router.ts";
+import { key, locked, session } from "./service.ts";
+import { nextTheme, theme } from "./ui/theme.ts";
+import { Icon, Notice, Toasts } from "./ui/widgets.tsx";
+import { Models } from "./list/page.tsx";
+
+type Page = FunctionComponent<Record<string, never>>;
+type Loader = () => Promise<{ default: Page }>;
+
+interface Place {
+  title: string;
+  /** Entry of the navigation that is marked. */
+  section: "models" | "new" | "batches" | undefined;
+  /** Uses the whole width of the window. */
+  wide?: boolean;
+  load: Loader;
+}
+
+const models: Place = { title: "Models", section: "models", load: async () => ({ default: Models }) };
+const PLACES: Record<string, (path: string[]) => Place | undefined> = {
+  "": () => models,
+  new: () => ({ title: "New model", section: "new", load: () => import("./request/page.tsx") }),
+  models: ([, id, ...more]) =>
+    id !== undefined && more.length === 0
+      ? { title: "Model", section: "models", wide: true, load: () => import("./model/page.tsx") }
+      : undefined,
+  compare: ([, a, b]) =>
+    a !== undefined && b !== undefined
+      ? { title: "Compare", section: "models", wide: true, load: () => import("./explore/compare.tsx") }
+      : undefined,
+  batches: ([, id]) => ({
+    title: id === undefined ? "Studies" : "Study",
+    section: "batches",
+    load: () => import("./batches/page.tsx"),
+  }),
+};
+
+const missing: Place = {
+  title: "Not found",
+  section: undefined,
+  load: async () => ({
+    default: () => (
+      <Notice title="There is no such page">
+        <p>
+          <a href={href([])}>Go to the models</a>
+        </p>
+      </Notice>
+    ),
+  }),
+};
+
+const place = computed(() => PLACES[route.value.path[0] ?? ""]?.(route.value.path) ?? missing);
+/** The page by its path: another model is another page, another query is not. */
+const address = computed(() => route.value.path.join("/"));
+const askingForKey = signal(false);
+
+export function App() {
+  const main = useRef<HTMLElement>(null);
+  const { title, section, wide } = place.value;
+  const first = useRef(true);
+  useEffect(() => {
+    document.title = `${title} · oviduct`;
+    // Keyboards and screen readers begin at the new page.
+    if (!first.current) main.current?.focus({ preventScroll: true });
+    first.current = false;
+    scrollTo(0, 0);
+  }, [address.value]);
+  return (
+    <div class="shell">
+      <a class="skip button" href="#main" onClick={(event) => (event.preventDefault(), main.current?.focus())}>
+        Skip to content
+      </a>
+      <header>
+        <a class="brand" href={href([])}>
+          <img src="./icon.svg" alt="" /> oviduct
+        </a>
+        <nav aria-label="Pages">
+          {entry("models", "Models", href([]), section)}
+          {entry("batches", "Studies", href(["batches"]), section)}
+          {entry("new", "New model", href(["new"]), section)}
+        </nav>
+        <div class="tools">
+          <ConnectionDot />
+          <ThemeButton />
+          <button type="button" class="button-icon" aria-label={key.value ? "Change or forget the key" : "Enter a key"} aria-pressed={key.value !== undefined} onClick={() => (askingForKey.value = true)}>
+            <Icon name="key" />
+          </button>
+        </div>
+      </header>
+      {connection.value === "lost" && locked.value === undefined && (
+        <div class="banner" role="status">
+          The service does not answer. What you see is what was known last; it is updated as soon as the service is back.
+        </div>
+      )}
+      <main ref={main} id="main" tabIndex={-1} class={wide ? "wide" : undefined}>
+        {locked.value === undefined ? <Shown key={`${session.value} ${address.value}`} place={place.value} /> : <Locked />}
+      </main>
+      <footer>
+        <ul>
+          <li><a href="docs">HTTP interface</a></li>
+          <li><a href="openapi.yaml">OpenAPI</a></li>
+          <li><a href="presets">Presets</a></li>
+          <li>Method: Burkitt, Romano, Walker, Fazeli (2010)</li>
+        </ul>
+      </footer>
+      {(askingForKey.value || locked.value !== undefined) && <KeyDialog onClose={() => (askingForKey.value = false)} />}
+      <Toasts />
+    </div>
+  );
+}
+
+function entry(name: Place["section"], label: string, target: string, section: Place["section"]) {
+  return (
+    <a href={target} aria-current={section === name ? "page" : undefined}>
+      {label}
+    </a>
+  );
+}
+
+/** A page, loaded when it is first shown. */
+function Shown({ place }: { place: Place }) {
+  const [page, setPage] = useState<{ Page: Page } | Error>();
+  const load = () => {
+    setPage(undefined);
+    place.load().then(
+      ({ default: Page }) => setPage({ Page }),
+      (error: unknown) => setPage(error instanceof Error ? error : new Error(String(error))),
+    );
+  };
+  useEffect(load, []);
+  if (page instanceof Error) {
+    return (
+      <Notice title="This page could not be loaded" kind="error">
+        <p>The service may be restarting, or may have been updated.</p>
+        <p class="row">
+          <button type="button" class="button button-primary" onClick={load}>Try again</button>
+          <button type="button" class="button" onClick={() => location.reload()}>Reload</button>
+        </p>
+      </Notice>
+    );
+  }
+  return page ? <page.Page /> : <p class="soft" aria-busy="true">Loading …</p>;
+}
+
+function Locked() {
+  return (
+    <Notice title="This service asks for a key">
+      <p>Whoever runs it gives out keys. Yours is kept in this tab only, until you close it.</p>
+    </Notice>
+  );
+}
+
+function ConnectionDot() {
+  const text = { connecting: "Connecting", live: "Connected: changes appear at once", lost: "Not connected" }[connection.value];
+  return <span class={`dot dot-${connection.value}`} role="img" aria-label={text} title={text} />;
+}
+
+function ThemeButton() {
+  const label = { auto: "Theme: as the system", light: "Theme: light", dark: "Theme: dark" }[theme.value];
+  return (
+    <button type="button" class="button-icon" aria-label={label} title={label} onClick={nextTheme}>
+      <Icon name={theme.value === "auto" ? "auto" : theme.value === "dark" ? "moon" : "sun"} />
+    </button>
+  );
+}

@@ -1,0 +1,7 @@
+import { render } from "preact";
+import { App } from "./app.tsx";
+import { watch } from "./models.ts";
+import "./ui/theme.css";
+
+render(<App />, document.getElementById("app")!);
+watch();

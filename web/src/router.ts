@@ -1,0 +1,43 @@
+// Pages are fragments of one URL, so that any prefix of a proxy works: `#/models/0197…?at=120`.
+import { signal } from "@preact/signals";
+
+export interface Route {
+  /** Segments of the path; none for the first page. */
+  path: string[];
+  query: URLSearchParams;
+}
+
+export const route = signal(parse(location.hash));
+
+addEventListener("hashchange", () => (route.value = parse(location.hash)));
+
+function parse(hash: string): Route {
+  const [path = "", query = ""] = hash.replace(/^#\/?/, "").split("?", 2);
+  return { path: path.split("/").filter(Boolean).map(decode), query: new URLSearchParams(query) };
+}
+
+function decode(segment: string): string {
+  try {
+    return decodeURIComponent(segment);
+  } catch {
+    return segment;
+  }
+}
+
+/** The address of a page, for `href`. */
+export function href(path: string[], query?: URLSearchParams | Record<string, string>): string {
+  const search = new URLSearchParams(query).toString();
+  return `#/${path.map(encodeURIComponent).join("/")}${search && `?${search}`}`;
+}
+
+export function go(path: string[], query?: URLSearchParams | Record<string, string>): void {
+  location.hash = href(path, query);
+}
+
+/** Changes the query of the present page without a new entry in the history, so that its link restores the view. */
+export function setQuery(query: URLSearchParams | Record<string, string>): void {
+  const target = href(route.value.path, query);
+  if (target === location.hash) return;
+  history.replaceState(history.state, "", target);
+  route.value = parse(target);
+}

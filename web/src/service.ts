@@ -1,0 +1,65 @@
+// The service that served this page, and the key that it may ask for.
+import { batch, computed, signal } from "@preact/signals";
+import { Oviduct, OviductConnectionError, OviductError } from "oviduct-client";
+
+/** The folder of this page: where the service is, with the prefix of a proxy. */
+export const base = new URL(".", document.baseURI);
+
+const STORED = "oviduct-key";
+
+/** The key of this session. It is kept in the tab and gone when the tab is closed. */
+export const key = signal(stored());
+/** Why a key is asked for; undefined while requests are let in. */
+export const locked = signal<"missing" | "refused" | undefined>(undefined);
+/** Grows when another key is used: what pages have read is another owner's. */
+export const session = signal(0);
+export const service = computed(() => new Oviduct(base, { key: key.value, attempts: 3, maxDelay: 5000 }));
+
+function stored(): string | undefined {
+  try {
+    return sessionStorage.getItem(STORED) ?? undefined;
+  } catch {
+    return undefined;
+  }
+}
+
+/** Uses a key from now on; undefined forgets it. */
+export function setKey(value: string | undefined): void {
+  try {
+    if (value === undefined) sessionStorage.removeItem(STORED);
+    else sessionStorage.setItem(STORED, value);
+  } catch {
+    // Storage is blocked: the key is kept until the page is left.
+  }
+  batch(() => {
+    locked.value = undefined;
+    key.value = value;
+    session.value++;
+  });
+}
+
+/** Calls the service. If it asks for a key, the page does too. */
+export async function ask<T>(call: (service: Oviduct) => Promise<T>): Promise<T> {
+  try {
+    return await call(service.value);
+  } catch (error) {
+    noteRefusal(error);
+    throw error;
+  }
+}
+
+export function noteRefusal(error: unknown): void {
+  if (error instanceof OviductError && error.is("unauthorized")) {
+    locked.value = key.value === undefined ? "missing" : "refused";
+  }
+}
+
+/** An error in words for people. */
+export function explain(error: unknown): string {
+  if (error instanceof OviductError) {
+    if (error.is("forbidden")) return `This key does not allow that. ${error.detail}`;
+    return error.errors.length > 0 ? error.errors.map((fault) => fault.detail).join(" ") : error.detail;
+  }
+  if (error instanceof OviductConnectionError) return "The service cannot be reached. Is it running?";
+  return error instanceof Error ? error.message : String(error);
+}
