@@ -162,11 +162,17 @@ test("faults go to the nearest field and say which part they mean", () => {
     { parameter: "view", detail: "unknown" },
   ];
   const fields = ["/spec/collision/gap_um", "/spec/steps", "/vary/values/~1collision~1gap_um"];
+  const titles = new Map([["/steps", "Time steps"]]);
   const assigned = assign(faults, fields);
   assert.deepEqual([...assigned], [["", [faults[1], faults[3]]], [fields[0], [faults[0]]], [fields[2], [faults[2]]]]);
-  assert.equal(sentence(faults[0]!, fields[0]!, "Lumen gap"), "The place of key 2 is 2, above the greatest allowed 1.");
-  assert.equal(sentence(faults[2]!, fields[2]!, "Lumen gap"), "Entry 3 is 0.");
-  assert.equal(sentence(faults[3]!, "", "The request"), "Unknown.");
+  assert.equal(sentence(faults[0]!, fields[0]!, "Lumen gap", titles), "The place of key 2 is 2, above the greatest allowed 1.");
+  assert.equal(sentence(faults[2]!, fields[2]!, "Lumen gap", titles), "Entry 3 is 0.");
+  assert.equal(sentence(faults[3]!, "", "The request", titles), "Unknown.");
+  const costly = { pointer: "/spec", detail: "the model would take about 9790900992 bytes; reduce /steps, or see https://a.example/steps" };
+  assert.equal(
+    sentence(costly, "", "The request", titles),
+    "The model would take about 9,790,900,992 bytes; reduce “Time steps”, or see https://a.example/steps.",
+  );
 });
 
 // Text that breaks naive quoting in one of the languages.

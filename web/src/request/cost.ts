@@ -49,7 +49,7 @@ function studyCost({ cost, models, points, seeds }: BatchValidation, backend: Ba
   const surface = `${least === most ? count(most) : `${count(least)} to ${count(most)}`} triangles`;
   return {
     brief: `${surface} each, ${bytes(cost.bytes)} of files, ${bytes(cost.memory_bytes)} of memory`,
-    headline: `${plural(models, "model")}: ${time}${models === 1 ? "" : ", one after the other"}`,
+    headline: `${plural(models, "model")}: ${time}${models === 1 ? "" : " in all"}`,
     details: [
       ...others.map((text): [string, string] => ["Or", text]),
       ["Models", `${plural(points.length, "point")} × ${plural(each, "seed")}${seeds ? "" : ", drawn"}`],

@@ -25,7 +25,8 @@ function span(schedule: Schedule, ghost: number | Schedule, { minimum, maximum }
   const [a, b] = [extent(schedule), extent(ghost)];
   const [low, high] = [Math.min(a[0], b[0]), Math.max(a[1], b[1])];
   const room = 0.3 * (high - low) || 0.3 * Math.abs(high) || 1;
-  return [Math.max(low - room, minimum ?? -Infinity), Math.min(high + room, maximum ?? Infinity)];
+  // A faulty value may be out of bounds.
+  return [Math.min(low, Math.max(low - room, minimum ?? -Infinity)), Math.max(high, Math.min(high + room, maximum ?? Infinity))];
 }
 
 function scaleOf([low, high]: [number, number], width: number): Scale {
@@ -67,8 +68,8 @@ export interface CurveProps {
   ghost: number | Schedule;
   bounds: Bounds;
   mostKeys: number;
-  /** Place along the tube in millimetres at a fraction of the steps. */
-  millimetres: (u: number) => number;
+  /** Names the place along the tube at a fraction of the steps. */
+  nameOf: (u: number) => string;
   onChange: (schedule: Schedule) => void;
 }
 
@@ -135,7 +136,7 @@ export function CurveEditor(props: CurveProps) {
             <g key={u} class="tick">
               <line x1={x(u)} x2={x(u)} y1={MARGIN.top} y2={bottom} />
               <text x={x(u)} y={bottom + 16} text-anchor={u === 0 ? "start" : u === 1 ? "end" : "middle"}>
-                {short(props.millimetres(u))} mm
+                {props.nameOf(u)}
               </text>
             </g>
           ))}
@@ -156,7 +157,7 @@ export function CurveEditor(props: CurveProps) {
                 aria-valuenow={value}
                 aria-valuemin={bounds.minimum}
                 aria-valuemax={bounds.maximum}
-                aria-valuetext={`${short(value)} ${unit} at ${short(props.millimetres(u))} mm`}
+                aria-valuetext={`${short(value)} ${unit} at ${props.nameOf(u)}`}
                 transform={`translate(${x(u).toFixed(1)} ${y(value).toFixed(1)})`}
                 onKeyDown={(event) => press(event, index)}
                 onDblClick={(event) => event.stopPropagation()}

@@ -16,12 +16,22 @@ export function assign(faults: readonly Fault[], fields: readonly string[]): Ass
   return new Map([...assigned].filter(([, found]) => found.length > 0));
 }
 
-/** A fault as a sentence about its field, or the part of it that has the fault. */
-export function sentence(fault: Fault, field: string, title: string): string {
+/**
+ * A fault as a sentence about its field, or the part of it that has the fault.
+ *
+ * @param titles Titles of parameters, in place of the pointers that the service names.
+ */
+export function sentence(fault: Fault, field: string, title: string, titles: ReadonlyMap<string, string>): string {
   const subject = part((fault.pointer ?? "").slice(field.length)) ?? title;
-  const text = /^(is|has|must|cannot|gives)\b/.test(fault.detail) ? `${subject} ${fault.detail}` : capital(fault.detail);
+  const detail = fault.detail
+    .replace(POINTER, (pointer) => (titles.has(pointer) ? `“${titles.get(pointer)}”` : pointer))
+    .replace(LONG_NUMBER, (digits) => Number(digits).toLocaleString("en"));
+  const text = /^(is|has|must|cannot|gives)\b/.test(detail) ? `${subject} ${detail}` : capital(detail);
   return /[.!?]$/.test(text) ? text : `${text}.`;
 }
+
+const POINTER = /(?<!\w)(\/\w+)+/g;
+const LONG_NUMBER = /(?<![\d.,])\d{5,15}(?![\d.])/g;
 
 export function capital(text: string): string {
   return text.charAt(0).toUpperCase() + text.slice(1);

@@ -9,7 +9,7 @@ export type Backend = NonNullable<ModelRequest["backend"]>;
 export type Output = NonNullable<ModelRequest["outputs"]>[number];
 
 export const BACKENDS: Record<Backend, string> = {
-  auto: "Automatic: a GPU if one is free, or else the CPU",
+  auto: "Automatic (GPU or CPU)",
   gpu: "GPU",
   cpu: "CPU",
   "cpu-single": "CPU, one thread",

@@ -3,6 +3,7 @@ import type { ComponentChildren } from "preact";
 import { useId, useState } from "preact/hooks";
 import { faults } from "./check.ts";
 import { sentence } from "./faults.ts";
+import { titles } from "./state.ts";
 import { readNumber } from "./text.ts";
 
 interface NumberProps {
@@ -79,7 +80,7 @@ export function Faults({ pointer, title }: { pointer: string; title: string }) {
   return (
     <div class="fault" id={`${controlId(pointer)}-faults`}>
       {found.map((fault) => (
-        <p key={`${fault.pointer} ${fault.detail}`}>{sentence(fault, pointer, title)}</p>
+        <p key={`${fault.pointer} ${fault.detail}`}>{sentence(fault, pointer, title, titles.value)}</p>
       ))}
     </div>
   );

@@ -64,10 +64,10 @@ export function MoreOptions() {
         <Field pointer="/priority" title="Priority" hint="Of queued models, those of higher priority start first; 0 is usual.">
           <input {...controlOf("/priority")} inputMode="numeric" autocomplete="off" value={priority} onInput={({ currentTarget }) => change({ priority: currentTarget.value })} />
         </Field>
-        <Field pointer="/reuse" title="An equal model that exists already">
+        <Field pointer="/reuse" title="If an equal model exists">
           <select {...controlOf("/reuse", false)} value={reuse ? "yes" : "no"} onChange={({ currentTarget }) => change({ reuse: currentTarget.value === "yes" })}>
-            <option value="yes">is used instead of growing it again</option>
-            <option value="no">is grown again</option>
+            <option value="yes">Use it</option>
+            <option value="no">Grow it again</option>
           </select>
         </Field>
       </div>

@@ -1,7 +1,7 @@
 // The form that requests a model or a study.
 import type { ComponentChildren } from "preact";
 import { useEffect, useState } from "preact/hooks";
-import { reconnections } from "../models.ts";
+import { connection } from "../models.ts";
 import { href, route, setQuery } from "../router.ts";
 import { explain } from "../service.ts";
 import { Icon, Notice } from "../ui/widgets.tsx";
@@ -35,9 +35,10 @@ export default function Page() {
     setFailure(undefined);
     loadCatalogue().catch((error: unknown) => setFailure(explain(error)));
   };
+  useEffect(load, []);
   useEffect(() => {
-    if (!catalogue.value || failure !== undefined) load();
-  }, [reconnections.value]);
+    if (failure !== undefined && connection.value === "live") load();
+  }, [connection.value]);
   const ready = catalogue.value !== undefined;
   const { query } = route.value;
   useEffect(() => {
@@ -47,7 +48,7 @@ export default function Page() {
     setQuery({});
   }, [ready, query]);
 
-  if (failure !== undefined) {
+  if (failure !== undefined && !ready) {
     return (
       <Notice title="The form could not be loaded" kind="error">
         <p>{failure}</p>

@@ -16,7 +16,7 @@ export function ParameterField({ parameter }: { parameter: Parameter }) {
       <div class="parameter-head">
         {kind.type === "schedule" ? <span class="parameter-title">{title}</span> : <label class="parameter-title" for={id}>{title}</label>}
         {changed !== undefined && (
-          <button type="button" class="reset" aria-label={`Reset ${title} to ${written(preset, unit)}`} title={`Preset: ${written(preset, unit)}`} onClick={() => setParameter(parameter, preset)}>
+          <button type="button" class="reset" aria-label={`Changed: reset ${title} to ${written(preset, unit)}`} title={`Preset: ${written(preset, unit)}`} onClick={() => setParameter(parameter, preset)}>
             <Icon name="retry" /> changed
           </button>
         )}

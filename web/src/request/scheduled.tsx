@@ -90,7 +90,7 @@ function Editor({ parameter, schedule, onChange }: { parameter: Props["parameter
         ghost={preset}
         bounds={kind.bounds}
         mostKeys={kind.mostKeys}
-        millimetres={millimetres}
+        nameOf={placeName}
         onChange={onChange}
       />
       <p class="hint">
@@ -186,9 +186,9 @@ function current(pointer: string): Value | undefined {
   return form.value.changes[pointer] ?? parameters.value.find((parameter) => parameter.pointer === pointer)?.preset;
 }
 
-/** Place along the tube at a fraction of the steps, by the spec's length and `z`. */
-function millimetres(u: number): number {
+/** Place along the tube at a fraction of the steps, by the spec's length and `z`; that fraction if they are faulty. */
+function placeName(u: number): string {
   const [length, z] = [current("/length_mm"), current("/z")];
-  const fraction = z !== undefined && isSchedule(z) ? valueAt(z, u) : u;
-  return fraction * (typeof length === "number" ? length : NaN);
+  const place = typeof length === "number" && length > 0 && z !== undefined && isSchedule(z) ? valueAt(z, u) * length : NaN;
+  return Number.isFinite(place) ? `${short(place)} mm` : `${short(100 * u)} %`;
 }

@@ -29,6 +29,8 @@ export const preset = computed(() => catalogue.value?.details.get(presetName.val
 export const parameters = computed<readonly Parameter[]>(() =>
   catalogue.value && preset.value ? parametersOf(catalogue.value.schema, preset.value) : [],
 );
+/** Titles of the parameters by their pointers. */
+export const titles = computed<ReadonlyMap<string, string>>(() => new Map(parameters.value.map(({ pointer, title }) => [pointer, title])));
 /** The request as it would be sent, or faults that need no service to find. */
 export const request = computed(() => preset.value && requestOf(form.value, preset.value.name, parameters.value));
 /** Pointers of all that has a place on the page for its faults, roughly from top to bottom. */

@@ -1,6 +1,6 @@
 // Sends the request of the form, once.
 import { signal } from "@preact/signals";
-import { OviductConnectionError, OviductError } from "oviduct-client";
+import { OviductError } from "oviduct-client";
 import { remember } from "../models.ts";
 import { go } from "../router.ts";
 import { ask, explain } from "../service.ts";
@@ -61,18 +61,20 @@ export async function submit(): Promise<boolean> {
     const faults = faultsOf(error);
     if (faults) opinion.value = { kind: "faults", faults };
     else refusal.value = words(error);
-    // A refusal is an answer; without one, the request may have been accepted.
-    if (error instanceof OviductError) forgetKey();
+    if (answered(error)) forgetKey();
     return false;
   } finally {
     sending.value = false;
   }
 }
 
+/** Whether the service refused. Without its answer, the request may have been accepted. */
+function answered(error: unknown): error is OviductError {
+  return error instanceof OviductError && error.type !== "about:blank";
+}
+
 function words(error: unknown): string {
-  if (error instanceof OviductConnectionError) {
-    return "The service did not answer. Try again: the request is not made twice.";
-  }
-  const wait = error instanceof OviductError ? error.retryAfter : undefined;
-  return wait === undefined ? explain(error) : `${explain(error)} Try again in ${duration(wait)}.`;
+  if (!answered(error)) return `${explain(error)} Try again: the request is not made twice.`;
+  if (error.retryAfter === undefined) return explain(error);
+  return `${explain(error).replace(/ Try again later\.$/, "")} Try again in ${duration(error.retryAfter)}.`;
 }

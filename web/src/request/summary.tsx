@@ -4,17 +4,14 @@ import { checking, faults, opinion, workers } from "./check.ts";
 import { costOf, idleWords } from "./cost.ts";
 import { sentence } from "./faults.ts";
 import { variedPointer } from "./form.ts";
-import { goTo, Marked } from "./inputs.tsx";
-import { form, localFaults, parameters } from "./state.ts";
+import { controlId, goTo, Marked } from "./inputs.tsx";
+import { form, localFaults, titles } from "./state.ts";
 import { refusal, sending, submit } from "./submit.ts";
-
-const GENERAL = "general-faults";
 
 /** Goes to the first field with a fault. */
 function goToFault(): void {
-  const first = [...faults.value.keys()].find((pointer) => pointer !== "");
+  const [first] = faults.value.keys();
   if (first !== undefined) goTo(first);
-  else if (faults.value.has("")) document.getElementById(GENERAL)?.scrollIntoView({ block: "center" });
 }
 
 export function Summary() {
@@ -39,13 +36,9 @@ export function Summary() {
       {refusal.value !== undefined && <p class="refusal" role="alert">{refusal.value}</p>}
       {number > 0 && (
         <ul class="fault-list">
-          {[...faults.value].map(([pointer, [fault]]) => (
+          {[...faults.value.keys()].map((pointer) => (
             <li key={pointer}>
-              {pointer === "" ? (
-                sentence(fault!, "", "The request")
-              ) : (
-                <button type="button" class="link" onClick={() => goTo(pointer)}>{titleOf(pointer)}</button>
-              )}
+              <button type="button" class="link" onClick={() => goTo(pointer)}>{titleOf(pointer)}</button>
             </li>
           ))}
         </ul>
@@ -75,12 +68,12 @@ export function GeneralFaults() {
   const general = faults.value.get("");
   if (!general) return null;
   return (
-    <div id={GENERAL}>
-    <Notice title="The request cannot be accepted as it is" kind="error">
-      {general.map((fault) => (
-        <p key={fault.detail}>{sentence(fault, "", "The request")}</p>
-      ))}
-    </Notice>
+    <div id={controlId("")} tabIndex={-1}>
+      <Notice title="The request cannot be accepted as it is" kind="error">
+        {general.map((fault) => (
+          <p key={fault.detail}>{sentence(fault, "", "The request", titles.value)}</p>
+        ))}
+      </Notice>
     </div>
   );
 }
@@ -92,10 +85,11 @@ async function send(): Promise<void> {
 }
 
 function plural(number: number): string {
-  return number === 1 ? "One value needs a correction" : `${number} values need a correction`;
+  return number === 1 ? "One correction needed" : `${number} corrections needed`;
 }
 
 const TITLES: Record<string, string> = {
+  "": "The whole request",
   "/preset": "Preset",
   "/seed": "Seed",
   "/seeds": "Seeds",
@@ -104,12 +98,12 @@ const TITLES: Record<string, string> = {
   "/outputs": "Files of the model",
   "/backend": "Computed by",
   "/priority": "Priority",
-  "/reuse": "An equal model that exists already",
+  "/reuse": "If an equal model exists",
   "/vary/samples": "Points",
 };
 
 function titleOf(pointer: string): string {
   const varied = form.value.varied.find((varied) => pointer.startsWith(variedPointer(varied.pointer)));
   const spec = varied?.pointer ?? pointer.slice("/spec".length);
-  return TITLES[pointer] ?? parameters.value.find((parameter) => parameter.pointer === spec)?.title ?? pointer;
+  return TITLES[pointer] ?? titles.value.get(spec) ?? pointer;
 }
