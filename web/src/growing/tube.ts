@@ -20,7 +20,7 @@ const POINTS = 320;
 /** Length of the tube as drawn, in largest radii: true to scale it would be a thread. */
 const SLENDERNESS = 7;
 /** The view: radians from the axis, and above it. */
-const VIEW = { azimuth: 0.92, elevation: 0.3 };
+const VIEW = { azimuth: 0.74, elevation: 0.3 };
 /** Lines across the axis, every so many micrometres. */
 const TICK = 10_000;
 const FRAME = 1000 / 30;
