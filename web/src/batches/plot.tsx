@@ -1,4 +1,5 @@
 // A figure of the models against a varied value.
+import { useId } from "preact/hooks";
 import type { Table } from "oviduct-client";
 import { go, route, setQuery } from "../router.ts";
 import { short } from "../ui/format.ts";
@@ -30,13 +31,14 @@ export function Plot({ table, xs, ys }: { table: Table; xs: Column[]; ys: Column
 }
 
 function Choice({ label, columns, value, onChange }: { label: string; columns: Column[]; value: string; onChange: (key: string) => void }) {
+  const id = useId();
   return (
-    <label>
-      {label}{" "}
-      <select value={value} onChange={(event) => onChange(event.currentTarget.value)}>
+    <>
+      <label for={id}>{label}</label>
+      <select id={id} value={value} onChange={(event) => onChange(event.currentTarget.value)}>
         {columns.map(({ key, title }) => <option key={key} value={key}>{title}</option>)}
       </select>
-    </label>
+    </>
   );
 }
 

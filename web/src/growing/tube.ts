@@ -150,7 +150,7 @@ export class Tube {
     this.#drawn = now;
     this.#aim(this.#azimuth + (moving ? 0.14 * Math.sin(now / 2600) : 0));
     this.#renderer.render(this.#scene, this.#camera);
-    this.ends.forEach((end, k) => this.#place(end, k * this.#length * this.#tube.scale.z));
+    this.ends.forEach((end, k) => this.#place(end, k * this.#length));
   }
 
   /** Looks at the whole length from a direction, as near as it fits. */
@@ -180,9 +180,12 @@ export class Tube {
     camera.updateMatrixWorld();
   }
 
+  /** Moves the name of an end below what is drawn there. */
   #place(end: HTMLElement, z: number): void {
     const { clientWidth, clientHeight } = this.#renderer.domElement;
-    const at = new Vector3(0, -this.#radius, z).project(this.#camera);
+    const near = [...this.#slices.keys()].filter(({ z_um }) => Math.abs(z_um - z) < this.#length / 10);
+    const below = Math.max(this.#radius / 6, ...near.map(({ outer }) => reach(outer)));
+    const at = new Vector3(0, -below, z * this.#tube.scale.z).project(this.#camera);
     const [x, y] = [((at.x + 1) / 2) * clientWidth, ((1 - at.y) / 2) * clientHeight];
     end.style.transform = `translate(-50%, 0) translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
   }

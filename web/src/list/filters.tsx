@@ -21,27 +21,18 @@ export function Filters({ filter }: { filter: Filter }) {
   };
   return (
     <div class="filters" role="search" aria-label="Filter models">
-      <label>
-        <span class="visually-hidden">Status</span>
-        <select value={filter.status ?? ""} onChange={(event) => change({ status: STATUSES.find((name) => name === event.currentTarget.value) })}>
-          <option value="">Any status</option>
-          {STATUSES.map((status) => <option key={status} value={status}>{status[0]!.toUpperCase() + status.slice(1)}</option>)}
-        </select>
-      </label>
-      <label>
-        <span class="visually-hidden">Preset</span>
-        <select value={filter.preset ?? ""} onChange={(event) => change({ preset: event.currentTarget.value || undefined })}>
-          <option value="">Any preset</option>
-          {presets.map(({ name, title }) => <option key={name} value={name}>{title}</option>)}
-        </select>
-      </label>
-      <label>
-        <span class="visually-hidden">Time</span>
-        <select value={filter.within ?? ""} onChange={(event) => change({ within: (event.currentTarget.value || undefined) as Period | undefined })}>
-          <option value="">Any time</option>
-          {Object.entries(WITHIN).map(([within, text]) => <option key={within} value={within}>{text}</option>)}
-        </select>
-      </label>
+      <select aria-label="Status" value={filter.status ?? ""} onChange={(event) => change({ status: STATUSES.find((name) => name === event.currentTarget.value) })}>
+        <option value="">Any status</option>
+        {STATUSES.map((status) => <option key={status} value={status}>{status[0]!.toUpperCase() + status.slice(1)}</option>)}
+      </select>
+      <select aria-label="Preset" value={filter.preset ?? ""} onChange={(event) => change({ preset: event.currentTarget.value || undefined })}>
+        <option value="">Any preset</option>
+        {presets.map(({ name, title }) => <option key={name} value={name}>{title}</option>)}
+      </select>
+      <select aria-label="Time" value={filter.within ?? ""} onChange={(event) => change({ within: (event.currentTarget.value || undefined) as Period | undefined })}>
+        <option value="">Any time</option>
+        {Object.entries(WITHIN).map(([within, text]) => <option key={within} value={within}>{text}</option>)}
+      </select>
       <form onSubmit={addLabel}>
         <label class="visually-hidden" for={field}>Label, as name:value</label>
         <input id={field} name="label" type="search" placeholder="Label, as name:value" autocomplete="off" />

@@ -28,7 +28,7 @@ export function Confirm({ title, action, children, disabled = false, onConfirm, 
         {children}
         <div class="row">
           <button type="button" class="button button-danger" disabled={disabled || busy} onClick={confirm}>{action}</button>
-          <button type="button" class="button" autofocus onClick={onClose}>Keep</button>
+          <button type="button" class="button" onClick={onClose}>Keep</button>
         </div>
       </div>
     </Dialog>
