@@ -130,6 +130,7 @@ const ICONS = {
   eye: "M2 12s4-7 10-7 10 7 10 7-4 7-10 7S2 12 2 12zM12 9a3 3 0 1 0 0 6 3 3 0 0 0 0-6z",
   plane: "M3 12l18-8-6 17-3-7z",
   reset: "M4 10V4h6M20 14v6h-6M4 4l6 6M20 20l-6-6",
+  pencil: "M4 20l1-5L16 4l4 4L9 19zM13 7l4 4",
   more: "M5 12v.01M12 12v.01M19 12v.01",
 } as const;
 export type IconName = keyof typeof ICONS;
