@@ -1,3 +1,117 @@
+// Two models side by side, seen from the same place and cut alike.
+import type { Model } from "oviduct-client";
+import { useEffect, useMemo, useState } from "preact/hooks";
+import { href, route } from "../router.ts";
+import { ask, explain } from "../service.ts";
+import { micrometres, short } from "../ui/format.ts";
+import { CopyButton, Notice } from "../ui/widgets.tsx";
+import { CutPanel, DetailPanel, FlightPanel, PartsPanel, ViewButtons } from "./controls.tsx";
+import { Exploration } from "./exploration.ts";
+import { Flight } from "./flight.ts";
+import { keepLink, linkOf } from "./link.ts";
+import { MeasurePanel } from "./measure-panel.tsx";
+import { Picture } from "./picture.tsx";
+import { SectionView } from "./section-view.tsx";
+import { View } from "./view.ts";
+import "./explore.css";
+
 export default function Compare() {
-  return <h1>Compare</h1>;
+  const [, a = "", b = ""] = route.peek().path;
+  const [models, setModels] = useState<readonly [Model, Model]>();
+  const [fault, setFault] = useState<string>();
+  const load = () => {
+    setFault(undefined);
+    Promise.all([ask((service) => service.get(a)), ask((service) => service.get(b))]).then(setModels, (error: unknown) => setFault(explain(error)));
+  };
+  useEffect(load, []);
+  if (fault !== undefined) {
+    return (
+      <Notice title="The models could not be loaded" kind="error">
+        <p>{fault}</p>
+        <button type="button" class="button" onClick={load}>Try again</button>
+      </Notice>
+    );
+  }
+  if (!models) return <p class="soft" aria-busy="true">Loading …</p>;
+  const unfinished = models.filter((model) => !model.summary?.certificate);
+  if (unfinished.length > 0) {
+    return (
+      <Notice title="Only finished models can be compared">
+        {unfinished.map((model) => (
+          <p key={model.id}><a href={href(["models", model.id])}>{nameOf(model)}</a> is {model.status}.</p>
+        ))}
+      </Notice>
+    );
+  }
+  return <Comparison models={models} />;
+}
+
+function Comparison({ models }: { models: readonly [Model, Model] }) {
+  const { explorations, view, flight } = useMemo(() => {
+    const explorations = models.map((model) => new Exploration(model));
+    const longest = explorations.reduce((a, b) => (b.tube.length > a.tube.length ? b : a)).tube;
+    const radius = Math.max(...explorations.map(({ tube }) => tube.radius));
+    const view = new View({ ...longest, radius });
+    return { explorations, view, flight: new Flight(view, longest.length) };
+  }, []);
+  useEffect(() => {
+    for (const exploration of explorations) exploration.start();
+    const leave = keepLink(view);
+    return () => {
+      leave();
+      flight.dispose();
+      for (const exploration of explorations) exploration.dispose();
+    };
+  }, []);
+  return (
+    <>
+      <div class="page-head">
+        <h1>Compare</h1>
+        <ViewButtons view={view} />
+        <div class="actions"><CopyButton label="Copy link" text={() => linkOf(view)} /></div>
+      </div>
+      <div class="compare">
+        {explorations.map((exploration) => (
+          <section key={exploration.model.id} class="compare-model card" aria-label={nameOf(exploration.model)}>
+            <Head model={exploration.model} />
+            <Picture exploration={exploration} view={view} flight={flight} />
+          </section>
+        ))}
+        <div class="compare-controls card">
+          <CutPanel view={view} length={view.tube.length} />
+          <PartsPanel view={view} />
+          <FlightPanel exploration={explorations[0]!} view={view} flight={flight} />
+        </div>
+        {explorations.map((exploration) => {
+          const { tube, model } = exploration;
+          return (
+            <section key={model.id} class="compare-section card" aria-label={`Cross section of ${nameOf(model)}`}>
+              <SectionView exploration={exploration} view={view} />
+              <MeasurePanel measurement={exploration.measurement} middle={{ x: tube.x, y: tube.y, z: tube.length / 2 }} />
+              <DetailPanel exploration={exploration} />
+            </section>
+          );
+        })}
+      </div>
+    </>
+  );
+}
+
+function nameOf({ preset, seed }: Model): string {
+  return `${preset}, seed ${seed}`;
+}
+
+function Head({ model }: { model: Model }) {
+  const { summary } = model;
+  return (
+    <header class="compare-head">
+      <h2><a href={href(["models", model.id])}>{nameOf(model)}</a></h2>
+      {summary && (
+        <p class="soft small num">
+          {short(summary.volume_mm3)} mm³ of tissue, {short(summary.area_mm2)} mm² of surface
+          {summary.min_gap_um == null ? "" : `, smallest gap ${micrometres(summary.min_gap_um)}`}, {short(summary.particles.end)} particles
+        </p>
+      )}
+    </header>
+  );
 }

@@ -1,0 +1,70 @@
+// Plane geometry of contours: closed polygons in micrometres, counter-clockwise.
+
+/** Coordinates of a closed polygon, one element a point. */
+export interface Outline {
+  x: ArrayLike<number>;
+  y: ArrayLike<number>;
+}
+
+export interface Box {
+  x0: number;
+  y0: number;
+  x1: number;
+  y1: number;
+}
+
+/** Area, square micrometres; negative if the outline is clockwise. */
+export function area({ x, y }: Outline): number {
+  let twice = 0;
+  for (let i = 0, j = x.length - 1; i < x.length; j = i++) twice += x[j]! * y[i]! - x[i]! * y[j]!;
+  return twice / 2;
+}
+
+/** Length of the outline, micrometres. */
+export function perimeter({ x, y }: Outline): number {
+  let length = 0;
+  for (let i = 0, j = x.length - 1; i < x.length; j = i++) length += Math.hypot(x[i]! - x[j]!, y[i]! - y[j]!);
+  return length;
+}
+
+/** Whether a point is inside, by the even-odd rule. */
+export function contains({ x, y }: Outline, px: number, py: number): boolean {
+  let inside = false;
+  for (let i = 0, j = x.length - 1; i < x.length; j = i++) {
+    const [yi, yj] = [y[i]!, y[j]!];
+    if (yi > py !== yj > py && px < x[i]! + ((py - yi) / (yj - yi)) * (x[j]! - x[i]!)) inside = !inside;
+  }
+  return inside;
+}
+
+/** Index of the point of the outline nearest to (px, py), and its distance in micrometres. */
+export function nearest({ x, y }: Outline, px: number, py: number): { index: number; distance: number } {
+  let [index, least] = [0, Infinity];
+  for (let i = 0; i < x.length; i++) {
+    const square = (x[i]! - px) ** 2 + (y[i]! - py) ** 2;
+    if (square < least) [index, least] = [i, square];
+  }
+  return { index, distance: Math.sqrt(least) };
+}
+
+export function boundsOf({ x, y }: Outline): Box {
+  const box = { x0: Infinity, y0: Infinity, x1: -Infinity, y1: -Infinity };
+  for (let i = 0; i < x.length; i++) {
+    box.x0 = Math.min(box.x0, x[i]!);
+    box.x1 = Math.max(box.x1, x[i]!);
+    box.y0 = Math.min(box.y0, y[i]!);
+    box.y1 = Math.max(box.y1, y[i]!);
+  }
+  return box;
+}
+
+/** Data of an SVG path; hundredths of a micrometre are kept. */
+export function pathData({ x, y }: Outline): string {
+  let data = "";
+  for (let i = 0; i < x.length; i++) data += `${i === 0 ? "M" : "L"}${round(x[i]!)} ${round(y[i]!)}`;
+  return `${data}Z`;
+}
+
+function round(value: number): number {
+  return Math.round(value * 100) / 100;
+}

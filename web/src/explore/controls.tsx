@@ -1,0 +1,168 @@
+// Controls of the 3D picture: views, cuts, parts, detail and flight.
+import type { Signal } from "@preact/signals";
+import type { ComponentChildren } from "preact";
+import { useId } from "preact/hooks";
+import { bytes, short } from "../ui/format.ts";
+import { stillness } from "../ui/theme.ts";
+import { Icon } from "../ui/widgets.tsx";
+import type { Exploration } from "./exploration.ts";
+import { SPEEDS, type Flight } from "./flight.ts";
+import { glideFrom } from "./motion.ts";
+import { STANDARD_VIEWS } from "./pose.ts";
+import type { View } from "./view.ts";
+
+const VIEW_TITLES = { whole: "Whole", isthmus: "Isthmus", ampulla: "Ampulla", side: "Side" };
+
+export function ViewButtons({ view }: { view: View }) {
+  void view.pose.changes.value;
+  return (
+    <div class="row views" role="group" aria-label="Views">
+      {STANDARD_VIEWS.map((name) => (
+        <button
+          key={name}
+          type="button"
+          class="button"
+          aria-pressed={view.pose.standard === name && !view.flying.value}
+          onClick={() => {
+            view.flight.value = undefined;
+            view.show(name, glideFrom());
+          }}
+        >
+          {VIEW_TITLES[name]}
+        </button>
+      ))}
+    </div>
+  );
+}
+
+export function CutPanel({ view, length }: { view: View; length: number }) {
+  const flying = view.flying.value;
+  return (
+    <Panel title="Cut open">
+      <Toggle label="Lengthwise" on={view.lengthwise} disabled={flying} />
+      {view.lengthwise.value && (
+        <Slider label="Angle" value={view.angle} min={-180} max={180} step={1} text={(angle) => `${Math.round(angle)}°`} />
+      )}
+      <Toggle label="Across" on={view.across} disabled={flying} />
+      {view.across.value && (
+        <>
+          <Slider label="Position" value={view.position} min={0} max={1} step={0.001} text={(at) => `${short(at * length)} mm`} />
+          <Toggle label="Remove the isthmus side" on={view.flipped} />
+        </>
+      )}
+    </Panel>
+  );
+}
+
+export function PartsPanel({ view }: { view: View }) {
+  return (
+    <Panel title="Show">
+      <Toggle label="Inner wall (mucosa)" on={view.shown.inner} />
+      <Toggle label="Outer wall" on={view.shown.outer} />
+      <Toggle label="Outer wall translucent" on={view.translucent} disabled={!view.shown.outer.value} />
+      <Toggle label="Caps at the ends" on={view.shown.caps} />
+      <Toggle label="Plane of the section" on={view.plane} />
+    </Panel>
+  );
+}
+
+export function DetailPanel({ exploration }: { exploration: Exploration }) {
+  const { levels, level, loading, surface } = exploration;
+  if (levels.length === 0) return null;
+  const chosen = loading.value?.level ?? level.value;
+  return (
+    <Panel title="Detail">
+      <div class="row" role="group" aria-label="Level of detail">
+        {levels.map((one) => (
+          <button key={one.title} type="button" class="button button-small" aria-pressed={one === chosen} onClick={() => exploration.loadLevel(one)}>
+            {one.title} <span class="soft num">{bytes(one.file.bytes)}</span>
+          </button>
+        ))}
+      </div>
+      {surface.value && <p class="soft small num">{short(surface.value.triangles)} triangles are shown.</p>}
+    </Panel>
+  );
+}
+
+export function FlightPanel({ exploration, view, flight }: { exploration: Exploration; view: View; flight: Flight }) {
+  const { survey, sectionsFault, tube } = exploration;
+  const at = view.flight.value;
+  const speed = useId();
+  if (at === undefined) {
+    return (
+      <Panel title="Fly through the lumen">
+        <button type="button" class="button" disabled={!survey.value} onClick={() => flight.start()}>
+          <Icon name="plane" /> Fly from the isthmus
+        </button>
+        {!survey.value && !sectionsFault.value && <p class="soft small">Looking for the way through the folds …</p>}
+      </Panel>
+    );
+  }
+  const playing = flight.playing.value;
+  return (
+    <Panel title="Fly through the lumen">
+      <div class="row">
+        <button type="button" class="button-icon" aria-label={playing ? "Pause" : "Play"} onClick={() => flight.toggle()}>
+          <Icon name={playing ? "pause" : "play"} />
+        </button>
+        <label class="visually-hidden" for={speed}>Speed</label>
+        <select id={speed} value={flight.speed.value} onChange={(event) => (flight.speed.value = Number(event.currentTarget.value))}>
+          {SPEEDS.map((value) => (
+            <option key={value} value={value}>{value} mm/s</option>
+          ))}
+        </select>
+        <button type="button" class="button" onClick={() => flight.leave()}>Leave</button>
+      </div>
+      <Slider label="Along the tube" value={view.flight as Signal<number>} min={0} max={1} step={0.0005} text={(value) => `${short(value * tube.length)} mm`} />
+      <p class="soft small">Drag the picture to look around.{stillness.value && " Play moves the camera; it does not start by itself."}</p>
+    </Panel>
+  );
+}
+
+export function Panel({ title, children }: { title: string; children: ComponentChildren }) {
+  const heading = useId();
+  return (
+    <section class="panel" aria-labelledby={heading}>
+      <h3 id={heading}>{title}</h3>
+      {children}
+    </section>
+  );
+}
+
+export function Toggle({ label, on, disabled }: { label: string; on: Signal<boolean>; disabled?: boolean }) {
+  return (
+    <label class="toggle">
+      <input type="checkbox" checked={on.value} disabled={disabled} onChange={(event) => (on.value = event.currentTarget.checked)} />
+      {label}
+    </label>
+  );
+}
+
+interface SliderProps {
+  label: string;
+  value: Signal<number>;
+  min: number;
+  max: number;
+  step: number;
+  text: (value: number) => string;
+}
+
+export function Slider({ label, value, min, max, step, text }: SliderProps) {
+  const id = useId();
+  return (
+    <div class="slider">
+      <label for={id}>{label}</label>
+      <output for={id} class="num">{text(value.value)}</output>
+      <input
+        id={id}
+        type="range"
+        min={min}
+        max={max}
+        step={step}
+        value={value.value}
+        aria-valuetext={text(value.value)}
+        onInput={(event) => (value.value = Number(event.currentTarget.value))}
+      />
+    </div>
+  );
+}

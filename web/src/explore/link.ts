@@ -1,0 +1,50 @@
+// Keeps what is shown in the link of the page.
+import { effect } from "@preact/signals";
+import { href, route, setQuery } from "../router.ts";
+import { readSpot, writeSpot, type Measurement } from "./measure.ts";
+import { readView, writeView, type View } from "./view.ts";
+
+/** Milliseconds without a change after which the link is written. */
+const SETTLED = 300;
+
+/** Restores the view from the link, and writes it there until the function that is returned is called. */
+export function keepLink(view: View, measurement?: Measurement): () => void {
+  const read = () => {
+    readView(view, route.peek().query);
+    if (!measurement) return;
+    measurement.a.value = readSpot(route.peek().query.get("from"));
+    measurement.b.value = readSpot(route.peek().query.get("to"));
+  };
+  read();
+  let [timer, first] = [0, true];
+  const leave = effect(() => {
+    const query = queryOf(view, measurement);
+    clearTimeout(timer);
+    if (!first) timer = setTimeout(() => setQuery(query), SETTLED);
+    first = false;
+  });
+  // Another link to the same page was opened.
+  addEventListener("hashchange", read);
+  return () => {
+    clearTimeout(timer);
+    removeEventListener("hashchange", read);
+    leave();
+  };
+}
+
+/** The link of what is shown now. */
+export function linkOf(view: View, measurement?: Measurement): string {
+  const url = new URL(location.href);
+  url.hash = href(route.peek().path, queryOf(view, measurement));
+  return url.href;
+}
+
+function queryOf(view: View, measurement: Measurement | undefined): URLSearchParams {
+  void view.pose.changes.value;
+  const query = writeView(view, route.peek().query);
+  query.delete("from");
+  query.delete("to");
+  if (measurement?.a.value) query.set("from", writeSpot(measurement.a.value));
+  if (measurement?.b.value) query.set("to", writeSpot(measurement.b.value));
+  return query;
+}

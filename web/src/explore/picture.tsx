@@ -1,0 +1,127 @@
+// The 3D picture of a model, with what lies over it; a still picture where the browser cannot draw it.
+import { effect } from "@preact/signals";
+import { useEffect, useId, useRef, useState } from "preact/hooks";
+import { bytes, micrometres } from "../ui/format.ts";
+import { Notice, ProgressBar } from "../ui/widgets.tsx";
+import type { Exploration } from "./exploration.ts";
+import type { Flight } from "./flight.ts";
+import { Still } from "./still.tsx";
+import type { View } from "./view.ts";
+import { Stage } from "./viewer/stage.ts";
+
+interface Props {
+  exploration: Exploration;
+  view: View;
+  flight: Flight;
+}
+
+export function Picture({ exploration, view, flight }: Props) {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const tag = useRef<HTMLOutputElement>(null);
+  const [stage, setStage] = useState<Stage | "impossible">();
+  const help = useId();
+  useEffect(() => {
+    let stage: Stage;
+    try {
+      stage = new Stage(canvas.current!, view, exploration.tube);
+    } catch {
+      setStage("impossible");
+      return;
+    }
+    setStage(stage);
+    const leave = connect(stage, exploration, flight, tag.current!);
+    return () => {
+      leave();
+      stage.dispose();
+    };
+  }, []);
+  if (stage === "impossible") {
+    return (
+      <Still exploration={exploration}>
+        This browser does not offer WebGL2, so the model cannot be turned. Sections, report and downloads work without it.
+      </Still>
+    );
+  }
+  return (
+    <div class="stage">
+      <canvas
+        ref={canvas}
+        tabIndex={0}
+        role="application"
+        aria-label={`3D view of model ${exploration.model.seed}`}
+        aria-describedby={help}
+        hidden={stage?.lost.value}
+      />
+      <p id={help} class="visually-hidden">
+        Arrow keys turn the model, with Shift they move it, plus and minus zoom. Home or 1 shows the whole tube, 2 the isthmus end, 3 the
+        ampulla end, 4 the side. In flight, arrow keys move, Space plays and pauses, Escape leaves.
+      </p>
+      <output ref={tag} class="stage-tag num" hidden />
+      <Loading exploration={exploration} stage={stage} />
+      {stage?.lost.value && (
+        <Still exploration={exploration}>
+          The graphics processor is busy or was reset. The 3D view comes back by itself, or when you reload the page.
+        </Still>
+      )}
+    </div>
+  );
+}
+
+/** Passes on to the picture what is loaded, and measures with it. */
+function connect(stage: Stage, exploration: Exploration, flight: Flight, tag: HTMLElement): () => void {
+  const { measurement } = exploration;
+  void exploration.loadSurface(stage.device);
+  stage.onKey = flight.key;
+  stage.onPick = (spot) => measurement.picking.peek() && measurement.pick(spot);
+  stage.onFrame = () => {
+    const [a, b, length] = [measurement.a.peek(), measurement.b.peek(), measurement.distance.peek()];
+    const at = a && b && stage.project({ x: (a.x + b.x) / 2, y: (a.y + b.y) / 2, z: (a.z + b.z) / 2 });
+    tag.hidden = !at || length === undefined;
+    if (!at || length === undefined) return;
+    tag.textContent = micrometres(length);
+    tag.style.transform = `translate(${at.x}px, ${at.y}px) translate(-50%, -140%)`;
+  };
+  const leave = [
+    effect(() => {
+      if (exploration.surface.value) stage.show(exploration.surface.value);
+    }),
+    effect(() => {
+      stage.way = exploration.survey.value?.way;
+    }),
+    effect(() => {
+      stage.marks.setDistance(measurement.a.value, measurement.b.value);
+      stage.invalidate();
+    }),
+  ];
+  return () => leave.forEach((end) => end());
+}
+
+function Loading({ exploration, stage }: { exploration: Exploration; stage: Stage | undefined }) {
+  const { loading, surface, surfaceFault, levels } = exploration;
+  if (levels.length === 0) {
+    return (
+      <Still exploration={exploration}>This model was grown without a 3D file that a browser can show (glb). Grow it again with the output glb.</Still>
+    );
+  }
+  if (surfaceFault.value !== undefined) {
+    return (
+      <div class="stage-message">
+        <Notice title="The 3D file could not be loaded" kind="error">
+          <p>{surfaceFault.value}</p>
+          <button type="button" class="button" onClick={() => stage && exploration.loadSurface(stage.device)}>
+            Try again
+          </button>
+        </Notice>
+      </div>
+    );
+  }
+  if (!loading.value) return null;
+  const { level, received } = loading.value;
+  const text = `Loading ${level.title.toLowerCase()} detail: ${bytes(received)} of ${bytes(level.file.bytes)}`;
+  return (
+    <div class={surface.value ? "stage-progress small" : "stage-progress stage-progress-first"}>
+      <span class="num">{text}</span>
+      <ProgressBar fraction={received / level.file.bytes} label={`Loading ${level.title.toLowerCase()} detail`} />
+    </div>
+  );
+}

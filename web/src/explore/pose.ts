@@ -1,0 +1,120 @@
+// Where the camera is: on a sphere around a point of the tube. Lengths in millimetres, angles in degrees.
+import { signal } from "@preact/signals";
+
+export interface Placement {
+  /** Point that the camera looks at; `z` as a fraction of the tube's length, so that models of other lengths can be linked. */
+  x: number;
+  y: number;
+  z: number;
+  /** Around the vertical; 0 looks from the ampulla end, -90 from the side with the isthmus at the left. */
+  azimuth: number;
+  elevation: number;
+  distance: number;
+}
+
+export const STANDARD_VIEWS = ["whole", "isthmus", "ampulla", "side"] as const;
+export type StandardView = (typeof STANDARD_VIEWS)[number];
+
+/** Highest elevation: at the poles the vertical is undefined. */
+const POLE = 89;
+const NEAREST = 0.05;
+const FARTHEST = 1000;
+/** Duration of a change to another view, milliseconds. */
+const GLIDE = 450;
+
+export class Pose implements Placement {
+  x = 0;
+  y = 0;
+  z = 0.5;
+  azimuth = 0;
+  elevation = 0;
+  distance = 100;
+  /** The standard view that is shown, until it is changed. */
+  standard: StandardView | undefined = "whole";
+  /** Grows with every change. */
+  readonly changes = signal(0);
+  #from: Placement | undefined;
+  #to: Placement | undefined;
+  #began = 0;
+
+  orbit(azimuth: number, elevation: number): void {
+    this.#touch();
+    this.azimuth = wrap(this.azimuth + azimuth);
+    this.elevation = limit(this.elevation + elevation, -POLE, POLE);
+    this.changes.value++;
+  }
+
+  /** Moves the point that is looked at, in the plane of the picture: millimetres to the right and up. */
+  pan(right: number, up: number, length: number): void {
+    this.#touch();
+    const [a, e] = [(this.azimuth * Math.PI) / 180, (this.elevation * Math.PI) / 180];
+    this.x += right * Math.cos(a) - up * Math.sin(e) * Math.sin(a);
+    this.y += up * Math.cos(e);
+    this.z = limit(this.z + (-right * Math.sin(a) - up * Math.sin(e) * Math.cos(a)) / length, -0.2, 1.2);
+    this.changes.value++;
+  }
+
+  zoom(factor: number): void {
+    this.#touch();
+    this.distance = limit(this.distance * factor, NEAREST, FARTHEST);
+    this.changes.value++;
+  }
+
+  place(placement: Placement, standard?: StandardView): void {
+    this.#to = undefined;
+    this.#assign(placement);
+    this.standard = standard;
+    this.changes.value++;
+  }
+
+  /** Moves smoothly; `advance` is to be called with each frame. */
+  glide(placement: Placement, standard: StandardView | undefined, now: number): void {
+    this.#from = snapshot(this);
+    // The short way around.
+    this.#from.azimuth = placement.azimuth + wrap(this.azimuth - placement.azimuth);
+    this.#to = placement;
+    this.#began = now;
+    this.standard = standard;
+    this.changes.value++;
+  }
+
+  /** Continues a movement. */
+  advance(now: number): void {
+    const from = this.#from;
+    const to = this.#to;
+    if (!from || !to) return;
+    const t = limit((now - this.#began) / GLIDE, 0, 1);
+    const eased = t * t * (3 - 2 * t);
+    this.x = from.x + (to.x - from.x) * eased;
+    this.y = from.y + (to.y - from.y) * eased;
+    this.z = from.z + (to.z - from.z) * eased;
+    this.azimuth = from.azimuth + (to.azimuth - from.azimuth) * eased;
+    this.elevation = from.elevation + (to.elevation - from.elevation) * eased;
+    this.distance = from.distance * (to.distance / from.distance) ** eased;
+    if (t === 1) this.#to = undefined;
+    this.changes.value++;
+  }
+
+  #touch(): void {
+    this.#to = undefined;
+    this.standard = undefined;
+  }
+
+  #assign({ x, y, z, azimuth, elevation, distance }: Placement): void {
+    Object.assign(this, { x, y, z, azimuth, elevation, distance });
+  }
+}
+
+function snapshot({ x, y, z, azimuth, elevation, distance }: Placement): Placement {
+  return { x, y, z, azimuth, elevation, distance };
+}
+
+function limit(value: number, low: number, high: number): number {
+  return Math.max(low, Math.min(high, value));
+}
+
+/** To (-180, 180]. */
+function wrap(degrees: number): number {
+  const turned = ((degrees % 360) + 360) % 360;
+  return turned > 180 ? turned - 360 : turned;
+}

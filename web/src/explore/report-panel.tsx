@@ -1,0 +1,77 @@
+// What the service has proven and measured of a model.
+import type { Report } from "oviduct-client";
+import { micrometres, short } from "../ui/format.ts";
+import { Notice } from "../ui/widgets.tsx";
+import type { Exploration } from "./exploration.ts";
+
+type Certificate = Report["certificate"];
+
+/** What a certificate states, in words, and whether it holds. */
+export function statements(certificate: Certificate): { text: string; holds: boolean }[] {
+  const { open_edges, non_manifold_edges, non_manifold_vertices, disoriented_edges, triangle_intersections, section_crossings, components } = certificate;
+  return [
+    { text: "The surface is closed: no edge is open.", holds: certificate.closed && open_edges === 0 },
+    { text: "It is a manifold: every edge has two triangles, every vertex one fan.", holds: certificate.manifold && non_manifold_edges + non_manifold_vertices === 0 },
+    { text: "All triangles face outwards.", holds: certificate.oriented && disoriented_edges === 0 },
+    { text: "No two triangles intersect.", holds: triangle_intersections === 0 },
+    { text: "No contour crosses itself, and the mucosa lies within the wall.", holds: section_crossings === 0 },
+    { text: "No triangle is degenerate or doubled.", holds: certificate.degenerate_triangles + certificate.duplicate_triangles === 0 },
+    { text: "The tissue is one piece with one passage through it.", holds: components === 1 && certificate.euler === 0 },
+  ];
+}
+
+function figures({ certificate, summary, engine, seed }: Report): [string, string][] {
+  const { min_gap_um } = certificate;
+  return [
+    ["Volume of the tissue", `${short(certificate.volume_mm3)} mm³`],
+    ["Area of the surface", `${short(certificate.area_mm2)} mm²`],
+    ["Length", `${short((certificate.bounds_um[1][2] - certificate.bounds_um[0][2]) / 1000)} mm`],
+    ["Smallest gap", min_gap_um == null ? "unknown" : micrometres(min_gap_um)],
+    ["Triangles", short(certificate.triangles)],
+    ["Vertices", short(certificate.vertices)],
+    ["Smallest angle", `${short(certificate.min_angle_deg)}°`],
+    ["Shortest edge", micrometres(certificate.min_edge_um)],
+    ["Sections", `${short(summary.sections)}${summary.sections_added ? ` and ${short(summary.sections_added)} added` : ""}`],
+    ["Particles", `${short(summary.particles.start)} to ${short(summary.particles.end)}`],
+    ["Seed", String(seed)],
+    ["Engine", engine],
+  ];
+}
+
+export function ReportPanel({ exploration }: { exploration: Exploration }) {
+  const { report, reportFault } = exploration;
+  if (reportFault.value !== undefined) {
+    return (
+      <Notice title="The report could not be loaded" kind="error">
+        <p>{reportFault.value}</p>
+        <button type="button" class="button" onClick={() => exploration.loadReport()}>Try again</button>
+      </Notice>
+    );
+  }
+  if (!report.value) return <p class="soft" aria-busy="true">Loading the report …</p>;
+  const { certificate, summary } = report.value;
+  return (
+    <>
+      <p>
+        <strong class={certificate.passed ? "holds" : "fails"}>{certificate.passed ? "Certified" : "Not certified"}</strong>
+        <span class="soft"> by exact tests of the surface as exported</span>
+      </p>
+      <ul class="statements">
+        {statements(certificate).map(({ text, holds }) => (
+          <li key={text} class={holds ? "holds" : "fails"}>
+            <span class="visually-hidden">{holds ? "Proven: " : "Does not hold: "}</span>
+            <span class="statement">{text}</span>
+          </li>
+        ))}
+      </ul>
+      {(summary.warnings ?? []).map(({ code, detail }) => (
+        <p key={code} class="warning">{detail}</p>
+      ))}
+      <dl class="figures num">
+        {figures(report.value).map(([name, value]) => (
+          <div key={name}><dt>{name}</dt><dd>{value}</dd></div>
+        ))}
+      </dl>
+    </>
+  );
+}

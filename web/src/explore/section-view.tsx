@@ -1,0 +1,216 @@
+// One cross section as it is stored: contours, scale, and distances between its points.
+import { useSignal } from "@preact/signals";
+import type { Section, Sections } from "oviduct-client";
+import { useEffect, useMemo, useRef } from "preact/hooks";
+import { ask, explain } from "../service.ts";
+import { bytes, micrometres, short } from "../ui/format.ts";
+import { Icon, Notice, toast } from "../ui/widgets.tsx";
+import { area, boundsOf, pathData } from "./contours.ts";
+import { nearestIndex, type Exploration } from "./exploration.ts";
+import { ContourPointInputs, distanceOf, nearestPoint, positionOf, type ContourPoint } from "./section-points.tsx";
+import type { View } from "./view.ts";
+
+interface Props {
+  exploration: Exploration;
+  view: View;
+}
+
+export function SectionView({ exploration, view }: Props) {
+  const { sections, sectionsFault, fractions, model } = exploration;
+  if (sectionsFault.value !== undefined) {
+    return (
+      <Notice title="The sections could not be loaded" kind="error">
+        <p>{sectionsFault.value}</p>
+        <button type="button" class="button" onClick={() => exploration.loadSections()}>Try again</button>
+      </Notice>
+    );
+  }
+  if (!sections.value) {
+    const size = model.files.find((file) => file.name === "sections.bin")?.bytes;
+    return <p class="soft" aria-busy="true">Loading the sections{size === undefined ? "" : ` (${bytes(size)})`} …</p>;
+  }
+  const index = nearestIndex(fractions.value, view.section.value);
+  return <Loaded exploration={exploration} view={view} sections={sections.value} index={index} />;
+}
+
+function Loaded({ exploration, view, sections, index }: Props & { sections: Sections; index: number }) {
+  const section = useMemo(() => sections.section(index), [sections, index]);
+  const choose = (k: number) => (view.section.value = exploration.fractions.peek()[Math.max(0, Math.min(sections.length - 1, k))]!);
+  const z = `${short(section.z_um / 1000)} mm`;
+  const cutHere = () => {
+    view.flight.value = undefined;
+    view.position.value = view.section.peek();
+    view.across.value = true;
+  };
+  return (
+    <>
+      <div class="section-slider">
+        <button type="button" class="button-icon" aria-label="Previous section" disabled={index === 0} onClick={() => choose(index - 1)}>‹</button>
+        <input
+          type="range"
+          min={0}
+          max={sections.length - 1}
+          value={index}
+          aria-label="Section"
+          aria-valuetext={`${index + 1} of ${sections.length}, ${z} from the isthmus`}
+          onInput={(event) => choose(Number(event.currentTarget.value))}
+        />
+        <button type="button" class="button-icon" aria-label="Next section" disabled={index === sections.length - 1} onClick={() => choose(index + 1)}>›</button>
+      </div>
+      <div class="section-ends small soft"><span>isthmus</span><span>ampulla</span></div>
+      <Drawing section={section} />
+      <dl class="figures num">
+        <div><dt>Section</dt><dd>{index + 1} of {sections.length}{section.added ? ", added" : ""}</dd></div>
+        <div><dt>z</dt><dd>{z}</dd></div>
+        <div><dt>Step</dt><dd>{short(section.step)}</dd></div>
+        <div><dt>Points of the mucosa</dt><dd>{short(section.innerPoints)}</dd></div>
+        <div><dt>Points of the outer wall</dt><dd>{short(section.outerPoints)}</dd></div>
+        <div><dt>Lumen</dt><dd>{short(area(section.inner) / 1e6)} mm²</dd></div>
+      </dl>
+      <div class="row">
+        <button type="button" class="button" onClick={cutHere}><Icon name="cut" /> Cut the model here</button>
+        <button type="button" class="button" onClick={() => openDrawing(exploration.model.id, index)}><Icon name="download" /> SVG</button>
+      </div>
+    </>
+  );
+}
+
+/** Links need a ticket of their own each time, so the address is asked for when it is wanted. */
+async function openDrawing(id: string, index: number): Promise<void> {
+  try {
+    const link = document.createElement("a");
+    link.href = await ask((service) => service.sectionUrl(id, index));
+    link.download = `section-${index}.svg`;
+    link.click();
+  } catch (error) {
+    toast(explain(error), "error");
+  }
+}
+
+/** Part of the drawing that is shown; micrometres. */
+interface Window {
+  x: number;
+  y: number;
+  span: number;
+}
+
+const ZOOM = 1.4;
+const CLOSEST = 10;
+
+function Drawing({ section }: { section: Section }) {
+  const svg = useRef<SVGSVGElement>(null);
+  const paths = useMemo(() => ({ inner: pathData(section.inner), outer: pathData(section.outer) }), [section]);
+  const whole = useMemo(() => windowOf(section), [section]);
+  const shown = useSignal<Window | undefined>(undefined);
+  const measuring = useSignal(false);
+  const points = useSignal<readonly ContourPoint[]>([]);
+  const { x, y, span } = shown.value ?? whole;
+  const drawn = useRef(section);
+  if (drawn.current !== section) {
+    // Points are of one section.
+    drawn.current = section;
+    points.value = [];
+  }
+  const zoom = (factor: number, at = { x, y }) => {
+    const next = Math.max(CLOSEST, Math.min(whole.span, span * factor));
+    shown.value = next === whole.span ? undefined : { x: at.x + ((x - at.x) * next) / span, y: at.y + ((y - at.y) * next) / span, span: next };
+  };
+  const place = (event: MouseEvent) => {
+    const box = svg.current!.getBoundingClientRect();
+    return { x: x + ((event.clientX - box.left) / box.width - 0.5) * span, y: y - ((event.clientY - box.top) / box.height - 0.5) * span };
+  };
+  const wheel = useRef((_: WheelEvent) => {});
+  wheel.current = (event) => {
+    event.preventDefault();
+    zoom(Math.exp(event.deltaY * 0.002), place(event));
+  };
+  useEffect(() => {
+    // Preact's handlers are passive for wheels in some browsers.
+    const listen = (event: WheelEvent) => wheel.current(event);
+    const element = svg.current!;
+    element.addEventListener("wheel", listen, { passive: false });
+    return () => element.removeEventListener("wheel", listen);
+  }, []);
+  const drag = useRef<{ x: number; y: number; moved: boolean } | undefined>(undefined);
+  const down = (event: PointerEvent) => {
+    svg.current!.setPointerCapture(event.pointerId);
+    drag.current = { x: event.clientX, y: event.clientY, moved: false };
+  };
+  const move = (event: PointerEvent) => {
+    const from = drag.current;
+    if (!from || (!from.moved && Math.hypot(event.clientX - from.x, event.clientY - from.y) < 5)) return;
+    const scale = span / svg.current!.getBoundingClientRect().width;
+    shown.value = { x: x - (event.clientX - from.x) * scale, y: y + (event.clientY - from.y) * scale, span };
+    drag.current = { x: event.clientX, y: event.clientY, moved: true };
+  };
+  const up = (event: PointerEvent) => {
+    const wasTap = drag.current && !drag.current.moved;
+    drag.current = undefined;
+    if (!wasTap || !measuring.value) return;
+    const at = place(event);
+    const point = nearestPoint(section, at.x, at.y);
+    points.value = points.value.length === 1 ? [points.value[0]!, point] : [point];
+  };
+  const bar = scaleBar(span);
+  const ends = points.value.map((point) => positionOf(section, point));
+  const [a, b] = ends;
+  return (
+    <figure class="drawing">
+      <div class="drawing-sheet">
+        <svg
+          ref={svg}
+          viewBox={`${x - span / 2} ${-y - span / 2} ${span} ${span}`}
+          role="img"
+          aria-label={`Cross section at ${short(section.z_um / 1000)} mm`}
+          class={measuring.value ? "measuring" : undefined}
+          onPointerDown={down}
+          onPointerMove={move}
+          onPointerUp={up}
+          onPointerCancel={() => (drag.current = undefined)}
+        >
+          <g transform="scale(1 -1)">
+            <path class="tissue" d={paths.outer} />
+            <path class="lumen" d={paths.inner} />
+            {a && b && <line class="distance" x1={a.x} y1={a.y} x2={b.x} y2={b.y} />}
+            {ends.map((end, i) => (
+              <circle key={i} class="distance-end" cx={end.x} cy={end.y} r={span * 0.008} />
+            ))}
+          </g>
+        </svg>
+        <div class="scale small num" style={{ width: `${(bar / span) * 100}%` }}>{micrometres(bar)}</div>
+        <div class="drawing-tools">
+          <button type="button" class="button-icon" aria-label="Zoom in" onClick={() => zoom(1 / ZOOM)}>+</button>
+          <button type="button" class="button-icon" aria-label="Zoom out" disabled={!shown.value} onClick={() => zoom(ZOOM)}>−</button>
+          <button type="button" class="button-icon" aria-label="Show the whole section" disabled={!shown.value} onClick={() => (shown.value = undefined)}>
+            <Icon name="reset" />
+          </button>
+          <button type="button" class="button-icon" aria-label="Measure in the section" aria-pressed={measuring.value} onClick={() => (measuring.value = !measuring.value)}>
+            <Icon name="ruler" />
+          </button>
+        </div>
+      </div>
+      {measuring.value && (
+        <figcaption class="measure-caption">
+          <p class="soft small">Click near a contour, or choose two of its points.</p>
+          <ContourPointInputs section={section} points={points.value} onChange={(next) => (points.value = next)} />
+          <p role="status" class="measured num">
+            {points.value.length === 2 && (
+              <>Distance <strong data-um={distanceOf(section, points.value[0]!, points.value[1]!)}>{micrometres(distanceOf(section, points.value[0]!, points.value[1]!))}</strong></>
+            )}
+          </p>
+        </figcaption>
+      )}
+    </figure>
+  );
+}
+
+function windowOf({ outer }: Section): Window {
+  const { x0, y0, x1, y1 } = boundsOf(outer);
+  return { x: (x0 + x1) / 2, y: (y0 + y1) / 2, span: 1.08 * Math.max(x1 - x0, y1 - y0) };
+}
+
+/** A round length of about a fifth of the drawing, micrometres. */
+function scaleBar(span: number): number {
+  const power = 10 ** Math.floor(Math.log10(span / 4));
+  return [5, 2, 1].map((factor) => factor * power).find((length) => length <= span / 4)!;
+}

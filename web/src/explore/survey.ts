@@ -1,0 +1,59 @@
+// What is computed from the sections of a model: figures along the tube, and the way through the lumen.
+import type { Sections } from "oviduct-client";
+import { centreline, type Centreline } from "./centreline.ts";
+import { area, perimeter } from "./contours.ts";
+import { DistanceField } from "./lumen.ts";
+
+/** Figures of all sections, from the isthmus. */
+export interface Profile {
+  /** Millimetres from the isthmus end. */
+  z: Float64Array;
+  /** Square millimetres. */
+  lumen: Float64Array;
+  /** Square millimetres. */
+  tissue: Float64Array;
+  /** Length of the mucosa in the section, millimetres. */
+  mucosa: Float64Array;
+}
+
+export interface Survey {
+  profile: Profile;
+  way: Centreline;
+}
+
+/** Most sections that the way is laid through; more do not make it smoother. */
+const WAY_SECTIONS = 400;
+/** Milliseconds of work between two pauses, so that the page stays responsive. */
+const WORK = 12;
+
+/** Reads all sections, in pieces. Throws `signal.reason` if it is aborted. */
+export async function survey(sections: Sections, signal: AbortSignal): Promise<Survey> {
+  const count = sections.length;
+  const [z, lumen, tissue, mucosa] = [0, 1, 2, 3].map(() => new Float64Array(count)) as [
+    Float64Array,
+    Float64Array,
+    Float64Array,
+    Float64Array,
+  ];
+  const stride = Math.ceil(count / WAY_SECTIONS);
+  const fields: DistanceField[] = [];
+  const fieldsAt: number[] = [];
+  let started = performance.now();
+  for (let k = 0; k < count; k++) {
+    const { inner, outer, z_um } = sections.section(k);
+    z[k] = z_um / 1000;
+    lumen[k] = area(inner) / 1e6;
+    tissue[k] = area(outer) / 1e6 - lumen[k]!;
+    mucosa[k] = perimeter(inner) / 1000;
+    if (k % stride === 0 || k === count - 1) {
+      fields.push(new DistanceField(inner));
+      fieldsAt.push(z_um);
+    }
+    if (performance.now() - started > WORK) {
+      await new Promise((resolve) => setTimeout(resolve));
+      signal.throwIfAborted();
+      started = performance.now();
+    }
+  }
+  return { profile: { z, lumen, tissue, mucosa }, way: centreline(fields, fieldsAt) };
+}

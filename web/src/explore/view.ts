@@ -1,0 +1,115 @@
+// What is shown and how: shared by the parts of a page, and kept in its link.
+import { computed, signal, type Signal } from "@preact/signals";
+import { standardView, type Tube } from "./framing.ts";
+import { Pose, STANDARD_VIEWS, type StandardView } from "./pose.ts";
+
+export const PATCHES = ["inner", "outer", "caps"] as const;
+export type PatchGroup = (typeof PATCHES)[number];
+
+/** Positions along the tube are fractions of its length: two models of different length share a view. */
+export class View {
+  readonly pose = new Pose();
+  /** What standard views frame: the tube, the longer one of two. */
+  readonly tube: Tube;
+  /** Width of the picture by its height. */
+  aspect = 1.5;
+  /** Whether the tube is opened along its axis, and at which angle around it (degrees). */
+  readonly lengthwise = signal(false);
+  readonly angle = signal(0);
+  /** Whether the tube is cut across, and where. */
+  readonly across = signal(false);
+  readonly position = signal(0.75);
+  /** Whether what is on the isthmus side of the cut is removed, instead of the ampulla side. */
+  readonly flipped = signal(false);
+  readonly shown: Record<PatchGroup, Signal<boolean>> = { inner: signal(true), outer: signal(true), caps: signal(true) };
+  readonly translucent = signal(false);
+  /** The section beside the model. */
+  readonly section = signal(0.8);
+  readonly plane = signal(false);
+  /** Position of the flight; undefined while the model is seen from outside. */
+  readonly flight = signal<number | undefined>(undefined);
+  readonly flying = computed(() => this.flight.value !== undefined);
+
+  constructor(tube: Tube) {
+    this.tube = tube;
+    this.reframe();
+  }
+
+  /** Shows a standard view: moving there from `now` on (milliseconds, as of frames), or at once. */
+  show(standard: StandardView, now?: number): void {
+    const placement = standardView(standard, this.tube, this.aspect);
+    if (now === undefined) this.pose.place(placement, standard);
+    else this.pose.glide(placement, standard, now);
+  }
+
+  /** Fits a standard view to the present shape of the picture. */
+  reframe(): void {
+    if (this.pose.standard) this.show(this.pose.standard);
+  }
+}
+
+/** Names in the query that belong to a view; others belong to the page. */
+const NAMES = ["cam", "open", "cut", "flip", "hide", "glass", "at", "plane", "fly"] as const;
+
+/** Writes the view into a query, as short as the picture needs. */
+export function writeView(view: View, query: URLSearchParams): URLSearchParams {
+  const result = new URLSearchParams(query);
+  for (const name of NAMES) result.delete(name);
+  const put = (name: (typeof NAMES)[number], value: string | undefined) => value !== undefined && result.set(name, value);
+  const { pose } = view;
+  const numbers = [pose.azimuth, pose.elevation, pose.distance, pose.x, pose.y].map((value) => significant(value, 4));
+  put("cam", pose.standard === "whole" ? undefined : (pose.standard ?? [...numbers, fraction(pose.z)].join("_")));
+  put("open", view.lengthwise.value ? significant(view.angle.value, 4) : undefined);
+  put("cut", view.across.value ? fraction(view.position.value) : undefined);
+  put("flip", view.flipped.value ? "1" : undefined);
+  const hidden = PATCHES.filter((patch) => !view.shown[patch].value);
+  put("hide", hidden.length > 0 ? hidden.join("_") : undefined);
+  put("glass", view.translucent.value ? "1" : undefined);
+  put("at", fraction(view.section.value));
+  put("plane", view.plane.value ? "1" : undefined);
+  put("fly", view.flight.value === undefined ? undefined : fraction(view.flight.value));
+  return result;
+}
+
+/** Restores a view. What a query does not say, or says wrongly, is as in a new view. */
+export function readView(view: View, query: URLSearchParams): void {
+  readCamera(view, query.get("cam"));
+  const angle = number(query, "open", -360, 360);
+  view.lengthwise.value = angle !== undefined;
+  view.angle.value = angle ?? view.angle.value;
+  const position = number(query, "cut", 0, 1);
+  view.across.value = position !== undefined;
+  view.position.value = position ?? view.position.value;
+  view.flipped.value = query.get("flip") === "1";
+  const hidden = query.get("hide")?.split("_") ?? [];
+  for (const patch of PATCHES) view.shown[patch].value = !hidden.includes(patch);
+  view.translucent.value = query.get("glass") === "1";
+  view.section.value = number(query, "at", 0, 1) ?? view.section.value;
+  view.plane.value = query.get("plane") === "1";
+  view.flight.value = number(query, "fly", 0, 1);
+}
+
+function readCamera(view: View, camera: string | null): void {
+  const [azimuth, elevation, distance, x, y, z] = camera?.split("_").map(Number) ?? [];
+  const numbers = [azimuth, elevation, distance, x, y, z];
+  if (numbers.every((value) => Number.isFinite(value)) && distance! > 0) {
+    view.pose.place({ azimuth: azimuth!, elevation: elevation!, distance: distance!, x: x!, y: y!, z: z! });
+  } else {
+    view.show(STANDARD_VIEWS.find((name) => name === camera) ?? "whole");
+  }
+}
+
+function number(query: URLSearchParams, name: (typeof NAMES)[number], low: number, high: number): number | undefined {
+  const text = query.get(name);
+  const value = Number(text);
+  return text === null || text === "" || !(value >= low && value <= high) ? undefined : value;
+}
+
+function significant(value: number, digits: number): string {
+  return String(Number(value.toPrecision(digits)));
+}
+
+/** Five decimals: less than a micrometre of a tube. */
+function fraction(value: number): string {
+  return String(Math.round(value * 1e5) / 1e5);
+}

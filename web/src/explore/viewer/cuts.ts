@@ -1,0 +1,177 @@
+// Planes that cut the tube open, with closed cut faces.
+//
+// A face is drawn where an odd number of triangles of the closed surface lies along the line of sight behind the plane: each
+// triangle inverts the plane's bit of the stencil. This is exact for a surface that does not intersect itself.
+import {
+  AlwaysStencilFunc,
+  BufferGeometry,
+  DoubleSide,
+  EqualStencilFunc,
+  Group,
+  InvertStencilOp,
+  KeepStencilOp,
+  Matrix4,
+  Mesh,
+  MeshBasicMaterial,
+  Plane,
+  PlaneGeometry,
+  Vector3,
+} from "three";
+import type { Tube } from "../framing.ts";
+import type { View } from "../view.ts";
+import { Lines } from "./lines.ts";
+import { addOutline, type CutPlane } from "./outline.ts";
+import type { Surface } from "./surface.ts";
+import { TISSUE } from "./tissue.ts";
+
+/** Edges of cut faces: as in the service's drawings, of the width of an epithelium (millimetres). */
+const MUCOSA_EDGE = { color: 0x7d3a78, width: 0.012, inScene: true };
+const OUTER_EDGE = { color: 0xa9607a, width: 0.008, inScene: true };
+
+class Cut {
+  readonly plane = new Plane();
+  readonly group = new Group();
+  readonly #counting: MeshBasicMaterial;
+  readonly #face: Mesh<PlaneGeometry, MeshBasicMaterial>;
+  readonly #counters = new Group();
+  readonly #mucosa = new Lines(MUCOSA_EDGE);
+  readonly #outside = new Lines(OUTER_EDGE);
+  /** What the outlines were made from. */
+  #drawn: { surface: Surface; plane: Plane } | undefined;
+
+  constructor(bit: number) {
+    this.#counting = new MeshBasicMaterial({
+      side: DoubleSide,
+      colorWrite: false,
+      depthWrite: false,
+      depthTest: false,
+      stencilWrite: true,
+      stencilWriteMask: bit,
+      stencilFunc: AlwaysStencilFunc,
+      stencilZPass: InvertStencilOp,
+      clippingPlanes: [this.plane],
+    });
+    const material = new MeshBasicMaterial({
+      color: TISSUE,
+      side: DoubleSide,
+      fog: false,
+      stencilWrite: true,
+      stencilWriteMask: 0,
+      stencilFuncMask: bit,
+      stencilRef: bit,
+      stencilFunc: EqualStencilFunc,
+      stencilZPass: KeepStencilOp,
+      // The outlines lie in the plane.
+      polygonOffset: true,
+      polygonOffsetFactor: 1,
+      polygonOffsetUnits: 2,
+    });
+    this.#face = new Mesh(new PlaneGeometry(1, 1), material);
+    this.#face.renderOrder = 2;
+    this.#face.matrixAutoUpdate = false;
+    this.group.add(this.#counters, this.#face, this.#mucosa.object, this.#outside.object);
+    this.group.visible = false;
+  }
+
+  count(geometries: readonly BufferGeometry[]): void {
+    this.#counters.clear();
+    for (const geometry of geometries) {
+      const counter = new Mesh(geometry, this.#counting);
+      counter.renderOrder = 1;
+      this.#counters.add(counter);
+    }
+  }
+
+  place(normal: Vector3, point: Vector3, face: Matrix4): void {
+    this.plane.setFromNormalAndCoplanarPoint(normal, point);
+    this.#face.matrix.copy(face);
+    this.#face.matrixWorldNeedsUpdate = true;
+  }
+
+  update(on: boolean, surface: Surface | undefined, others: Plane[]): void {
+    this.group.visible = on && surface !== undefined;
+    if (!on || !surface) return;
+    this.#face.material.clippingPlanes = others;
+    if (this.#drawn?.surface !== surface || !this.#drawn.plane.equals(this.plane)) {
+      for (const lines of [this.#mucosa, this.#outside]) lines.segments.clear();
+      for (const patch of surface.patches) {
+        if (patch.name === "inner_wall") addOutline(patch, cutPlane(this.plane), this.#mucosa.segments);
+        if (patch.name === "outer_wall") addOutline(patch, cutPlane(this.plane), this.#outside.segments);
+      }
+      this.#drawn = { surface, plane: this.plane.clone() };
+    }
+    this.#mucosa.update(others);
+    this.#outside.update(others);
+  }
+
+  dispose(): void {
+    this.#counting.dispose();
+    this.#face.geometry.dispose();
+    this.#face.material.dispose();
+    this.#mucosa.dispose();
+    this.#outside.dispose();
+  }
+}
+
+export class Cuts {
+  readonly group = new Group();
+  readonly #lengthwise = new Cut(1);
+  readonly #across = new Cut(2);
+  readonly #tube: Tube;
+  /** Planes that are in use. */
+  active: Plane[] = [];
+
+  constructor(tube: Tube) {
+    this.#tube = tube;
+    this.group.add(this.#lengthwise.group, this.#across.group);
+  }
+
+  /** Counts triangles of these geometries from now on. */
+  setGeometries(geometries: readonly BufferGeometry[]): void {
+    this.#lengthwise.count(geometries);
+    this.#across.count(geometries);
+  }
+
+  /** Applies the cuts of a view; subscribes the effect that calls it. */
+  apply(view: View, surface: Surface | undefined): void {
+    const outside = !view.flying.value;
+    const [lengthwise, across] = [view.lengthwise.value && outside, view.across.value && outside];
+    this.#place(view);
+    this.active = [...(lengthwise ? [this.#lengthwise.plane] : []), ...(across ? [this.#across.plane] : [])];
+    this.#lengthwise.update(lengthwise, surface, across ? [this.#across.plane] : []);
+    this.#across.update(across, surface, lengthwise ? [this.#lengthwise.plane] : []);
+  }
+
+  get planes(): CutPlane[] {
+    return this.active.map(cutPlane);
+  }
+
+  dispose(): void {
+    this.#lengthwise.dispose();
+    this.#across.dispose();
+  }
+
+  #place(view: View): void {
+    const { length, radius, x, y } = this.#tube;
+    const angle = (view.angle.value * Math.PI) / 180;
+    const normal = new Vector3(Math.cos(angle), Math.sin(angle), 0);
+    const middle = new Vector3(x, y, length / 2);
+    const side = new Vector3(normal.y, -normal.x, 0);
+    const along = new Vector3(0, 0, 1);
+    this.#lengthwise.place(
+      normal,
+      middle,
+      new Matrix4().makeBasis(side.multiplyScalar(2.2 * radius), along.clone().multiplyScalar(1.01 * length), normal.clone().negate()).setPosition(middle),
+    );
+    const at = new Vector3(x, y, view.position.value * length);
+    this.#across.place(
+      along.multiplyScalar(view.flipped.value ? 1 : -1),
+      at,
+      new Matrix4().makeScale(2.2 * radius, 2.2 * radius, 1).setPosition(at),
+    );
+  }
+}
+
+function cutPlane({ normal, constant }: Plane): CutPlane {
+  return { nx: normal.x, ny: normal.y, nz: normal.z, d: constant };
+}

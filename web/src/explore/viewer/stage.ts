@@ -1,0 +1,286 @@
+// The picture of one model: scene, camera and renderer. It draws when something has changed, never in between.
+import { effect, signal } from "@preact/signals";
+import { AmbientLight, DirectionalLight, Fog, HemisphereLight, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
+import { positionAt, type Centreline } from "../centreline.ts";
+import { FIELD, type Tube } from "../framing.ts";
+import type { Spot } from "../measure.ts";
+import type { StandardView } from "../pose.ts";
+import type { View } from "../view.ts";
+import { dark } from "../../ui/theme.ts";
+import { glideFrom } from "../motion.ts";
+import { control } from "./controls.ts";
+import { Cuts } from "./cuts.ts";
+import { Marks } from "./marks.ts";
+import { firstHit } from "./ray.ts";
+import type { Surface } from "./surface.ts";
+import { Tissue } from "./tissue.ts";
+
+/** More pixels than this for each of the page cost time and are hardly seen. */
+const MOST_PIXELS = 2;
+/** Vertical angle of the view in flight, degrees. */
+const FLIGHT_FIELD = 85;
+/** Millimetres ahead that the flight looks at. */
+const AHEAD = 0.7;
+/** Where the lumen is lost in the dark, millimetres. */
+const FLIGHT_FOG = [0.15, 4.5] as const;
+const LUMEN_DARK = 0x2a0a14;
+/** Degrees that a key, and a pixel of a drag, turn the picture. */
+const KEY_TURN = 6;
+const DRAG_TURN = 0.35;
+const KEY_PAN = 40;
+const KEY_ZOOM = 1.15;
+const VIEW_KEYS: Record<string, StandardView> = { Home: "whole", "1": "whole", "2": "isthmus", "3": "ampulla", "4": "side" };
+
+export class Stage {
+  /** Whether the browser has taken the graphics processor away; it usually gives it back. */
+  readonly lost = signal(false);
+  /** Called with points of the surface that are tapped. */
+  onPick: ((spot: Spot) => void) | undefined;
+  /** Called after each frame, to move what lies over the picture. */
+  onFrame: (() => void) | undefined;
+  /** Called for keys of the flight; whether the key was used. */
+  onKey: ((key: string) => boolean) | undefined;
+  readonly marks: Marks;
+  readonly #view: View;
+  readonly #tube: Tube;
+  readonly #canvas: HTMLCanvasElement;
+  readonly #renderer: WebGLRenderer;
+  readonly #scene = new Scene();
+  readonly #camera = new PerspectiveCamera(FIELD, 1, 0.1, 1000);
+  readonly #tissue = new Tissue();
+  readonly #cuts: Cuts;
+  readonly #fog = new Fog(LUMEN_DARK, 1e6, 1e7);
+  readonly #surface = signal<Surface | undefined>(undefined);
+  readonly #way = signal<Centreline | undefined>(undefined);
+  readonly #abort = new AbortController();
+  readonly #leave: (() => void)[] = [];
+  readonly #target = new Vector3();
+  #look = { yaw: 0, pitch: 0 };
+  #pending = 0;
+  #frames = 0;
+
+  /** Throws if the browser has no WebGL2. */
+  constructor(canvas: HTMLCanvasElement, view: View, tube: Tube) {
+    this.#canvas = canvas;
+    this.#view = view;
+    this.#tube = tube;
+    this.#renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, stencil: true, powerPreference: "high-performance" });
+    this.#renderer.localClippingEnabled = true;
+    this.#cuts = new Cuts(tube);
+    this.marks = new Marks(tube);
+    this.#light();
+    this.#scene.fog = this.#fog;
+    this.#scene.add(this.#tissue.group, this.#cuts.group, this.marks.group, this.#camera);
+    this.#listen();
+    this.#follow();
+  }
+
+  /** Name of the graphics processor. */
+  get device(): string {
+    const gl = this.#renderer.getContext();
+    // Chromium tells the name only through the extension.
+    const info = gl.getExtension("WEBGL_debug_renderer_info");
+    return String(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
+  }
+
+  show(surface: Surface): void {
+    this.#cuts.setGeometries(this.#tissue.show(surface, this.#tube.length));
+    this.#surface.value = surface;
+  }
+
+  /** The way through the lumen, when it is known. */
+  set way(way: Centreline | undefined) {
+    this.#way.value = way;
+  }
+
+  /** Position of a point in the picture, pixels of the page; undefined behind the camera. */
+  project({ x, y, z }: Spot): { x: number; y: number } | undefined {
+    const at = new Vector3(x, y, z).project(this.#camera);
+    if (at.z > 1) return undefined;
+    return { x: ((at.x + 1) / 2) * this.#canvas.clientWidth, y: ((1 - at.y) / 2) * this.#canvas.clientHeight };
+  }
+
+  invalidate = (): void => {
+    if (this.#pending === 0 && !this.#abort.signal.aborted) this.#pending = requestAnimationFrame(this.#draw);
+  };
+
+  dispose(): void {
+    this.#abort.abort();
+    cancelAnimationFrame(this.#pending);
+    for (const leave of this.#leave) leave();
+    this.#tissue.dispose();
+    this.#cuts.dispose();
+    this.marks.dispose();
+    this.#renderer.dispose();
+    // Browsers allow few contexts at a time, and collect those of removed canvases late.
+    this.#renderer.forceContextLoss();
+  }
+
+  /** A light at the left above the camera, and a soft one from the sky. */
+  #light(): void {
+    const lamp = new DirectionalLight(0xfff4ec, 2.1);
+    lamp.position.set(-0.5, 0.8, 0.7);
+    lamp.target.position.set(0, 0, -1);
+    this.#camera.add(lamp, lamp.target);
+    this.#scene.add(new HemisphereLight(0xfff6f2, 0x8a4a5c, 1.35), new AmbientLight(0xffffff, 0.25));
+  }
+
+  #listen(): void {
+    const { signal } = this.#abort;
+    const observer = new ResizeObserver(() => this.#resize());
+    observer.observe(this.#canvas);
+    this.#leave.push(() => observer.disconnect());
+    this.#resize();
+    this.#canvas.addEventListener("webglcontextlost", () => (this.lost.value = true), { signal });
+    this.#canvas.addEventListener("webglcontextrestored", () => ((this.lost.value = false), this.invalidate()), { signal });
+    control(
+      this.#canvas,
+      {
+        turn: (right, down) => this.#turn(right * DRAG_TURN, down * DRAG_TURN),
+        pan: (right, down) => this.#pan(right, down),
+        zoom: (factor) => this.#zoom(factor),
+        tap: (x, y) => this.#pick(x, y),
+        key: (key, shift) => this.#key(key, shift),
+      },
+      signal,
+    );
+  }
+
+  /** Draws again when what is shown has changed. */
+  #follow(): void {
+    const view = this.#view;
+    this.#leave.push(
+      effect(() => {
+        this.#cuts.apply(view, this.#surface.value);
+        this.#tissue.apply(view, this.#cuts.active);
+        this.invalidate();
+      }),
+      effect(() => {
+        this.marks.setPlane(view.plane.value && !view.flying.value ? view.section.value * this.#tube.length : undefined);
+        this.invalidate();
+      }),
+      effect(() => {
+        const flying = view.flying.value && this.#way.value !== undefined;
+        [this.#fog.near, this.#fog.far] = flying ? FLIGHT_FOG : [1e6, 1e7];
+        this.#renderer.setClearColor(LUMEN_DARK, flying ? 1 : 0);
+        if (!flying) this.#look = { yaw: 0, pitch: 0 };
+        this.invalidate();
+      }),
+      effect(() => {
+        void view.pose.changes.value;
+        void view.flight.value;
+        this.invalidate();
+      }),
+      effect(() => {
+        void dark.value;
+        this.marks.color = getComputedStyle(this.#canvas).color;
+        this.invalidate();
+      }),
+    );
+  }
+
+  #resize(): void {
+    const { clientWidth: width, clientHeight: height } = this.#canvas;
+    if (width === 0 || height === 0) return;
+    this.#renderer.setPixelRatio(Math.min(devicePixelRatio, MOST_PIXELS));
+    this.#renderer.setSize(width, height, false);
+    this.#camera.aspect = width / height;
+    this.#view.aspect = this.#camera.aspect;
+    this.#view.reframe();
+    this.invalidate();
+  }
+
+  readonly #draw = (now: number): void => {
+    this.#pending = 0;
+    if (this.lost.peek()) return;
+    this.#view.pose.advance(now);
+    const flight = this.#view.flight.peek();
+    const way = this.#way.peek();
+    if (flight !== undefined && way) this.#fly(flight, way);
+    else this.#orbit();
+    this.#camera.updateProjectionMatrix();
+    this.#renderer.render(this.#scene, this.#camera);
+    this.#canvas.dataset["frames"] = String(++this.#frames);
+    this.onFrame?.();
+  };
+
+  #orbit(): void {
+    const { pose } = this.#view;
+    const { length, radius } = this.#tube;
+    const [a, e] = [(pose.azimuth * Math.PI) / 180, (pose.elevation * Math.PI) / 180];
+    const target = this.#target.set(pose.x, pose.y, pose.z * length);
+    const { position } = this.#camera;
+    position.set(Math.cos(e) * Math.sin(a), Math.sin(e), Math.cos(e) * Math.cos(a));
+    position.multiplyScalar(pose.distance).add(target);
+    this.#camera.lookAt(target);
+    this.#camera.fov = FIELD;
+    this.#camera.far = pose.distance + 2 * length + 4 * radius;
+    this.#camera.near = Math.max(pose.distance / 100, 0.01);
+  }
+
+  #fly(flight: number, way: Centreline): void {
+    const { position } = this.#camera;
+    const z = flight * this.#tube.length;
+    positionAt(way, z, position);
+    positionAt(way, z + AHEAD, this.#target);
+    // At the end of the way the last direction is that of the tube.
+    this.#target.z = position.z + AHEAD;
+    this.#camera.lookAt(this.#target);
+    this.#camera.rotateY((this.#look.yaw * Math.PI) / 180);
+    this.#camera.rotateX((this.#look.pitch * Math.PI) / 180);
+    this.#camera.fov = FLIGHT_FIELD;
+    this.#camera.near = 0.004;
+    this.#camera.far = 2 * FLIGHT_FOG[1];
+  }
+
+  /** Degrees; positive as the hand moves right and down. */
+  #turn(right: number, down: number): void {
+    if (!this.#view.flying.peek()) return this.#view.pose.orbit(-right, down);
+    this.#look.yaw += right;
+    this.#look.pitch = Math.max(-85, Math.min(85, this.#look.pitch + down));
+    this.invalidate();
+  }
+
+  #pan(right: number, down: number): void {
+    if (this.#view.flying.peek()) return this.#turn(right * DRAG_TURN, down * DRAG_TURN);
+    const { pose } = this.#view;
+    const millimetres = (2 * pose.distance * Math.tan(((FIELD / 2) * Math.PI) / 180)) / this.#canvas.clientHeight;
+    pose.pan(-right * millimetres, down * millimetres, this.#tube.length);
+  }
+
+  #zoom(factor: number): void {
+    const { flight } = this.#view;
+    // In flight, towards the picture is forward.
+    if (flight.peek() !== undefined) flight.value = Math.max(0, Math.min(1, flight.peek()! - Math.log(factor) * 0.02));
+    else this.#view.pose.zoom(factor);
+  }
+
+  #key(key: string, shift: boolean): boolean {
+    if (this.#view.flying.peek()) return this.onKey?.(key) ?? false;
+    const standard = VIEW_KEYS[key];
+    if (standard) return this.#view.show(standard, glideFrom()), true;
+    const direction = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[key];
+    if (direction) {
+      const [right, down] = direction as [number, number];
+      if (shift) this.#pan(-right * KEY_PAN, -down * KEY_PAN);
+      else this.#turn(right * KEY_TURN, down * KEY_TURN);
+      return true;
+    }
+    if (key === "+" || key === "=") return this.#zoom(1 / KEY_ZOOM), true;
+    if (key === "-" || key === "_") return this.#zoom(KEY_ZOOM), true;
+    return false;
+  }
+
+  #pick(x: number, y: number): void {
+    const surface = this.#surface.peek();
+    if (!surface || !this.onPick) return;
+    const { clientWidth: width, clientHeight: height } = this.#canvas;
+    const from = this.#camera.position;
+    const direction = new Vector3((2 * x) / width - 1, 1 - (2 * y) / height, 0.5).unproject(this.#camera).sub(from).normalize();
+    const ray = { ox: from.x, oy: from.y, oz: from.z, dx: direction.x, dy: direction.y, dz: direction.z };
+    const distance = firstHit(surface.patches, (patch) => this.#tissue.isVisible(patch), this.#cuts.planes, ray);
+    if (distance === undefined) return;
+    const { x: px, y: py, z: pz } = direction.multiplyScalar(distance).add(from);
+    this.onPick({ x: px, y: py, z: pz });
+  }
+}

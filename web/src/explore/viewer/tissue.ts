@@ -1,0 +1,81 @@
+// The walls and caps of a tube as three.js meshes.
+import { BufferAttribute, BufferGeometry, DoubleSide, Group, Mesh, MeshPhongMaterial, type Plane } from "three";
+import type { PatchGroup, View } from "../view.ts";
+import { mucosaLight } from "./occlusion.ts";
+import type { Patch, PatchName, Surface } from "./surface.ts";
+
+/** Cut tissue, as in the service's drawings. */
+export const TISSUE = 0xde95a9;
+
+const COLORS: Record<PatchName, number> = { inner_wall: 0xd0718a, outer_wall: 0xe3ab9c, cap_isthmus: TISSUE, cap_ampulla: TISSUE };
+const GROUPS: Record<PatchName, PatchGroup> = { inner_wall: "inner", outer_wall: "outer", cap_isthmus: "caps", cap_ampulla: "caps" };
+const GLASS = 0.28;
+
+export class Tissue {
+  readonly group = new Group();
+  surface: Surface | undefined;
+  readonly #materials = new Map<PatchName, MeshPhongMaterial>();
+  #visible: Record<PatchGroup, boolean> = { inner: true, outer: true, caps: true };
+
+  /** Takes over a surface in place of the present one; returns its geometries. */
+  show(surface: Surface, length: number): BufferGeometry[] {
+    this.#clear();
+    this.surface = surface;
+    return surface.patches.map((patch) => {
+      const geometry = new BufferGeometry();
+      geometry.setAttribute("position", new BufferAttribute(patch.positions, 3));
+      geometry.setAttribute("normal", patch.normals);
+      geometry.setIndex(new BufferAttribute(patch.index, 1));
+      if (patch.name === "inner_wall") geometry.setAttribute("color", grey(mucosaLight(patch, length)));
+      const mesh = new Mesh(geometry, this.#material(patch.name));
+      mesh.name = patch.name;
+      mesh.renderOrder = 2;
+      mesh.visible = this.isVisible(patch);
+      this.group.add(mesh);
+      return geometry;
+    });
+  }
+
+  isVisible(patch: Patch): boolean {
+    return this.#visible[GROUPS[patch.name]];
+  }
+
+  /** Applies what is shown; subscribes the effect that calls it. */
+  apply(view: View, planes: Plane[]): void {
+    this.#visible = { inner: view.shown.inner.value, outer: view.shown.outer.value, caps: view.shown.caps.value };
+    for (const mesh of this.group.children) mesh.visible = this.#visible[GROUPS[mesh.name as PatchName]];
+    const glass = view.translucent.value;
+    const outer = this.#material("outer_wall");
+    outer.transparent = glass;
+    outer.opacity = glass ? GLASS : 1;
+    outer.depthWrite = !glass;
+    for (const name of Object.keys(COLORS) as PatchName[]) this.#material(name).clippingPlanes = planes;
+  }
+
+  dispose(): void {
+    this.#clear();
+    for (const material of this.#materials.values()) material.dispose();
+  }
+
+  #clear(): void {
+    for (const mesh of this.group.children) (mesh as Mesh).geometry.dispose();
+    this.group.clear();
+    this.surface = undefined;
+  }
+
+  #material(name: PatchName): MeshPhongMaterial {
+    let material = this.#materials.get(name);
+    if (!material) {
+      const vertexColors = name === "inner_wall";
+      material = new MeshPhongMaterial({ color: COLORS[name], specular: 0x2c2226, shininess: 22, side: DoubleSide, vertexColors });
+      this.#materials.set(name, material);
+    }
+    return material;
+  }
+}
+
+function grey(light: Uint8Array<ArrayBuffer>): BufferAttribute {
+  const colors = new Uint8Array(3 * light.length);
+  for (let i = 0; i < light.length; i++) colors.fill(light[i]!, 3 * i, 3 * i + 3);
+  return new BufferAttribute(colors, 3, true);
+}
