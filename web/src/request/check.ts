@@ -1,7 +1,7 @@
 // The service's opinion of the form while it is filled in: faults, and what the request would cost.
 import { computed, effect, signal } from "@preact/signals";
 import { OviductError, type BatchValidation, type Fault, type Validation, type Worker, type WorkerList } from "oviduct-client";
-import { reconnections } from "../models.ts";
+import { reconnections } from "../stream.ts";
 import { ask, explain, session } from "../service.ts";
 import { assign } from "./faults.ts";
 import type { Request } from "./form.ts";

@@ -1,7 +1,7 @@
 // The form that requests a model or a study.
 import type { ComponentChildren } from "preact";
 import { useEffect, useState } from "preact/hooks";
-import { connection } from "../models.ts";
+import { connection } from "../stream.ts";
 import { href, route, setQuery } from "../router.ts";
 import { explain } from "../service.ts";
 import { Icon, Notice } from "../ui/widgets.tsx";

@@ -1,1 +1,0 @@
-import{t as e}from"./index-DteyvIWO.js";function t(){return e(`h1`,{children:`batches`})}export{t as default};
