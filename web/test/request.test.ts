@@ -2,7 +2,8 @@
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { test } from "node:test";
-import type { Preset } from "oviduct-client";
+import type { BatchValidation, Preset, Validation, WorkerList } from "oviduct-client";
+import { costOf, idleWords } from "../src/request/cost.ts";
 import { assign, sentence } from "../src/request/faults.ts";
 import { BLANK, requestOf, variedFrom, type Form, type Request } from "../src/request/form.ts";
 import { groupsOf, parametersOf, type SchemaNode } from "../src/request/parameters.ts";
@@ -173,6 +174,46 @@ test("faults go to the nearest field and say which part they mean", () => {
     sentence(costly, "", "The request", titles),
     "The model would take about 9,790,900,992 bytes; reduce “Time steps”, or see https://a.example/steps.",
   );
+});
+
+function workersOf(...states: [backend: string, state: string][]): WorkerList {
+  return { pause: null, workers: states.map(([backend, state]) => ({ backend, state })) } as unknown as WorkerList;
+}
+
+test("costs are given for the backends that exist", () => {
+  const seconds = { cpu: { seconds: 2.71 }, "cpu-single": { seconds: 4.9 }, gpu: { seconds: 65 } };
+  const bytes = { glb: 38_323_216, obj: 1e9, sections: 7_188_931, report: 131_072 };
+  const cost = { seconds, bytes, triangles: 1_596_630, sections: 201, particles_end: 8300, memory_bytes: 236_848_552 };
+  const model = { kind: "model", validation: { cost } as unknown as Validation } as const;
+  const headline = (...given: Parameters<typeof costOf>) => costOf(...given)?.headline;
+  const both = workersOf(["cpu", "active"], ["gpu", "active"]);
+  assert.equal(headline(model, "auto", both), "about 1 min 5 s on the GPU");
+  assert.deepEqual(costOf(model, "auto", both)?.details, [
+    ["Or", "about 2.7 s on the CPU"], ["Surface", "1.6 million triangles"], ["Sections", "201"], ["Particles at the end", "8,300"],
+    ["Model", "38.3 MB as glb, 1 GB as obj"], ["All files", "1.05 GB"], ["Memory to grow it", "237 MB"],
+  ]);
+  assert.equal(headline(model, "auto", workersOf(["cpu", "active"], ["gpu", "paused"])), "about 2.7 s on the CPU");
+  assert.equal(headline(model, "cpu-single", both), "about 4.9 s on one core");
+  assert.equal(headline(model, "auto", undefined), "about 2.7 s on the CPU");
+  const points = [{ cost }, { cost: { ...cost, triangles: 4000 } }];
+  const sum = { seconds: { cpu: 11 }, bytes: 9e9, memory_bytes: 2e8 };
+  const study = { kind: "study", validation: { cost: sum, models: 6, points, seeds: null } as unknown as BatchValidation } as const;
+  assert.equal(headline(study, "auto", workersOf(["cpu", "active"])), "6 models: about 11 s on the CPU in all");
+  assert.deepEqual(costOf(study, "cpu", undefined)?.details.slice(0, 2), [
+    ["Models", "2 points × 3 seeds, drawn"], ["Surface of each", "4,000 to 1.6 million triangles"],
+  ]);
+});
+
+test("who would start the request is said if nobody would", () => {
+  const title = (...given: Parameters<typeof idleWords>) => idleWords(...given)?.title;
+  assert.equal(title(workersOf(["cpu", "active"]), "auto"), undefined);
+  assert.equal(title(workersOf(["cpu", "active"]), "cpu-single"), undefined);
+  assert.equal(title(undefined, "auto"), undefined);
+  assert.equal(title(workersOf(), "auto"), "No worker is running");
+  assert.equal(title(workersOf(["cpu", "draining"]), "auto"), "No worker takes new models");
+  assert.equal(title(workersOf(["cpu", "active"]), "gpu"), "No GPU worker is active");
+  assert.equal(title(workersOf(["gpu", "active"]), "cpu"), "No CPU worker is active");
+  assert.equal(title({ ...workersOf(["cpu", "active"]), pause: { since: "2026-01-01T00:00:00Z" } }, "auto"), "All workers are paused");
 });
 
 // Text that breaks naive quoting in one of the languages.

@@ -1,6 +1,6 @@
 // The service's opinion of the form while it is filled in: faults, and what the request would cost.
 import { computed, effect, signal } from "@preact/signals";
-import { OviductError, type BatchValidation, type Fault, type Validation, type Worker, type WorkerList } from "oviduct-client";
+import { OviductError, type BatchValidation, type Fault, type Validation, type WorkerList } from "oviduct-client";
 import { reconnections } from "../stream.ts";
 import { ask, explain, session } from "../service.ts";
 import { assign } from "./faults.ts";
@@ -28,11 +28,6 @@ export const faults = computed(() => {
   const found = localFaults() ?? (opinion.value?.kind === "faults" ? opinion.value.faults : []);
   return assign(found, fields.value);
 });
-
-/** Workers that start models now. */
-export function active(list: WorkerList): Worker[] {
-  return list.pause ? [] : list.workers.filter(({ state }) => state === "active");
-}
 
 /** The faults that an error of a request names; undefined if it is about something else. */
 export function faultsOf(error: unknown): readonly Fault[] | undefined {

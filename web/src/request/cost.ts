@@ -1,7 +1,7 @@
 // The predicted cost of a request in words.
-import type { BatchValidation, Validation, WorkerList } from "oviduct-client";
+import type { BatchValidation, Validation, Worker, WorkerList } from "oviduct-client";
 import { bytes, duration, short } from "../ui/format.ts";
-import { active, type Opinion } from "./check.ts";
+import type { Opinion } from "./check.ts";
 import type { Backend } from "./form.ts";
 
 const NAMES: Record<string, string> = { gpu: "the GPU", cpu: "the CPU", "cpu-single": "one core" };
@@ -74,6 +74,11 @@ function plural(number: number, noun: string): string {
 
 function count(number: number): string {
   return number >= 1e6 ? `${short(number / 1e6)} million` : short(number);
+}
+
+/** Workers that start models now. */
+function active(list: WorkerList): Worker[] {
+  return list.pause ? [] : list.workers.filter(({ state }) => state === "active");
 }
 
 /** What to do if nothing would start the request; undefined if something would. */

@@ -68,7 +68,7 @@ function Form() {
   const first = FIRST.flatMap((pointer) => parameters.value.find((parameter) => parameter.pointer === pointer) ?? []);
   const others = parameters.value.filter((parameter) => !first.includes(parameter));
   return (
-    <>
+    <div class="request-page">
       <div class="page-head">
         <h1>{study ? "New study" : "New model"}</h1>
         <Segments label="What to request" value={form.value.purpose} choices={[["model", "One model"], ["study", "Study"]]} onChange={(purpose) => change({ purpose })} />
@@ -78,7 +78,7 @@ function Form() {
           </button>
         </div>
       </div>
-      <div class="request">
+      <div class="request-columns">
         <div class="stack">
           <GeneralFaults />
           <Origin />
@@ -110,7 +110,7 @@ function Form() {
         </div>
         <Summary />
       </div>
-    </>
+    </div>
   );
 }
 

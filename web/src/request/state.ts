@@ -87,15 +87,18 @@ export async function loadCatalogue(): Promise<void> {
   catalogue.value = { schema, presets, details: new Map(details.map((preset) => [preset.name, preset])) };
 }
 
+const noPreset = (name: string) => `This service has no preset “${name}”.`;
+
 /** Fills in a blank form as a link asks: with a preset, a seed, or the request of a model (`from`). */
 export async function fillFrom(query: URLSearchParams): Promise<void> {
   const { schema, details } = catalogue.value!;
   const [name, seed, from] = ["preset", "seed", "from"].map((member) => query.get(member) ?? undefined);
   const filled: Form = { ...BLANK, preset: name, seed: seed ?? "" };
-  if (name !== undefined && !details.has(name)) origin.value = { failed: `This service has no preset “${name}”.` };
-  else origin.value = undefined;
   if (from === undefined) {
-    form.value = filled;
+    batch(() => {
+      form.value = filled;
+      origin.value = name === undefined || details.has(name) ? undefined : { failed: noPreset(name) };
+    });
     return;
   }
   try {
@@ -111,7 +114,7 @@ export async function fillFrom(query: URLSearchParams): Promise<void> {
         backend: model.backend.requested,
         priority: String(model.priority),
       };
-      origin.value = { id: from };
+      origin.value = base ? { id: from } : { failed: noPreset(model.preset) };
     });
   } catch (error) {
     batch(() => {

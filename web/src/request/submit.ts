@@ -1,18 +1,20 @@
 // Sends the request of the form, once.
-import { signal } from "@preact/signals";
+import { computed, signal } from "@preact/signals";
 import { OviductError } from "oviduct-client";
 import { remember } from "../models.ts";
 import { go } from "../router.ts";
 import { ask, explain } from "../service.ts";
 import { duration } from "../ui/format.ts";
 import { faultsOf, opinion } from "./check.ts";
+import type { Request } from "./form.ts";
 import { request } from "./state.ts";
 
 const STORED = "oviduct-request-attempt";
 
 export const sending = signal(false);
-/** Why the request was not accepted, if that is not a fault of a field. */
-export const refusal = signal<string | undefined>(undefined);
+const refused = signal<{ request: Request; reason: string } | undefined>(undefined);
+/** Why the present request was not accepted, if that is not a fault of a field. */
+export const refusal = computed(() => (refused.value?.request === request.value ? refused.value?.reason : undefined));
 
 /** The idempotency key of a request: the same one until it has an answer, also after a reload. */
 function keyOf(body: string): string {
@@ -44,7 +46,7 @@ export async function submit(): Promise<boolean> {
   const present = request.value;
   if (sending.value || present === undefined || Array.isArray(present)) return false;
   sending.value = true;
-  refusal.value = undefined;
+  refused.value = undefined;
   const idempotencyKey = keyOf(JSON.stringify(present));
   try {
     if (present.purpose === "model") {
@@ -60,7 +62,7 @@ export async function submit(): Promise<boolean> {
   } catch (error) {
     const faults = faultsOf(error);
     if (faults) opinion.value = { kind: "faults", faults };
-    else refusal.value = words(error);
+    else refused.value = { request: present, reason: words(error) };
     if (answered(error)) forgetKey();
     return false;
   } finally {
