@@ -1,10 +1,11 @@
 // The 3D picture of a model, with what lies over it; a still picture where the browser cannot draw it.
 import { effect } from "@preact/signals";
 import { useEffect, useId, useRef, useState } from "preact/hooks";
-import { bytes, micrometres } from "../ui/format.ts";
+import { bytes } from "../ui/format.ts";
 import { Notice, ProgressBar } from "../ui/widgets.tsx";
 import type { Exploration } from "./exploration.ts";
 import type { Flight } from "./flight.ts";
+import { drawRuler } from "./ruler.ts";
 import { Still } from "./still.tsx";
 import type { View } from "./view.ts";
 import { Stage } from "./viewer/stage.ts";
@@ -17,7 +18,7 @@ interface Props {
 
 export function Picture({ exploration, view, flight }: Props) {
   const canvas = useRef<HTMLCanvasElement>(null);
-  const tag = useRef<HTMLOutputElement>(null);
+  const overlay = useRef<SVGSVGElement>(null);
   const [stage, setStage] = useState<Stage | "impossible">();
   const help = useId();
   useEffect(() => {
@@ -29,7 +30,7 @@ export function Picture({ exploration, view, flight }: Props) {
       return;
     }
     setStage(stage);
-    const leave = connect(stage, exploration, flight, tag.current!);
+    const leave = connect(stage, exploration, flight, overlay.current!);
     return () => {
       leave();
       stage.dispose();
@@ -56,7 +57,13 @@ export function Picture({ exploration, view, flight }: Props) {
         Arrow keys turn the model, with Shift they move it, plus and minus zoom. Home or 1 shows the whole tube, 2 the isthmus end, 3 the
         ampulla end, 4 the side. In flight, arrow keys move, Space plays and pauses, Escape leaves.
       </p>
-      <output ref={tag} class="stage-tag num" hidden />
+      <svg ref={overlay} class="ruler num" style={{ display: "none" }} aria-hidden="true">
+        <line class="ruler-edge" />
+        <line />
+        <circle r="5" />
+        <circle r="5" />
+        <text />
+      </svg>
       <Loading exploration={exploration} stage={stage} />
       {stage?.lost.value && (
         <Still exploration={exploration}>
@@ -68,19 +75,12 @@ export function Picture({ exploration, view, flight }: Props) {
 }
 
 /** Passes on to the picture what is loaded, and measures with it. */
-function connect(stage: Stage, exploration: Exploration, flight: Flight, tag: HTMLElement): () => void {
+function connect(stage: Stage, exploration: Exploration, flight: Flight, overlay: SVGSVGElement): () => void {
   const { measurement } = exploration;
   void exploration.loadSurface(stage.device);
   stage.onKey = flight.key;
   stage.onPick = (spot) => measurement.picking.peek() && measurement.pick(spot);
-  stage.onFrame = () => {
-    const [a, b, length] = [measurement.a.peek(), measurement.b.peek(), measurement.distance.peek()];
-    const at = a && b && stage.project({ x: (a.x + b.x) / 2, y: (a.y + b.y) / 2, z: (a.z + b.z) / 2 });
-    tag.hidden = !at || length === undefined;
-    if (!at || length === undefined) return;
-    tag.textContent = micrometres(length);
-    tag.style.transform = `translate(${at.x}px, ${at.y}px) translate(-50%, -140%)`;
-  };
+  stage.onFrame = () => drawRuler(overlay, measurement, stage);
   const leave = [
     effect(() => {
       if (exploration.surface.value) stage.show(exploration.surface.value);
@@ -89,7 +89,8 @@ function connect(stage: Stage, exploration: Exploration, flight: Flight, tag: HT
       stage.way = exploration.survey.value?.way;
     }),
     effect(() => {
-      stage.marks.setDistance(measurement.a.value, measurement.b.value);
+      void measurement.a.value;
+      void measurement.b.value;
       stage.invalidate();
     }),
   ];

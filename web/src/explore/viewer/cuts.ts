@@ -15,18 +15,27 @@ import {
   MeshBasicMaterial,
   Plane,
   PlaneGeometry,
+  ShaderChunk,
   Vector3,
 } from "three";
 import type { Tube } from "../framing.ts";
 import type { View } from "../view.ts";
-import { Lines } from "./lines.ts";
 import { addOutline, type CutPlane } from "./outline.ts";
+import { Ribbons } from "./ribbons.ts";
 import type { Surface } from "./surface.ts";
 import { TISSUE } from "./tissue.ts";
 
 /** Edges of cut faces: as in the service's drawings, of the width of an epithelium (millimetres). */
-const MUCOSA_EDGE = { color: 0x7d3a78, width: 0.012, inScene: true };
-const OUTER_EDGE = { color: 0xa9607a, width: 0.008, inScene: true };
+const [MUCOSA, MUCOSA_WIDTH] = [0x7d3a78, 0.012];
+const [OUTSIDE, OUTSIDE_WIDTH] = [0xa9607a, 0.008];
+
+// At the edge of a thin triangle a pixel's centre lies outside of it, where its position along the tube may be far off.
+for (const chunk of ["clipping_planes_pars_vertex", "clipping_planes_pars_fragment"] as const) {
+  ShaderChunk[chunk] = ShaderChunk[chunk].replace(/^\s*varying/m, "centroid varying");
+}
+
+/** Distance of the rims of the end caps from the ends, millimetres: the walls are crossed there. */
+const RIM = 1e-4;
 
 class Cut {
   readonly plane = new Plane();
@@ -34,9 +43,8 @@ class Cut {
   readonly #counting: MeshBasicMaterial;
   readonly #face: Mesh<PlaneGeometry, MeshBasicMaterial>;
   readonly #counters = new Group();
-  readonly #mucosa = new Lines(MUCOSA_EDGE);
-  readonly #outside = new Lines(OUTER_EDGE);
-  /** What the outlines were made from. */
+  readonly #edges = new Edges();
+  /** What the edges were made from. */
   #drawn: { surface: Surface; plane: Plane } | undefined;
 
   constructor(bit: number) {
@@ -69,7 +77,7 @@ class Cut {
     this.#face = new Mesh(new PlaneGeometry(1, 1), material);
     this.#face.renderOrder = 2;
     this.#face.matrixAutoUpdate = false;
-    this.group.add(this.#counters, this.#face, this.#mucosa.object, this.#outside.object);
+    this.group.add(this.#counters, this.#face, this.#edges.group);
     this.group.visible = false;
   }
 
@@ -93,21 +101,48 @@ class Cut {
     if (!on || !surface) return;
     this.#face.material.clippingPlanes = others;
     if (this.#drawn?.surface !== surface || !this.#drawn.plane.equals(this.plane)) {
-      for (const lines of [this.#mucosa, this.#outside]) lines.segments.clear();
-      for (const patch of surface.patches) {
-        if (patch.name === "inner_wall") addOutline(patch, cutPlane(this.plane), this.#mucosa.segments);
-        if (patch.name === "outer_wall") addOutline(patch, cutPlane(this.plane), this.#outside.segments);
-      }
+      this.#edges.trace(surface, [cutPlane(this.plane)]);
       this.#drawn = { surface, plane: this.plane.clone() };
     }
-    this.#mucosa.update(others);
-    this.#outside.update(others);
+    this.#edges.clip(others);
   }
 
   dispose(): void {
     this.#counting.dispose();
     this.#face.geometry.dispose();
     this.#face.material.dispose();
+    this.#edges.dispose();
+  }
+}
+
+/** Where the walls meet planes. */
+class Edges {
+  readonly group = new Group();
+  readonly #mucosa = new Ribbons(MUCOSA, MUCOSA_WIDTH);
+  readonly #outside = new Ribbons(OUTSIDE, OUTSIDE_WIDTH);
+
+  constructor() {
+    this.group.add(this.#mucosa.object, this.#outside.object);
+  }
+
+  /** Takes over the edges with parallel planes. */
+  trace(surface: Surface, planes: readonly [CutPlane, ...CutPlane[]]): void {
+    this.#mucosa.segments.clear();
+    this.#outside.segments.clear();
+    for (const patch of surface.patches) {
+      const ribbons = { inner_wall: this.#mucosa, outer_wall: this.#outside, cap_isthmus: undefined, cap_ampulla: undefined }[patch.name];
+      for (const plane of planes) if (ribbons) addOutline(patch, plane, ribbons.segments);
+    }
+    this.#mucosa.update(planes[0]);
+    this.#outside.update(planes[0]);
+  }
+
+  clip(planes: Plane[]): void {
+    this.#mucosa.clip(planes);
+    this.#outside.clip(planes);
+  }
+
+  dispose(): void {
     this.#mucosa.dispose();
     this.#outside.dispose();
   }
@@ -117,19 +152,23 @@ export class Cuts {
   readonly group = new Group();
   readonly #lengthwise = new Cut(1);
   readonly #across = new Cut(2);
+  /** Of the caps at the ends. */
+  readonly #rims = new Edges();
   readonly #tube: Tube;
   /** Planes that are in use. */
   active: Plane[] = [];
 
   constructor(tube: Tube) {
     this.#tube = tube;
-    this.group.add(this.#lengthwise.group, this.#across.group);
+    this.group.add(this.#lengthwise.group, this.#across.group, this.#rims.group);
   }
 
-  /** Counts triangles of these geometries from now on. */
-  setGeometries(geometries: readonly BufferGeometry[]): void {
+  /** Takes over a surface and the geometries of its patches. */
+  show(surface: Surface, geometries: readonly BufferGeometry[]): void {
     this.#lengthwise.count(geometries);
     this.#across.count(geometries);
+    const plane = (z: number) => ({ nx: 0, ny: 0, nz: 1, d: -z });
+    this.#rims.trace(surface, [plane(RIM), plane(this.#tube.length - RIM)]);
   }
 
   /** Applies the cuts of a view; subscribes the effect that calls it. */
@@ -138,6 +177,8 @@ export class Cuts {
     const [lengthwise, across] = [view.lengthwise.value && outside, view.across.value && outside];
     this.#place(view);
     this.active = [...(lengthwise ? [this.#lengthwise.plane] : []), ...(across ? [this.#across.plane] : [])];
+    this.#rims.clip(this.active);
+    this.#rims.group.visible = outside && view.shown.caps.value;
     this.#lengthwise.update(lengthwise, surface, across ? [this.#across.plane] : []);
     this.#across.update(across, surface, lengthwise ? [this.#lengthwise.plane] : []);
   }
@@ -149,6 +190,7 @@ export class Cuts {
   dispose(): void {
     this.#lengthwise.dispose();
     this.#across.dispose();
+    this.#rims.dispose();
   }
 
   #place(view: View): void {

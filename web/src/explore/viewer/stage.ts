@@ -10,8 +10,8 @@ import { dark } from "../../ui/theme.ts";
 import { glideFrom } from "../motion.ts";
 import { control } from "./controls.ts";
 import { Cuts } from "./cuts.ts";
-import { Marks } from "./marks.ts";
 import { firstHit } from "./ray.ts";
+import { SectionPlane } from "./section-plane.ts";
 import type { Surface } from "./surface.ts";
 import { Tissue } from "./tissue.ts";
 
@@ -22,7 +22,7 @@ const FLIGHT_FIELD = 85;
 /** Millimetres ahead that the flight looks at. */
 const AHEAD = 0.7;
 /** Where the lumen is lost in the dark, millimetres. */
-const FLIGHT_FOG = [0.15, 4.5] as const;
+const FLIGHT_FOG = [0.02, 1.8] as const;
 const LUMEN_DARK = 0x2a0a14;
 /** Degrees that a key, and a pixel of a drag, turn the picture. */
 const KEY_TURN = 6;
@@ -40,7 +40,6 @@ export class Stage {
   onFrame: (() => void) | undefined;
   /** Called for keys of the flight; whether the key was used. */
   onKey: ((key: string) => boolean) | undefined;
-  readonly marks: Marks;
   readonly #view: View;
   readonly #tube: Tube;
   readonly #canvas: HTMLCanvasElement;
@@ -49,6 +48,7 @@ export class Stage {
   readonly #camera = new PerspectiveCamera(FIELD, 1, 0.1, 1000);
   readonly #tissue = new Tissue();
   readonly #cuts: Cuts;
+  readonly #plane: SectionPlane;
   readonly #fog = new Fog(LUMEN_DARK, 1e6, 1e7);
   readonly #surface = signal<Surface | undefined>(undefined);
   readonly #way = signal<Centreline | undefined>(undefined);
@@ -64,13 +64,13 @@ export class Stage {
     this.#canvas = canvas;
     this.#view = view;
     this.#tube = tube;
-    this.#renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, stencil: true, powerPreference: "high-performance" });
+    this.#renderer = new WebGLRenderer({ canvas, antialias: false, alpha: true, stencil: true, powerPreference: "high-performance" });
     this.#renderer.localClippingEnabled = true;
     this.#cuts = new Cuts(tube);
-    this.marks = new Marks(tube);
+    this.#plane = new SectionPlane(tube);
     this.#light();
     this.#scene.fog = this.#fog;
-    this.#scene.add(this.#tissue.group, this.#cuts.group, this.marks.group, this.#camera);
+    this.#scene.add(this.#tissue.group, this.#cuts.group, this.#plane.group, this.#camera);
     this.#listen();
     this.#follow();
   }
@@ -84,7 +84,7 @@ export class Stage {
   }
 
   show(surface: Surface): void {
-    this.#cuts.setGeometries(this.#tissue.show(surface, this.#tube.length));
+    this.#cuts.show(surface, this.#tissue.show(surface, this.#tube.length));
     this.#surface.value = surface;
   }
 
@@ -93,11 +93,12 @@ export class Stage {
     this.#way.value = way;
   }
 
-  /** Position of a point in the picture, pixels of the page; undefined behind the camera. */
-  project({ x, y, z }: Spot): { x: number; y: number } | undefined {
-    const at = new Vector3(x, y, z).project(this.#camera);
-    if (at.z > 1) return undefined;
-    return { x: ((at.x + 1) / 2) * this.#canvas.clientWidth, y: ((1 - at.y) / 2) * this.#canvas.clientHeight };
+  /** Writes the position of a point in the picture to `out`, pixels of the page; whether it is before the camera. */
+  project({ x, y, z }: Spot, out: Vector3): boolean {
+    out.set(x, y, z).project(this.#camera);
+    out.x = ((out.x + 1) / 2) * this.#canvas.clientWidth;
+    out.y = ((1 - out.y) / 2) * this.#canvas.clientHeight;
+    return out.z < 1;
   }
 
   invalidate = (): void => {
@@ -110,7 +111,7 @@ export class Stage {
     for (const leave of this.#leave) leave();
     this.#tissue.dispose();
     this.#cuts.dispose();
-    this.marks.dispose();
+    this.#plane.dispose();
     this.#renderer.dispose();
     // Browsers allow few contexts at a time, and collect those of removed canvases late.
     this.#renderer.forceContextLoss();
@@ -156,7 +157,7 @@ export class Stage {
         this.invalidate();
       }),
       effect(() => {
-        this.marks.setPlane(view.plane.value && !view.flying.value ? view.section.value * this.#tube.length : undefined);
+        this.#plane.place(view.plane.value && !view.flying.value ? view.section.value * this.#tube.length : undefined);
         this.invalidate();
       }),
       effect(() => {
@@ -173,7 +174,7 @@ export class Stage {
       }),
       effect(() => {
         void dark.value;
-        this.marks.color = getComputedStyle(this.#canvas).color;
+        this.#plane.color = getComputedStyle(this.#canvas).color;
         this.invalidate();
       }),
     );

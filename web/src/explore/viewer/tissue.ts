@@ -1,5 +1,5 @@
 // The walls and caps of a tube as three.js meshes.
-import { BufferAttribute, BufferGeometry, DoubleSide, Group, Mesh, MeshPhongMaterial, type Plane } from "three";
+import { BufferAttribute, BufferGeometry, DoubleSide, FrontSide, Group, Mesh, MeshBasicMaterial, MeshLambertMaterial, type Plane } from "three";
 import type { PatchGroup, View } from "../view.ts";
 import { mucosaLight } from "./occlusion.ts";
 import type { Patch, PatchName, Surface } from "./surface.ts";
@@ -14,7 +14,7 @@ const GLASS = 0.28;
 export class Tissue {
   readonly group = new Group();
   surface: Surface | undefined;
-  readonly #materials = new Map<PatchName, MeshPhongMaterial>();
+  readonly #materials = new Map<PatchName, MeshBasicMaterial | MeshLambertMaterial>();
   #visible: Record<PatchGroup, boolean> = { inner: true, outer: true, caps: true };
 
   /** Takes over a surface in place of the present one; returns its geometries. */
@@ -29,7 +29,8 @@ export class Tissue {
       if (patch.name === "inner_wall") geometry.setAttribute("color", grey(mucosaLight(patch, length)));
       const mesh = new Mesh(geometry, this.#material(patch.name));
       mesh.name = patch.name;
-      mesh.renderOrder = 2;
+      // What hides much is drawn first.
+      mesh.renderOrder = patch.name === "inner_wall" ? 4 : 2;
       mesh.visible = this.isVisible(patch);
       this.group.add(mesh);
       return geometry;
@@ -49,7 +50,14 @@ export class Tissue {
     outer.transparent = glass;
     outer.opacity = glass ? GLASS : 1;
     outer.depthWrite = !glass;
-    for (const name of Object.keys(COLORS) as PatchName[]) this.#material(name).clippingPlanes = planes;
+    // Nothing is seen from within the tissue while it is closed.
+    const side = this.#visible.outer && this.#visible.caps && !glass ? FrontSide : DoubleSide;
+    for (const name of Object.keys(COLORS) as PatchName[]) {
+      const material = this.#material(name);
+      material.clippingPlanes = planes;
+      if (material.side !== side) material.needsUpdate = true;
+      material.side = side;
+    }
   }
 
   dispose(): void {
@@ -63,15 +71,18 @@ export class Tissue {
     this.surface = undefined;
   }
 
-  #material(name: PatchName): MeshPhongMaterial {
+  #material(name: PatchName): MeshBasicMaterial | MeshLambertMaterial {
     let material = this.#materials.get(name);
-    if (!material) {
-      const vertexColors = name === "inner_wall";
-      material = new MeshPhongMaterial({ color: COLORS[name], specular: 0x2c2226, shininess: 22, side: DoubleSide, vertexColors });
-      this.#materials.set(name, material);
-    }
+    if (!material) this.#materials.set(name, (material = newMaterial(name)));
     return material;
   }
+}
+
+/** Caps look like cut faces, in the colour of the service's drawings whatever the light. */
+function newMaterial(name: PatchName): MeshBasicMaterial | MeshLambertMaterial {
+  const color = COLORS[name];
+  if (GROUPS[name] === "caps") return new MeshBasicMaterial({ color });
+  return new MeshLambertMaterial({ color, vertexColors: name === "inner_wall" });
 }
 
 function grey(light: Uint8Array<ArrayBuffer>): BufferAttribute {

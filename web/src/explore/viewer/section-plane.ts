@@ -1,0 +1,46 @@
+// The plane of a section in the scene.
+import { DoubleSide, Group, Mesh, MeshBasicMaterial, PlaneGeometry } from "three";
+import type { Tube } from "../framing.ts";
+import { Ribbons } from "./ribbons.ts";
+
+/** Half its side, as a multiple of the tube's radius. */
+const SIZE = 1.15;
+const BORDER = 0.03;
+
+export class SectionPlane {
+  readonly group = new Group();
+  readonly #glass: Mesh<PlaneGeometry, MeshBasicMaterial>;
+  readonly #border = new Ribbons(0xffffff, BORDER);
+
+  constructor({ x, y, radius }: Tube) {
+    const r = SIZE * radius;
+    const material = new MeshBasicMaterial({ transparent: true, opacity: 0.18, side: DoubleSide, depthWrite: false });
+    this.#glass = new Mesh(new PlaneGeometry(2 * r, 2 * r), material);
+    this.#glass.renderOrder = 5;
+    const corners = [-r, -r, r, -r, r, r, -r, r] as const;
+    const { segments } = this.#border;
+    for (let i = 0; i < 8; i += 2) {
+      segments.points.set([corners[i]!, corners[i + 1]!, 0, corners[(i + 2) % 8]!, corners[(i + 3) % 8]!, 0], segments.next());
+    }
+    this.#border.update({ nx: 0, ny: 0, nz: 1 });
+    this.group.position.set(x, y, 0);
+    this.group.add(this.#glass, this.#border.object);
+  }
+
+  set color(color: string) {
+    this.#glass.material.color.set(color);
+    this.#border.object.material.color.set(color);
+  }
+
+  /** Shows the plane at `z` millimetres; undefined hides it. */
+  place(z: number | undefined): void {
+    this.group.visible = z !== undefined;
+    if (z !== undefined) this.group.position.z = z;
+  }
+
+  dispose(): void {
+    this.#glass.geometry.dispose();
+    this.#glass.material.dispose();
+    this.#border.dispose();
+  }
+}
