@@ -30,14 +30,18 @@ export class Visit {
   readonly #faults: string[] = [];
   /** While the service is away, failed requests are no faults. */
   away = false;
+  /** Statuses of refusals that the test provokes: browsers log them. */
+  refusals: number[] = [];
 
   private constructor(page: Page, origin: string) {
     this.page = page;
     page.on("pageerror", (error) => this.#faults.push(`exception: ${error.stack ?? error.message}`));
     page.on("console", (message) => {
-      const gone = this.away && /Failed to load resource|ERR_/.test(message.text());
-      if (["error", "warning"].includes(message.type()) && !gone && !isNoise(message.text())) {
-        this.#faults.push(`console: ${message.text()} (${message.location().url})`);
+      const text = message.text();
+      const refused = Number(/Failed to load resource: .*status of (\d+)/.exec(text)?.[1]);
+      const provoked = this.refusals.includes(refused) || (this.away && /Failed to load resource|ERR_/.test(text));
+      if (["error", "warning"].includes(message.type()) && !provoked && !isNoise(text)) {
+        this.#faults.push(`console: ${text} (${message.location().url})`);
       }
     });
     page.on("request", (request) => {

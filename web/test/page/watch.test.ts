@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { after, test } from "node:test";
 import { SMALL, withService, type Service } from "../../../clients/typescript/test/service.ts";
-import { Oviduct, type ModelRequest } from "../../../clients/typescript/src/index.ts";
+import { Oviduct, type ModelRequest, type Vary } from "../../../clients/typescript/src/index.ts";
 import { closeBrowser, Visit } from "./browser.ts";
 
 after(closeBrowser);
@@ -130,7 +130,7 @@ test("the list is filtered and follows the queue", async () => {
     assert.equal(await rows.count(), 2);
     await visit.accessible();
     await page.getByRole("button", { name: "Cancel all that match …" }).click();
-    await page.getByRole("dialog").getByRole("button", { name: /Cancel 2/ }).click();
+    await page.getByRole("dialog").getByRole("button", { name: "Cancel them" }).click();
     await rows.first().getByText("cancelled").waitFor();
     const { models } = await client.listPage();
     assert.deepEqual(models.map(({ seed, status }) => [seed, status]), [[3, "cancelled"], [2, "queued"], [1, "cancelled"]]);
@@ -141,7 +141,7 @@ test("the list is filtered and follows the queue", async () => {
 test("a study is followed to its table", async () => {
   await withService([], async (service) => {
     const client = new Oviduct(service.url);
-    const vary = { design: "grid", values: { "/collision/gap_um": [28, 34] } } as const;
+    const vary: Vary = { design: "grid", values: { "/collision/gap_um": [28, 34] } };
     const { id } = await client.submitBatch({ ...SMALL, seeds: [1, 2], vary });
     const visit = await Visit.open(`${service.url}/#/batches/${id}`);
     const { page } = visit;
