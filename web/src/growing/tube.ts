@@ -54,7 +54,9 @@ export class Tube {
    * @throws Error without WebGL2.
    */
   constructor(canvas: HTMLCanvasElement, length: number, private readonly ends: readonly [HTMLElement, HTMLElement]) {
-    this.#renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "low-power" });
+    const context = canvas.getContext("webgl2", { antialias: true, alpha: true, powerPreference: "low-power" });
+    if (!context) throw new Error("WebGL2 is missing");
+    this.#renderer = new WebGLRenderer({ canvas, context });
     this.#length = length;
     this.#axis = new LineSegments(axis(length), this.#axisLine);
     const light = new DirectionalLight(0xffffff, 1.6);
