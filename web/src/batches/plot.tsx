@@ -71,9 +71,10 @@ function Scatter({ points, x, y }: { points: { id: string; x: number; y: number 
   );
 }
 
-/** Numbers of an axis may differ in their fourth digit. */
+/** Numbers of an axis may differ in their fourth digit; those of seeds are long. */
 function tick(value: number): string {
-  return value.toLocaleString("en", { maximumSignificantDigits: 6 });
+  const notation = Math.abs(value) < 1e6 ? "standard" : "scientific";
+  return value.toLocaleString("en", { maximumSignificantDigits: 6, notation });
 }
 
 /** Maps values to pixels, with a margin on both sides. */

@@ -86,6 +86,7 @@ function Head({ batch, onChange }: { batch: Batch; onChange: () => void }) {
         <Download text="All files (ZIP)" url={(service) => service.archiveUrl(id)} />
         {isOpen(batch) && <button type="button" class="button" onClick={() => setAsking("cancel")}><Icon name="stop" /> Cancel</button>}
         <button type="button" class="button button-danger" onClick={() => setAsking("delete")}><Icon name="trash" /> Delete</button>
+        <a class="button" href={href([], { batch: id })}>Show as a list</a>
         <CopyButton label="Copy link" text={() => location.href} />
       </div>
       {asking === "cancel" && (

@@ -1,4 +1,5 @@
 // A model that waits or grows.
+import { useState } from "preact/hooks";
 import type { ModelState } from "oviduct-client";
 import { sections } from "../models.ts";
 import { duration, short } from "../ui/format.ts";
@@ -12,17 +13,21 @@ import "./growing.css";
 
 /** `length` is that of the whole tube in micrometres. */
 export function Growing({ model, length }: { model: ModelState; length: number }) {
+  const [flat, setFlat] = useState(false);
   if (model.status === "queued") return <Waiting model={model} />;
   const seen = sections(model.id).value;
   const last = seen.at(-1);
   return (
     <div class="growing">
       <Stages model={model} />
-      <div class="growing-views">
-        <div class="card growing-tube">
-          <Stage sections={seen} length={length} />
-          {seen.length === 0 && <p class="growing-empty soft">The first section appears soon.</p>}
-        </div>
+      {flat && <p class="soft">The tube is not shown in 3D: WebGL2 is missing in this browser, or was lost.</p>}
+      <div class={`growing-views${flat ? " flat" : ""}`}>
+        {!flat && (
+          <div class="card growing-tube">
+            <Stage sections={seen} length={length} onUnavailable={() => setFlat(true)} />
+            {seen.length === 0 && <p class="growing-empty soft">The first section appears soon.</p>}
+          </div>
+        )}
         <section class="card growing-section" aria-label="Newest section">
           <h2>{last ? `Section at ${(last.z_um / 1000).toFixed(1)} mm` : "Section"}</h2>
           <div class="growing-drawing">

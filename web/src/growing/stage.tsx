@@ -14,12 +14,19 @@ const TURNS: Record<string, [number, number]> = {
   ArrowDown: [0, -STEP],
 };
 
-/** The sections seen so far as a tube in 3D; `length` in micrometres. */
-export function Stage({ sections, length }: { sections: readonly LiveSection[]; length: number }) {
+interface Props {
+  sections: readonly LiveSection[];
+  /** Of the whole tube, micrometres. */
+  length: number;
+  /** Called if WebGL2 is missing or was lost. */
+  onUnavailable: () => void;
+}
+
+/** The sections seen so far as a tube in 3D. */
+export function Stage({ sections, length, onUnavailable }: Props) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const [isthmus, ampulla] = [useRef<HTMLSpanElement>(null), useRef<HTMLSpanElement>(null)];
-  const [tube, setTube] = useState<Tube | "loading" | "unavailable">("loading");
-  const scene = typeof tube === "string" ? undefined : tube;
+  const [scene, setScene] = useState<Tube>();
 
   useEffect(() => {
     let made: Tube | undefined;
@@ -28,9 +35,9 @@ export function Stage({ sections, length }: { sections: readonly LiveSection[]; 
       .then(({ Tube }) => {
         if (left) return;
         made = new Tube(canvas.current!, length, [isthmus.current!, ampulla.current!]);
-        setTube(made);
+        setScene(made);
       })
-      .catch(() => setTube("unavailable"));
+      .catch(onUnavailable);
     return () => {
       left = true;
       made?.dispose();
@@ -42,20 +49,16 @@ export function Stage({ sections, length }: { sections: readonly LiveSection[]; 
     const element = canvas.current!;
     const watcher = new ResizeObserver(() => scene.resize(element.clientWidth, element.clientHeight));
     watcher.observe(element);
-    const lost = () => setTube("unavailable");
-    element.addEventListener("webglcontextlost", lost);
+    element.addEventListener("webglcontextlost", onUnavailable);
     return () => {
       watcher.disconnect();
-      element.removeEventListener("webglcontextlost", lost);
+      element.removeEventListener("webglcontextlost", onUnavailable);
     };
   }, [scene]);
   useEffect(() => scene?.paint(colours(canvas.current!)), [scene, dark.value]);
   useEffect(() => scene?.sway(!stillness.value), [scene, stillness.value]);
   useEffect(() => scene?.show(sections), [scene, sections]);
 
-  if (tube === "unavailable") {
-    return <p class="stage-without soft">This browser shows no 3D (WebGL2 is missing or was lost). The sections are drawn without it.</p>;
-  }
   const drag = (event: PointerEvent) => {
     if (event.buttons === 1) scene?.turn(-event.movementX * PER_PIXEL, event.movementY * PER_PIXEL);
   };
@@ -87,5 +90,5 @@ function colours(element: HTMLElement) {
     element.style.color = `var(${name})`;
     return getComputedStyle(element).color;
   };
-  return { ground: colour("--ground"), tissue: colour("--tissue"), mucosa: colour("--mucosa"), ink: colour("--ink") };
+  return { ground: colour("--surface"), tissue: colour("--tissue"), mucosa: colour("--mucosa"), ink: colour("--ink") };
 }

@@ -36,7 +36,10 @@ export class Tube {
   readonly #mucosa = new LineBasicMaterial();
   readonly #outside = new MeshBasicMaterial({ transparent: true, opacity: 0.22, depthWrite: false });
   readonly #axisLine = new LineBasicMaterial({ transparent: true, opacity: 0.45 });
+  readonly #ground = new MeshBasicMaterial({ side: DoubleSide });
   readonly #wall = new Mesh(new BufferGeometry(), this.#outside);
+  /** Closes the lumen of the newest section, so that its folds stand out. */
+  readonly #lumen = new Mesh(new BufferGeometry(), this.#ground);
   readonly #axis: LineSegments;
   /** Micrometres. */
   readonly #length: number;
@@ -54,13 +57,15 @@ export class Tube {
    * @throws Error without WebGL2.
    */
   constructor(canvas: HTMLCanvasElement, length: number, private readonly ends: readonly [HTMLElement, HTMLElement]) {
-    this.#renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "low-power" });
+    const context = canvas.getContext("webgl2", { antialias: true, alpha: true, powerPreference: "low-power" });
+    if (!context) throw new Error("WebGL2 is missing");
+    this.#renderer = new WebGLRenderer({ canvas, context });
     this.#length = length;
     this.#axis = new LineSegments(axis(length), this.#axisLine);
-    const light = new DirectionalLight(0xffffff, 1.6);
+    const light = new DirectionalLight(0xffffff, 1.9);
     light.position.set(0.6, 1, 1.4);
-    this.#tube.add(this.#wall, this.#axis);
-    this.#scene.add(this.#tube, light, new HemisphereLight(0xffffff, 0xc9a7b4, 1.7));
+    this.#tube.add(this.#wall, this.#lumen, this.#axis);
+    this.#scene.add(this.#tube, light, new HemisphereLight(0xffffff, 0xc9a7b4, 2));
   }
 
   /** How many times shorter the tube is drawn than it is. */
@@ -69,6 +74,7 @@ export class Tube {
   }
 
   paint({ ground, tissue, mucosa, ink }: TubeColours): void {
+    this.#ground.color.set(ground);
     this.#front.color.set(tissue);
     this.#tissue.color.set(tissue).lerp(new Color(ground), 0.25);
     this.#outside.color.set(tissue);
@@ -99,6 +105,8 @@ export class Tube {
     this.#radius = Math.max(0, ...sections.map(({ outer }) => reach(outer)));
     this.#wall.geometry.dispose();
     this.#wall.geometry = wall(sections);
+    this.#lumen.geometry.dispose();
+    this.#lumen.geometry = last ? filled(thinned(last.inner, POINTS), last.z_um) : new BufferGeometry();
     if (this.#radius > 0) this.#tube.scale.z = Math.min(1, (SLENDERNESS * this.#radius) / this.#length);
     this.render();
   }
@@ -194,8 +202,9 @@ export class Tube {
     cancelAnimationFrame(this.#frame);
     this.#slices.forEach(disposeSlice);
     this.#wall.geometry.dispose();
+    this.#lumen.geometry.dispose();
     this.#axis.geometry.dispose();
-    for (const material of [this.#tissue, this.#front, this.#mucosa, this.#outside, this.#axisLine]) material.dispose();
+    for (const material of [this.#tissue, this.#front, this.#ground, this.#mucosa, this.#outside, this.#axisLine]) material.dispose();
     this.#renderer.dispose();
     this.#renderer.forceContextLoss();
   }
@@ -209,6 +218,13 @@ interface Slice {
 function disposeSlice({ cut, edge }: Slice): void {
   cut.geometry.dispose();
   edge.geometry.dispose();
+}
+
+function filled(contour: Contour, z: number): BufferGeometry {
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new BufferAttribute(flat([contour], z), 3));
+  geometry.setIndex(ShapeUtils.triangulateShape(vectors(contour), []).flat());
+  return geometry;
 }
 
 /** The outer wall through all sections. */

@@ -2,7 +2,7 @@
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { OviductError, type ModelFilter, type ModelState } from "oviduct-client";
 import { forget, known, remember } from "../models.ts";
-import { ask, explain } from "../service.ts";
+import { ask, explain, session } from "../service.ts";
 import { reconnections } from "../stream.ts";
 import { conditions, matches, writeFilter, type Filter } from "./filter.ts";
 
@@ -30,15 +30,20 @@ export interface Listing {
   retry: () => void;
 }
 
+/** How far lists were read for the present key, by their filters: they are as long when one comes back to them. */
+const reached = new Map<string, Reach>();
+let owner: number | undefined;
+
 export function useListing(filter: Filter): Listing {
+  if (owner !== session.value) reached.clear();
+  owner = session.value;
   const query = writeFilter(filter).toString();
+  const present = reached.get(query);
   const which = useMemo(() => conditions(filter, Date.now()), [query]);
-  const [reach, setReach] = useState<Reach & { query: string }>();
   const [reading, setReading] = useState(true);
   const [fault, setFault] = useState<string>();
   const [retries, setRetries] = useState(0);
   const abort = useRef(new AbortController());
-  const present = reach?.query === query ? reach : undefined;
 
   const read = async (what: (signal: AbortSignal) => Promise<Reach>) => {
     abort.current.abort();
@@ -46,8 +51,8 @@ export function useListing(filter: Filter): Listing {
     setReading(true);
     setFault(undefined);
     try {
-      const reached = await what(signal);
-      if (!signal.aborted) setReach({ ...reached, query });
+      const reach = await what(signal);
+      if (!signal.aborted) reached.set(query, reach);
     } catch (error) {
       if (!signal.aborted) setFault(explain(error));
     } finally {

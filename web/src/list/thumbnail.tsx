@@ -15,7 +15,7 @@ const KEPT = 300;
 const drawings = new Map<string, Promise<Drawn>>();
 
 export function Thumbnail({ model }: { model: ModelState }) {
-  const { id, status, progress } = model;
+  const { id, status, summary } = model;
   const live = sections(id).value.at(-1);
   const frame = useRef<HTMLDivElement>(null);
   const [drawn, setDrawn] = useState<Drawn>();
@@ -27,7 +27,7 @@ export function Thumbnail({ model }: { model: ModelState }) {
     const watcher = new IntersectionObserver(([entry]) => {
       if (!entry?.isIntersecting) return;
       watcher.disconnect();
-      drawing(id, Math.floor(PLACE * ((progress?.sections ?? 1) - 1))).then(
+      drawing(id, Math.floor(PLACE * ((summary?.sections ?? 1) - 1))).then(
         (drawn) => left || setDrawn(drawn),
         // The placeholder stays.
         () => {},

@@ -51,9 +51,10 @@ interface Props {
   name?: string;
   /** Called with the model that was made from this one. */
   onMade: (model: Model) => void;
+  onDeleted?: () => void;
 }
 
-export function ModelActions({ model, name, onMade }: Props) {
+export function ModelActions({ model, name, onMade, onDeleted }: Props) {
   const [busy, setBusy] = useState(false);
   const [deleting, setDeleting] = useState(false);
   const { id, status, seed } = model;
@@ -78,7 +79,7 @@ export function ModelActions({ model, name, onMade }: Props) {
       </a>
       <Action icon="trash" text="Delete" label={`Delete${of}`} danger compact={name !== undefined} onClick={() => setDeleting(true)} />
       {deleting && (
-        <Confirm title="Delete this model?" action="Delete" onConfirm={() => attempt(() => remove(id))} onClose={() => setDeleting(false)}>
+        <Confirm title="Delete this model?" action="Delete" onConfirm={() => attempt(() => remove(id).then(onDeleted))} onClose={() => setDeleting(false)}>
           <p>
             {hasEnded(model) ? "The model and its files are removed." : "The model has not ended. It is cancelled and removed."} This
             cannot be undone.

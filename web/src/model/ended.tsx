@@ -11,6 +11,7 @@ const MEANINGS: Record<string, string> = {
   panic: "The program itself failed. That is a fault of oviduct: whoever runs the service finds the details in its log.",
   memory: "The model needs more memory than the worker has. Fewer particles or sections need less.",
   "attempts-exhausted": "Workers stopped while they grew it, again and again.",
+  timeout: "It needed more time than a worker may spend on one model. Fewer steps or particles need less.",
   storage: "The files could not be stored. A retry may succeed once there is room.",
 };
 

@@ -7,7 +7,7 @@ import { remember, state } from "../models.ts";
 import { go, href, route } from "../router.ts";
 import { ask, explain } from "../service.ts";
 import { reconnections } from "../stream.ts";
-import { Ago, CopyButton, Notice, StatusBadge } from "../ui/widgets.tsx";
+import { Ago, CopyButton, Notice, StatusBadge, toast } from "../ui/widgets.tsx";
 import { ModelActions } from "./actions.tsx";
 import { Ended } from "./ended.tsx";
 import { Labels } from "./labels.tsx";
@@ -45,7 +45,8 @@ export default function ModelPage() {
 
   if (fault instanceof OviductError && fault.is("model-not-found")) return <Missing detail="It never existed, or it was deleted." />;
   if (read && !model) return <Missing detail="It was deleted." />;
-  if (!model || !read) {
+  // The files are in what is read after the end.
+  if (!model || !read || (succeeded && read.status !== "succeeded")) {
     return fault ? <Unread fault={fault} onRetry={() => setAttempts(attempts + 1)} /> : <p class="soft" aria-busy="true">Loading …</p>;
   }
   return (
@@ -74,7 +75,7 @@ function Head({ model, title }: { model: ModelState; title: string }) {
         </div>
       </div>
       <div>
-        <ModelActions model={model} onMade={({ id }) => go(["models", id])} />
+        <ModelActions model={model} onMade={({ id }) => go(["models", id])} onDeleted={() => (go([]), toast("The model was deleted."))} />
         <CopyButton label="Copy link" text={() => location.href} />
       </div>
     </div>
@@ -82,10 +83,7 @@ function Head({ model, title }: { model: ModelState; title: string }) {
 }
 
 function Body({ model, read }: { model: ModelState; read: Model }) {
-  if (model.status === "succeeded") {
-    // The files are in the answer that was read after the end.
-    return read.status === "succeeded" ? <Explored model={read} /> : <p class="soft" aria-busy="true">Loading …</p>;
-  }
+  if (model.status === "succeeded") return <Explored model={read} />;
   if (model.status === "failed" || model.status === "cancelled") return <Ended model={model} />;
   return <Growing model={model} length={lengthOf(read)} />;
 }
