@@ -5,7 +5,8 @@ import { ask, explain } from "../service.ts";
 import type { Tube } from "./framing.ts";
 import { Measurement } from "./measure.ts";
 import { survey, type Survey } from "./survey.ts";
-import { automaticLevel, deviceOf, download, levelsOf, type Level } from "./viewer/levels.ts";
+import { device } from "./viewer/device.ts";
+import { automaticLevel, download, levelsOf, type Level } from "./viewer/levels.ts";
 import { readSurface, type Surface } from "./viewer/surface.ts";
 
 export class Exploration {
@@ -42,8 +43,10 @@ export class Exploration {
   }
 
   /** Loads the lightest level, then better ones as far as the device is fit for them. */
-  async loadSurface(renderer: string): Promise<void> {
-    const last = automaticLevel(this.levels, deviceOf(renderer));
+  async loadSurface(): Promise<void> {
+    const present = device();
+    if (!present) return;
+    const last = automaticLevel(this.levels, present);
     for (const level of this.levels.slice(0, last + 1)) {
       if (!(await this.loadLevel(level))) return;
     }

@@ -8,6 +8,7 @@ import type { Flight } from "./flight.ts";
 import { drawRuler } from "./ruler.ts";
 import { Still } from "./still.tsx";
 import type { View } from "./view.ts";
+import { device } from "./viewer/device.ts";
 import { Stage } from "./viewer/stage.ts";
 
 interface Props {
@@ -22,14 +23,9 @@ export function Picture({ exploration, view, flight }: Props) {
   const [stage, setStage] = useState<Stage | "impossible">();
   const help = useId();
   useEffect(() => {
-    let stage: Stage;
-    try {
-      stage = new Stage(canvas.current!, view, exploration.tube);
-    } catch {
-      setStage("impossible");
-      return;
-    }
-    setStage(stage);
+    const stage = newStage(canvas.current!, view, exploration);
+    setStage(stage ?? "impossible");
+    if (!stage) return;
     const leave = connect(stage, exploration, flight, overlay.current!);
     return () => {
       leave();
@@ -64,7 +60,7 @@ export function Picture({ exploration, view, flight }: Props) {
         <circle r="5" />
         <text />
       </svg>
-      <Loading exploration={exploration} stage={stage} />
+      <Loading exploration={exploration} />
       {stage?.lost.value && (
         <Still exploration={exploration}>
           The graphics processor is busy or was reset. The 3D view comes back by itself, or when you reload the page.
@@ -74,10 +70,20 @@ export function Picture({ exploration, view, flight }: Props) {
   );
 }
 
+/** Undefined if the browser has no WebGL2, or no context left. */
+function newStage(canvas: HTMLCanvasElement, view: View, exploration: Exploration): Stage | undefined {
+  const present = device();
+  try {
+    return present && new Stage(canvas, view, exploration.tube, present);
+  } catch {
+    return undefined;
+  }
+}
+
 /** Passes on to the picture what is loaded, and measures with it. */
 function connect(stage: Stage, exploration: Exploration, flight: Flight, overlay: SVGSVGElement): () => void {
   const { measurement } = exploration;
-  void exploration.loadSurface(stage.device);
+  void exploration.loadSurface();
   stage.onKey = flight.key;
   stage.onPick = (spot) => measurement.picking.peek() && measurement.pick(spot);
   stage.onFrame = () => drawRuler(overlay, measurement, stage);
@@ -97,7 +103,7 @@ function connect(stage: Stage, exploration: Exploration, flight: Flight, overlay
   return () => leave.forEach((end) => end());
 }
 
-function Loading({ exploration, stage }: { exploration: Exploration; stage: Stage | undefined }) {
+function Loading({ exploration }: { exploration: Exploration }) {
   const { loading, surface, surfaceFault, levels } = exploration;
   if (levels.length === 0) {
     return (
@@ -109,7 +115,7 @@ function Loading({ exploration, stage }: { exploration: Exploration; stage: Stag
       <div class="stage-message">
         <Notice title="The 3D file could not be loaded" kind="error">
           <p>{surfaceFault.value}</p>
-          <button type="button" class="button" onClick={() => stage && exploration.loadSurface(stage.device)}>
+          <button type="button" class="button" onClick={() => exploration.loadSurface()}>
             Try again
           </button>
         </Notice>

@@ -1,6 +1,7 @@
 // Levels of detail: which files a model has, which one this device should show, and their download.
 import type { Model, ModelFile } from "oviduct-client";
 import { ask } from "../../service.ts";
+import type { Device } from "./device.ts";
 
 export interface Level {
   title: string;
@@ -24,34 +25,10 @@ export function levelsOf(model: Pick<Model, "files">): Level[] {
   return levels.length > 0 || !whole ? levels : [{ title: "Full", file: whole }];
 }
 
-/** What is known of the device. */
-export interface Device {
-  /** Name of the graphics processor. */
-  renderer: string;
-  /** Gigabytes; browsers that do not tell count as weak. */
-  memory: number;
-  cores: number;
-  saveData: boolean;
-  touch: boolean;
-}
-
-export function deviceOf(renderer: string): Device {
-  const browser = navigator as Navigator & { deviceMemory?: number; connection?: { saveData?: boolean } };
-  return {
-    renderer,
-    memory: browser.deviceMemory ?? 0,
-    cores: navigator.hardwareConcurrency,
-    saveData: browser.connection?.saveData ?? false,
-    touch: matchMedia("(pointer: coarse)").matches,
-  };
-}
-
 /** The best level that is loaded without being asked for: an index of `levels`. */
-export function automaticLevel(levels: readonly Level[], device: Device): number {
-  const last = levels.length - 1;
-  if (device.saveData || /swiftshader|llvmpipe|software|basic render/i.test(device.renderer)) return 0;
-  const strong = device.memory >= 8 && device.cores >= 8 && !device.touch;
-  return Math.min(last, strong ? 2 : 1);
+export function automaticLevel(levels: readonly Level[], { strength, saveData }: Device): number {
+  const best = saveData ? 0 : { software: 0, ordinary: 1, strong: 2 }[strength];
+  return Math.min(levels.length - 1, best);
 }
 
 /** Downloads a file; `onProgress` gets the number of bytes so far. Throws as the client does. */

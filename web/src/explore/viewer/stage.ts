@@ -10,13 +10,13 @@ import { dark } from "../../ui/theme.ts";
 import { glideFrom } from "../motion.ts";
 import { control } from "./controls.ts";
 import { Cuts } from "./cuts.ts";
+import type { Device } from "./device.ts";
 import { firstHit } from "./ray.ts";
+import { Resolution } from "./resolution.ts";
 import { SectionPlane } from "./section-plane.ts";
 import type { Surface } from "./surface.ts";
 import { Tissue } from "./tissue.ts";
 
-/** More pixels than this for each of the page cost time and are hardly seen. */
-const MOST_PIXELS = 2;
 /** Vertical angle of the view in flight, degrees. */
 const FLIGHT_FIELD = 85;
 /** Millimetres ahead that the flight looks at. */
@@ -44,6 +44,7 @@ export class Stage {
   readonly #tube: Tube;
   readonly #canvas: HTMLCanvasElement;
   readonly #renderer: WebGLRenderer;
+  readonly #resolution: Resolution;
   readonly #scene = new Scene();
   readonly #camera = new PerspectiveCamera(FIELD, 1, 0.1, 1000);
   readonly #tissue = new Tissue();
@@ -59,12 +60,14 @@ export class Stage {
   #pending = 0;
   #frames = 0;
 
-  /** Throws if the browser has no WebGL2. */
-  constructor(canvas: HTMLCanvasElement, view: View, tube: Tube) {
+  /** Throws if the browser gives no WebGL2 context. */
+  constructor(canvas: HTMLCanvasElement, view: View, tube: Tube, { strength }: Device) {
     this.#canvas = canvas;
     this.#view = view;
     this.#tube = tube;
-    this.#renderer = new WebGLRenderer({ canvas, antialias: false, alpha: true, stencil: true, powerPreference: "high-performance" });
+    const software = strength === "software";
+    this.#renderer = new WebGLRenderer({ canvas, antialias: !software, alpha: true, stencil: true, powerPreference: "high-performance" });
+    this.#resolution = new Resolution(software, this.invalidate);
     this.#renderer.localClippingEnabled = true;
     this.#cuts = new Cuts(tube);
     this.#plane = new SectionPlane(tube);
@@ -73,14 +76,6 @@ export class Stage {
     this.#scene.add(this.#tissue.group, this.#cuts.group, this.#plane.group, this.#camera);
     this.#listen();
     this.#follow();
-  }
-
-  /** Name of the graphics processor. */
-  get device(): string {
-    const gl = this.#renderer.getContext();
-    // Chromium tells the name only through the extension.
-    const info = gl.getExtension("WEBGL_debug_renderer_info");
-    return String(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER));
   }
 
   show(surface: Surface): void {
@@ -112,6 +107,7 @@ export class Stage {
     this.#tissue.dispose();
     this.#cuts.dispose();
     this.#plane.dispose();
+    this.#resolution.dispose();
     this.#renderer.dispose();
     // Browsers allow few contexts at a time, and collect those of removed canvases late.
     this.#renderer.forceContextLoss();
@@ -183,7 +179,6 @@ export class Stage {
   #resize(): void {
     const { clientWidth: width, clientHeight: height } = this.#canvas;
     if (width === 0 || height === 0) return;
-    this.#renderer.setPixelRatio(Math.min(devicePixelRatio, MOST_PIXELS));
     this.#renderer.setSize(width, height, false);
     this.#camera.aspect = width / height;
     this.#view.aspect = this.#camera.aspect;
@@ -195,6 +190,8 @@ export class Stage {
     this.#pending = 0;
     if (this.lost.peek()) return;
     this.#view.pose.advance(now);
+    this.#resolution.frame(now);
+    if (this.#resolution.ratio !== this.#renderer.getPixelRatio()) this.#renderer.setPixelRatio(this.#resolution.ratio);
     const flight = this.#view.flight.peek();
     const way = this.#way.peek();
     if (flight !== undefined && way) this.#fly(flight, way);
