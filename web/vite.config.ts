@@ -23,7 +23,8 @@ export default defineConfig({
   server: {
     proxy: Object.fromEntries(
       ["models", "batches", "events", "presets", "schema", "workers", "tickets", "healthz", "readyz", "docs", "openapi.yaml"].map(
-        (path) => [`/${path}`, process.env["OVIDUCT_URL"] ?? "http://127.0.0.1:8080"],
+        // The service lets pages of its own host in.
+        (path) => [`/${path}`, { target: process.env["OVIDUCT_URL"] ?? "http://127.0.0.1:8080", changeOrigin: false }],
       ),
     ),
   },

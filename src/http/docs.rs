@@ -5,11 +5,10 @@
 mod html;
 mod schemas;
 
-use super::home::POLICY;
 use super::openapi::Description;
 use super::problem::Kind;
 use axum::Extension;
-use axum::http::header;
+use axum::http::{HeaderValue, header};
 use axum::response::{Html, IntoResponse, Response};
 use html::{escape, items, members, prose, table, text};
 use serde_json::Value;
@@ -46,6 +45,9 @@ fn write(document: &Value) -> String {
         schemas = schemas::all(&document["components"]["schemas"]),
     )
 }
+
+const POLICY: HeaderValue =
+    HeaderValue::from_static("default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'");
 
 const STYLE: &str = include_str!("docs/style.css");
 

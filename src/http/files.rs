@@ -75,7 +75,8 @@ pub(super) async fn download(
 }
 
 /// Redirects a download to the artifact store, if that is set and the store can sign addresses. Ranges work too: a client
-/// repeats its headers there.
+/// repeats its headers there. Scripts of the console get the bytes themselves, because its policy lets them read from this
+/// origin only.
 async fn redirect(
     state: &AppState,
     job: &Job,
@@ -83,7 +84,8 @@ async fn redirect(
     method: &Method,
     headers: &HeaderMap,
 ) -> Result<Option<Response>, Problem> {
-    if !state.limits.redirect_downloads || method != Method::GET || ETag::strong(&file.sha256).matches_none(headers) {
+    let known = ETag::strong(&file.sha256).matches_none(headers);
+    if !state.limits.redirect_downloads || method != Method::GET || known || is_script_of_console(headers) {
         return Ok(None);
     }
     let name = format!("{}-{}-{}", job.preset, job.seed, file.name);
@@ -97,6 +99,12 @@ async fn redirect(
     state.metrics.bytes_out(file.bytes);
     let headers = [(header::LOCATION, location), (header::CACHE_CONTROL, HeaderValue::from_static("no-store"))];
     Ok(Some((StatusCode::TEMPORARY_REDIRECT, headers).into_response()))
+}
+
+/// Whether a script of a page of this origin asks, by what browsers say (Fetch Metadata). A link that is followed does not.
+fn is_script_of_console(headers: &HeaderMap) -> bool {
+    let is = |name, value: &str| headers.get(name).is_some_and(|found| found.as_bytes() == value.as_bytes());
+    is("sec-fetch-site", "same-origin") && is("sec-fetch-dest", "empty")
 }
 
 /// The report of a model: what `report.json` holds, and what computed it.

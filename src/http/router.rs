@@ -5,10 +5,9 @@ use super::compress::compress;
 use super::envelope::enclose;
 use super::openapi::Description;
 use super::{
-    AppState, batches, bulk, create, docs, events, files, health, home, metrics, models, openapi, presets, retry,
+    AppState, batches, bulk, console, create, docs, events, files, health, metrics, models, openapi, presets, retry,
     sections, tickets, workers,
 };
-use axum::routing::get;
 use axum::{Extension, Router};
 use serde_json::Value;
 use std::sync::{Arc, LazyLock};
@@ -80,7 +79,7 @@ pub fn openapi_yaml() -> String {
 /// The service. Every error response is a problem, every response has a request id.
 pub fn router(state: AppState) -> Router {
     let counting = axum::middleware::from_fn_with_state(state.metrics.clone(), metrics::count);
-    let routes = Router::from(routes()).route("/", get(home::page)).layer(Extension(Description(description)));
+    let routes = Router::from(routes()).merge(console::routes()).layer(Extension(Description(description)));
     let origins = state.limits.cors_origins.clone();
     let routes = routes.layer(Extension(Arc::clone(&state.access))).layer(counting).with_state(state);
     enclose(compress(routes), &origins)

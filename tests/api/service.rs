@@ -232,18 +232,33 @@ async fn responses_are_as_described() {
 }
 
 #[tokio::test]
-async fn the_links_of_the_home_page_work() {
+async fn the_console_and_its_files_are_served() {
     let app = App::new().await;
     let reply = app.get("/").await;
     assert_eq!(reply.status, 200);
     assert!(reply.header(header::CONTENT_TYPE).unwrap().starts_with("text/html"));
-    assert!(reply.header(header::CONTENT_SECURITY_POLICY).is_some());
+    let policy = reply.header(header::CONTENT_SECURITY_POLICY).unwrap();
+    assert!(policy.starts_with("default-src 'none'") && !policy.contains("unsafe-inline"), "{policy}");
+    assert_eq!(reply.header(header::CACHE_CONTROL), Some("no-cache"));
     let page = String::from_utf8(reply.body.to_vec()).unwrap();
-    let links: Vec<_> = page.split("href=\"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();
-    assert!(links.len() >= 7);
-    for link in links.into_iter().filter(|link| *link != "events") {
-        assert_eq!(app.get(&format!("/{link}")).await.status, 200, "{link}");
+    let mut files = 0;
+    for link in page.split(['"', '\'']).filter_map(|text| text.strip_prefix("./")) {
+        let file = app.get(&format!("/{link}")).await;
+        assert_eq!(file.status, 200, "{link}");
+        let kind = file.header(header::CONTENT_TYPE).unwrap();
+        let (_, extension) = link.rsplit_once('.').unwrap();
+        let wanted = [("js", "text/javascript"), ("css", "text/css"), ("svg", "image/svg+xml")];
+        assert!(wanted.contains(&(extension, kind)), "{link} is {kind}");
+        let forever = file.header(header::CACHE_CONTROL).unwrap().contains("immutable");
+        assert_eq!(forever, link.starts_with("assets/"), "{link}");
+        let tag = file.header(header::ETAG).unwrap();
+        let again = app.get_with(&format!("/{link}"), &[("if-none-match", tag)]).await;
+        assert_eq!((again.status.as_u16(), again.body.len()), (304, 0), "{link}");
+        files += 1;
     }
+    assert!(files >= 3, "{page}");
+    assert_eq!(app.get("/assets/missing.js").await.status, 404);
+    assert_eq!(app.post("/", &json!({})).await.status, 405);
 }
 
 #[tokio::test]

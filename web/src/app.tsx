@@ -3,7 +3,7 @@ import { computed, signal } from "@preact/signals";
 import type { FunctionComponent } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
 import { KeyDialog } from "./access.tsx";
-import { connection } from "./models.ts";
+import { connection } from "./stream.ts";
 import { href, route } from "./router.ts";
 import { key, locked, session } from "./service.ts";
 import { nextTheme, theme } from "./ui/theme.ts";

@@ -1,23 +1,29 @@
-// What is known of the models: one event stream for the whole page, and whatever pages have read.
-import { batch, effect, signal, type Signal } from "@preact/signals";
-import { Oviduct, type EventSourceClass, type Model, type ModelState } from "oviduct-client";
-import { base, key, locked, noteRefusal } from "./service.ts";
+// What is known of the models: from the event stream (stream.ts), and from what pages have read.
+import { batch, signal, type Signal } from "@preact/signals";
+import type { Model, ModelEvent, ModelState } from "oviduct-client";
 
-/** A contour of a growing tube, thinned for drawing; micrometres. */
-export type LiveSection = NonNullable<ModelState["section"]>;
+/** A contour: x and y of each point in turn, micrometres. */
+export type Contour = Float32Array;
 
-export type Connection = "connecting" | "live" | "lost";
-/** State of the event stream. */
-export const connection = signal<Connection>("connecting");
-/** Grows with each stream that was opened after the first: what pages have read may be outdated. */
-export const reconnections = signal(0);
-/** Grows when a model appears that was not known, or goes. */
-export const arrivals = signal(0);
+/** A section of a growing tube, thinned for drawing. */
+export interface LiveSection {
+  /** Index among the recorded sections. */
+  index: number;
+  step: number;
+  z_um: number;
+  inner: Contour;
+  outer: Contour;
+}
+
+/** Grows when a model appears, goes or changes its status. */
+export const changes = signal(0);
 
 const states = new Map<string, Signal<ModelState | undefined>>();
 const growing = new Map<string, Signal<readonly LiveSection[]>>();
-/** Growing models whose sections are kept. */
-const GROWING_KEPT = 16;
+/** Models that were deleted: an answer that was on its way must not bring them back. */
+const deleted = new Set<string>();
+/** Ended models whose sections are kept. */
+const ENDED_KEPT = 4;
 
 /** The newest known state of a model; undefined if nothing is known, or it was deleted. */
 export function state(id: string): Signal<ModelState | undefined> {
@@ -26,9 +32,9 @@ export function state(id: string): Signal<ModelState | undefined> {
   return known;
 }
 
-/** All known models, newest first. Reading it in a component subscribes to arrivals, not to changes of each model. */
+/** All known models, newest first. Reading it in a component subscribes to `changes`, not to the progress of each model. */
 export function known(): ModelState[] {
-  void arrivals.value;
+  void changes.value;
   const all = [...states.values()].map((state) => state.peek()).filter((model) => model !== undefined);
   // Ids are UUIDv7: their order is that of acceptance.
   return all.sort((a, b) => (a.id < b.id ? 1 : -1));
@@ -38,10 +44,6 @@ export function known(): ModelState[] {
 export function sections(id: string): Signal<readonly LiveSection[]> {
   let seen = growing.get(id);
   if (!seen) growing.set(id, (seen = signal([])));
-  for (const [oldest] of growing) {
-    if (growing.size <= GROWING_KEPT) break;
-    growing.delete(oldest);
-  }
   return seen;
 }
 
@@ -49,96 +51,79 @@ export function sections(id: string): Signal<readonly LiveSection[]> {
 export function remember(models: readonly (Model | ModelState)[]): void {
   batch(() => {
     for (const model of models) {
+      if (deleted.has(model.id)) continue;
       const known = state(model.id);
       const before = known.peek();
+      // The place in the queue changes without a new version.
       if (before && before.version > model.version) continue;
       known.value = model;
-      if (!before) arrivals.value++;
+      if (before?.status !== model.status) bump();
     }
   });
 }
 
 /** Removes a model that was deleted. */
 export function forget(id: string): void {
+  deleted.add(id);
   growing.delete(id);
   const known = states.get(id);
+  states.delete(id);
   if (known?.peek() === undefined) return;
   batch(() => {
     known.value = undefined;
-    states.delete(id);
-    arrivals.value++;
+    bump();
   });
+}
+
+/** Forgets everything: another key sees other models. */
+export function reset(): void {
+  waiting = [];
+  batch(() => {
+    for (const known of states.values()) known.value = undefined;
+    states.clear();
+    growing.clear();
+    deleted.clear();
+    bump();
+  });
+}
+
+function bump(): void {
+  changes.value = changes.peek() + 1;
+}
+
+/** Milliseconds for which events are gathered before pages are drawn again. */
+const GATHERING = 50;
+let waiting: ModelEvent[] = [];
+let timer: ReturnType<typeof setTimeout> | undefined;
+
+/** Takes over an event of the stream, soon. */
+export function receive(event: ModelEvent): void {
+  waiting.push(event);
+  timer ??= setTimeout(() => {
+    timer = undefined;
+    const events = waiting;
+    waiting = [];
+    batch(() => events.forEach(apply));
+  }, GATHERING);
+}
+
+function apply({ type, model }: ModelEvent): void {
+  if (model.status === "deleted") return forget(model.id);
+  const { section, ...rest } = model;
+  remember([rest]);
+  if (type !== "section" || !section || deleted.has(model.id)) return;
+  const { index, step, z_um } = section;
+  addSection(model.id, { index, step, z_um, inner: contour(section.inner), outer: contour(section.outer) });
+}
+
+function contour(points: readonly number[][]): Contour {
+  return Float32Array.from(points.flat());
 }
 
 function addSection(id: string, section: LiveSection): void {
   const seen = sections(id);
-  const before = seen.peek();
   // A model that starts again from an earlier step repeats sections.
-  const kept = before.filter((other) => other.index < section.index);
-  seen.value = [...kept, section];
-}
-
-/** An `EventSource` that shows the page whether it is connected. */
-class Watched extends EventSource {
-  constructor(url: string) {
-    super(url);
-    this.addEventListener("open", () => {
-      if (connection.peek() === "lost") reconnections.value++;
-      connection.value = "live";
-    });
-    this.addEventListener("error", () => (connection.value = "lost"));
-  }
-}
-
-let last: string | undefined;
-
-async function follow(key: string | undefined, signal: AbortSignal): Promise<void> {
-  // The two types differ in how much of an event they describe.
-  const eventSource = Watched as unknown as EventSourceClass;
-  const service = new Oviduct(base, { key, eventSource, reconnects: Infinity, maxDelay: 3000 });
-  try {
-    for await (const { type, id, model } of service.follow({}, { signal, view: "summary", lastEventId: last })) {
-      last = id;
-      if (model.status === "deleted") {
-        forget(model.id);
-        continue;
-      }
-      if (type === "section" && model.section) addSection(model.id, model.section);
-      remember([model]);
-    }
-  } catch (error) {
-    if (signal.aborted) return;
-    connection.value = "lost";
-    noteRefusal(error);
-  }
-}
-
-/** Sleeping machines and hidden tabs lose connections without notice after this time, in milliseconds. */
-const ASLEEP = 30_000;
-
-/** Follows all models until the page is left. */
-export function watch(): void {
-  let abort = new AbortController();
-  const restart = () => {
-    abort.abort();
-    abort = new AbortController();
-    if (locked.peek() === undefined) void follow(key.peek(), abort.signal);
-  };
-  let owner = key.peek();
-  effect(() => {
-    // Another key sees other models.
-    if (key.value !== owner) {
-      owner = key.value;
-      last = undefined;
-      for (const id of [...states.keys()]) forget(id);
-    }
-    if (locked.value === undefined) restart();
-    else abort.abort();
-  });
-  let hidden = 0;
-  document.addEventListener("visibilitychange", () => {
-    if (document.hidden) hidden = Date.now();
-    else if (Date.now() - hidden > ASLEEP) restart();
-  });
-  addEventListener("online", restart);
+  seen.value = [...seen.peek().filter((other) => other.index < section.index), section];
+  const ended = [...growing.keys()].filter((other) => states.get(other)?.peek()?.status !== "running");
+  for (const other of ended.slice(0, -ENDED_KEPT)) growing.delete(other);
 }

@@ -54,12 +54,16 @@ export function noteRefusal(error: unknown): void {
   }
 }
 
+const UNREACHABLE = "The service cannot be reached. Is it running?";
+
 /** An error in words for people. */
 export function explain(error: unknown): string {
   if (error instanceof OviductError) {
+    // A proxy in front of a service that does not run.
+    if (error.type === "about:blank" && error.status >= 502) return UNREACHABLE;
     if (error.is("forbidden")) return `This key does not allow that. ${error.detail}`;
     return error.errors.length > 0 ? error.errors.map((fault) => fault.detail).join(" ") : error.detail;
   }
-  if (error instanceof OviductConnectionError) return "The service cannot be reached. Is it running?";
+  if (error instanceof OviductConnectionError) return UNREACHABLE;
   return error instanceof Error ? error.message : String(error);
 }

@@ -112,7 +112,7 @@ const ICONS = {
   close: "M6 6l12 12M18 6L6 18",
   copy: "M9 9h11v11H9zM5 15H4V4h11v1",
   plus: "M12 5v14M5 12h14",
-  dice: "M4 4h16v16H4zM8.5 8.5v.01M15.5 15.5v.01M12 12v.01M15.5 8.5v.01M8.5 15.5v.01",
+  dice: "M7 3h10a4 4 0 0 1 4 4v10a4 4 0 0 1-4 4H7a4 4 0 0 1-4-4V7a4 4 0 0 1 4-4zM8 8.5a.5.5 0 1 0 1 0 .5.5 0 1 0-1 0M15 8.5a.5.5 0 1 0 1 0 .5.5 0 1 0-1 0M11.5 12a.5.5 0 1 0 1 0 .5.5 0 1 0-1 0M8 15.5a.5.5 0 1 0 1 0 .5.5 0 1 0-1 0M15 15.5a.5.5 0 1 0 1 0 .5.5 0 1 0-1 0",
   trash: "M4 7h16M9 7V4h6v3M6 7l1 13h10l1-13",
   retry: "M4 12a8 8 0 1 0 2.5-5.8M4 4v5h5",
   stop: "M6 6h12v12H6z",
@@ -130,6 +130,7 @@ const ICONS = {
   eye: "M2 12s4-7 10-7 10 7 10 7-4 7-10 7S2 12 2 12zM12 9a3 3 0 1 0 0 6 3 3 0 0 0 0-6z",
   plane: "M3 12l18-8-6 17-3-7z",
   reset: "M4 10V4h6M20 14v6h-6M4 4l6 6M20 20l-6-6",
+  pencil: "M4 20l1-5L16 4l4 4L9 19zM13 7l4 4",
   more: "M5 12v.01M12 12v.01M19 12v.01",
 } as const;
 export type IconName = keyof typeof ICONS;

@@ -1,0 +1,107 @@
+// What is done with several models at once.
+import { useEffect, useState } from "preact/hooks";
+import type { ModelFilter, ModelState, Which } from "oviduct-client";
+import { hasEnded } from "../growing/words.ts";
+import { attempt, cancel, remove } from "../model/actions.tsx";
+import { Confirm } from "../model/confirm.tsx";
+import { forget, known } from "../models.ts";
+import { href } from "../router.ts";
+import { ask, explain } from "../service.ts";
+import { Icon, toast } from "../ui/widgets.tsx";
+import { matches } from "./filter.ts";
+
+type Deed = "cancel" | "delete";
+
+interface SelectionProps {
+  models: ModelState[];
+  onClear: () => void;
+}
+
+/** Shown while models are selected. */
+export function Selection({ models, onClear }: SelectionProps) {
+  const [asking, setAsking] = useState<Deed>();
+  const open = models.filter((model) => !hasEnded(model));
+  const [a, b] = models;
+  const comparable = models.length === 2 && models.every(({ status }) => status === "succeeded");
+  const doAll = async (deed: Deed) => {
+    await attempt(() => inTurn(deed === "cancel" ? open : models, ({ id }) => (deed === "cancel" ? cancel(id) : remove(id))));
+    onClear();
+  };
+  const count = asking === "cancel" ? open.length : models.length;
+  return (
+    <div class="selection card" role="region" aria-label="Selected models">
+      <strong role="status">{models.length} selected</strong>
+      {comparable ? (
+        <a class="button" href={href(["compare", a!.id, b!.id])}><Icon name="compare" /> Compare</a>
+      ) : (
+        <button type="button" class="button" disabled title="Select two models that have succeeded"><Icon name="compare" /> Compare</button>
+      )}
+      <button type="button" class="button" disabled={open.length === 0} onClick={() => setAsking("cancel")}><Icon name="stop" /> Cancel</button>
+      <button type="button" class="button button-danger" onClick={() => setAsking("delete")}><Icon name="trash" /> Delete</button>
+      <button type="button" class="button" onClick={onClear}>Clear</button>
+      {asking && (
+        <Confirm
+          title={`${asking === "cancel" ? "Cancel" : "Delete"} ${models_(count)}?`} action={asking === "cancel" ? "Cancel them" : "Delete them"}
+          onConfirm={() => doAll(asking)} onClose={() => setAsking(undefined)}
+        >
+          <p>{consequence(asking, count)}</p>
+        </Confirm>
+      )}
+    </div>
+  );
+}
+
+/** Cancels or deletes all models that match a filter, loaded or not, after the service has counted them. */
+export function AllMatching({ which, deed, onClose }: { which: ModelFilter; deed: Deed; onClose: () => void }) {
+  const [count, setCount] = useState<number>();
+  const [fault, setFault] = useState<string>();
+  // Without a condition the service wants to be told that all are meant.
+  const conditional = Object.values(which).some((value) => value !== undefined);
+  const meant: Which = conditional ? which : { all: true };
+  const apply = (dryRun: boolean) =>
+    ask((service) => (deed === "cancel" ? service.cancelAll(meant, { dryRun }) : service.deleteAll(meant, { dryRun })));
+  useEffect(() => {
+    apply(true).then(({ count }) => setCount(count), (error: unknown) => setFault(explain(error)));
+  }, []);
+  const confirm = () =>
+    attempt(async () => {
+      const gone = known().filter((model) => matches(model, which));
+      const { count } = await apply(false);
+      if (deed === "delete") for (const { id } of gone) forget(id);
+      toast(`${models_(count)} ${deed === "cancel" ? "cancelled" : "deleted"}.`);
+    });
+  const scope = conditional ? "that match the filter" : "of this service that you may change";
+  return (
+    <Confirm
+      title={`${deed === "cancel" ? "Cancel" : "Delete"} all models ${conditional ? "that match" : ""}?`} disabled={!count}
+      action={deed === "cancel" ? "Cancel them" : "Delete them"} onConfirm={confirm} onClose={onClose}
+    >
+      {fault && <p role="alert">{fault}</p>}
+      {!fault && count === undefined && <p class="soft" aria-busy="true">Counting …</p>}
+      {count === 0 && <p>There is nothing to {deed} among the models {scope}.</p>}
+      {count !== undefined && count > 0 && (
+        <p>
+          {models_(count)} {scope}. {consequence(deed, count)}
+        </p>
+      )}
+    </Confirm>
+  );
+}
+
+function consequence(deed: Deed, count: number): string {
+  const they = count === 1 ? "It" : "They";
+  return deed === "cancel" ? `${they} will have no files.` : `${they} will be removed with all files. This cannot be undone.`;
+}
+
+function models_(count: number): string {
+  return count === 1 ? "1 model" : `${count.toLocaleString("en")} models`;
+}
+
+/** A few at a time, so that the page stays responsive. */
+async function inTurn<T>(all: readonly T[], what: (one: T) => Promise<void>): Promise<void> {
+  const rest = [...all];
+  const work = async () => {
+    for (let one = rest.shift(); one !== undefined; one = rest.shift()) await what(one);
+  };
+  await Promise.all([work(), work(), work()]);
+}

@@ -1,0 +1,61 @@
+// Which models the list shows, as the link has it.
+import type { ModelFilter, ModelState, Status } from "oviduct-client";
+
+export const STATUSES: readonly Status[] = ["queued", "running", "succeeded", "failed", "cancelled"];
+/** Periods up to now, in hours. */
+export const PERIODS = { hour: 1, day: 24, week: 168, month: 720 } as const;
+export type Period = keyof typeof PERIODS;
+
+export interface Filter {
+  status?: Status;
+  preset?: string;
+  /** `name:value`. */
+  labels: string[];
+  batch?: string;
+  within?: Period;
+}
+
+export function readFilter(query: URLSearchParams): Filter {
+  const filter: Filter = { labels: query.getAll("label").filter((label) => label.indexOf(":") > 0) };
+  const status = STATUSES.find((name) => name === query.get("status"));
+  const within = Object.keys(PERIODS).find((name): name is Period => name === query.get("within"));
+  const [preset, batch] = [query.get("preset"), query.get("batch")];
+  if (status) filter.status = status;
+  if (preset) filter.preset = preset;
+  if (batch) filter.batch = batch;
+  if (within) filter.within = within;
+  return filter;
+}
+
+export function writeFilter({ labels, ...rest }: Filter): URLSearchParams {
+  const query = new URLSearchParams(Object.entries(rest).filter(([, value]) => value !== undefined));
+  for (const label of labels) query.append("label", label);
+  return query;
+}
+
+export function isEmpty(filter: Filter): boolean {
+  return writeFilter(filter).size === 0;
+}
+
+/** The conditions of the service; `now` in milliseconds. */
+export function conditions({ status, preset, labels, batch, within }: Filter, now: number): ModelFilter {
+  const after = within && new Date(now - PERIODS[within] * 3_600_000);
+  const own = Object.fromEntries(labels.map(split));
+  return { status, preset, batch, created_after: after, labels: labels.length > 0 ? own : undefined };
+}
+
+/** Whether a model meets the conditions, as the service judges it. */
+export function matches(model: ModelState, { status, preset, labels = {}, batch, created_after: after }: ModelFilter): boolean {
+  return (
+    (status === undefined || model.status === status) &&
+    (preset === undefined || model.preset === preset) &&
+    (batch === undefined || model.batch === batch) &&
+    (after === undefined || Date.parse(model.created_at) >= new Date(after).getTime()) &&
+    Object.entries(labels).every(([name, value]) => model.labels[name] === value)
+  );
+}
+
+function split(label: string): [string, string] {
+  const colon = label.indexOf(":");
+  return [label.slice(0, colon), label.slice(colon + 1)];
+}

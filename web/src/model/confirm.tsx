@@ -1,0 +1,36 @@
+// Asks before something is done that cannot be undone.
+import type { ComponentChildren } from "preact";
+import { useState } from "preact/hooks";
+import { Dialog } from "../ui/widgets.tsx";
+
+interface Props {
+  title: string;
+  /** What the button says that does it. */
+  action: string;
+  children: ComponentChildren;
+  /** Whether the button waits, for instance until it is known what it would do. */
+  disabled?: boolean;
+  /** Does it; the dialog closes afterwards. */
+  onConfirm: () => Promise<unknown>;
+  onClose: () => void;
+}
+
+export function Confirm({ title, action, children, disabled = false, onConfirm, onClose }: Props) {
+  const [busy, setBusy] = useState(false);
+  const confirm = async () => {
+    setBusy(true);
+    await onConfirm();
+    onClose();
+  };
+  return (
+    <Dialog title={title} onClose={onClose}>
+      <div class="confirm">
+        {children}
+        <div class="row">
+          <button type="button" class="button button-danger" disabled={disabled || busy} onClick={confirm}>{action}</button>
+          <button type="button" class="button" onClick={onClose}>Keep</button>
+        </div>
+      </div>
+    </Dialog>
+  );
+}

@@ -1,0 +1,98 @@
+// The service's opinion of the form while it is filled in: faults, and what the request would cost.
+import { computed, effect, signal } from "@preact/signals";
+import { OviductError, type BatchValidation, type Fault, type Validation, type WorkerList } from "oviduct-client";
+import { reconnections } from "../stream.ts";
+import { ask, explain, session } from "../service.ts";
+import { assign } from "./faults.ts";
+import type { Request } from "./form.ts";
+import { fields, localFaults, request } from "./state.ts";
+
+export type Opinion =
+  | { kind: "model"; validation: Validation }
+  | { kind: "study"; validation: BatchValidation }
+  | { kind: "faults"; faults: readonly Fault[] }
+  /** There is no opinion, and why. */
+  | { kind: "unknown"; reason: string };
+
+/** Pause in typing after which the service is asked, in milliseconds. */
+const PAUSE = 300;
+/** Milliseconds between readings of the list of workers. */
+const WORKERS_EVERY = 20_000;
+
+/** The newest answer; it may be about an earlier state of the form while `checking`. */
+export const opinion = signal<Opinion | undefined>(undefined);
+export const checking = signal(false);
+export const workers = signal<WorkerList | undefined>(undefined);
+
+export const faults = computed(() => {
+  const found = localFaults() ?? (opinion.value?.kind === "faults" ? opinion.value.faults : []);
+  return assign(found, fields.value);
+});
+
+/** The faults that an error of a request names; undefined if it is about something else. */
+export function faultsOf(error: unknown): readonly Fault[] | undefined {
+  if (!(error instanceof OviductError) || error.status !== 422) return undefined;
+  return error.errors.length > 0 ? error.errors : [{ pointer: "", detail: error.detail }];
+}
+
+async function validate(request: Request, signal: AbortSignal): Promise<Opinion> {
+  try {
+    return request.purpose === "model"
+      ? { kind: "model", validation: await ask((service) => service.validate(request.body, { signal })) }
+      : { kind: "study", validation: await ask((service) => service.validateBatch(request.body, { signal })) };
+  } catch (error) {
+    const faults = faultsOf(error);
+    return faults ? { kind: "faults", faults } : { kind: "unknown", reason: explain(error) };
+  }
+}
+
+/** Checks each state of the form, the newest one only, until the result is called. */
+export function checkWhileTyping(): () => void {
+  let abort = new AbortController();
+  let last = "";
+  const stop = effect(() => {
+    const present = request.value;
+    const about = JSON.stringify([present, reconnections.value, session.value]);
+    if (about === last) return;
+    last = about;
+    abort.abort();
+    abort = new AbortController();
+    const { signal } = abort;
+    checking.value = present !== undefined && !Array.isArray(present);
+    if (present === undefined || Array.isArray(present)) return;
+    setTimeout(async () => {
+      if (signal.aborted) return;
+      const answer = await validate(present, signal);
+      if (signal.aborted) return;
+      opinion.value = answer;
+      checking.value = false;
+    }, PAUSE);
+  });
+  return () => {
+    stop();
+    abort.abort();
+  };
+}
+
+/** Reads the list of workers now and then, until the result is called. */
+export function watchWorkers(): () => void {
+  const abort = new AbortController();
+  const read = async () => {
+    if (document.hidden) return;
+    try {
+      workers.value = await ask((service) => service.workers({ signal: abort.signal }));
+    } catch {
+      // The frame says that the service does not answer; what was known stays.
+    }
+  };
+  const timer = setInterval(read, WORKERS_EVERY);
+  const stop = effect(() => {
+    void [reconnections.value, session.value];
+    void read();
+  });
+  return () => {
+    clearInterval(timer);
+    stop();
+    abort.abort();
+  };
+}

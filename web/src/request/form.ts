@@ -1,0 +1,162 @@
+// What the form holds, and the request that it makes.
+import type { BatchRequest, Fault, ModelRequest } from "oviduct-client";
+import type { Parameter } from "./parameters.ts";
+import { specPatch, type Changes, type Json } from "./patch.ts";
+import { isSchedule, type Value } from "./schedule.ts";
+import { readList, readNumber, readSeeds } from "./text.ts";
+
+export type Backend = NonNullable<ModelRequest["backend"]>;
+export type Output = NonNullable<ModelRequest["outputs"]>[number];
+
+export const BACKENDS: Record<Backend, string> = {
+  auto: "Automatic (GPU or CPU)",
+  gpu: "GPU",
+  cpu: "CPU",
+  "cpu-single": "CPU, one thread",
+};
+export const OUTPUTS: Record<Output, string> = { glb: "glTF, for viewers and browsers (.glb)", obj: "Wavefront (.obj)" };
+
+/** A parameter that a study varies. Numbers are as typed. */
+export interface Varied {
+  pointer: string;
+  values: "range" | "list";
+  from: string;
+  to: string;
+  count: string;
+  list: string;
+}
+
+export interface Form {
+  /** Undefined for the default preset. */
+  preset: string | undefined;
+  seed: string;
+  changes: Changes;
+  labels: readonly { name: string; value: string }[];
+  outputs: readonly Output[];
+  backend: Backend;
+  priority: string;
+  reuse: boolean;
+  purpose: "model" | "study";
+  /** Of a study: the service draws one or some, or they are given. */
+  seeds: "one" | "drawn" | "given";
+  seedCount: string;
+  seedList: string;
+  design: "grid" | "lhs";
+  samples: string;
+  varied: readonly Varied[];
+}
+
+export const BLANK: Form = {
+  preset: undefined,
+  seed: "",
+  changes: {},
+  labels: [],
+  outputs: ["glb"],
+  backend: "auto",
+  priority: "0",
+  reuse: true,
+  purpose: "model",
+  seeds: "drawn",
+  seedCount: "5",
+  seedList: "1..5",
+  design: "grid",
+  samples: "20",
+  varied: [],
+};
+
+export type Request = { purpose: "model"; body: ModelRequest } | { purpose: "study"; body: BatchRequest };
+
+/** What the form asks for; or faults that only the form knows, at the pointers that the service would use. */
+export function requestOf(form: Form, preset: string, parameters: readonly Parameter[]): Request | Fault[] {
+  const faults: Fault[] = [];
+  const number = (text: string, pointer: string): number => {
+    const value = readNumber(text);
+    if (Number.isNaN(value)) faults.push({ pointer, detail: text.trim() === "" ? "is missing" : NO_NUMBER });
+    return value;
+  };
+  const body: Json = { preset };
+  for (const { pointer } of parameters) faults.push(...notNumbers(form.changes[pointer], `/spec${pointer}`));
+  const spec = specPatch(form.changes, parameters);
+  if (Object.keys(spec).length > 0) body["spec"] = spec;
+  if (form.outputs.length !== 1 || form.outputs[0] !== "glb") body["outputs"] = form.outputs;
+  const labels = form.labels.filter(({ name, value }) => name !== "" || value !== "");
+  if (labels.length > 0) body["labels"] = Object.fromEntries(labels.map(({ name, value }) => [name, value]));
+  for (const [i, { name }] of labels.entries()) {
+    const given = labels.findIndex((other) => other.name === name) < i;
+    if (given) faults.push({ pointer: `/labels/${escaped(name)}`, detail: `the name “${name}” is given twice` });
+  }
+  if (form.backend !== "auto") body["backend"] = form.backend;
+  const priority = number(form.priority, "/priority");
+  if (priority !== 0) body["priority"] = priority;
+  if (!form.reuse) body["reuse"] = false;
+  if (form.purpose === "model") {
+    if (form.seed.trim() !== "") body["seed"] = number(form.seed, "/seed");
+  } else {
+    addStudy(form, body, number, faults);
+  }
+  if (faults.length > 0) return faults;
+  // The service checks what the types of its members cannot.
+  return { purpose: form.purpose, body } as Request;
+}
+
+const NO_NUMBER = "must be a number; write decimals with a point";
+
+function addStudy(form: Form, body: Json, number: (text: string, pointer: string) => number, faults: Fault[]): void {
+  if (form.seeds === "given") {
+    const seeds = readSeeds(form.seedList);
+    if (typeof seeds === "string") faults.push({ pointer: "/seeds", detail: seeds });
+    else body["seeds"] = seeds;
+  } else if (form.seeds === "drawn") {
+    body["count"] = number(form.seedCount, "/count");
+  } else if (form.varied.length === 0) {
+    body["count"] = 1;
+  }
+  if (form.varied.length === 0) return;
+  const lhs = form.design === "lhs";
+  const values = form.varied.map((varied): [string, unknown] => {
+    if (varied.values === "list") return [varied.pointer, readList(varied.list)];
+    const read = (member: (typeof RANGE)[number]) => number(varied[member], variedPointer(varied.pointer, member));
+    const ends = { from: read("from"), to: read("to") };
+    return [varied.pointer, lhs ? ends : { ...ends, count: read("count") }];
+  });
+  body["vary"] = {
+    design: form.design,
+    ...(lhs ? { samples: number(form.samples, "/vary/samples") } : {}),
+    values: Object.fromEntries(values),
+  };
+}
+
+/** Where the values of a varied parameter are in the request, and its members that have an input of their own. */
+export function variedPointer(pointer: string, member?: (typeof RANGE)[number]): string {
+  return `/vary/values/${escaped(pointer)}${member === undefined ? "" : `/${member}`}`;
+}
+export const RANGE = ["from", "to", "count"] as const;
+
+function escaped(segment: string): string {
+  return segment.replaceAll("~", "~0").replaceAll("/", "~1");
+}
+
+function notNumbers(value: Value | undefined, pointer: string): Fault[] {
+  if (value === undefined) return [];
+  if (!isSchedule(value)) return Number.isNaN(value) ? [{ pointer, detail: NO_NUMBER }] : [];
+  const { keys, fluctuation } = value;
+  return [
+    ...keys.flatMap((key, i) => key.flatMap((part, k) => notNumbers(part, `${pointer}/keys/${i}/${k}`))),
+    ...notNumbers(fluctuation?.amplitude, `${pointer}/fluctuation/amplitude`),
+    ...notNumbers(fluctuation?.period, `${pointer}/fluctuation/period`),
+  ];
+}
+
+/** Values to begin with when a parameter is varied: a fifth to either side of the preset's, within the bounds. */
+export function variedFrom({ pointer, kind, preset }: Parameter): Varied {
+  const blank: Varied = { pointer, values: "list", from: "", to: "", count: "5", list: "" };
+  if (kind.type === "flag") return { ...blank, list: "false, true" };
+  if (kind.type === "choice") return { ...blank, list: kind.choices.map(({ name }) => name).join(", ") };
+  const values = isSchedule(preset) ? preset.keys.map(([, value]) => value) : [Number(preset)];
+  const { minimum = -Infinity, maximum = Infinity } = kind.bounds;
+  const within = (value: number) => {
+    const bounded = Math.min(Math.max(value, minimum), maximum);
+    return String(kind.type === "number" && kind.integer ? Math.round(bounded) : Number(bounded.toPrecision(3)));
+  };
+  return { ...blank, values: "range", from: within(0.8 * Math.min(...values)), to: within(1.2 * Math.max(...values)) };
+}

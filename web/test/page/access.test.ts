@@ -1,0 +1,53 @@
+// Services with keys.
+import assert from "node:assert/strict";
+import { after, test } from "node:test";
+import { Oviduct } from "../../../clients/typescript/src/index.ts";
+import { SMALL, withService } from "../../../clients/typescript/test/service.ts";
+import { closeBrowser, Visit } from "./browser.ts";
+
+after(closeBrowser);
+
+test("a key is asked for once, kept in the tab, and opens everything", async () => {
+  await withService([], async (service) => {
+    const key = await service.key();
+    const { id } = await new Oviduct(service.url, { key }).submit({ ...SMALL, seed: 3 }, { wait: 60 });
+    const visit = await Visit.open(`${service.url}/#/models/${id}`);
+    visit.refusals = [401];
+    const { page } = visit;
+    const addresses: string[] = [];
+    page.on("request", (request) => addresses.push(request.url()));
+    const dialog = page.getByRole("dialog", { name: "Key" });
+    await dialog.getByLabel("Key of this service").fill("wrong");
+    await visit.accessible();
+    await dialog.getByRole("button", { name: "Use this key" }).click();
+    await dialog.getByRole("alert").waitFor();
+    await dialog.getByLabel("Key of this service").fill(key);
+    await dialog.getByRole("button", { name: "Use this key" }).click();
+    await dialog.waitFor({ state: "detached" });
+    visit.refusals = [];
+    const canvas = page.getByRole("application", { name: /^3D view/ });
+    await canvas.waitFor();
+    await page.waitForFunction(() => Number(document.querySelector<HTMLElement>("canvas[data-frames]")?.dataset["frames"]) > 0);
+
+    await page.reload();
+    await canvas.waitFor();
+    const kept = await page.evaluate(() => [JSON.stringify({ ...sessionStorage }), JSON.stringify({ ...localStorage }), document.cookie]);
+    assert.deepEqual(kept.map((text) => text.includes(key)), [true, false, false]);
+    assert(!addresses.some((address) => address.includes(key)), "the key is in an address");
+
+    const downloaded = page.waitForEvent("download");
+    await page.getByRole("button", { name: "Download report.json" }).or(page.getByRole("link", { name: "Download report.json" })).click();
+    assert.equal(await (await downloaded).failure(), null);
+
+    // Another tab knows nothing of it.
+    const other = await Visit.open(service.url);
+    other.refusals = [401];
+    await other.page.getByRole("dialog", { name: "Key" }).waitFor();
+    await other.close();
+    await page.getByRole("button", { name: "Change or forget the key" }).click();
+    visit.refusals = [401];
+    await page.getByRole("button", { name: "Forget the key" }).click();
+    await page.getByText("This service asks for a key").waitFor();
+    await visit.close();
+  });
+});

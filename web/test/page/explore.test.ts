@@ -1,0 +1,310 @@
+// Exploring a finished model: in 3D, by section, in numbers, by links.
+import assert from "node:assert/strict";
+import { createHash } from "node:crypto";
+import { readFileSync } from "node:fs";
+import { after, before, test } from "node:test";
+import type { Page } from "playwright-core";
+import type { PNG } from "pngjs";
+import { Oviduct, type Model, type SectionJson } from "../../../clients/typescript/src/index.ts";
+import { Service } from "../../../clients/typescript/test/service.ts";
+import { closeBrowser, colours, difference, picture, Visit } from "./browser.ts";
+
+let service: Service;
+let client: Oviduct;
+/** Of the size of the paper's model. */
+let models: [Model, Model];
+
+before(async () => {
+  service = await Service.start();
+  client = new Oviduct(service.url);
+  const ids = await Promise.all([7, 8].map(async (seed) => (await client.submit({ preset: "pig", seed })).id));
+  models = (await Promise.all(ids.map((id) => client.wait(id)))) as [Model, Model];
+  assert.deepEqual(models.map((model) => model.status), ["succeeded", "succeeded"]);
+});
+after(async () => {
+  await closeBrowser();
+  await service?.[Symbol.asyncDispose]();
+});
+
+const canvasOf = (page: Page) => page.getByRole("application", { name: /^3D view/ });
+
+/** Waits until the picture is drawn and changes no more. */
+async function settled(page: Page): Promise<void> {
+  const frames = () => canvasOf(page).first().getAttribute("data-frames");
+  for (let [last, same] = ["", 0]; same < 4; ) {
+    await page.waitForTimeout(150);
+    const now = (await frames()) ?? "";
+    same = now === last && now !== "" ? same + 1 : 0;
+    last = now;
+  }
+  await page.getByText(/^Loading/).first().waitFor({ state: "detached" });
+}
+
+async function shown(page: Page): Promise<PNG> {
+  await settled(page);
+  return picture(canvasOf(page).first());
+}
+
+async function open(query = ""): Promise<Visit> {
+  const visit = await Visit.open(`${service.url}/#/models/${models[0].id}${query}`);
+  await canvasOf(visit.page).waitFor();
+  await visit.page.getByText(/triangles are shown/).waitFor();
+  return visit;
+}
+
+test("cuts, parts, level and flight change the picture", async () => {
+  const visit = await open();
+  const { page } = visit;
+  const whole = await shown(page);
+  assert(colours(whole) > 200, `${colours(whole)} colours`);
+  await visit.accessible();
+  const differs = async (what: string, least: number, from: PNG) => {
+    const now = await shown(page);
+    assert(difference(from, now) > least, `${what}: ${difference(from, now)}`);
+    return now;
+  };
+  await page.getByRole("checkbox", { name: "Lengthwise" }).check();
+  const opened = await differs("opened", 0.02, whole);
+  await page.getByRole("slider", { name: "Angle" }).fill("90");
+  await differs("opened elsewhere", 0.02, opened);
+  await page.getByRole("checkbox", { name: "Lengthwise" }).uncheck();
+  assert(difference(whole, await shown(page)) < 0.002, "as before");
+
+  await page.getByRole("checkbox", { name: "Across" }).check();
+  const cut = await differs("cut across", 0.02, whole);
+  await page.getByRole("slider", { name: "Position" }).fill("0.4");
+  await differs("cut elsewhere", 0.02, cut);
+  await page.getByRole("checkbox", { name: "Across" }).uncheck();
+
+  await page.getByRole("button", { name: "Ampulla" }).click();
+  const ampulla = await differs("the ampulla end", 0.05, whole);
+  await page.getByRole("checkbox", { name: "Caps at the ends" }).uncheck();
+  await differs("no caps", 0.02, ampulla);
+  await page.getByRole("checkbox", { name: "Caps at the ends" }).check();
+
+  const level = page.getByRole("group", { name: "Level of detail" });
+  await level.getByRole("button", { name: /^Light/ }).click();
+  await level.getByRole("button", { name: /^Light/, pressed: true }).waitFor();
+  const light = await shown(page);
+  await level.getByRole("button", { name: /^Full/ }).click();
+  await page.getByText("1,596,630 triangles are shown.").waitFor();
+  await differs("full detail", 0.0005, light);
+  await level.getByRole("button", { name: /^Light/ }).click();
+
+  await page.getByRole("button", { name: "Fly from the isthmus" }).click();
+  const inside = await differs("inside", 0.3, ampulla);
+  assert(colours(inside) > 50);
+  await page.getByRole("slider", { name: "Along the tube" }).fill("0.6");
+  const further = await differs("further on", 0.1, inside);
+  await canvasOf(page).focus();
+  for (let i = 0; i < 10; i++) await page.keyboard.press("ArrowUp");
+  await differs("moved by keys", 0.01, further);
+  await visit.accessible();
+  await page.keyboard.press("Escape");
+  await page.getByRole("button", { name: "Fly from the isthmus" }).waitFor();
+  await visit.close();
+});
+
+test("cut faces are closed: tissue where the section has tissue, and nowhere else", async () => {
+  // Seen from the ampulla end, cut at the place of a section.
+  const { entries } = await client.sections(models[0].id);
+  const k = entries.findIndex(({ z_um }) => z_um > 40_000);
+  const at = entries[k]!.z_um / (entries.at(-1)!.z_um || 1);
+  const visit = await open(`?cam=ampulla&cut=${at}`);
+  const image = await shown(visit.page);
+  const tissue = (i: number) => image.data[i]! > 150 && image.data[i]! - image.data[i + 1]! > 40 && image.data[i + 1]! > 70;
+  let pixels = 0;
+  for (let i = 0; i < image.data.length; i += 4) if (tissue(i)) pixels++;
+  assert(pixels / (image.width * image.height) > 0.05, "the cut face is filled");
+  await visit.close();
+});
+
+test("distances in a section are those of its data", async () => {
+  const visit = await open();
+  const { page } = visit;
+  const slider = page.getByRole("slider", { name: "Section", exact: true });
+  await slider.fill("120");
+  const section: SectionJson = await client.section(models[0].id, 120);
+  await page.getByText("121 of 201").waitFor();
+  await page.getByRole("button", { name: "Measure in the section" }).click();
+  const result = page.locator("[data-um]");
+
+  // By keyboard: exactly.
+  const last = section.inner.points.length - 1;
+  await page.getByRole("spinbutton", { name: "Point A" }).fill("10");
+  await page.getByRole("spinbutton", { name: "Point B" }).fill(String(last >> 1));
+  const [a, b] = [section.inner.points[10]!, section.inner.points[last >> 1]!] as [number[], number[]];
+  const exact = Math.hypot(a[0]! - b[0]!, a[1]! - b[1]!);
+  assert(Math.abs(Number(await result.getAttribute("data-um")) - exact) < 0.01);
+
+  // By pointer: within a pixel.
+  const drawing = page.getByRole("img", { name: /^Cross section at/ });
+  await drawing.scrollIntoViewIfNeeded();
+  const box = (await drawing.boundingBox())!;
+  const [left, top, span] = (await drawing.getAttribute("viewBox"))!.split(" ").map(Number) as [number, number, number];
+  const ends = [0, section.outer.points.length >> 1].map((i) => section.outer.points[i]! as number[]);
+  for (const [x, y] of ends as [number, number][]) {
+    await page.mouse.click(box.x + ((x - left) / span) * box.width, box.y + ((-y - top) / span) * box.height);
+  }
+  const wanted = Math.hypot(ends[0]![0]! - ends[1]![0]!, ends[0]![1]! - ends[1]![1]!);
+  const measured = Number(await result.getAttribute("data-um"));
+  assert(Math.abs(measured - wanted) <= span / box.width, `${measured} µm instead of ${wanted}`);
+  await visit.close();
+});
+
+test("distances in 3D are picked, and entered as coordinates", async () => {
+  const visit = await open("?cam=ampulla");
+  const { page } = visit;
+  await settled(page);
+  await page.getByText("Enter coordinates").click();
+  for (const [name, value] of [["A x", 0], ["A y", 0], ["A z", 10], ["B x", 0.3], ["B y", 0.4], ["B z", 10]] as const) {
+    await page.getByRole("spinbutton", { name: `${name}, mm` }).fill(String(value));
+    await page.keyboard.press("Tab");
+  }
+  const status = page.getByRole("region", { name: "Measure a distance" }).getByRole("status");
+  assert.equal(await status.textContent(), "Distance 500 µm");
+  await page.getByRole("button", { name: "Clear" }).click();
+
+  // From one side of the ampulla's end to the other: as far as its outer contour is wide there.
+  await page.getByRole("button", { name: "Pick two points" }).click();
+  const { outer } = await client.section(models[0].id, 200);
+  const xs = outer.points.map((point) => (point as number[])[0]!);
+  const width = Math.max(...xs) - Math.min(...xs);
+  const image = await shown(page);
+  const y = image.height >> 1;
+  const covered = (x: number) => Math.abs(image.data[(y * image.width + x) * 4]! - image.data[(y * image.width + x) * 4 + 1]!) > 40;
+  const row = [...Array(image.width).keys()].filter(covered);
+  const box = (await canvasOf(page).boundingBox())!;
+  const [first, end] = [row[2]!, row.at(-3)!];
+  await page.mouse.click(box.x + first, box.y + y);
+  await page.mouse.click(box.x + end, box.y + y);
+  const text = (await status.textContent())!;
+  const millimetres = Number(/[\d.]+/.exec(text)![0]) * (text.includes("mm") ? 1 : 0.001);
+  assert(millimetres > (width / 1000) * 0.6 && millimetres < (width / 1000) * 1.2, `${text}; the end is ${width} µm wide`);
+  await visit.close();
+});
+
+test("a link restores the view", async () => {
+  const visit = await open();
+  const { page } = visit;
+  await page.getByRole("checkbox", { name: "Lengthwise" }).check();
+  await page.getByRole("checkbox", { name: "Outer wall", exact: true }).uncheck();
+  await page.getByRole("checkbox", { name: "Plane of the section" }).check();
+  await canvasOf(page).focus();
+  for (const key of ["ArrowLeft", "ArrowLeft", "ArrowUp", "+", "+"]) await page.keyboard.press(key);
+  const before = await shown(page);
+  await page.waitForFunction(() => location.hash.includes("cam="));
+  await page.waitForTimeout(600);
+  const link = page.url();
+  await visit.close();
+  const again = await open(link.slice(link.indexOf("?")));
+  const after = await shown(again.page);
+  assert(difference(before, after) < 0.01, `${difference(before, after)}`);
+  await again.close();
+});
+
+test("a download has the bytes of its hash", async () => {
+  const visit = await open();
+  const { page } = visit;
+  const file = models[0].files.find(({ name }) => name === "model.lod2.glb")!;
+  const downloaded = page.waitForEvent("download");
+  await page.getByRole("button", { name: "Download model.lod2.glb" }).click();
+  const path = await (await downloaded).path();
+  assert.equal(createHash("sha256").update(readFileSync(path)).digest("hex"), file.sha256);
+  await visit.close();
+});
+
+test("two models are compared with one camera", async () => {
+  const visit = await Visit.open(`${service.url}/#/compare/${models[0].id}/${models[1].id}`);
+  const { page } = visit;
+  await canvasOf(page).nth(1).waitFor();
+  await settled(page);
+  const pictures = async () => [await picture(canvasOf(page).nth(0)), await picture(canvasOf(page).nth(1))] as const;
+  const before = await pictures();
+  await page.getByRole("button", { name: "Ampulla" }).click();
+  await settled(page);
+  await page.waitForTimeout(500);
+  const after = await pictures();
+  for (const k of [0, 1] as const) assert(difference(before[k], after[k]) > 0.05, `picture ${k}`);
+  assert(difference(after[0], after[1]) > 0.01, "the models differ");
+  await visit.accessible();
+  await visit.close();
+});
+
+test("a phone has room for everything", async () => {
+  const visit = await Visit.open(`${service.url}/#/models/${models[0].id}`, {
+    viewport: { width: 390, height: 844 }, hasTouch: true, colorScheme: "dark",
+  });
+  const { page } = visit;
+  await settled(page);
+  assert(colours(await picture(canvasOf(page))) > 200);
+  const width = await page.evaluate(() => document.documentElement.scrollWidth);
+  assert(width <= 390, `the page is ${width} pixels wide`);
+  await page.getByRole("checkbox", { name: "Lengthwise" }).tap();
+  await visit.accessible();
+  await visit.close();
+});
+
+test("without WebGL2 pictures and sections remain", async () => {
+  const visit = await Visit.open(service.url);
+  await visit.page.addInitScript(() => {
+    HTMLCanvasElement.prototype.getContext = () => null;
+  });
+  await visit.page.goto(`${service.url}/#/models/${models[0].id}`);
+  await visit.page.reload();
+  await visit.page.getByText(/does not offer WebGL2/).waitFor();
+  await visit.page.getByRole("img", { name: /^Cross section at/ }).waitFor();
+  await visit.close();
+});
+
+test("ten models opened and closed leave nothing behind", async () => {
+  const visit = await open();
+  const { page } = visit;
+  const debug = await page.context().newCDPSession(page);
+  const size = async () => {
+    await debug.send("HeapProfiler.collectGarbage");
+    const { usedSize } = await debug.send("Runtime.getHeapUsage");
+    return usedSize;
+  };
+  const cycle = async () => {
+    await page.getByRole("link", { name: "Models", exact: true }).click();
+    await page.getByRole("link", { name: "Pig oviduct" }).first().click();
+    await page.getByText(/triangles are shown/).waitFor();
+    await settled(page);
+  };
+  await cycle();
+  await cycle();
+  const start = await size();
+  for (let i = 0; i < 8; i++) await cycle();
+  const grown = (await size()) - start;
+  assert(grown < 8e6, `${grown} bytes more`);
+  await visit.close();
+});
+
+test("the frame loop allocates nothing", async () => {
+  const visit = await Visit.open(`${service.url}/#/models/${models[0].id}?open=30`, { reducedMotion: "no-preference" });
+  const { page } = visit;
+  await settled(page);
+  const debug = await page.context().newCDPSession(page);
+  await page.getByRole("button", { name: "Fly from the isthmus" }).click();
+  await page.waitForTimeout(1000);
+  const frames = async () => Number(await canvasOf(page).getAttribute("data-frames"));
+  const start = await frames();
+  await debug.send("HeapProfiler.startSampling", {
+    samplingInterval: 256, includeObjectsCollectedByMajorGC: true, includeObjectsCollectedByMinorGC: true,
+  });
+  await page.waitForTimeout(4000);
+  const drawn = (await frames()) - start;
+  const { profile } = await debug.send("HeapProfiler.stopSampling");
+  type Node = (typeof profile)["head"];
+  const sum = (node: Node, inside: boolean): number => {
+    const name = node.callFrame.functionName;
+    const frame = inside || /draw|advance/i.test(name);
+    return (frame ? node.selfSize : 0) + node.children.reduce((total, child) => total + sum(child, frame), 0);
+  };
+  const perFrame = sum(profile.head, false) / drawn;
+  console.log(`${(drawn / 4).toFixed(1)} frames a second, ${perFrame.toFixed(0)} bytes allocated in each`);
+  assert(drawn > 10);
+  assert(perFrame < 2048, `${perFrame} bytes a frame`);
+  await visit.close();
+});

@@ -1,0 +1,89 @@
+// The form: faults at their fields, curves, and requests that are what the page says.
+import assert from "node:assert/strict";
+import { after, test } from "node:test";
+import { Oviduct } from "../../../clients/typescript/src/index.ts";
+import { withService } from "../../../clients/typescript/test/service.ts";
+import { closeBrowser, Visit } from "./browser.ts";
+
+after(closeBrowser);
+
+test("a fault stands at its field until it is corrected", async () => {
+  await withService(["--cpu-workers", "0"], async ({ url }) => {
+    const visit = await Visit.open(`${url}/#/new`);
+    const { page } = visit;
+    visit.refusals = [422];
+    const length = page.getByRole("spinbutton", { name: /^Length/ }).or(page.getByRole("textbox", { name: /^Length/ }));
+    await length.fill("5000");
+    await page.getByText("One correction needed").waitFor();
+    assert.equal(await length.getAttribute("aria-invalid"), "true");
+    const described = (await length.getAttribute("aria-describedby"))!.split(" ");
+    const words = await Promise.all(described.map((id) => page.locator(`[id="${id}"]`).textContent()));
+    assert.match(words.join(" "), /1,?000/, "the fault states the limit");
+    assert.equal(await page.locator("[aria-invalid=true]").count(), 1);
+    await visit.accessible();
+    await length.fill("55");
+    await page.getByText("One correction needed").waitFor({ state: "detached" });
+    assert.notEqual(await length.getAttribute("aria-invalid"), "true");
+    await visit.close();
+  });
+});
+
+test("what the form shows as JSON is what it sends", async () => {
+  await withService(["--cpu-workers", "0"], async ({ url }) => {
+    const visit = await Visit.open(`${url}/#/new?preset=pig&seed=42`);
+    const { page } = visit;
+    await page.getByRole("spinbutton", { name: /^Length/ }).or(page.getByRole("textbox", { name: /^Length/ })).fill("41.5");
+    // A curve is changed by keyboard alone.
+    await page.getByRole("button", { name: /curve of Lumen gap$/ }).click();
+    const key = page.getByRole("slider", { name: /^Lumen gap, key 2 of/ });
+    const before = await key.getAttribute("aria-valuetext");
+    await key.focus();
+    await page.keyboard.press("ArrowUp");
+    assert.notEqual(await key.getAttribute("aria-valuetext"), before);
+    await page.getByText("The same request as code").click();
+    await page.getByRole("tab", { name: "JSON" }).click();
+    const shown = JSON.parse((await page.getByRole("tabpanel").locator("pre").textContent())!);
+    assert.equal(shown.seed, 42);
+    assert.equal(shown.spec.length_mm, 41.5);
+    assert(shown.spec.collision.gap_um.keys.length >= 2);
+    const sent = page.waitForRequest((request) => request.method() === "POST" && request.url() === `${url}/models`);
+    await page.getByRole("button", { name: "Grow the model" }).click();
+    assert.deepEqual((await sent).postDataJSON(), shown);
+    await page.waitForURL("**#/models/*");
+    const { models } = await new Oviduct(url).listPage({}, { view: "full" });
+    assert.equal(models.length, 1);
+    assert.equal(models[0]!.spec!.length_mm, 41.5);
+    await visit.close();
+  });
+});
+
+test("a study is requested and its models are counted before", async () => {
+  await withService(["--cpu-workers", "0"], async ({ url }) => {
+    const visit = await Visit.open(`${url}/#/new`);
+    const { page } = visit;
+    await page.getByRole("radio", { name: "Study" }).check({ force: true });
+    await page.getByRole("combobox", { name: /Vary/ }).selectOption({ label: "Friction" });
+    await page.getByRole("button", { name: /^Grow \d+ models$/ }).waitFor();
+    await visit.accessible();
+    const models = Number(/\d+/.exec((await page.getByRole("button", { name: /^Grow \d+ models$/ }).textContent())!)![0]);
+    await page.getByRole("button", { name: /^Grow \d+ models$/ }).click();
+    await page.waitForURL("**#/batches/*");
+    const { batches } = await new Oviduct(url).listBatchesPage();
+    assert.equal(batches[0]!.counts.total, models);
+    await visit.close();
+  });
+});
+
+test("a full queue is said beside the button", async () => {
+  await withService(["--cpu-workers", "0", "--queue-limit", "1"], async ({ url }) => {
+    await new Oviduct(url).submit({ seed: 1 });
+    const visit = await Visit.open(`${url}/#/new`);
+    visit.refusals = [429];
+    const { page } = visit;
+    await page.getByText("No worker").first().waitFor();
+    await page.getByRole("button", { name: "Grow the model" }).click();
+    await page.getByRole("complementary", { name: "Cost and submission" }).getByRole("alert").waitFor();
+    assert.equal(new URL(page.url()).hash.startsWith("#/new"), true);
+    await visit.close();
+  });
+});

@@ -1,0 +1,155 @@
+// Growing models: seen at once, and through reloads and restarts of the service.
+import assert from "node:assert/strict";
+import { after, test } from "node:test";
+import { SMALL, withService, type Service } from "../../../clients/typescript/test/service.ts";
+import { Oviduct, type ModelRequest, type Vary } from "../../../clients/typescript/src/index.ts";
+import { closeBrowser, Visit } from "./browser.ts";
+
+after(closeBrowser);
+
+/** Grows for some seconds, also on a fast machine. */
+const SLOW: ModelRequest = { preset: "pig", spec: { solver: { search: "grid" } } };
+
+/** Where the page says that a section is. */
+async function place(visit: Visit): Promise<number> {
+  const text = await visit.page.getByRole("heading", { name: /^Section at/ }).textContent();
+  return Number(/[\d.]+/.exec(text ?? "")?.[0]);
+}
+
+async function grows(visit: Visit): Promise<void> {
+  const before = await place(visit);
+  for (;;) {
+    const now = await place(visit);
+    if (now > before) return;
+    await visit.page.waitForTimeout(100);
+  }
+}
+
+/** A page that is never loaded again keeps this mark. */
+async function mark(visit: Visit): Promise<void> {
+  await visit.page.evaluate(() => Object.assign(window, { marked: true }));
+}
+
+async function isMarked(visit: Visit): Promise<boolean> {
+  return visit.page.evaluate(() => "marked" in window);
+}
+
+async function submit(service: Service, request: ModelRequest): Promise<string> {
+  const { id } = await new Oviduct(service.url).submit({ ...request, reuse: false });
+  return id;
+}
+
+test("a newcomer grows a model with one click and sees it change", async () => {
+  await withService([], async ({ url }) => {
+    const visit = await Visit.open(url);
+    const { page } = visit;
+    await mark(visit);
+    await visit.accessible();
+    await page.getByRole("button", { name: "Grow an oviduct" }).click();
+    await page.waitForURL("**#/models/*");
+    await grows(visit);
+    await visit.accessible();
+    await page.getByRole("application", { name: /^3D view/ }).waitFor({ timeout: 180_000 });
+    assert(await isMarked(visit), "the page was loaded again");
+    // The list has changed too.
+    await page.getByRole("link", { name: "Models", exact: true }).click();
+    await page.getByRole("listitem", { name: /^Pig oviduct, seed/ }).getByText("succeeded").waitFor();
+    assert(await isMarked(visit), "the page was loaded again");
+    await visit.accessible();
+    await visit.close();
+  });
+});
+
+test("a page that is loaded again in the middle goes on", async () => {
+  await withService([], async (service) => {
+    const id = await submit(service, SLOW);
+    const visit = await Visit.open(`${service.url}/#/models/${id}`);
+    await grows(visit);
+    const before = await place(visit);
+    await visit.page.reload();
+    await grows(visit);
+    assert((await place(visit)) > before);
+    await visit.close();
+  });
+});
+
+test("a service that is restarted in the middle is waited for", async () => {
+  await withService([], async (service) => {
+    const id = await submit(service, SLOW);
+    const visit = await Visit.open(`${service.url}/#/models/${id}`);
+    const { page } = visit;
+    await mark(visit);
+    await grows(visit);
+    visit.away = true;
+    await service.kill();
+    await page.getByText("The service does not answer.").waitFor();
+    await service.start();
+    await page.getByText("The service does not answer.").waitFor({ state: "detached" });
+    visit.away = false;
+    await grows(visit);
+    await page.getByRole("application", { name: /^3D view/ }).waitFor({ timeout: 240_000 });
+    assert(await isMarked(visit), "the page was loaded again");
+    await visit.close();
+  });
+});
+
+test("a growing model is cancelled, grown again, and deleted", async () => {
+  await withService([], async (service) => {
+    const id = await submit(service, SLOW);
+    const visit = await Visit.open(`${service.url}/#/models/${id}`);
+    const { page } = visit;
+    await grows(visit);
+    await page.getByRole("button", { name: "Cancel" }).click();
+    await page.getByRole("heading", { level: 1 }).getByText("cancelled").waitFor();
+    assert.equal((await new Oviduct(service.url).get(id)).status, "cancelled");
+    await page.getByRole("button", { name: "Another seed" }).click();
+    await page.waitForURL((url) => url.hash.startsWith("#/models/") && !url.hash.includes(id));
+    const other = new URL(page.url()).hash.split("/")[2]!;
+    await page.getByRole("button", { name: "Delete" }).click();
+    await page.getByRole("dialog").getByRole("button", { name: "Delete" }).click();
+    await page.getByText("It was deleted.").waitFor();
+    const left = await new Oviduct(service.url).listPage();
+    assert.deepEqual(left.models.map((model) => model.id), [id]);
+    assert.notEqual(other, id);
+    await visit.close();
+  });
+});
+
+test("the list is filtered and follows the queue", async () => {
+  await withService(["--cpu-workers", "0"], async (service) => {
+    const client = new Oviduct(service.url);
+    await client.submit({ ...SMALL, seed: 1, labels: { lab: "a" } });
+    const visit = await Visit.open(`${service.url}/#/?label=lab:a`);
+    const { page } = visit;
+    await page.getByText(/No worker/).first().waitFor();
+    const rows = page.getByRole("listitem", { name: /^Pig oviduct/ });
+    await rows.first().waitFor();
+    await client.submit({ ...SMALL, seed: 2, labels: { lab: "b" } });
+    await client.submit({ ...SMALL, seed: 3, labels: { lab: "a" } });
+    await page.getByRole("listitem", { name: "Pig oviduct, seed 3" }).waitFor();
+    assert.equal(await rows.count(), 2);
+    await visit.accessible();
+    await page.getByRole("button", { name: "Cancel all that match …" }).click();
+    await page.getByRole("dialog").getByRole("button", { name: "Cancel them" }).click();
+    await rows.first().getByText("cancelled").waitFor();
+    const { models } = await client.listPage();
+    assert.deepEqual(models.map(({ seed, status }) => [seed, status]), [[3, "cancelled"], [2, "queued"], [1, "cancelled"]]);
+    await visit.close();
+  });
+});
+
+test("a study is followed to its table", async () => {
+  await withService([], async (service) => {
+    const client = new Oviduct(service.url);
+    const vary: Vary = { design: "grid", values: { "/collision/gap_um": [28, 34] } };
+    const { id } = await client.submitBatch({ ...SMALL, seeds: [1, 2], vary });
+    const visit = await Visit.open(`${service.url}/#/batches/${id}`);
+    const { page } = visit;
+    await mark(visit);
+    await page.getByText(/4 succeeded|4 of 4/).first().waitFor({ timeout: 180_000 });
+    assert.equal(await page.getByRole("table").getByRole("row").count(), 5);
+    assert(await isMarked(visit), "the page was loaded again");
+    await visit.accessible();
+    await visit.close();
+  });
+});
