@@ -100,7 +100,7 @@ function box(name: Patch["name"], half = 1): Patch {
   return {
     name,
     positions: Float32Array.from(corners.flat()),
-    normals: undefined as unknown as Patch["normals"],
+    normals: new Int8Array(24),
     index: Uint16Array.from(faces.flatMap(([a, b, c, d]) => [a!, b!, c!, a!, c!, d!])),
   };
 }

@@ -2,7 +2,7 @@
 import type { Signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useId } from "preact/hooks";
-import { bytes, short } from "../ui/format.ts";
+import { bytes, micrometres, short } from "../ui/format.ts";
 import { stillness } from "../ui/theme.ts";
 import { Icon } from "../ui/widgets.tsx";
 import type { Exploration } from "./exploration.ts";
@@ -79,7 +79,12 @@ export function DetailPanel({ exploration }: { exploration: Exploration }) {
           </button>
         ))}
       </div>
-      {surface.value && <p class="soft small num">{short(surface.value.triangles)} triangles are shown.</p>}
+      {surface.value && (
+        <p class="soft small num">
+          {short(surface.value.triangles)} triangles are shown.
+          {surface.value.distance !== undefined && <> They lie within {micrometres(surface.value.distance)} of the certified surface.</>}
+        </p>
+      )}
     </Panel>
   );
 }
