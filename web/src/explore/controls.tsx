@@ -72,9 +72,9 @@ export function DetailPanel({ exploration }: { exploration: Exploration }) {
   const chosen = loading.value?.level ?? level.value;
   return (
     <Panel title="Detail">
-      <div class="row" role="group" aria-label="Level of detail">
+      <div class="levels" role="group" aria-label="Level of detail">
         {levels.map((one) => (
-          <button key={one.title} type="button" class="button button-small" aria-pressed={one === chosen} onClick={() => exploration.loadLevel(one)}>
+          <button key={one.title} type="button" class="button" aria-pressed={one === chosen} onClick={() => exploration.loadLevel(one)}>
             {one.title} <span class="soft num">{bytes(one.file.bytes)}</span>
           </button>
         ))}

@@ -1,5 +1,5 @@
 // The picture of one model: scene, camera and renderer. It draws when something has changed, never in between.
-import { effect, signal } from "@preact/signals";
+import { effect, signal, untracked } from "@preact/signals";
 import { AmbientLight, DirectionalLight, Fog, HemisphereLight, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { positionAt, type Centreline } from "../centreline.ts";
 import { FIELD, type Tube } from "../framing.ts";
@@ -155,6 +155,10 @@ export class Stage {
       effect(() => {
         this.#plane.place(view.plane.value && !view.flying.value ? view.section.value * this.#tube.length : undefined);
         this.invalidate();
+      }),
+      effect(() => {
+        void view.kept;
+        untracked(() => view.reframe());
       }),
       effect(() => {
         const flying = view.flying.value && this.#way.value !== undefined;
