@@ -1,4 +1,5 @@
 // A way through the lumen: wide places of the sections, joined so that the way between them is free.
+import { intervalAt } from "./ascending.ts";
 import type { DistanceField } from "./lumen.ts";
 
 /** Points of the way, one a section, from the isthmus; millimetres. */
@@ -41,16 +42,11 @@ export function centreline(fields: readonly DistanceField[], z: readonly number[
 /** Writes the position at `z` millimetres to `out` as x, y, z. */
 export function positionAt(line: Centreline, z: number, out: { set(x: number, y: number, z: number): unknown }): void {
   const { x, y, z: at } = line;
-  const last = at.length - 1;
-  let [low, high] = [0, last];
-  while (high - low > 1) {
-    const middle = (low + high) >> 1;
-    if (at[middle]! <= z) low = middle;
-    else high = middle;
-  }
+  const low = intervalAt(at, z);
+  const high = Math.min(low + 1, at.length - 1);
   const span = at[high]! - at[low]!;
   const t = span > 0 ? Math.max(0, Math.min(1, (z - at[low]!) / span)) : 0;
-  out.set(x[low]! + (x[high]! - x[low]!) * t, y[low]! + (y[high]! - y[low]!) * t, Math.max(at[0]!, Math.min(at[last]!, z)));
+  out.set(x[low]! + (x[high]! - x[low]!) * t, y[low]! + (y[high]! - y[low]!) * t, Math.max(at[0]!, Math.min(at[at.length - 1]!, z)));
 }
 
 /** The way of least cost through one place a section, by dynamic programming. */

@@ -8,7 +8,7 @@ import { CopyButton, Notice } from "../ui/widgets.tsx";
 import { CutPanel, DetailPanel, FlightPanel, PartsPanel, ViewButtons } from "./controls.tsx";
 import { Exploration } from "./exploration.ts";
 import { Flight } from "./flight.ts";
-import { keepLink, linkOf } from "./link.ts";
+import { keepLink } from "./link.ts";
 import { MeasurePanel } from "./measure-panel.tsx";
 import { Picture } from "./picture.tsx";
 import { SectionView } from "./section-view.tsx";
@@ -68,7 +68,7 @@ function Comparison({ models }: { models: readonly [Model, Model] }) {
       <div class="page-head">
         <h1>Compare</h1>
         <ViewButtons view={view} />
-        <div class="actions"><CopyButton label="Copy link" text={() => linkOf(view)} /></div>
+        <div class="actions"><CopyButton label="Copy link" text={() => location.href} /></div>
       </div>
       <div class="compare">
         {explorations.map((exploration) => (

@@ -114,7 +114,7 @@ export function FlightPanel({ exploration, view, flight }: { exploration: Explor
         <button type="button" class="button" onClick={() => flight.leave()}>Leave</button>
       </div>
       <Slider label="Along the tube" value={view.flight as Signal<number>} min={0} max={1} step={0.0005} text={(value) => `${short(value * tube.length)} mm`} />
-      <p class="soft small">Drag the picture to look around.{stillness.value && " Play moves the camera; it does not start by itself."}</p>
+      <p class="soft small">Drag the picture to look around. Rings mark every 0.1 mm, dark ones every millimetre.{stillness.value && " Play moves the camera; it does not start by itself."}</p>
     </Panel>
   );
 }

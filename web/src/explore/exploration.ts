@@ -6,7 +6,8 @@ import type { Tube } from "./framing.ts";
 import { Measurement } from "./measure.ts";
 import { survey, type Survey } from "./survey.ts";
 import { device } from "./viewer/device.ts";
-import { automaticLevel, download, levelsOf, type Level } from "./viewer/levels.ts";
+import { download } from "./viewer/download.ts";
+import { automaticLevel, levelsOf, type Level } from "./viewer/levels.ts";
 import { readSurface, type Surface } from "./viewer/surface.ts";
 
 export class Exploration {
@@ -108,17 +109,6 @@ export class Exploration {
   dispose(): void {
     this.#abort.abort();
   }
-}
-
-/** Index of the value in an ascending list that is nearest. */
-export function nearestIndex(ascending: readonly number[], value: number): number {
-  let [low, high] = [0, ascending.length - 1];
-  while (high - low > 1) {
-    const middle = (low + high) >> 1;
-    if (ascending[middle]! <= value) low = middle;
-    else high = middle;
-  }
-  return value - ascending[low]! <= ascending[high]! - value ? low : high;
 }
 
 function tubeOf({ summary }: Model): Tube {

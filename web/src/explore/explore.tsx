@@ -1,12 +1,12 @@
 // Explores a finished model: in 3D, section by section, by its figures and files.
 import type { Model } from "oviduct-client";
 import { useEffect, useMemo } from "preact/hooks";
-import { CopyButton, Notice } from "../ui/widgets.tsx";
+import { Notice } from "../ui/widgets.tsx";
 import { CutPanel, DetailPanel, FlightPanel, PartsPanel, ViewButtons } from "./controls.tsx";
 import { Downloads } from "./downloads.tsx";
 import { Exploration } from "./exploration.ts";
 import { Flight } from "./flight.ts";
-import { keepLink, linkOf } from "./link.ts";
+import { keepLink } from "./link.ts";
 import { MeasurePanel } from "./measure-panel.tsx";
 import { Picture } from "./picture.tsx";
 import { ProfileCharts } from "./profile-charts.tsx";
@@ -48,7 +48,6 @@ function Explorer({ model }: { model: Model }) {
         <Picture exploration={exploration} view={view} flight={flight} />
         <div class="explore-bar">
           <ViewButtons view={view} />
-          <CopyButton label="Copy link" text={() => linkOf(view, measurement)} />
         </div>
       </section>
       <div class="explore-controls card">

@@ -1,6 +1,6 @@
 // Keeps what is shown in the link of the page.
 import { effect } from "@preact/signals";
-import { href, route, setQuery } from "../router.ts";
+import { route, setQuery } from "../router.ts";
 import { readSpot, writeSpot, type Measurement } from "./measure.ts";
 import { readView, writeView, type View } from "./view.ts";
 
@@ -30,13 +30,6 @@ export function keepLink(view: View, measurement?: Measurement): () => void {
     removeEventListener("hashchange", read);
     leave();
   };
-}
-
-/** The link of what is shown now. */
-export function linkOf(view: View, measurement?: Measurement): string {
-  const url = new URL(location.href);
-  url.hash = href(route.peek().path, queryOf(view, measurement));
-  return url.href;
 }
 
 function queryOf(view: View, measurement: Measurement | undefined): URLSearchParams {

@@ -2,7 +2,8 @@
 import { useSignal } from "@preact/signals";
 import { useMemo } from "preact/hooks";
 import { short } from "../ui/format.ts";
-import { nearestIndex, type Exploration } from "./exploration.ts";
+import { nearestIndex } from "./ascending.ts";
+import type { Exploration } from "./exploration.ts";
 import type { View } from "./view.ts";
 
 /** A figure of every section. */
@@ -57,7 +58,7 @@ function Chart({ series: { title, unit, z, values }, length, present, onChoose }
   const at = hovered.value ?? present;
   const indexAt = (event: MouseEvent) => {
     const box = (event.currentTarget as Element).getBoundingClientRect();
-    return nearestIndex(Array.from(z), ((event.clientX - box.left) / box.width) * length);
+    return nearestIndex(z, ((event.clientX - box.left) / box.width) * length);
   };
   const x = (z[at]! / length) * WIDTH;
   return (

@@ -5,9 +5,11 @@ import { useEffect, useMemo, useRef } from "preact/hooks";
 import { ask, explain } from "../service.ts";
 import { bytes, micrometres, short } from "../ui/format.ts";
 import { Icon, Notice, toast } from "../ui/widgets.tsx";
+import { nearestIndex } from "./ascending.ts";
 import { area, boundsOf, pathData } from "./contours.ts";
-import { nearestIndex, type Exploration } from "./exploration.ts";
-import { ContourPointInputs, distanceOf, nearestPoint, positionOf, type ContourPoint } from "./section-points.tsx";
+import type { Exploration } from "./exploration.ts";
+import { ContourPointInputs } from "./point-inputs.tsx";
+import { distanceOf, nearestPoint, positionOf, type ContourPoint } from "./section-points.ts";
 import type { View } from "./view.ts";
 
 interface Props {

@@ -1,6 +1,5 @@
-// Levels of detail: which files a model has, which one this device should show, and their download.
+// Levels of detail: which files a model has, and which one this device should show.
 import type { Model, ModelFile } from "oviduct-client";
-import { ask } from "../../service.ts";
 import type { Device } from "./device.ts";
 
 export interface Level {
@@ -29,22 +28,4 @@ export function levelsOf(model: Pick<Model, "files">): Level[] {
 export function automaticLevel(levels: readonly Level[], { strength, saveData }: Device): number {
   const best = saveData ? 0 : { software: 0, ordinary: 1, strong: 2 }[strength];
   return Math.min(levels.length - 1, best);
-}
-
-/** Downloads a file; `onProgress` gets the number of bytes so far. Throws as the client does. */
-export async function download(
-  id: string,
-  name: string,
-  onProgress: (bytes: number) => void,
-  signal: AbortSignal,
-): Promise<ArrayBuffer> {
-  const response = await ask((service) => service.file(id, name, { signal }));
-  const chunks: Uint8Array<ArrayBuffer>[] = [];
-  let received = 0;
-  for await (const chunk of response.body ?? []) {
-    chunks.push(chunk);
-    received += chunk.length;
-    onProgress(received);
-  }
-  return new Blob(chunks).arrayBuffer();
 }

@@ -159,6 +159,7 @@ export class Stage {
       effect(() => {
         const flying = view.flying.value && this.#way.value !== undefined;
         [this.#fog.near, this.#fog.far] = flying ? FLIGHT_FOG : [1e6, 1e7];
+        this.#tissue.rings.value = flying ? 1 : 0;
         this.#renderer.setClearColor(LUMEN_DARK, flying ? 1 : 0);
         if (!flying) this.#look = { yaw: 0, pitch: 0 };
         this.invalidate();

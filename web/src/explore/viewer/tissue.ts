@@ -1,5 +1,5 @@
 // The walls and caps of a tube as three.js meshes.
-import { BufferAttribute, BufferGeometry, DoubleSide, FrontSide, Group, Mesh, MeshBasicMaterial, MeshLambertMaterial, type Plane } from "three";
+import { BufferAttribute, BufferGeometry, DoubleSide, FrontSide, Group, Mesh, MeshBasicMaterial, MeshLambertMaterial, type Plane, type WebGLProgramParametersWithUniforms } from "three";
 import type { PatchGroup, View } from "../view.ts";
 import { mucosaLight } from "./occlusion.ts";
 import type { Patch, PatchName, Surface } from "./surface.ts";
@@ -13,6 +13,8 @@ const GLASS = 0.28;
 
 export class Tissue {
   readonly group = new Group();
+  /** Strength of the rings on the mucosa that show the way covered in flight: 0 or 1. */
+  readonly rings = { value: 0 };
   surface: Surface | undefined;
   readonly #materials = new Map<PatchName, MeshBasicMaterial | MeshLambertMaterial>();
   #visible: Record<PatchGroup, boolean> = { inner: true, outer: true, caps: true };
@@ -73,16 +75,37 @@ export class Tissue {
 
   #material(name: PatchName): MeshBasicMaterial | MeshLambertMaterial {
     let material = this.#materials.get(name);
-    if (!material) this.#materials.set(name, (material = newMaterial(name)));
+    if (!material) this.#materials.set(name, (material = newMaterial(name, this.rings)));
     return material;
   }
 }
 
 /** Caps look like cut faces, in the colour of the service's drawings whatever the light. */
-function newMaterial(name: PatchName): MeshBasicMaterial | MeshLambertMaterial {
+function newMaterial(name: PatchName, rings: { value: number }): MeshBasicMaterial | MeshLambertMaterial {
   const color = COLORS[name];
   if (GROUPS[name] === "caps") return new MeshBasicMaterial({ color });
-  return new MeshLambertMaterial({ color, vertexColors: name === "inner_wall" });
+  const material = new MeshLambertMaterial({ color, vertexColors: name === "inner_wall" });
+  if (name === "inner_wall") material.onBeforeCompile = (shader) => addRings(shader, rings);
+  return material;
+}
+
+/** Rings around the lumen, every 0.1 mm and stronger every millimetre, fading where they would be dense. */
+function addRings(shader: WebGLProgramParametersWithUniforms, rings: { value: number }): void {
+  shader.uniforms["rings"] = rings;
+  shader.vertexShader = shader.vertexShader
+    .replace("#include <common>", "#include <common>\nvarying float along;")
+    .replace("#include <begin_vertex>", "#include <begin_vertex>\nalong = position.z;");
+  shader.fragmentShader = shader.fragmentShader
+    .replace("#include <common>", `#include <common>
+      uniform float rings;
+      varying float along;
+      float ring(float spacing, float width) {
+        float blur = fwidth(along);
+        float distance = abs(fract(along / spacing + 0.5) - 0.5) * spacing;
+        return (1.0 - smoothstep(width - blur, width + blur, distance)) * clamp(1.0 - 4.0 * blur / spacing, 0.0, 1.0);
+      }`)
+    .replace("#include <color_fragment>", `#include <color_fragment>
+      if (rings > 0.0) diffuseColor.rgb *= 1.0 - rings * max(0.28 * ring(0.1, 0.0012), 0.6 * ring(1.0, 0.004));`);
 }
 
 function grey(light: Uint8Array<ArrayBuffer>): BufferAttribute {
