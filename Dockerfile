@@ -15,7 +15,7 @@ RUN --mount=type=cache,target=/usr/local/cargo/registry \
  && cp target/release/oviduct /oviduct \
  && mkdir /data
 
-# glibc, libgcc and an unprivileged user: no shell, no package manager.
+# glibc, libgcc, libstdc++ and an unprivileged user: no shell, no package manager.
 FROM gcr.io/distroless/cc-debian12:nonroot
 COPY --from=build /oviduct /usr/local/bin/oviduct
 COPY --from=build --chown=nonroot:nonroot /data /data

@@ -457,8 +457,10 @@ fn the_demo_saves_a_certified_model() {
     // Stderr is not a terminal.
     assert!(said(&output).lines().any(|line| line.contains(" %")), "{}", said(&output));
     assert_eq!(complaints(&output), Vec::<String>::new());
-    assert_eq!(names(&at.path().join("demo")), ["data", "model.glb", "report.json", "sections.bin"]);
-    assert_eq!(code(&run(at.path(), &["check", "demo/model.glb", "--euler", "0"])), 0);
+    let levels = ["model.lod0.glb", "model.lod1.glb", "model.lod2.glb"];
+    let files = [["data", "model.glb"].as_slice(), &levels, &["report.json", "sections.bin"]].concat();
+    assert_eq!(names(&at.path().join("demo")), files);
+    assert_eq!(code(&run(at.path(), &["check", "demo/model.glb", "demo/model.lod2.glb", "--euler", "0"])), 0);
 }
 
 #[test]

@@ -381,8 +381,8 @@ pub(super) struct ModelArgs {
     /// Backend that computes the model: auto, gpu, cpu or cpu-single
     #[arg(long, value_parser = kebab::<Backend>, default_value = "auto")]
     pub(super) backend: Backend,
-    /// Formats of the model, separated by commas: glb, obj. sections.bin and report.json are always written
-    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = kebab::<Output>, default_value = "glb")]
+    /// Formats of the model, separated by commas: glb, obj, lod. sections.bin and report.json are always written
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = kebab::<Output>, default_value = "glb,lod")]
     pub(super) outputs: Vec<Output>,
 }
 

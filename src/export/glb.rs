@@ -5,13 +5,16 @@
 //! different normals; a reader that merges equal positions obtains the closed surface.
 //! The binary chunk is written accessor by accessor from the mesh, in little-endian order on every host.
 
-use super::{CITATION, Metadata};
+pub(super) mod scene;
+
+use super::Metadata;
 use crate::geometry::patch::{PatchGeometry, patch_geometry};
 use crate::geometry::strips::{join_strips, strips};
-use crate::model::{BodyKind, Mesh, PatchKind};
+use crate::model::{Mesh, PatchKind};
 use gltf_json as json;
-use json::validation::{Checked, USize64};
-use serde_json::value::RawValue;
+use json::validation::USize64;
+use scene::{Counts, Scene, accessor, buffer, buffer_view, primitive, write_head};
+use serde_json::Map;
 use std::io::{self, Write};
 
 /// Media type of the file.
@@ -49,18 +52,7 @@ pub fn write_glb(mesh: &Mesh, meta: &Metadata, options: &GlbOptions, out: &mut i
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "the mesh has no triangles"));
     }
     let (root, bin_len) = document(mesh, meta, &parts)?;
-    let mut text = serde_json::to_vec(&root)?;
-    text.resize(text.len().next_multiple_of(4), b' ');
-    let total = 12 + 8 + text.len() + 8 + bin_len;
-    let total = u32::try_from(total)
-        .map_err(|_| io::Error::new(io::ErrorKind::InvalidInput, "the model is too large for GLB (4 GiB)"))?;
-    for word in [u32::from_le_bytes(*b"glTF"), 2, total, text.len() as u32, u32::from_le_bytes(*b"JSON")] {
-        out.write_all(&word.to_le_bytes())?;
-    }
-    out.write_all(&text)?;
-    for word in [bin_len as u32, u32::from_le_bytes(*b"BIN\0")] {
-        out.write_all(&word.to_le_bytes())?;
-    }
+    write_head(&root, bin_len, out)?;
     for part in &parts {
         part.write(mesh, out)?;
     }
@@ -140,149 +132,38 @@ fn write_chunks<T>(
 
 /// The JSON part, and the length of the binary part.
 fn document(mesh: &Mesh, meta: &Metadata, parts: &[Part]) -> io::Result<(json::Root, usize)> {
-    let mut root = json::Root::default();
-    root.asset.generator = Some(format!("oviduct {}", meta.engine));
-    root.asset.extras = extras(&serde_json::json!({
-        "units": "m",
-        "axes": "right-handed, y up, z along the tube from isthmus to ampulla",
-        "preset": meta.preset,
-        "seed": meta.seed,
-        "digest": meta.digest,
-        "engine": meta.engine,
-        "length_mm": meta.length_mm,
-        "sections": meta.sections,
-        "method": CITATION,
-    }))?;
-    let buffer =
-        root.push(json::Buffer { byte_length: USize64(0), name: None, uri: None, extensions: None, extras: None });
+    let mut scene = Scene::new(mesh.body, meta, Map::new())?;
+    let data = scene.root.push(buffer(0));
     let mut offset = 0;
-    let mut children = Vec::new();
     for part in parts {
-        let name = part.kind.name();
+        let root = &mut scene.root;
         let vertices = part.geometry.vertices.len();
         let mut vectors = accessor(json::accessor::Type::Vec3, json::accessor::ComponentType::F32, vertices);
         let mut view = |root: &mut json::Root, length: usize, target| {
-            let view = root.push(buffer_view(buffer, offset, length, target));
+            let view = root.push(buffer_view(data, offset, length, target));
             offset += length.next_multiple_of(4);
             Some(view)
         };
-        vectors.buffer_view = view(&mut root, vertices * 12, json::buffer::Target::ArrayBuffer);
+        vectors.buffer_view = view(root, vertices * 12, json::buffer::Target::ArrayBuffer);
         let (min, max) = bounds(mesh, &part.geometry.vertices);
         let positions = root.push(json::Accessor {
             min: Some(serde_json::json!(min)),
             max: Some(serde_json::json!(max)),
             ..vectors.clone()
         });
-        vectors.buffer_view = view(&mut root, vertices * 12, json::buffer::Target::ArrayBuffer);
+        vectors.buffer_view = view(root, vertices * 12, json::buffer::Target::ArrayBuffer);
         let normals = root.push(vectors);
         let index_type = part.index_type();
         let mut indices = accessor(json::accessor::Type::Scalar, index_type, part.index_count());
         let index_bytes = part.index_count() * index_type.size();
-        indices.buffer_view = view(&mut root, index_bytes, json::buffer::Target::ElementArrayBuffer);
+        indices.buffer_view = view(root, index_bytes, json::buffer::Target::ElementArrayBuffer);
         let indices = root.push(indices);
-        let material = root.push(material(part.kind, mesh.body));
-        let semantics = [(json::mesh::Semantic::Positions, positions), (json::mesh::Semantic::Normals, normals)];
         let mode = if part.strip.is_some() { json::mesh::Mode::TriangleStrip } else { json::mesh::Mode::Triangles };
-        let primitive = json::mesh::Primitive {
-            attributes: semantics.into_iter().map(|(s, a)| (Checked::Valid(s), a)).collect(),
-            extensions: None,
-            extras: None,
-            indices: Some(indices),
-            material: Some(material),
-            mode: Checked::Valid(mode),
-            targets: None,
-        };
-        let patch_mesh = root.push(json::Mesh {
-            extensions: None,
-            extras: None,
-            name: Some(name.into()),
-            primitives: vec![primitive],
-            weights: None,
-        });
-        children.push(root.push(json::Node {
-            mesh: Some(patch_mesh),
-            name: Some(name.into()),
-            extras: extras(&serde_json::json!({ "patch": name, "body": mesh.body.name() }))?,
-            ..json::Node::default()
-        }));
+        scene.add_patch(part.kind, primitive(mode, positions, normals, indices))?;
     }
-    root.buffers[0].byte_length = USize64::from(offset);
-    let body = root.push(json::Node {
-        children: Some(children),
-        name: Some(mesh.body.name().into()),
-        extras: extras(&serde_json::json!({
-            "body": mesh.body.name(),
-            "vertices": mesh.positions.len(),
-            "triangles": mesh.triangles.len(),
-            "euler": mesh.body.euler(),
-        }))?,
-        ..json::Node::default()
-    });
-    let scene =
-        root.push(json::Scene { extensions: None, extras: None, name: Some("oviduct".into()), nodes: vec![body] });
-    root.scene = Some(scene);
-    Ok((root, offset))
-}
-
-fn extras(value: &serde_json::Value) -> io::Result<json::Extras> {
-    Ok(Some(RawValue::from_string(value.to_string())?))
-}
-
-fn buffer_view(
-    buffer: json::Index<json::Buffer>,
-    offset: usize,
-    length: usize,
-    target: json::buffer::Target,
-) -> json::buffer::View {
-    json::buffer::View {
-        buffer,
-        byte_length: USize64::from(length),
-        byte_offset: Some(USize64::from(offset)),
-        byte_stride: None,
-        name: None,
-        target: Some(Checked::Valid(target)),
-        extensions: None,
-        extras: None,
-    }
-}
-
-fn accessor(type_: json::accessor::Type, component: json::accessor::ComponentType, count: usize) -> json::Accessor {
-    json::Accessor {
-        buffer_view: None,
-        byte_offset: None,
-        count: USize64::from(count),
-        component_type: Checked::Valid(json::accessor::GenericComponentType(component)),
-        extensions: None,
-        extras: None,
-        type_: Checked::Valid(type_),
-        min: None,
-        max: None,
-        name: None,
-        normalized: false,
-        sparse: None,
-    }
-}
-
-/// Colours are linear. The inner wall of the tissue faces the lumen, so that the tube is visible from inside without
-/// drawing back faces; the lumen body faces outwards, so that a view from inside needs them.
-fn material(kind: PatchKind, body: BodyKind) -> json::Material {
-    let [r, g, b] = match kind {
-        PatchKind::InnerWall | PatchKind::Wall => [0.694, 0.254, 0.352],
-        PatchKind::OuterWall => [0.839, 0.578, 0.491],
-        PatchKind::CapIsthmus | PatchKind::CapAmpulla => [0.730, 0.301, 0.397],
-        PatchKind::Inlet | PatchKind::Outlet => [0.888, 0.791, 0.687],
-    };
-    json::Material {
-        name: Some(kind.name().into()),
-        double_sided: body == BodyKind::Lumen,
-        pbr_metallic_roughness: json::material::PbrMetallicRoughness {
-            base_color_factor: json::material::PbrBaseColorFactor([r, g, b, 1.0]),
-            metallic_factor: json::material::StrengthFactor(0.0),
-            roughness_factor: json::material::StrengthFactor(0.6),
-            ..Default::default()
-        },
-        ..Default::default()
-    }
+    scene.root.buffers[0].byte_length = USize64::from(offset);
+    let counts = Counts { vertices: mesh.positions.len(), triangles: mesh.triangles.len() };
+    Ok((scene.finish(&counts, json::Node::default())?, offset))
 }
 
 /// Least and greatest coordinates, exactly.

@@ -7,6 +7,7 @@
 pub mod fuzzing;
 pub mod glb;
 pub mod hashing;
+pub mod lod;
 pub mod obj;
 pub mod read;
 pub mod sections_bin;

@@ -4,9 +4,10 @@ use super::types::{FileOutput, GenerateError, Output, Request};
 use crate::ENGINE_VERSION;
 use crate::export::glb::{GlbOptions, write_glb};
 use crate::export::hashing::HashingWriter;
+use crate::export::lod::levels;
 use crate::export::obj::write_obj;
 use crate::export::sections_bin::write_sections;
-use crate::export::{Metadata, glb, obj, sections_bin};
+use crate::export::{Metadata, glb, lod, obj, sections_bin};
 use crate::model::{Mesh, Section};
 use rayon::prelude::*;
 use serde_json::{Value, json};
@@ -35,7 +36,22 @@ pub(super) fn write(
         length_mm: request.spec.length_mm,
         sections: sections.len(),
     };
-    let report = json!({
+    let options = GlbOptions { strips: request.spec.mesh.strips };
+    let wants = |output| request.outputs.contains(&output);
+    let mut tasks: Vec<(&str, &str, Task<'_>)> = Vec::new();
+    if wants(Output::Glb) {
+        tasks.push(("model.glb", glb::MEDIA_TYPE, Box::new(|out| write_glb(mesh, &meta, &options, out))));
+    }
+    if wants(Output::Obj) {
+        tasks.push(("model.obj", obj::MEDIA_TYPE, Box::new(|out| write_obj(mesh, &meta, out))));
+    }
+    tasks.push(("sections.bin", sections_bin::MEDIA_TYPE, Box::new(|out| write_sections(sections, &meta, out))));
+    let (files, levels) = rayon::join(
+        || write_all(request, tasks),
+        || if wants(Output::Lod) { levels(mesh).map(Some) } else { Ok(None) },
+    );
+    let levels = levels.map_err(|source| GenerateError::Io { name: lod::FILES[0].into(), source })?;
+    let mut report = json!({
         "digest": meta.digest,
         "preset": meta.preset,
         "seed": meta.seed,
@@ -44,26 +60,28 @@ pub(super) fn write(
         "summary": summary,
         "certificate": certificate,
     });
-    let options = GlbOptions { strips: request.spec.mesh.strips };
-    let model = |output: Output| -> (String, &'static str, Task<'_>) {
-        let name = format!("model.{}", output.extension());
-        match output {
-            Output::Glb => (name, glb::MEDIA_TYPE, Box::new(|out| write_glb(mesh, &meta, &options, out))),
-            Output::Obj => (name, obj::MEDIA_TYPE, Box::new(|out| write_obj(mesh, &meta, out))),
-        }
-    };
-    let mut outputs = request.outputs.clone();
-    outputs.sort_unstable();
-    outputs.dedup();
-    let mut tasks: Vec<(String, &str, Task<'_>)> = outputs.into_iter().map(model).collect();
-    tasks.push(("sections.bin".into(), sections_bin::MEDIA_TYPE, Box::new(|out| write_sections(sections, &meta, out))));
-    tasks.push((REPORT.into(), "application/json", Box::new(|out| Ok(serde_json::to_writer_pretty(out, &report)?))));
+    if let Some(levels) = &levels {
+        report["levels"] = levels.iter().map(|level| json!(level.report)).collect();
+    }
+    let mut tasks: Vec<(&str, &str, Task<'_>)> = Vec::new();
+    for level in levels.iter().flatten() {
+        tasks.push((level.report.file, glb::MEDIA_TYPE, Box::new(|out| level.write(&meta, out))));
+    }
+    tasks.push((REPORT, "application/json", Box::new(|out| Ok(serde_json::to_writer_pretty(out, &report)?))));
+    let mut files = files?;
+    files.extend(write_all(request, tasks)?);
+    Ok(files)
+}
+
+/// Writes files in parallel: name, media type and writer of each.
+fn write_all(request: &Request, tasks: Vec<(&str, &str, Task<'_>)>) -> Result<Vec<FileOutput>, GenerateError> {
     tasks
         .into_par_iter()
         .map(|(name, media_type, task)| {
-            let path = request.dir.join(&name);
-            let digest = write_one(&path, task).map_err(|source| GenerateError::Io { name: name.clone(), source })?;
-            Ok(FileOutput { name, media_type: media_type.into(), bytes: digest.bytes, sha256: digest.sha256 })
+            let digest = write_one(&request.dir.join(name), task)
+                .map_err(|source| GenerateError::Io { name: name.into(), source })?;
+            let (name, media_type) = (name.into(), media_type.into());
+            Ok(FileOutput { name, media_type, bytes: digest.bytes, sha256: digest.sha256 })
         })
         .collect()
 }

@@ -158,7 +158,7 @@ fn finish(
 }
 
 fn check_memory(request: &Request) -> Result<(), GenerateError> {
-    let outputs: Vec<&str> = request.outputs.iter().map(|o| o.extension()).collect();
+    let outputs: Vec<&str> = request.outputs.iter().map(|o| o.name()).collect();
     let needed = request.spec.cost(&outputs).memory_bytes;
     match request.memory_limit_bytes {
         Some(limit) if needed > limit => Err(GenerateError::Memory { needed, limit }),

@@ -25,7 +25,7 @@ pub(super) fn request(spec: ModelSpec, backend: Backend, dir: &std::path::Path) 
         spec,
         seed: 7,
         backend,
-        outputs: vec![Output::Glb, Output::Obj],
+        outputs: Output::ALL.to_vec(),
         dir: dir.into(),
         memory_limit_bytes: None,
     }
@@ -41,7 +41,7 @@ fn hashes(spec: ModelSpec, backend: Backend, threads: usize) -> BTreeMap<String,
 #[test]
 fn bytes_do_not_depend_on_threads_or_backend() {
     let one = hashes(small(&json!({})), Backend::CpuSingle, 1);
-    assert_eq!(one.len(), 4, "glb, obj, sections.bin, report.json: {one:?}");
+    assert_eq!(one.len(), 7, "glb, obj, three levels, sections.bin, report.json: {one:?}");
     assert_eq!(one, hashes(small(&json!({})), Backend::Cpu, 1));
     assert_eq!(one, hashes(small(&json!({})), Backend::Auto, 2));
     assert_eq!(one, hashes(small(&json!({})), Backend::Cpu, 5));
@@ -105,6 +105,28 @@ impl Sink for Recorder {
     fn section(&self, _: &crate::model::Section) {
         self.sections.fetch_add(1, Ordering::Relaxed);
     }
+}
+
+#[test]
+fn the_report_states_the_levels_if_they_were_asked_for() {
+    let report = |outputs: &[Output]| -> (serde_json::Value, u64, u64) {
+        let dir = tempfile::tempdir().unwrap();
+        let mut request = request(small(&json!({})), Backend::Cpu, dir.path());
+        request.outputs = outputs.to_vec();
+        let outcome = generate(&request, &(), &CancelToken::default()).unwrap();
+        let written: u64 =
+            outcome.files.iter().filter(|f| Output::Lod.files().contains(&&*f.name)).map(|f| f.bytes).sum();
+        let predicted = request.spec.cost(&["lod"]).bytes["lod"];
+        (serde_json::from_slice(&std::fs::read(dir.path().join("report.json")).unwrap()).unwrap(), written, predicted)
+    };
+    let (with, written, predicted) = report(&[Output::Lod]);
+    let levels = with["levels"].as_array().unwrap();
+    assert_eq!(levels.iter().map(|level| level["file"].as_str().unwrap()).collect::<Vec<_>>(), Output::Lod.files());
+    // The model is below the target of each level.
+    assert!(levels.iter().all(|level| level["triangles"] == with["certificate"]["triangles"]), "{levels:?}");
+    assert!(written.abs_diff(predicted) < written / 3, "{written} bytes, predicted {predicted}");
+    let (without, written, _) = report(&[Output::Glb]);
+    assert_eq!((without.get("levels"), written), (None, 0));
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! Inputs and results of a generation.
 
+use crate::export::lod::FILES;
 use crate::model::Section;
 use crate::sim::gpu::GpuError;
 use crate::spec::ModelSpec;
@@ -36,7 +37,7 @@ impl Backend {
     }
 }
 
-/// A file format of the model.
+/// A format of the model: one file, or several.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Output {
@@ -44,16 +45,41 @@ pub enum Output {
     Glb,
     /// Wavefront OBJ.
     Obj,
+    /// Levels of detail for viewers: three binary glTF files with all, about 300,000 and about 60,000 triangles, quantized
+    /// and compressed.
+    Lod,
 }
 
 impl Output {
-    /// The file name's extension, which is also its name in requests.
+    /// All formats.
+    pub const ALL: [Self; 3] = [Self::Glb, Self::Obj, Self::Lod];
+    /// What is written if a request does not say.
+    pub const DEFAULT: [Self; 2] = [Self::Glb, Self::Lod];
+
+    /// Its name in requests.
     #[must_use]
-    pub fn extension(self) -> &'static str {
+    pub fn name(self) -> &'static str {
         match self {
             Self::Glb => "glb",
             Self::Obj => "obj",
+            Self::Lod => "lod",
         }
+    }
+
+    /// The names of its files.
+    #[must_use]
+    pub fn files(self) -> &'static [&'static str] {
+        match self {
+            Self::Glb => &["model.glb"],
+            Self::Obj => &["model.obj"],
+            Self::Lod => &FILES,
+        }
+    }
+
+    /// The format that a file belongs to; `None` for files that are always written.
+    #[must_use]
+    pub fn of_file(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|output| output.files().contains(&name))
     }
 }
 

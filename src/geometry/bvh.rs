@@ -102,6 +102,23 @@ impl Block {
         Bounds { low: std::array::from_fn(|a| self.low[a][lane]), high: std::array::from_fn(|a| self.high[a][lane]) }
     }
 
+    /// Lower bounds of the squared distances of a point from the items; infinite for an empty lane.
+    #[inline]
+    fn squared_distances(&self, point: &Query) -> [f32; WIDTH] {
+        let mut squares = [[0.0f32; WIDTH]; AXES];
+        for axis in 0..AXES {
+            for lane in 0..WIDTH {
+                let outside = (self.low[axis][lane] - point.high[axis]).max(point.low[axis] - self.high[axis][lane]);
+                squares[axis][lane] = outside.max(0.0) * outside.max(0.0);
+            }
+        }
+        // The directions x + y and x − y are longer than 1 by the square root of 2.
+        std::array::from_fn(|l| {
+            let [x, y, z, sum, difference] = squares.map(|row| row[l]);
+            (x + y).max((sum + difference) * 0.5) + z
+        })
+    }
+
     fn union(&self) -> Bounds {
         (0..WIDTH).fold(Bounds::EMPTY, |sum, lane| sum.with(&self.lane(lane)))
     }
@@ -124,6 +141,33 @@ impl Block {
         }
         mask
     }
+}
+
+/// A point along the five directions, with a margin for the rounding of bounds and of the point itself.
+struct Query {
+    low: [f32; AXES],
+    high: [f32; AXES],
+}
+
+impl Query {
+    fn of(point: [f64; 3]) -> Self {
+        let Bounds { low, high } = Bounds::of([point]);
+        let [x, y, z] = point.map(|x| x.abs() as f32 * 2.5e-7);
+        let margin = [x, y, z, x + y, x + y];
+        Self { low: std::array::from_fn(|a| low[a] - margin[a]), high: std::array::from_fn(|a| high[a] + margin[a]) }
+    }
+}
+
+/// A search for an item near a point.
+pub struct Search<D> {
+    /// The squared distance of an item.
+    pub squared_distance: D,
+    /// The search ends at the first item that is no farther than this, squared.
+    pub enough: f64,
+    /// The squared distance of the nearest item found; items that are not nearer are passed over.
+    pub best: f64,
+    /// The nearest item found, if any was.
+    pub item: Option<usize>,
 }
 
 /// The hierarchy.
@@ -201,6 +245,47 @@ impl Bvh {
                 }
             }
         });
+    }
+
+    /// Looks for the item nearest to `point`: of those nearer than `search.best`, unless one is near enough.
+    ///
+    /// The distance found is that of the nearest item, or at most `search.enough`.
+    pub fn nearest<D: FnMut(usize) -> f64>(&self, point: [f64; 3], search: &mut Search<D>) {
+        if self.len > 0 {
+            self.approach(self.levels.len() - 1, 0, &Query::of(point), search);
+        }
+    }
+
+    /// Visits the children of a block, nearest first.
+    fn approach<D: FnMut(usize) -> f64>(&self, level: usize, node: usize, point: &Query, search: &mut Search<D>) {
+        // Bounds are rounded in the last steps of f32.
+        const ROUNDING: f64 = 1.0 - 1e-6;
+        let bounds = self.levels[level][node].squared_distances(point);
+        let mut near = [(0.0, 0); WIDTH];
+        let mut count = 0;
+        for (lane, bound) in bounds.into_iter().enumerate() {
+            let bound = f64::from(bound) * ROUNDING;
+            if bound < search.best {
+                let at = near[..count].iter().rposition(|&(b, _)| b <= bound).map_or(0, |before| before + 1);
+                near.copy_within(at..count, at + 1);
+                near[at] = (bound, lane);
+                count += 1;
+            }
+        }
+        for &(bound, lane) in &near[..count] {
+            if bound >= search.best || search.best <= search.enough {
+                return;
+            }
+            let child = node * WIDTH + lane;
+            if level > 0 {
+                self.approach(level - 1, child, point, search);
+            } else {
+                let distance = (search.squared_distance)(child);
+                if distance < search.best {
+                    (search.best, search.item) = (distance, Some(child));
+                }
+            }
+        }
     }
 
     /// Calls `leaf` for each block of items from `first` on whose bounds overlap `query`.

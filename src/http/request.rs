@@ -57,7 +57,7 @@ impl ModelRequest {
             preset: members.get("preset").map_or_else(|| DEFAULT_PRESET.to_owned(), |v| text(v, "/preset", faults)),
             seed: members.get("seed").filter(|_| known.contains(&"seed")).and_then(|v| seed(v, "/seed", faults)),
             spec: members.get("spec").map_or_else(|| json!({}), |v| spec(v, faults)),
-            outputs: members.get("outputs").map_or_else(|| vec![Output::Glb], |v| outputs(v, faults)),
+            outputs: members.get("outputs").map_or_else(|| Output::DEFAULT.to_vec(), |v| outputs(v, faults)),
             backend: members
                 .get("backend")
                 .map_or(Backend::Auto, |v| choice(v, "/backend", faults).unwrap_or_default()),
@@ -79,7 +79,7 @@ impl ModelRequest {
                     "description": "The same seed and spec give the same model. If it is absent, the service draws one and reports it." },
                 "spec": { "$ref": "#/components/schemas/SpecPatch" },
                 "outputs": { "type": "array", "uniqueItems": true, "items": { "$ref": "#/components/schemas/Output" },
-                    "default": ["glb"], "description": "File formats. `sections.bin` and `report.json` are always written." },
+                    "default": Output::DEFAULT, "description": "File formats. `sections.bin` and `report.json` are always written." },
                 "backend": { "$ref": "#/components/schemas/Backend" },
                 "labels": { "type": "object", "maxProperties": LABELS_MAX,
                     "description": "Names and values of the client's own, to find models by.",
@@ -249,7 +249,7 @@ mod tests {
         assert_eq!(request.preset, DEFAULT_PRESET);
         assert_eq!(
             (request.seed, request.outputs, request.backend, request.reuse),
-            (None, vec![Output::Glb], Backend::Auto, true)
+            (None, vec![Output::Glb, Output::Lod], Backend::Auto, true)
         );
     }
 

@@ -84,6 +84,26 @@ pub(super) struct StoredReport {
     summary: Summary,
     /// The certificate of the surface as exported.
     certificate: Certificate,
+    /// The levels of detail, the finest first; only if `lod` was asked for.
+    #[schema(required = false)]
+    levels: Vec<DetailLevel>,
+}
+
+/// A level of detail.
+#[derive(ToSchema)]
+pub(super) struct DetailLevel {
+    /// Name of the file.
+    file: String,
+    /// Vertices; those that patches share are counted once.
+    #[schema(minimum = 0)]
+    vertices: u64,
+    /// Triangles.
+    #[schema(minimum = 0)]
+    triangles: u64,
+    /// Step of the grid to which positions are rounded, along x, y and z, micrometres.
+    precision_um: [f64; 3],
+    /// Largest distance measured between the level and the full surface, in both directions, micrometres.
+    distance_um: f64,
 }
 
 /// A preset in a list.

@@ -21,6 +21,12 @@ impl BodyKind {
         }
     }
 
+    /// The body of a name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        [Self::Tissue, Self::Lumen].into_iter().find(|body| body.name() == name)
+    }
+
     /// Euler number of a sound surface of this body.
     #[must_use]
     pub fn euler(self) -> i64 {
@@ -51,6 +57,21 @@ pub enum PatchKind {
 }
 
 impl PatchKind {
+    const ALL: [Self; 7] =
+        [Self::InnerWall, Self::OuterWall, Self::CapIsthmus, Self::CapAmpulla, Self::Wall, Self::Inlet, Self::Outlet];
+
+    /// The patch of a name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+
+    /// Whether it is the side of a body; the others close its ends.
+    #[must_use]
+    pub fn is_wall(self) -> bool {
+        matches!(self, Self::InnerWall | Self::OuterWall | Self::Wall)
+    }
+
     /// The name used in files: nodes and materials of glTF, groups of OBJ.
     #[must_use]
     pub fn name(self) -> &'static str {

@@ -39,6 +39,9 @@ const HISTORY_BYTES: u64 = 64;
 /// Places at which the work is sampled.
 const PLACES: u32 = 256;
 
+/// Triangles of the simplified levels of detail, the finer first; a level has fewer if the model has.
+pub const LEVEL_TRIANGLES: [usize; 2] = [300_000, 60_000];
+
 /// Bytes of a file: fixed, per vertex, per triangle, per triangle if walls are strips.
 struct Size {
     name: &'static str,
@@ -66,6 +69,12 @@ const SIZES: [Size; 8] = [
     Size::new("sections", 4096.0, 9.0, 0.0, 0.0),
     Size::new("report", 131_072.0, 0.0, 0.0, 0.0),
 ];
+
+/// Bytes of a triangle of the finest level of detail and of a simplified one, with its share of the vertices; measured on
+/// the default model.
+const LEVEL_TRIANGLE_BYTES: [f64; 2] = [3.5, 4.7];
+/// Bytes of the document of a level.
+const LEVEL_FIXED: f64 = 4096.0;
 
 /// Predicted cost of growing a specification.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -113,6 +122,10 @@ impl ModelSpec {
             (size.name.to_owned(), count(size.fixed + size.vertex * vertices + triangle * triangles))
         };
         let kept = |s: &&Size| outputs.contains(&s.name) || ["sections", "report"].contains(&s.name);
+        let mut bytes: BTreeMap<String, u64> = SIZES.iter().filter(kept).map(size).collect();
+        if outputs.contains(&"lod") {
+            bytes.insert("lod".to_owned(), count(levels_bytes(triangles)));
+        }
         let (vertices, triangles) = (count(vertices), count(triangles));
         let particles_end = u32::try_from(count(particles(self.steps))).unwrap_or(u32::MAX);
         let interval = self.solver.record_every.min(self.steps);
@@ -122,7 +135,7 @@ impl ModelSpec {
             sections,
             vertices,
             triangles,
-            bytes: SIZES.iter().filter(kept).map(size).collect(),
+            bytes,
             memory_bytes: BASE_BYTES + vertices * VERTEX_BYTES + triangles * TRIANGLE_BYTES + history,
             seconds: self.seconds(triangles),
         }
@@ -173,6 +186,12 @@ impl ModelSpec {
     }
 }
 
+/// Size of the files of all levels of detail of a model with a number of triangles.
+fn levels_bytes(triangles: f64) -> f64 {
+    let simplified: f64 = LEVEL_TRIANGLES.iter().map(|&most| triangles.min(most as f64)).sum();
+    3.0 * LEVEL_FIXED + triangles * LEVEL_TRIANGLE_BYTES[0] + simplified * LEVEL_TRIANGLE_BYTES[1]
+}
+
 /// A count from a sum of counts.
 fn count(value: f64) -> u64 {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturating, and never negative")]
@@ -192,11 +211,11 @@ mod tests {
 
     #[test]
     fn the_papers_model_has_the_papers_size() {
-        let cost = spec(&json!({})).cost(&["glb", "obj"]);
+        let cost = spec(&json!({})).cost(&["glb", "lod", "obj"]);
         assert_eq!((cost.particles_end, cost.sections), (8300, 201));
         assert!(cost.vertices.abs_diff(790_211) < 790_211 / 50, "{}", cost.vertices);
         assert_eq!(cost.triangles, 2 * cost.vertices);
-        assert_eq!(cost.bytes.keys().collect::<Vec<_>>(), ["glb", "obj", "report", "sections"]);
+        assert_eq!(cost.bytes.keys().collect::<Vec<_>>(), ["glb", "lod", "obj", "report", "sections"]);
         assert!(cost.seconds["cpu"].seconds < cost.seconds["cpu-single"].seconds);
     }
 

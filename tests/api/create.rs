@@ -58,7 +58,7 @@ async fn an_empty_request_takes_the_defaults_and_draws_a_seed() {
     let app = App::new().await;
     let (a, b) = (app.post("/models", &json!({})).await.json(), app.post("/models", &json!({})).await.json());
     for model in [&a, &b] {
-        assert_eq!((&model["preset"], &model["outputs"]), (&json!("pig"), &json!(["glb"])));
+        assert_eq!((&model["preset"], &model["outputs"]), (&json!("pig"), &json!(["glb", "lod"])));
         assert!(model["seed"].as_u64().unwrap() < 1 << 53);
     }
     assert_ne!(a["seed"], b["seed"]);
@@ -90,7 +90,7 @@ async fn whole_numbers_with_a_fraction_of_zero_are_integers() {
 #[tokio::test]
 async fn validating_queues_nothing_and_predicts() {
     let app = App::new().await;
-    let reply = app.post("/models/validate", &json!({ "seed": 7, "outputs": ["glb", "obj"] })).await;
+    let reply = app.post("/models/validate", &json!({ "seed": 7, "outputs": ["glb", "obj", "lod"] })).await;
     assert_eq!(reply.status, 200);
     let validation = reply.json();
     for member in [
@@ -99,6 +99,7 @@ async fn validating_queues_nothing_and_predicts() {
         "/cost/triangles",
         "/cost/bytes/glb",
         "/cost/bytes/obj",
+        "/cost/bytes/lod",
         "/cost/seconds/cpu/basis",
     ] {
         assert!(validation.pointer(member).is_some_and(|v| !v.is_null()), "{member} of {validation}");

@@ -1,17 +1,24 @@
-// Judges .glb files with the Khronos validator: any error or warning is a failure.
+// Judges .glb files with the Khronos validator: any error or warning is a failure. A compressed file is judged as it is, and
+// again as decoded by meshoptimizer, since the validator does not look into compressed data.
 // Usage: node gltf.mjs <folder that holds node_modules> <file>…
-import { readFile } from "node:fs/promises";
+// Beside each compressed FILE.glb, FILE.decoded.glb is left for other judges.
+import { readFile, writeFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import { resolve } from "node:path";
 
 const [home, ...files] = process.argv.slice(2);
-const validator = createRequire(resolve(home, "package.json"))("gltf-validator");
+const require = createRequire(resolve(home, "package.json"));
+const validator = require("gltf-validator");
+const { MeshoptDecoder } = require("meshoptimizer");
 if (files.length === 0) throw new Error("no files to judge");
 
+const COMPRESSION = "EXT_meshopt_compression";
 let bad = 0;
-for (const file of files) {
-  const bytes = new Uint8Array(await readFile(file));
-  const { issues, info } = await validator.validateBytes(bytes, { uri: file, format: "glb", maxIssues: 20 });
+
+async function judge(file, bytes) {
+  // The validator reports every extension that it does not know.
+  const ignoredIssues = ["UNSUPPORTED_EXTENSION"];
+  const { issues, info } = await validator.validateBytes(bytes, { uri: file, format: "glb", maxIssues: 20, ignoredIssues });
   console.log(
     `gltf-validator: ${file}: ${issues.numErrors} errors, ${issues.numWarnings} warnings, ` +
       `${info.totalVertexCount} vertices, ${info.totalTriangleCount} triangles`,
@@ -21,6 +28,52 @@ for (const file of files) {
     for (const { severity, code, message, pointer } of issues.messages) {
       if (severity < 2) console.log(`  ${code} at ${pointer}: ${message}`);
     }
+  }
+}
+
+function chunks(bytes) {
+  const view = new DataView(bytes.buffer, bytes.byteOffset);
+  const length = view.getUint32(12, true);
+  const json = JSON.parse(new TextDecoder().decode(bytes.subarray(20, 20 + length)));
+  return { json, data: bytes.subarray(28 + length, 28 + length + view.getUint32(20 + length, true)) };
+}
+
+// The same document with the data of its views decoded, and nothing else changed.
+function decode({ json, data }) {
+  const plain = new Uint8Array(json.buffers[1].byteLength);
+  for (const view of json.bufferViews) {
+    const { byteOffset, byteLength, byteStride, count, mode, filter } = view.extensions[COMPRESSION];
+    const target = plain.subarray(view.byteOffset, view.byteOffset + view.byteLength);
+    MeshoptDecoder.decodeGltfBuffer(target, count, byteStride, data.subarray(byteOffset, byteOffset + byteLength), mode, filter);
+    delete view.extensions;
+    view.buffer = 0;
+  }
+  json.buffers = [{ byteLength: plain.length }];
+  json.extensionsUsed = json.extensionsUsed.filter((name) => name !== COMPRESSION);
+  json.extensionsRequired = json.extensionsRequired.filter((name) => name !== COMPRESSION);
+  let text = JSON.stringify(json);
+  text = text.padEnd(Math.ceil(text.length / 4) * 4);
+  const document = new TextEncoder().encode(text);
+  const glb = new Uint8Array(28 + document.length + plain.length);
+  const words = new DataView(glb.buffer);
+  [0x46546c67, 2, glb.length, document.length, 0x4e4f534a].forEach((word, i) => words.setUint32(4 * i, word, true));
+  glb.set(document, 20);
+  words.setUint32(20 + document.length, plain.length, true);
+  words.setUint32(24 + document.length, 0x004e4942, true);
+  glb.set(plain, 28 + document.length);
+  return glb;
+}
+
+await MeshoptDecoder.ready;
+for (const file of files) {
+  const bytes = new Uint8Array(await readFile(file));
+  await judge(file, bytes);
+  const parts = chunks(bytes);
+  if (parts.json.extensionsRequired?.includes(COMPRESSION)) {
+    const decoded = decode(parts);
+    const name = file.replace(/\.glb$/, ".decoded.glb");
+    await writeFile(name, decoded);
+    await judge(name, decoded);
   }
 }
 process.exit(bad > 0 ? 1 : 0);

@@ -51,8 +51,12 @@ def main(folder):
               [("small", "glb"), ("small", "obj"), ("strips", "glb"), ("paper", "glb"), ("paper", "obj"), ("pig", "glb")]]
     glbs = [model for model in models if model.endswith(".glb")]
     node = os.path.join(JUDGES, "node")
-    subprocess.run(["node", os.path.join(HERE, "gltf.mjs"), node, *glbs], check=True)
+    levels = [out(f"{name}/model.lod{level}.glb") for name in ["strips", "pig"] for level in range(3)]
+    subprocess.run(["node", os.path.join(HERE, "gltf.mjs"), node, *glbs, *levels], check=True)
     subprocess.run([sys.executable, os.path.join(HERE, "mesh.py"), *models], check=True)
+    for name in ["strips", "pig"]:
+        subprocess.run([sys.executable, os.path.join(HERE, "levels.py"), out(name)], check=True)
+    assert os.path.getsize(out("pig/model.lod2.glb")) < 1_000_000
     oviduct.run("check", "--euler", "0", *models)
 
     # A surface with a hole fails the checks of `oviduct check` and of the other programs.
@@ -82,7 +86,7 @@ def main(folder):
     done = subprocess.run([BINARY, "demo", "--exit"], cwd=folder, capture_output=True, text=True, timeout=3600)
     assert done.returncode == 0, done.stdout + done.stderr
     found = set(os.listdir(out("demo")))
-    assert {"model.glb", "report.json", "sections.bin"} <= found, found
+    assert {"model.glb", "model.lod2.glb", "report.json", "sections.bin"} <= found, found
     subprocess.run([sys.executable, os.path.join(HERE, "mesh.py"), out("demo/model.glb")], check=True)
     print("models: all checks passed")
 

@@ -50,6 +50,8 @@ async function follow(key: string | undefined, signal: AbortSignal): Promise<voi
 function note(open: boolean): void {
   if (open && opened) reconnections.value++;
   opened ||= open;
+  // An unknown id also brings the models that ended while there was no stream.
+  if (open) last ??= "none";
   connection.value = open ? "live" : "lost";
 }
 

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::export::tests::{meta, turned};
-use crate::model::sample;
+use crate::model::{BodyKind, sample};
 use std::collections::BTreeMap;
 
 fn glb(mesh: &Mesh, strips: bool) -> Vec<u8> {

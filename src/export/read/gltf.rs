@@ -9,11 +9,13 @@
 
 use super::accessor::{count, indices, positions};
 use super::buffers::Buffers;
+use super::document::{chunks, refused, root};
 use super::error::ReadError;
+use super::level;
 use super::limits;
 use super::placement::Placement;
 use super::surface::{Group, Surface, Unit};
-use ::gltf::json::{Root, deserialize};
+use ::gltf::json::Root;
 use ::gltf::mesh::Mode;
 use ::gltf::{Accessor, Document, Mesh, Node, Primitive};
 use std::collections::{HashMap, HashSet};
@@ -22,12 +24,10 @@ use std::sync::Arc;
 
 pub(super) fn parse(bytes: &[u8], folder: Option<&Path>) -> Result<Surface, ReadError> {
     let (json, blob) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
-    if json.trim_ascii_start().first() != Some(&b'{') {
-        return Err(ReadError::UnknownFormat);
+    let root = root(json)?;
+    if level::is_level(&root) {
+        return level::mesh(&root, blob.unwrap_or_default()).map(Surface::from);
     }
-    let objects = json.iter().filter(|&&byte| byte == b'{').count() as u64;
-    limits::limited("document", objects, "JSON objects", limits::OBJECTS)?;
-    let root: Root = deserialize::from_slice(json).map_err(|error| refused(error.into()))?;
     check_attributes(&root)?;
     let document = Document::from_json(root).map_err(refused)?;
     let scene = document.default_scene().or_else(|| document.scenes().next());
@@ -59,45 +59,6 @@ fn check_attributes(root: &Root) -> Result<(), ReadError> {
         }
     }
     Ok(())
-}
-
-/// Splits a binary file into its document and its data.
-fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), ReadError> {
-    let wrong = |byte: usize, detail: &str| ReadError::Byte { byte, detail: detail.to_owned() };
-    let word = |byte: usize| {
-        let word = bytes.get(byte..).and_then(|rest| rest.first_chunk::<4>());
-        word.map(|b| u32::from_le_bytes(*b)).ok_or_else(|| wrong(byte, "the file ends within a header"))
-    };
-    if word(4)? != 2 {
-        return Err(wrong(4, "the version is not 2"));
-    }
-    if word(8)? as usize > bytes.len() {
-        return Err(wrong(8, "the file is shorter than it says"));
-    }
-    let chunk = |begin: usize, kind: &[u8; 4], what: &str| {
-        let length = word(begin)? as usize;
-        if bytes.get(begin + 4..begin + 8) != Some(kind) {
-            return Err(wrong(begin + 4, &format!("this is not the {what} chunk")));
-        }
-        let rest = &bytes[begin + 8..];
-        rest.get(..length).ok_or_else(|| wrong(begin, &format!("the {what} chunk is longer than the file")))
-    };
-    let json = chunk(12, b"JSON", "JSON")?;
-    let next = 20 + json.len().next_multiple_of(4);
-    let blob = if next + 8 <= bytes.len() { Some(chunk(next, b"BIN\0", "binary")?) } else { None };
-    Ok((json, blob))
-}
-
-fn refused(error: ::gltf::Error) -> ReadError {
-    match error {
-        ::gltf::Error::Validation(faults) => match faults.first() {
-            Some((path, error)) => {
-                ReadError::document(path.as_str(), format!("{error} ({} such faults in all)", faults.len()))
-            }
-            None => ReadError::document("document", "it is not valid"),
-        },
-        other => ReadError::document("document", other.to_string()),
-    }
 }
 
 /// Nodes that are no other node's children, for documents without a scene.

@@ -1,4 +1,5 @@
-//! Reads surfaces from files in common formats, written by oviduct or not: glTF (binary or JSON), OBJ, STL, PLY.
+//! Reads surfaces from files in common formats, written by oviduct or not: glTF (binary or JSON; compressed
+//! only if it is a level written by oviduct), OBJ, STL, PLY.
 //!
 //! Invariants: no input makes a reader panic; what a reader cannot read it refuses, naming the place. Memory is allocated
 //! for data that exist, never for a count that the file merely states, and within `limits`. All vertex indices of a
@@ -6,9 +7,11 @@
 
 mod accessor;
 mod buffers;
+mod document;
 mod error;
 mod file;
 mod gltf;
+mod level;
 mod limits;
 mod obj;
 mod placement;
@@ -18,6 +21,7 @@ mod surface;
 mod text;
 
 pub use error::ReadError;
+pub use level::read_level;
 pub use surface::{Group, Surface, Unit};
 
 use std::path::Path;

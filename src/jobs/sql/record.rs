@@ -83,12 +83,9 @@ fn outputs(text: &str) -> (Vec<Output>, Option<String>) {
     (known, unread)
 }
 
-/// Whether a file belongs to a model with these outputs: `model.<output>` only if asked for, others always.
+/// Whether a file belongs to a model with these outputs: those of an output only if it was asked for, others always.
 pub(super) fn is_wanted(name: &str, outputs: &[Output]) -> bool {
-    match name.strip_prefix("model.").map(enum_from_sql::<Output>) {
-        Some(Ok(output)) => outputs.contains(&output),
-        Some(Err(_)) | None => true,
-    }
+    Output::of_file(name).is_none_or(|output| outputs.contains(&output))
 }
 
 /// A row of [`select_jobs`]; the position in the queue is left empty.

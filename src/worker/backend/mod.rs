@@ -95,7 +95,7 @@ pub(super) struct Prediction {
 
 /// Predicts what growing a job takes; `None` if its spec is not valid for this engine.
 pub(super) fn predict(job: &Job) -> Option<Prediction> {
-    let outputs: Vec<&str> = job.outputs.iter().map(|output| output.extension()).collect();
+    let outputs: Vec<&str> = job.outputs.iter().map(|output| output.name()).collect();
     let cost = resolve(job).ok()?.cost(&outputs);
     let bytes = cost.bytes.values().fold(0_u64, |sum, bytes| sum.saturating_add(*bytes));
     let seconds = cost.seconds.values().map(|estimate| estimate.seconds).fold(0.0, f64::max);

@@ -24,6 +24,8 @@ const VIEW = { azimuth: 0.74, elevation: 0.3 };
 /** Lines across the axis, every so many micrometres. */
 const TICK = 10_000;
 const FRAME = 1000 / 30;
+/** Faces of a cut are seen from both sides, and lie behind the contours that are drawn in the same plane. */
+const CUT = { side: DoubleSide, polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 };
 
 export class Tube {
   readonly #renderer: WebGLRenderer;
@@ -31,12 +33,12 @@ export class Tube {
   readonly #camera = new PerspectiveCamera(26, 1, 1, 1e6);
   readonly #tube = new Group();
   readonly #slices = new Map<LiveSection, Slice>();
-  readonly #tissue = new MeshLambertMaterial({ side: DoubleSide });
-  readonly #front = new MeshLambertMaterial({ side: DoubleSide });
+  readonly #tissue = new MeshLambertMaterial(CUT);
+  readonly #front = new MeshLambertMaterial(CUT);
   readonly #mucosa = new LineBasicMaterial();
-  readonly #outside = new MeshBasicMaterial({ transparent: true, opacity: 0.22, depthWrite: false });
+  readonly #outside = new MeshLambertMaterial({ transparent: true, opacity: 0.4, depthWrite: false });
   readonly #axisLine = new LineBasicMaterial({ transparent: true, opacity: 0.45 });
-  readonly #ground = new MeshBasicMaterial({ side: DoubleSide });
+  readonly #ground = new MeshBasicMaterial(CUT);
   readonly #wall = new Mesh(new BufferGeometry(), this.#outside);
   /** Closes the lumen of the newest section, so that its folds stand out. */
   readonly #lumen = new Mesh(new BufferGeometry(), this.#ground);
@@ -191,7 +193,7 @@ export class Tube {
   /** Moves the name of an end below what is drawn there. */
   #place(end: HTMLElement, z: number): void {
     const { clientWidth, clientHeight } = this.#renderer.domElement;
-    const near = [...this.#slices.keys()].filter(({ z_um }) => Math.abs(z_um - z) < this.#length / 10);
+    const near = [...this.#slices.keys()].filter(({ z_um }) => Math.abs(z_um - z) < this.#length / 4);
     const below = Math.max(this.#radius / 6, ...near.map(({ outer }) => reach(outer)));
     const at = new Vector3(0, -below, z * this.#tube.scale.z).project(this.#camera);
     const [x, y] = [((at.x + 1) / 2) * clientWidth, ((1 - at.y) / 2) * clientHeight];
@@ -242,6 +244,7 @@ function wall(sections: readonly LiveSection[]): BufferGeometry {
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(positions, 3));
   geometry.setIndex(triangles);
+  geometry.computeVertexNormals();
   return geometry;
 }
 

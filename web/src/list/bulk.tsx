@@ -41,7 +41,7 @@ export function Selection({ models, onClear }: SelectionProps) {
       <button type="button" class="button" onClick={onClear}>Clear</button>
       {asking && (
         <Confirm
-          title={`${asking === "cancel" ? "Cancel" : "Delete"} ${models_(count)}?`} action={asking === "cancel" ? "Cancel them" : "Delete them"}
+          title={`${asking === "cancel" ? "Cancel" : "Delete"} ${counted(count)}?`} action={asking === "cancel" ? "Cancel them" : "Delete them"}
           onConfirm={() => doAll(asking)} onClose={() => setAsking(undefined)}
         >
           <p>{consequence(asking, count)}</p>
@@ -68,7 +68,7 @@ export function AllMatching({ which, deed, onClose }: { which: ModelFilter; deed
       const gone = known().filter((model) => matches(model, which));
       const { count } = await apply(false);
       if (deed === "delete") for (const { id } of gone) forget(id);
-      toast(`${models_(count)} ${deed === "cancel" ? "cancelled" : "deleted"}.`);
+      toast(`${counted(count)} ${deed === "cancel" ? "cancelled" : "deleted"}.`);
     });
   const scope = conditional ? "that match the filter" : "of this service that you may change";
   return (
@@ -81,7 +81,7 @@ export function AllMatching({ which, deed, onClose }: { which: ModelFilter; deed
       {count === 0 && <p>There is nothing to {deed} among the models {scope}.</p>}
       {count !== undefined && count > 0 && (
         <p>
-          {models_(count)} {scope}. {consequence(deed, count)}
+          {counted(count)} {scope}. {consequence(deed, count)}
         </p>
       )}
     </Confirm>
@@ -93,7 +93,7 @@ function consequence(deed: Deed, count: number): string {
   return deed === "cancel" ? `${they} will have no files.` : `${they} will be removed with all files. This cannot be undone.`;
 }
 
-function models_(count: number): string {
+function counted(count: number): string {
   return count === 1 ? "1 model" : `${count.toLocaleString("en")} models`;
 }
 

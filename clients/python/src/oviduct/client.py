@@ -100,7 +100,7 @@ class Client(Driver):
             idempotency_key: The same key with the same request returns the same model; by default a new one is made.
             preset: Name of a preset; `pig` by default.
             spec: Changes of the preset, as a merge patch: `{"collision": {"gap_um": 30}}`.
-            outputs: `glb` (the default), `obj`.
+            outputs: `glb` and `lod` (the default), `obj`.
             labels: Names and values of your own, to find models by.
             backend: `auto` (the default), `gpu`, `cpu` or `cpu-single`.
             priority: -100 to 100.

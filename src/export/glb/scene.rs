@@ -1,0 +1,202 @@
+//! The document and the container that all our binary glTF files share: a body, and a child with a mesh and a material for
+//! each patch.
+
+use crate::export::{CITATION, Metadata};
+use crate::model::{BodyKind, PatchKind};
+use gltf_json as json;
+use json::validation::{Checked, USize64};
+use serde_json::value::RawValue;
+use serde_json::{Map, Value};
+use std::io::{self, Write};
+
+/// A document to which patches are added.
+pub(in crate::export) struct Scene {
+    /// The document, to which accessors and buffers are pushed.
+    pub(in crate::export) root: json::Root,
+    body: BodyKind,
+    children: Vec<json::Index<json::Node>>,
+}
+
+/// Numbers of the body's surface, for readers.
+pub(in crate::export) struct Counts {
+    pub(in crate::export) vertices: usize,
+    pub(in crate::export) triangles: usize,
+}
+
+impl Scene {
+    /// An empty document; `more` are members of the asset's extras besides those of `meta`.
+    pub(in crate::export) fn new(body: BodyKind, meta: &Metadata, more: Map<String, Value>) -> io::Result<Self> {
+        let mut root = json::Root::default();
+        root.asset.generator = Some(format!("oviduct {}", meta.engine));
+        let mut members = serde_json::json!({
+            "units": "m",
+            "axes": "right-handed, y up, z along the tube from isthmus to ampulla",
+            "preset": meta.preset,
+            "seed": meta.seed,
+            "digest": meta.digest,
+            "engine": meta.engine,
+            "length_mm": meta.length_mm,
+            "sections": meta.sections,
+            "method": CITATION,
+        });
+        if let Some(members) = members.as_object_mut() {
+            members.extend(more);
+        }
+        root.asset.extras = extras(&members)?;
+        Ok(Self { root, body, children: Vec::new() })
+    }
+
+    /// Adds a patch: a node, a mesh of one primitive and a material, all of the patch's name.
+    pub(in crate::export) fn add_patch(&mut self, kind: PatchKind, primitive: json::mesh::Primitive) -> io::Result<()> {
+        let name = kind.name();
+        let material = self.root.push(material(kind, self.body));
+        let mesh = self.root.push(json::Mesh {
+            extensions: None,
+            extras: None,
+            name: Some(name.into()),
+            primitives: vec![json::mesh::Primitive { material: Some(material), ..primitive }],
+            weights: None,
+        });
+        self.children.push(self.root.push(json::Node {
+            mesh: Some(mesh),
+            name: Some(name.into()),
+            extras: extras(&serde_json::json!({ "patch": name, "body": self.body.name() }))?,
+            ..json::Node::default()
+        }));
+        Ok(())
+    }
+
+    /// Ends the document with the body's node, whose other members are those of `node`.
+    pub(in crate::export) fn finish(mut self, counts: &Counts, node: json::Node) -> io::Result<json::Root> {
+        let body = self.root.push(json::Node {
+            children: Some(self.children),
+            name: Some(self.body.name().into()),
+            extras: extras(&serde_json::json!({
+                "body": self.body.name(),
+                "vertices": counts.vertices,
+                "triangles": counts.triangles,
+                "euler": self.body.euler(),
+            }))?,
+            ..node
+        });
+        let scene = self.root.push(json::Scene {
+            extensions: None,
+            extras: None,
+            name: Some("oviduct".into()),
+            nodes: vec![body],
+        });
+        self.root.scene = Some(scene);
+        Ok(self.root)
+    }
+}
+
+/// Writes the header of a file, its document, and the header of a binary chunk of `bin_len` bytes, which follows.
+///
+/// # Errors
+/// Those of `out`; [`io::ErrorKind::InvalidInput`] if the file would exceed 4 GiB, the limit of GLB.
+pub(in crate::export) fn write_head(root: &json::Root, bin_len: usize, out: &mut impl Write) -> io::Result<()> {
+    let mut text = serde_json::to_vec(root)?;
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let total = 12 + 8 + text.len() + 8 + bin_len;
+    let total = u32::try_from(total)
+        .map_err(|_| io::Error::new(io::ErrorKind::InvalidInput, "the model is too large for GLB (4 GiB)"))?;
+    for word in [u32::from_le_bytes(*b"glTF"), 2, total, text.len() as u32, u32::from_le_bytes(*b"JSON")] {
+        out.write_all(&word.to_le_bytes())?;
+    }
+    out.write_all(&text)?;
+    for word in [bin_len as u32, u32::from_le_bytes(*b"BIN\0")] {
+        out.write_all(&word.to_le_bytes())?;
+    }
+    Ok(())
+}
+
+/// A buffer of a number of bytes.
+pub(in crate::export) fn buffer(bytes: usize) -> json::Buffer {
+    json::Buffer { byte_length: USize64::from(bytes), name: None, uri: None, extensions: None, extras: None }
+}
+
+/// A view without a stride.
+pub(in crate::export) fn buffer_view(
+    buffer: json::Index<json::Buffer>,
+    offset: usize,
+    length: usize,
+    target: json::buffer::Target,
+) -> json::buffer::View {
+    json::buffer::View {
+        buffer,
+        byte_length: USize64::from(length),
+        byte_offset: Some(USize64::from(offset)),
+        byte_stride: None,
+        name: None,
+        target: Some(Checked::Valid(target)),
+        extensions: None,
+        extras: None,
+    }
+}
+
+/// An accessor without a view, bounds and normalization.
+pub(in crate::export) fn accessor(
+    type_: json::accessor::Type,
+    component: json::accessor::ComponentType,
+    count: usize,
+) -> json::Accessor {
+    json::Accessor {
+        buffer_view: None,
+        byte_offset: None,
+        count: USize64::from(count),
+        component_type: Checked::Valid(json::accessor::GenericComponentType(component)),
+        extensions: None,
+        extras: None,
+        type_: Checked::Valid(type_),
+        min: None,
+        max: None,
+        name: None,
+        normalized: false,
+        sparse: None,
+    }
+}
+
+/// A primitive without a material.
+pub(in crate::export) fn primitive(
+    mode: json::mesh::Mode,
+    positions: json::Index<json::Accessor>,
+    normals: json::Index<json::Accessor>,
+    indices: json::Index<json::Accessor>,
+) -> json::mesh::Primitive {
+    let semantics = [(json::mesh::Semantic::Positions, positions), (json::mesh::Semantic::Normals, normals)];
+    json::mesh::Primitive {
+        attributes: semantics.into_iter().map(|(s, a)| (Checked::Valid(s), a)).collect(),
+        extensions: None,
+        extras: None,
+        indices: Some(indices),
+        material: None,
+        mode: Checked::Valid(mode),
+        targets: None,
+    }
+}
+
+fn extras(value: &Value) -> io::Result<json::Extras> {
+    Ok(Some(RawValue::from_string(value.to_string())?))
+}
+
+/// Colours are linear. The inner wall of the tissue faces the lumen, so that the tube is visible from inside without
+/// drawing back faces; the lumen body faces outwards, so that a view from inside needs them.
+fn material(kind: PatchKind, body: BodyKind) -> json::Material {
+    let [r, g, b] = match kind {
+        PatchKind::InnerWall | PatchKind::Wall => [0.694, 0.254, 0.352],
+        PatchKind::OuterWall => [0.839, 0.578, 0.491],
+        PatchKind::CapIsthmus | PatchKind::CapAmpulla => [0.730, 0.301, 0.397],
+        PatchKind::Inlet | PatchKind::Outlet => [0.888, 0.791, 0.687],
+    };
+    json::Material {
+        name: Some(kind.name().into()),
+        double_sided: body == BodyKind::Lumen,
+        pbr_metallic_roughness: json::material::PbrMetallicRoughness {
+            base_color_factor: json::material::PbrBaseColorFactor([r, g, b, 1.0]),
+            metallic_factor: json::material::StrengthFactor(0.0),
+            roughness_factor: json::material::StrengthFactor(0.6),
+            ..Default::default()
+        },
+        ..Default::default()
+    }
+}

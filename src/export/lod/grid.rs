@@ -1,0 +1,142 @@
+//! The grid of 65,536 steps an axis to which the positions of a level are rounded.
+//!
+//! Each axis has its own step: a tube is many times longer than wide, and one step for all axes, that of the length, would
+//! be wider than its folds (15 µm for a tube of 1 m). All patches use one grid, so that their borders coincide exactly.
+
+use rayon::prelude::*;
+use std::collections::HashSet;
+
+/// Place of a vertex on the grid.
+pub(in crate::export) type Cell = [u16; 3];
+
+/// The grid: cell `c` lies at `origin + c * step`, in metres. Both are f32, as in the file.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(in crate::export) struct Grid {
+    pub(in crate::export) origin: [f32; 3],
+    pub(in crate::export) step: [f32; 3],
+}
+
+impl Grid {
+    /// The grid that spans the positions.
+    pub(super) fn of(positions: &[[f32; 3]]) -> Self {
+        let mut grid = Self { origin: [0.0; 3], step: [0.0; 3] };
+        for axis in 0..3 {
+            let values = || positions.iter().map(|p| p[axis]);
+            let (low, high) = (values().fold(f32::INFINITY, f32::min), values().fold(f32::NEG_INFINITY, f32::max));
+            grid.origin[axis] = low;
+            grid.step[axis] = ((f64::from(high) - f64::from(low)) / f64::from(u16::MAX)) as f32;
+            // A surface without extent needs a step as well: normals are divided by it.
+            grid.step[axis] = grid.step[axis].max(1e-12);
+        }
+        grid
+    }
+
+    /// Position of a cell in metres.
+    pub(in crate::export) fn position(&self, cell: Cell) -> [f32; 3] {
+        std::array::from_fn(|a| (f64::from(self.origin[a]) + f64::from(cell[a]) * f64::from(self.step[a])) as f32)
+    }
+
+    fn nearest(&self, position: [f32; 3]) -> Cell {
+        std::array::from_fn(|a| {
+            let steps = (f64::from(position[a]) - f64::from(self.origin[a])) / f64::from(self.step[a]);
+            steps.round() as u16
+        })
+    }
+
+    /// The cells of positions: the nearest ones, but a different one for each, since a reader that merges equal positions
+    /// must not merge two vertices.
+    pub(super) fn cells(&self, positions: &[[f32; 3]]) -> Vec<Cell> {
+        let mut cells: Vec<Cell> = positions.par_iter().map(|p| self.nearest(*p)).collect();
+        let mut keys: Vec<u64> = cells.par_iter().map(|&[x, y, z]| key(x, y, z)).collect();
+        keys.par_sort_unstable();
+        if keys.par_windows(2).any(|pair| pair[0] == pair[1]) {
+            separate(&mut cells);
+        }
+        cells
+    }
+
+    /// A normal in the space of the grid, in steps of 1/127: a viewer divides it by the step of each axis.
+    pub(super) fn normal(&self, normal: [f32; 3]) -> [i8; 3] {
+        let scaled: [f64; 3] = std::array::from_fn(|a| f64::from(normal[a]) * f64::from(self.step[a]));
+        let length = scaled.iter().map(|x| x * x).sum::<f64>().sqrt();
+        scaled.map(|x| (x / length * 127.0).round() as i8)
+    }
+}
+
+fn key(x: u16, y: u16, z: u16) -> u64 {
+    u64::from(z) << 32 | u64::from(y) << 16 | u64::from(x)
+}
+
+/// Moves each cell that an earlier vertex has to the nearest free one.
+fn separate(cells: &mut [Cell]) {
+    let mut taken: HashSet<Cell> = cells.iter().copied().collect();
+    let mut seen = HashSet::with_capacity(taken.len());
+    for cell in cells {
+        if !seen.insert(*cell) {
+            let free = (1..=i32::from(u16::MAX)).find_map(|reach| shell(*cell, reach).find(|c| !taken.contains(c)));
+            *cell = free.expect("a grid has more cells than a mesh vertices");
+            taken.insert(*cell);
+        }
+    }
+}
+
+/// The cells at a distance of `reach` steps along at least one axis, and no more along any.
+fn shell(centre: Cell, reach: i32) -> impl Iterator<Item = Cell> {
+    let side = -reach..=reach;
+    let offsets = side.clone().flat_map(move |z| side.clone().map(move |y| (z, y)));
+    let offsets = offsets.flat_map(move |(z, y)| (-reach..=reach).map(move |x| [x, y, z]));
+    offsets.filter(move |o| o.iter().any(|d| d.abs() == reach)).filter_map(move |offset| {
+        let mut cell = centre;
+        for axis in 0..3 {
+            cell[axis] = u16::try_from(i32::from(centre[axis]) + offset[axis]).ok()?;
+        }
+        Some(cell)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn positions_are_rounded_to_half_a_step(
+            positions in prop::collection::vec((-1e-3f32..1e-3, -2e-3f32..1e-3, 0f32..1.0).prop_map(|(x, y, z)| [x, y, z]), 2..60),
+        ) {
+            let grid = Grid::of(&positions);
+            let cells = grid.cells(&positions);
+            prop_assert_eq!(cells.iter().collect::<HashSet<_>>().len(), positions.len());
+            for (p, cell) in positions.iter().zip(cells) {
+                let q = grid.position(cell);
+                for axis in 0..3 {
+                    let off = (f64::from(p[axis]) - f64::from(q[axis])).abs();
+                    // Half a step, and the rounding of the position to f32.
+                    let most = f64::from(grid.step[axis]) * 0.5 + f64::from(p[axis].abs()) * 6.1e-8;
+                    prop_assert!(off <= most, "axis {}: {} of {}", axis, off, most);
+                }
+            }
+        }
+
+        #[test]
+        fn a_viewer_finds_the_direction_of_a_normal(x in -1f32..1.0, y in -1f32..1.0, length in 1e-3f32..0.06) {
+            let grid = Grid { origin: [0.0; 3], step: [4e-8, 5e-8, length / 65535.0] };
+            let normal = glam::Vec3::new(x, y, 0.01).normalize();
+            let stored = grid.normal(normal.into()).map(|n| f32::from(n) / 127.0);
+            let seen = (glam::Vec3::from(stored) / glam::Vec3::from(grid.step)).normalize();
+            prop_assert!(seen.dot(normal) > 0.999, "{seen} for {normal}");
+        }
+    }
+
+    #[test]
+    fn equal_positions_get_cells_of_their_own() {
+        let corner = [1e-3, 1e-3, 0.06];
+        let mut positions = vec![[0.0; 3]];
+        positions.extend([corner; 30]);
+        let grid = Grid::of(&positions);
+        let cells = grid.cells(&positions);
+        assert_eq!(cells.iter().collect::<HashSet<_>>().len(), 31);
+        assert_eq!(cells[1], [u16::MAX; 3]);
+        assert!(cells[2..].iter().flatten().all(|&c| c >= u16::MAX - 3));
+    }
+}
