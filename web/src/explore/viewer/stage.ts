@@ -74,12 +74,14 @@ export class Stage {
     this.#light();
     this.#scene.fog = this.#fog;
     this.#scene.add(this.#tissue.group, this.#cuts.group, this.#plane.group, this.#camera);
+    this.#fix();
     this.#listen();
     this.#follow();
   }
 
   show(surface: Surface): void {
     this.#cuts.show(surface, this.#tissue.show(surface, this.#tube.length));
+    this.#fix();
     this.#surface.value = surface;
   }
 
@@ -120,6 +122,15 @@ export class Stage {
     lamp.target.position.set(0, 0, -1);
     this.#camera.add(lamp, lamp.target);
     this.#scene.add(new HemisphereLight(0xfff6f2, 0x8a4a5c, 1.35), new AmbientLight(0xffffff, 0.25));
+  }
+
+  /** Only the camera moves with the frames: matrices of other objects are computed once. */
+  #fix(): void {
+    this.#scene.traverse((object) => {
+      if (object === this.#camera || !object.matrixAutoUpdate) return;
+      object.updateMatrix();
+      object.matrixAutoUpdate = false;
+    });
   }
 
   #listen(): void {

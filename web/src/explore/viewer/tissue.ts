@@ -31,6 +31,8 @@ export class Tissue {
       if (patch.name === "inner_wall") geometry.setAttribute("color", grey(mucosaLight(patch, length)));
       const mesh = new Mesh(geometry, this.#material(patch.name));
       mesh.name = patch.name;
+      // It is nearly always in the picture.
+      mesh.frustumCulled = false;
       // What hides much is drawn first.
       mesh.renderOrder = patch.name === "inner_wall" ? 4 : 2;
       mesh.visible = this.isVisible(patch);
