@@ -71,8 +71,8 @@ function Comparison({ models }: { models: readonly [Model, Model] }) {
         <div class="actions"><CopyButton label="Copy link" text={() => location.href} /></div>
       </div>
       <div class="compare">
-        {explorations.map((exploration) => (
-          <section key={exploration.model.id} class="compare-model card" aria-label={nameOf(exploration.model)}>
+        {explorations.map((exploration, k) => (
+          <section key={k} class="compare-model card" aria-label={nameOf(exploration.model)}>
             <Head model={exploration.model} />
             <Picture exploration={exploration} view={view} flight={flight} />
           </section>
@@ -82,10 +82,10 @@ function Comparison({ models }: { models: readonly [Model, Model] }) {
           <PartsPanel view={view} />
           <FlightPanel exploration={explorations[0]!} view={view} flight={flight} />
         </div>
-        {explorations.map((exploration) => {
+        {explorations.map((exploration, k) => {
           const { tube, model } = exploration;
           return (
-            <section key={model.id} class="compare-section card" aria-label={`Cross section of ${nameOf(model)}`}>
+            <section key={k} class="compare-section card" aria-label={`Cross section of ${nameOf(model)}`}>
               <SectionView exploration={exploration} view={view} />
               <MeasurePanel measurement={exploration.measurement} middle={{ x: tube.x, y: tube.y, z: tube.length / 2 }} />
               <DetailPanel exploration={exploration} />

@@ -128,7 +128,7 @@ export function Panel({ title, children }: { title: string; children: ComponentC
   const heading = useId();
   return (
     <section class="panel" aria-labelledby={heading}>
-      <h3 id={heading}>{title}</h3>
+      <h2 id={heading}>{title}</h2>
       {children}
     </section>
   );
