@@ -9,6 +9,8 @@ import { distanceOf, nearestPoint } from "../src/explore/section-points.ts";
 
 const square: Outline = { x: [0, 10, 10, 0], y: [0, 0, 10, 10] };
 
+const noPause = () => Promise.resolve();
+
 /** A lumen of two round rooms of 60 µm, joined by a passage; `open` is the larger room: -1 at the left, 1 at the right. */
 function rooms(open: -1 | 1): Outline {
   const [x, y]: [number[], number[]] = [[], []];
@@ -63,16 +65,16 @@ test("the distance field agrees with the exact distance to a polygon", () => {
   }
 });
 
-test("the way stays in the lumen while the open room changes sides", () => {
+test("the way stays in the lumen while the open room changes sides", async () => {
   const z = Array.from({ length: 30 }, (_, k) => 300 * k);
   const outlines = z.map((_, k) => rooms(k < 15 ? -1 : 1));
-  const way = centreline(outlines.map((outline) => new DistanceField(outline)), z);
+  const way = await centreline(outlines.map((outline) => new DistanceField(outline)), z, noPause);
   assert.ok(way.x[0]! < -0.08 && way.x[29]! > 0.08, "it begins and ends in the large rooms");
   outlines.forEach((outline, k) => assert.ok(contains(outline, way.x[k]! * 1000, way.y[k]! * 1000), `section ${k}`));
   assert.ok(Math.min(...way.clearance) > 0);
 });
 
-test("the way goes straight where the widest place jumps between equal ones", () => {
+test("the way goes straight where the widest place jumps between equal ones", async () => {
   // Two equal rooms; noise makes now one, now the other the wider.
   const z = Array.from({ length: 20 }, (_, k) => 300 * k);
   const fields = z.map((_, k) => {
@@ -80,7 +82,7 @@ test("the way goes straight where the widest place jumps between equal ones", ()
     const wider = k % 2 === 0 ? 1.02 : 0.98;
     return new DistanceField({ x: Array.from(x, (at) => (at > 0 ? at : at * 2 * wider)), y: Array.from(y, (at, i) => (x[i]! > 0 ? at : at * 2 * wider)) });
   });
-  const { x } = centreline(fields, z);
+  const { x } = await centreline(fields, z, noPause);
   const signs = new Set(Array.from(x, Math.sign));
   assert.equal(signs.size, 1);
 });

@@ -19,18 +19,20 @@ interface Place {
 
 /** Wide places of a section that are considered. */
 const PLACES = 32;
-/** Points between two sections at which the way is tested. */
-const TESTS = 6;
 /** Cost of a narrow place: 1 at this clearance in micrometres. */
 const NARROW = 30;
-/** Cost of a point of the way in tissue; more than any detour. */
-const BLOCKED = 400;
+/** Cost of a cell of the way in tissue; crossing a fold costs more than any detour. */
+const BLOCKED = 100;
 const SMOOTHING = 60;
 
-/** Finds the way through sections at `z` micrometres, given their distance fields. */
-export function centreline(fields: readonly DistanceField[], z: readonly number[]): Centreline {
-  const way = cheapest(fields, z);
-  smooth(way, fields, z);
+/** Finds the way through sections at `z` micrometres, given their distance fields; `pause` is awaited between pieces of work. */
+export async function centreline(
+  fields: readonly DistanceField[],
+  z: readonly number[],
+  pause: () => Promise<void>,
+): Promise<Centreline> {
+  const way = await cheapest(fields, z, pause);
+  await smooth(way, fields, z, pause);
   return {
     x: Float64Array.from(way, (place) => place.x / 1000),
     y: Float64Array.from(way, (place) => place.y / 1000),
@@ -50,8 +52,12 @@ export function positionAt(line: Centreline, z: number, out: { set(x: number, y:
 }
 
 /** The way of least cost through one place a section, by dynamic programming. */
-function cheapest(fields: readonly DistanceField[], z: readonly number[]): Place[] {
-  const choices = fields.map(widePlaces);
+async function cheapest(fields: readonly DistanceField[], z: readonly number[], pause: () => Promise<void>): Promise<Place[]> {
+  const choices: Place[][] = [];
+  for (const field of fields) {
+    choices.push(widePlaces(field));
+    await pause();
+  }
   const from: Int32Array[] = [];
   let costs = choices[0]!.map(narrowness);
   for (let k = 1; k < choices.length; k++) {
@@ -59,12 +65,15 @@ function cheapest(fields: readonly DistanceField[], z: readonly number[]): Place
     costs = choices[k]!.map((place, i) => {
       let least = Infinity;
       choices[k - 1]!.forEach((before, j) => {
-        const cost = costs[j]! + passage(before, place, fields[k - 1]!, fields[k]!, z[k]! - z[k - 1]!);
+        const free = costs[j]! + slope(before, place, z[k]! - z[k - 1]!);
+        if (free >= least) return;
+        const cost = free + BLOCKED * blocked(before, place, fields[k - 1]!, fields[k]!);
         if (cost < least) [least, back[i]] = [cost, j];
       });
       return least + narrowness(place);
     });
     from.push(back);
+    await pause();
   }
   let at = costs.indexOf(Math.min(...costs));
   const way: Place[] = [];
@@ -79,17 +88,19 @@ function narrowness({ clearance }: Place): number {
   return (NARROW / Math.max(clearance, 1)) ** 2;
 }
 
-function passage(a: Place, b: Place, fieldA: DistanceField, fieldB: DistanceField, dz: number): number {
-  const slope = Math.hypot(b.x - a.x, b.y - a.y) / Math.max(dz, 1);
-  return slope * slope + BLOCKED * blocked(a, b, fieldA, fieldB);
+/** Cost of going aside. */
+function slope(a: Place, b: Place, dz: number): number {
+  return (Math.hypot(b.x - a.x, b.y - a.y) / Math.max(dz, 1)) ** 2;
 }
 
-/** How many points of the straight way between two sections are in tissue. */
+/** How many cells of the straight way between two sections are in tissue. */
 function blocked(a: Place, b: Place, fieldA: DistanceField, fieldB: DistanceField): number {
+  const tests = Math.max(4, Math.ceil(Math.hypot(b.x - a.x, b.y - a.y) / fieldA.cell));
   let count = 0;
-  for (let i = 0; i <= TESTS; i++) {
-    const t = i / TESTS;
-    const [x, y] = [a.x + (b.x - a.x) * t, a.y + (b.y - a.y) * t];
+  for (let i = 0; i <= tests; i++) {
+    const t = i / tests;
+    const x = a.x + (b.x - a.x) * t;
+    const y = a.y + (b.y - a.y) * t;
     if (fieldA.sample(x, y) * (1 - t) + fieldB.sample(x, y) * t <= 0) count++;
   }
   return count;
@@ -124,12 +135,18 @@ function isMaximum(field: DistanceField, column: number, row: number, clearance:
 }
 
 /** Moves points towards the line between their neighbours, where that keeps half their clearance and the way free. */
-function smooth(way: Place[], fields: readonly DistanceField[], z: readonly number[]): void {
+async function smooth(
+  way: Place[],
+  fields: readonly DistanceField[],
+  z: readonly number[],
+  pause: () => Promise<void>,
+): Promise<void> {
   const least = way.map((place) => place.clearance / 2);
   const hindrance = (k: number) =>
     (k > 0 ? blocked(way[k - 1]!, way[k]!, fields[k - 1]!, fields[k]!) : 0) +
     (k + 1 < way.length ? blocked(way[k]!, way[k + 1]!, fields[k]!, fields[k + 1]!) : 0);
   for (let round = 0; round < SMOOTHING; round++) {
+    await pause();
     for (let k = 1; k + 1 < way.length; k++) {
       const [a, place, b] = [way[k - 1]!, way[k]!, way[k + 1]!];
       const t = (z[k]! - z[k - 1]!) / (z[k + 1]! - z[k - 1]!);

@@ -2,7 +2,7 @@
 import type { Signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useId } from "preact/hooks";
-import { bytes, short } from "../ui/format.ts";
+import { bytes, micrometres, short } from "../ui/format.ts";
 import { stillness } from "../ui/theme.ts";
 import { Icon } from "../ui/widgets.tsx";
 import type { Exploration } from "./exploration.ts";
@@ -72,14 +72,19 @@ export function DetailPanel({ exploration }: { exploration: Exploration }) {
   const chosen = loading.value?.level ?? level.value;
   return (
     <Panel title="Detail">
-      <div class="row" role="group" aria-label="Level of detail">
+      <div class="levels" role="group" aria-label="Level of detail">
         {levels.map((one) => (
-          <button key={one.title} type="button" class="button button-small" aria-pressed={one === chosen} onClick={() => exploration.loadLevel(one)}>
+          <button key={one.title} type="button" class="button" aria-pressed={one === chosen} onClick={() => exploration.loadLevel(one)}>
             {one.title} <span class="soft num">{bytes(one.file.bytes)}</span>
           </button>
         ))}
       </div>
-      {surface.value && <p class="soft small num">{short(surface.value.triangles)} triangles are shown.</p>}
+      {surface.value && (
+        <p class="soft small num">
+          {short(surface.value.triangles)} triangles are shown.
+          {surface.value.distance !== undefined && <> They lie within {micrometres(surface.value.distance)} of the certified surface.</>}
+        </p>
+      )}
     </Panel>
   );
 }

@@ -3,6 +3,7 @@ import type { Placement, StandardView } from "./pose.ts";
 
 /** A tube along z, millimetres. */
 export interface Tube {
+  /** The isthmus end is at z = 0. */
   length: number;
   /** Of the smallest cylinder around it. */
   radius: number;
@@ -11,24 +12,30 @@ export interface Tube {
   y: number;
 }
 
+/** The part of a tube that is not cut away, as fractions of its length. */
+export interface Kept {
+  from: number;
+  to: number;
+}
+
 /** Vertical angle of the camera's view, degrees. */
 export const FIELD = 35;
 /** Part of the picture that the tube may fill. */
 const FILLED = 0.9;
 const AROUND = 24;
 
-/** The placement for a view; `aspect` is the picture's width by its height. */
-export function standardView(view: StandardView, tube: Tube, aspect: number): Placement {
+/** The placement for a view of what is kept of a tube; `aspect` is the picture's width by its height. */
+export function standardView(view: StandardView, tube: Tube, kept: Kept, aspect: number): Placement {
   switch (view) {
     case "isthmus":
-      return { x: tube.x, y: tube.y, z: 0, azimuth: 180, elevation: 0, distance: endDistance(tube, aspect) };
+      return { x: tube.x, y: tube.y, z: kept.from, azimuth: 180, elevation: 0, distance: endDistance(tube, aspect) };
     case "ampulla":
-      return { x: tube.x, y: tube.y, z: 1, azimuth: 0, elevation: 0, distance: endDistance(tube, aspect) };
+      return { x: tube.x, y: tube.y, z: kept.to, azimuth: 0, elevation: 0, distance: endDistance(tube, aspect) };
     case "side":
-      return frame(tube, -90, 0, aspect);
+      return frame(tube, kept, -90, 0, aspect);
     case "whole":
       // From the ampulla end, receding: across a wide picture, up a tall one.
-      return aspect > 1 ? frame(tube, -24, 10, aspect) : frame(tube, -9, 20, aspect);
+      return aspect > 1 ? frame(tube, kept, -24, 10, aspect) : frame(tube, kept, -9, 20, aspect);
   }
 }
 
@@ -36,8 +43,8 @@ function endDistance({ radius }: Tube, aspect: number): number {
   return radius / (Math.tan(((FIELD / 2) * Math.PI) / 180) * Math.min(aspect, 1) * FILLED);
 }
 
-/** The nearest placement in a direction from which the whole tube is seen. */
-function frame(tube: Tube, azimuth: number, elevation: number, aspect: number): Placement {
+/** The nearest placement in a direction from which all of it is seen. */
+function frame(tube: Tube, kept: Kept, azimuth: number, elevation: number, aspect: number): Placement {
   const [a, e] = [(azimuth * Math.PI) / 180, (elevation * Math.PI) / 180];
   const back = [Math.cos(e) * Math.sin(a), Math.sin(e), Math.cos(e) * Math.cos(a)] as const;
   const right = [Math.cos(a), 0, -Math.sin(a)] as const;
@@ -47,27 +54,29 @@ function frame(tube: Tube, azimuth: number, elevation: number, aspect: number): 
   const upward = new Extent(slopeY);
   for (let i = 0; i < 2 * AROUND; i++) {
     const turn = (2 * Math.PI * i) / AROUND;
-    const point = [tube.x + tube.radius * Math.cos(turn), tube.y + tube.radius * Math.sin(turn), i < AROUND ? 0 : tube.length] as const;
+    const point = [tube.x + tube.radius * Math.cos(turn), tube.y + tube.radius * Math.sin(turn), (i < AROUND ? kept.from : kept.to) * tube.length] as const;
     across.add(dot(point, right), dot(point, back));
     upward.add(dot(point, up), dot(point, back));
   }
   const height = Math.max(across.height(), upward.height());
   const [u, v] = [across.middle(), upward.middle()];
   const eye = [0, 1, 2].map((i) => right[i]! * u + up[i]! * v + back[i]! * height) as [number, number, number];
-  const distance = distanceToAxis(eye, back, tube);
+  const distance = distanceToAxis(eye, back, tube, kept);
   const target = eye.map((at, i) => at - back[i]! * distance) as [number, number, number];
   return { x: target[0], y: target[1], z: target[2] / tube.length, azimuth, elevation, distance };
 }
 
-/** From the eye to the point of its line of sight that is nearest to the tube's axis, within the tube. */
-function distanceToAxis(eye: readonly [number, number, number], back: readonly [number, number, number], tube: Tube): number {
+type Triple = readonly [number, number, number];
+
+/** From the eye to the point of its line of sight that is nearest to the tube's axis, within what is kept. */
+function distanceToAxis(eye: Triple, back: Triple, tube: Tube, { from, to }: Kept): number {
   const [dx, dy] = [eye[0] - tube.x, eye[1] - tube.y];
   const nearest = (dx * back[0] + dy * back[1]) / (back[0] ** 2 + back[1] ** 2);
-  const z = Math.max(0, Math.min(tube.length, eye[2] - nearest * back[2]));
+  const z = Math.max(from * tube.length, Math.min(to * tube.length, eye[2] - nearest * back[2]));
   return Math.abs(back[2]) < 1e-9 ? nearest : (eye[2] - z) / back[2];
 }
 
-function dot(a: readonly [number, number, number], b: readonly [number, number, number]): number {
+function dot(a: Triple, b: Triple): number {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 

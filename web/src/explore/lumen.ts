@@ -45,9 +45,12 @@ export class DistanceField {
   /** Distance at a position, between the cells around it. */
   sample(x: number, y: number): number {
     const last = this.cells - 1.001;
-    const [u, v] = [clamp((x - this.x0) / this.cell, last), clamp((y - this.y0) / this.cell, last)];
-    const [column, row] = [Math.floor(u), Math.floor(v)];
-    const [a, b] = [u - column, v - row];
+    const u = clamp((x - this.x0) / this.cell, last);
+    const v = clamp((y - this.y0) / this.cell, last);
+    const column = Math.floor(u);
+    const row = Math.floor(v);
+    const a = u - column;
+    const b = v - row;
     const below = this.at(column, row) * (1 - a) + this.at(column + 1, row) * a;
     const above = this.at(column, row + 1) * (1 - a) + this.at(column + 1, row + 1) * a;
     return below * (1 - b) + above * b;

@@ -29,16 +29,12 @@ const WORK = 12;
 /** Reads all sections, in pieces. Throws `signal.reason` if it is aborted. */
 export async function survey(sections: Sections, signal: AbortSignal): Promise<Survey> {
   const count = sections.length;
-  const [z, lumen, tissue, mucosa] = [0, 1, 2, 3].map(() => new Float64Array(count)) as [
-    Float64Array,
-    Float64Array,
-    Float64Array,
-    Float64Array,
-  ];
+  const figures = () => new Float64Array(count);
+  const [z, lumen, tissue, mucosa] = [figures(), figures(), figures(), figures()];
   const stride = Math.ceil(count / WAY_SECTIONS);
   const fields: DistanceField[] = [];
   const fieldsAt: number[] = [];
-  let started = performance.now();
+  const pause = pauses(signal);
   for (let k = 0; k < count; k++) {
     const { inner, outer, z_um } = sections.section(k);
     z[k] = z_um / 1000;
@@ -49,11 +45,18 @@ export async function survey(sections: Sections, signal: AbortSignal): Promise<S
       fields.push(new DistanceField(inner));
       fieldsAt.push(z_um);
     }
-    if (performance.now() - started > WORK) {
-      await new Promise((resolve) => setTimeout(resolve));
-      signal.throwIfAborted();
-      started = performance.now();
-    }
+    await pause();
   }
-  return { profile: { z, lumen, tissue, mucosa }, way: centreline(fields, fieldsAt) };
+  return { profile: { z, lumen, tissue, mucosa }, way: await centreline(fields, fieldsAt, pause) };
+}
+
+/** Lets the page do other things now and then. */
+function pauses(signal: AbortSignal): () => Promise<void> {
+  let started = performance.now();
+  return async () => {
+    if (performance.now() - started < WORK) return;
+    await new Promise((resolve) => setTimeout(resolve));
+    signal.throwIfAborted();
+    started = performance.now();
+  };
 }

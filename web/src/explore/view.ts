@@ -1,6 +1,6 @@
 // What is shown and how: shared by the parts of a page, and kept in its link.
 import { computed, signal, type Signal } from "@preact/signals";
-import { standardView, type Tube } from "./framing.ts";
+import { standardView, type Kept, type Tube } from "./framing.ts";
 import { Pose, STANDARD_VIEWS, type StandardView } from "./pose.ts";
 
 export const PATCHES = ["inner", "outer", "caps"] as const;
@@ -37,12 +37,19 @@ export class View {
 
   /** Shows a standard view: moving there from `now` on (milliseconds, as of frames), or at once. */
   show(standard: StandardView, now?: number): void {
-    const placement = standardView(standard, this.tube, this.aspect);
+    const placement = standardView(standard, this.tube, this.kept, this.aspect);
     if (now === undefined) this.pose.place(placement, standard);
     else this.pose.glide(placement, standard, now);
   }
 
-  /** Fits a standard view to the present shape of the picture. */
+  /** What the cut across leaves. */
+  get kept(): Kept {
+    const at = this.position.value;
+    if (!this.across.value) return { from: 0, to: 1 };
+    return this.flipped.value ? { from: at, to: 1 } : { from: 0, to: at };
+  }
+
+  /** Fits a standard view to the present shape of the picture, and to what is kept. */
   reframe(): void {
     if (this.pose.standard) this.show(this.pose.standard);
   }
@@ -73,7 +80,6 @@ export function writeView(view: View, query: URLSearchParams): URLSearchParams {
 
 /** Restores a view. What a query does not say, or says wrongly, is as in a new view. */
 export function readView(view: View, query: URLSearchParams): void {
-  readCamera(view, query.get("cam"));
   const angle = number(query, "open", -360, 360);
   view.lengthwise.value = angle !== undefined;
   view.angle.value = angle ?? view.angle.value;
@@ -87,6 +93,7 @@ export function readView(view: View, query: URLSearchParams): void {
   view.section.value = number(query, "at", 0, 1) ?? view.section.value;
   view.plane.value = query.get("plane") === "1";
   view.flight.value = number(query, "fly", 0, 1);
+  readCamera(view, query.get("cam"));
 }
 
 function readCamera(view: View, camera: string | null): void {

@@ -34,6 +34,9 @@ for (const chunk of ["clipping_planes_pars_vertex", "clipping_planes_pars_fragme
   ShaderChunk[chunk] = ShaderChunk[chunk].replace(/^\s*varying/m, "centroid varying");
 }
 
+/** Tells faces along the tube from those across it. */
+const SHADED_TISSUE = 0xd2879c;
+
 /** Distance of the rims of the end caps from the ends, millimetres: the walls are crossed there. */
 const RIM = 1e-4;
 
@@ -47,7 +50,7 @@ class Cut {
   /** What the edges were made from. */
   #drawn: { surface: Surface; plane: Plane } | undefined;
 
-  constructor(bit: number) {
+  constructor(bit: number, color: number) {
     this.#counting = new MeshBasicMaterial({
       side: DoubleSide,
       colorWrite: false,
@@ -60,7 +63,7 @@ class Cut {
       clippingPlanes: [this.plane],
     });
     const material = new MeshBasicMaterial({
-      color: TISSUE,
+      color,
       side: DoubleSide,
       fog: false,
       stencilWrite: true,
@@ -86,6 +89,7 @@ class Cut {
     for (const geometry of geometries) {
       const counter = new Mesh(geometry, this.#counting);
       counter.renderOrder = 1;
+      counter.frustumCulled = false;
       this.#counters.add(counter);
     }
   }
@@ -150,8 +154,8 @@ class Edges {
 
 export class Cuts {
   readonly group = new Group();
-  readonly #lengthwise = new Cut(1);
-  readonly #across = new Cut(2);
+  readonly #lengthwise = new Cut(1, SHADED_TISSUE);
+  readonly #across = new Cut(2, TISSUE);
   /** Of the caps at the ends. */
   readonly #rims = new Edges();
   readonly #tube: Tube;

@@ -40,11 +40,15 @@ export function addOutline({ positions, index }: Patch, { nx, ny, nz, d }: CutPl
     distances[i] = positions[p]! * nx + positions[p + 1]! * ny + positions[p + 2]! * nz + d;
   }
   for (let t = 0; t < index.length; t += 3) {
-    const [a, b, c] = [index[t]!, index[t + 1]!, index[t + 2]!];
-    const [above, beside, below] = [distances[a]! >= 0, distances[b]! >= 0, distances[c]! >= 0];
-    if (above === beside && beside === below) continue;
+    const a = index[t]!;
+    const b = index[t + 1]!;
+    const c = index[t + 2]!;
+    const keptA = distances[a]! >= 0;
+    const keptB = distances[b]! >= 0;
+    const keptC = distances[c]! >= 0;
+    if (keptA === keptB && keptB === keptC) continue;
     // The vertex that is alone on its side, and the two others.
-    const [tip, left, right] = above === beside ? [c, a, b] : above === below ? [b, c, a] : [a, b, c];
+    const [tip, left, right] = keptA === keptB ? [c, a, b] : keptA === keptC ? [b, c, a] : [a, b, c];
     const at = out.next();
     cross(positions, tip, left, out.points, at);
     cross(positions, tip, right, out.points, at + 3);

@@ -52,17 +52,31 @@ function isKept(planes: readonly CutPlane[], ray: Ray, distance: number): boolea
 /** Calls back with the distance of each triangle that the ray crosses, from either side (Möller, Trumbore 1997). */
 function eachCrossing({ positions: p, index }: Patch, { ox, oy, oz, dx, dy, dz }: Ray, found: (distance: number) => void): void {
   for (let t = 0; t < index.length; t += 3) {
-    const [a, b, c] = [3 * index[t]!, 3 * index[t + 1]!, 3 * index[t + 2]!];
-    const [ax, ay, az] = [p[a]!, p[a + 1]!, p[a + 2]!];
-    const [ux, uy, uz] = [p[b]! - ax, p[b + 1]! - ay, p[b + 2]! - az];
-    const [vx, vy, vz] = [p[c]! - ax, p[c + 1]! - ay, p[c + 2]! - az];
-    const [px, py, pz] = [dy * vz - dz * vy, dz * vx - dx * vz, dx * vy - dy * vx];
+    const a = 3 * index[t]!;
+    const b = 3 * index[t + 1]!;
+    const c = 3 * index[t + 2]!;
+    const ax = p[a]!;
+    const ay = p[a + 1]!;
+    const az = p[a + 2]!;
+    const ux = p[b]! - ax;
+    const uy = p[b + 1]! - ay;
+    const uz = p[b + 2]! - az;
+    const vx = p[c]! - ax;
+    const vy = p[c + 1]! - ay;
+    const vz = p[c + 2]! - az;
+    const px = dy * vz - dz * vy;
+    const py = dz * vx - dx * vz;
+    const pz = dx * vy - dy * vx;
     const determinant = ux * px + uy * py + uz * pz;
     if (determinant === 0) continue;
-    const [sx, sy, sz] = [ox - ax, oy - ay, oz - az];
+    const sx = ox - ax;
+    const sy = oy - ay;
+    const sz = oz - az;
     const u = (sx * px + sy * py + sz * pz) / determinant;
     if (u < 0 || u > 1) continue;
-    const [qx, qy, qz] = [sy * uz - sz * uy, sz * ux - sx * uz, sx * uy - sy * ux];
+    const qx = sy * uz - sz * uy;
+    const qy = sz * ux - sx * uz;
+    const qz = sx * uy - sy * ux;
     const v = (dx * qx + dy * qy + dz * qz) / determinant;
     if (v < 0 || u + v > 1) continue;
     const distance = (vx * qx + vy * qy + vz * qz) / determinant;

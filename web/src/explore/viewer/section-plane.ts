@@ -35,7 +35,9 @@ export class SectionPlane {
   /** Shows the plane at `z` millimetres; undefined hides it. */
   place(z: number | undefined): void {
     this.group.visible = z !== undefined;
-    if (z !== undefined) this.group.position.z = z;
+    if (z === undefined) return;
+    this.group.position.z = z;
+    this.group.updateMatrix();
   }
 
   dispose(): void {

@@ -1,5 +1,5 @@
 // The picture of one model: scene, camera and renderer. It draws when something has changed, never in between.
-import { effect, signal } from "@preact/signals";
+import { effect, signal, untracked } from "@preact/signals";
 import { AmbientLight, DirectionalLight, Fog, HemisphereLight, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { positionAt, type Centreline } from "../centreline.ts";
 import { FIELD, type Tube } from "../framing.ts";
@@ -74,12 +74,14 @@ export class Stage {
     this.#light();
     this.#scene.fog = this.#fog;
     this.#scene.add(this.#tissue.group, this.#cuts.group, this.#plane.group, this.#camera);
+    this.#fix();
     this.#listen();
     this.#follow();
   }
 
   show(surface: Surface): void {
     this.#cuts.show(surface, this.#tissue.show(surface, this.#tube.length));
+    this.#fix();
     this.#surface.value = surface;
   }
 
@@ -122,6 +124,15 @@ export class Stage {
     this.#scene.add(new HemisphereLight(0xfff6f2, 0x8a4a5c, 1.35), new AmbientLight(0xffffff, 0.25));
   }
 
+  /** Only the camera moves with the frames: matrices of other objects are computed once. */
+  #fix(): void {
+    this.#scene.traverse((object) => {
+      if (object === this.#camera || !object.matrixAutoUpdate) return;
+      object.updateMatrix();
+      object.matrixAutoUpdate = false;
+    });
+  }
+
   #listen(): void {
     const { signal } = this.#abort;
     const observer = new ResizeObserver(() => this.#resize());
@@ -155,6 +166,10 @@ export class Stage {
       effect(() => {
         this.#plane.place(view.plane.value && !view.flying.value ? view.section.value * this.#tube.length : undefined);
         this.invalidate();
+      }),
+      effect(() => {
+        void view.kept;
+        untracked(() => view.reframe());
       }),
       effect(() => {
         const flying = view.flying.value && this.#way.value !== undefined;

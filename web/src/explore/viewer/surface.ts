@@ -1,6 +1,5 @@
 // The surface of a model as arrays in millimetres, read from its glTF files of any level of detail.
-import type { BufferAttribute, InterleavedBufferAttribute, Mesh, Object3D } from "three";
-import { Vector3 } from "three";
+import { Matrix3, Vector3, type Mesh, type Object3D } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { MeshoptDecoder } from "three/addons/libs/meshopt_decoder.module.js";
 
@@ -11,7 +10,8 @@ export interface Patch {
   name: PatchName;
   /** x, y, z of each vertex, millimetres. */
   positions: Float32Array;
-  normals: BufferAttribute | InterleavedBufferAttribute;
+  /** x, y, z of each vertex, 127 times a length of 1. */
+  normals: Int8Array;
   /** Three vertices a triangle. */
   index: Uint16Array | Uint32Array;
 }
@@ -19,12 +19,14 @@ export interface Patch {
 export interface Surface {
   patches: readonly Patch[];
   triangles: number;
+  /** Largest distance from the certified surface, micrometres; undefined if the file does not state it. */
+  distance: number | undefined;
 }
 
 /** Reads a `.glb`. Throws if it is damaged or has no patch of a tissue. */
 export async function readSurface(file: ArrayBuffer): Promise<Surface> {
   const loader = new GLTFLoader().setMeshoptDecoder(MeshoptDecoder);
-  const { scene } = await loader.parseAsync(file, "");
+  const { scene, asset } = await loader.parseAsync(file, "");
   scene.updateMatrixWorld(true);
   const patches: Patch[] = [];
   scene.traverse((node) => {
@@ -32,22 +34,30 @@ export async function readSurface(file: ArrayBuffer): Promise<Surface> {
     if (name && isMesh(node)) patches.push(patch(name, node));
   });
   if (patches.length === 0) throw new Error("The file has no walls of a tube.");
-  return { patches, triangles: patches.reduce((sum, { index }) => sum + index.length / 3, 0) };
+  return { patches, triangles: patches.reduce((sum, { index }) => sum + index.length / 3, 0), distance: statedDistance(asset.extras) };
+}
+
+/** Levels of detail state it in the extras of the asset. */
+function statedDistance(extras: unknown): number | undefined {
+  const distance = (extras as { level?: { distance_um?: unknown } } | undefined)?.level?.distance_um;
+  return typeof distance === "number" ? distance : undefined;
 }
 
 function isMesh(node: Object3D): node is Mesh {
   return "isMesh" in node;
 }
 
-/** Quantized positions are scaled by the transform of the node; glTF is in metres. */
+/** Quantized positions and normals are scaled by the transform of the node; glTF is in metres. */
 function patch(name: PatchName, { geometry, matrixWorld }: Mesh): Patch {
-  const [position, point] = [geometry.getAttribute("position"), new Vector3()];
-  const positions = new Float32Array(3 * position.count);
-  for (let i = 0; i < position.count; i++) {
-    point.fromBufferAttribute(position, i).applyMatrix4(matrixWorld).multiplyScalar(1000).toArray(positions, 3 * i);
-  }
   if (!geometry.hasAttribute("normal")) geometry.computeVertexNormals();
-  const normals = geometry.getAttribute("normal");
+  const [position, normal] = [geometry.getAttribute("position"), geometry.getAttribute("normal")];
+  const [vector, direction] = [new Vector3(), new Matrix3().getNormalMatrix(matrixWorld)];
+  const positions = new Float32Array(3 * position.count);
+  const normals = new Int8Array(3 * position.count);
+  for (let i = 0; i < position.count; i++) {
+    vector.fromBufferAttribute(position, i).applyMatrix4(matrixWorld).multiplyScalar(1000).toArray(positions, 3 * i);
+    vector.fromBufferAttribute(normal, i).applyNormalMatrix(direction).multiplyScalar(127).toArray(normals, 3 * i);
+  }
   const order = geometry.index?.array ?? Uint32Array.from({ length: position.count }, (_, i) => i);
   const index = order instanceof Uint16Array || order instanceof Uint32Array ? order : Uint32Array.from(order);
   return { name, positions, normals, index };

@@ -26,11 +26,13 @@ export class Tissue {
     return surface.patches.map((patch) => {
       const geometry = new BufferGeometry();
       geometry.setAttribute("position", new BufferAttribute(patch.positions, 3));
-      geometry.setAttribute("normal", patch.normals);
+      geometry.setAttribute("normal", new BufferAttribute(patch.normals, 3, true));
       geometry.setIndex(new BufferAttribute(patch.index, 1));
       if (patch.name === "inner_wall") geometry.setAttribute("color", grey(mucosaLight(patch, length)));
       const mesh = new Mesh(geometry, this.#material(patch.name));
       mesh.name = patch.name;
+      // It is nearly always in the picture.
+      mesh.frustumCulled = false;
       // What hides much is drawn first.
       mesh.renderOrder = patch.name === "inner_wall" ? 4 : 2;
       mesh.visible = this.isVisible(patch);
