@@ -51,6 +51,10 @@ pub enum PatchKind {
 }
 
 impl PatchKind {
+    /// All kinds.
+    pub const ALL: [Self; 7] =
+        [Self::InnerWall, Self::OuterWall, Self::CapIsthmus, Self::CapAmpulla, Self::Wall, Self::Inlet, Self::Outlet];
+
     /// The name used in files: nodes and materials of glTF, groups of OBJ.
     #[must_use]
     pub fn name(self) -> &'static str {
