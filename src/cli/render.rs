@@ -17,6 +17,12 @@ use std::sync::Arc;
 
 pub(super) async fn run(args: RenderArgs) -> Ended {
     let (dir, names) = targets(&args.files, &args.out)?;
+    if args.elevation.is_some_and(|degrees| !(-89.0..=89.0).contains(&degrees)) {
+        return Err(Failure::usage("--elevation: must be from -89 to 89"));
+    }
+    if args.azimuth.is_some_and(|degrees| !degrees.is_finite()) {
+        return Err(Failure::usage("--azimuth: must be a number of degrees"));
+    }
     let args = Arc::new(args);
     let mut all_drawn = true;
     for (file, name) in args.files.clone().into_iter().zip(names) {
@@ -87,7 +93,6 @@ fn draw(file: &Path, args: &RenderArgs) -> anyhow::Result<Vec<u8>> {
 /// A surface in metres; its groups with the names of patches are these patches.
 fn mesh(surface: Surface) -> Mesh {
     let metres = surface.unit.metres();
-    let kind = |name: &str| PatchKind::ALL.into_iter().find(|kind| kind.name() == name);
     Mesh {
         body: BodyKind::Tissue,
         positions: surface.positions.iter().map(|p| p.map(|x| (x * metres) as f32)).collect(),
@@ -95,7 +100,7 @@ fn mesh(surface: Surface) -> Mesh {
         patches: surface
             .groups
             .into_iter()
-            .filter_map(|group| Some(Patch { kind: kind(&group.name)?, triangles: group.triangles }))
+            .filter_map(|group| Some(Patch { kind: PatchKind::named(&group.name)?, triangles: group.triangles }))
             .collect(),
     }
 }

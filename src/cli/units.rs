@@ -136,8 +136,8 @@ pub(super) fn plane(text: &str) -> Result<Plane, String> {
         "-y" => axis([0.0, -1.0, 0.0]),
         "-z" => axis([0.0, 0.0, -1.0]),
         numbers => {
-            let parts: Vec<f64> = numbers.split(',').filter_map(|part| part.trim().parse().ok()).collect();
-            let [x, y, z] = parts[..] else {
+            let parts: Result<Vec<f64>, _> = numbers.split(',').map(|part| part.trim().parse()).collect();
+            let Ok(&[x, y, z]) = parts.as_deref() else {
                 return Err(format!("`{numbers}` is neither an axis nor three numbers"));
             };
             let length = (x * x + y * y + z * z).sqrt();

@@ -5,8 +5,8 @@ use super::compress::compress;
 use super::envelope::enclose;
 use super::openapi::Description;
 use super::{
-    AppState, batches, bulk, create, docs, events, files, health, home, metrics, models, openapi, presets, retry,
-    sections, tickets, workers,
+    AppState, batches, bulk, create, docs, events, files, health, home, metrics, models, openapi, presets, preview,
+    retry, sections, tickets, workers,
 };
 use axum::routing::get;
 use axum::{Extension, Router};
@@ -38,6 +38,7 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(files::download))
         .routes(routes!(files::report))
         .routes(routes!(sections::section))
+        .routes(routes!(preview::preview))
         .routes(routes!(workers::list))
         .routes(routes!(tickets::create));
     let submit = OpenApiRouter::new()

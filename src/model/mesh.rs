@@ -51,9 +51,14 @@ pub enum PatchKind {
 }
 
 impl PatchKind {
-    /// All kinds.
-    pub const ALL: [Self; 7] =
+    const ALL: [Self; 7] =
         [Self::InnerWall, Self::OuterWall, Self::CapIsthmus, Self::CapAmpulla, Self::Wall, Self::Inlet, Self::Outlet];
+
+    /// The patch of a name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
 
     /// The name used in files: nodes and materials of glTF, groups of OBJ.
     #[must_use]

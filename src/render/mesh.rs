@@ -261,6 +261,7 @@ fn srgb(color: Vec3) -> Rgb {
 
 #[cfg(test)]
 mod tests {
+    use super::super::NamedView;
     use super::super::view::{Plane, tests::plain};
     use super::*;
     use crate::model::sample;
@@ -274,7 +275,7 @@ mod tests {
         View { azimuth_deg: 0.0, elevation_deg: 0.0, ..plain(120, 120) }
     }
 
-    /// Red minus green, which distinguishes tissue from the white background.
+    /// Red minus green, which distinguishes tissue.
     fn redness(picture: &Pixmap, x: u32, y: u32) -> i32 {
         let p = picture.pixel(x, y).unwrap();
         i32::from(p.red()) - i32::from(p.green())
@@ -283,9 +284,9 @@ mod tests {
     #[test]
     fn the_end_shows_a_cap_around_an_open_lumen() {
         let picture = picture(&end_on());
-        assert_eq!(redness(&picture, 2, 2), 0);
-        assert_eq!(redness(&picture, 60, 60), 0, "one sees through the tube");
-        assert!(redness(&picture, 60, 12) > 20);
+        assert_eq!(picture.pixel(2, 2).unwrap().alpha(), 0);
+        assert_eq!(picture.pixel(60, 60).unwrap().alpha(), 0, "one sees through the tube");
+        assert!(redness(&picture, 60, 12) > 20 && picture.pixel(60, 12).unwrap().alpha() == 255);
     }
 
     #[test]
@@ -294,26 +295,64 @@ mod tests {
         let opened = picture(&half(vec![Plane { normal: [1.0, 0.0, 0.0], offset: 0.0 }]));
         let whole = picture(&half(Vec::new()));
         // Near the upper edge, the cut wall has one colour throughout; the closed tube is paler.
-        let wall: Vec<_> = (60..140).map(|x| opened.pixel(x, 30).unwrap()).collect();
+        let wall: Vec<_> = (60..140).map(|x| opened.pixel(x, 20).unwrap()).collect();
         assert!(wall.iter().all(|p| p.red().abs_diff(wall[0].red()) <= 6), "{wall:?}");
-        assert!(redness(&opened, 100, 30) > redness(&whole, 100, 30) + 10);
+        assert!(redness(&opened, 100, 20) > redness(&whole, 100, 20) + 10);
+        // The rim is bluish, as neither tissue nor lumen is.
         let column = (0..120).map(|y| opened.pixel(100, y).unwrap());
-        let rim = column.filter(|p| p.red().abs_diff(OUTLINE[0]) < 40 && p.green().abs_diff(OUTLINE[1]) < 40);
-        assert!(rim.count() >= 2);
+        assert!(column.filter(|p| p.alpha() == 255 && p.blue() > p.green().saturating_add(20)).count() >= 2);
     }
 
     #[test]
-    fn the_same_model_gives_the_same_bytes() {
+    fn hollows_are_darker_than_faces() {
+        let view = View { cut: vec![Plane { normal: [1.0, 0.0, 0.0], offset: 0.0 }], ..end_on() };
+        let picture = picture(&View { azimuth_deg: 50.0, elevation_deg: 25.0, ..view });
+        let brightness = |p: &tiny_skia::PremultipliedColorU8| u32::from(p.red()) + u32::from(p.green());
+        let solid = || picture.pixels().iter().filter(|p| p.alpha() == 255).map(brightness);
+        assert!(solid().min().unwrap() * 2 < solid().max().unwrap());
+    }
+
+    #[test]
+    fn the_scale_bar_has_its_length() {
+        // The end, 2 mm wide, fills 0.93 of 400 pixels less the strip of the bar.
+        let png = mesh_png(&sample::tube(96, 12, 0.4), &View { width: 400, height: 400, ..end_on() }).unwrap();
+        let picture = Pixmap::decode_png(&png).unwrap();
+        let run = |y: u32, keep: &dyn Fn(tiny_skia::PremultipliedColorU8) -> bool| {
+            (0..400).filter(|&x| keep(picture.pixel(x, y).unwrap())).count()
+        };
+        let tube = (0..350).map(|y| run(y, &|p| p.alpha() == 255)).max().unwrap();
+        let row = (378..400).map(|y| run(y, &|p| p.alpha() == 255)).max().unwrap();
+        // 0.2 of 400 pixels are 0.44 mm, so the bar is 200 µm: a tenth of the tube.
+        assert!((row as f64 - tube as f64 / 10.0).abs() <= 1.5, "{row} of {tube}");
+    }
+
+    #[test]
+    fn any_number_of_threads_gives_the_same_bytes() {
         let mesh = sample::tube(48, 6, 0.3);
-        let view = View { axial_scale: 0.5, ..View::opened(90, 60) };
-        assert_eq!(mesh_png(&mesh, &view).unwrap(), mesh_png(&mesh, &view).unwrap());
+        let view = View { axial_scale: 0.5, ..NamedView::Opened.of(&mesh, 300) };
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| mesh_png(&mesh, &view).unwrap())
+        };
+        assert_eq!(on(1), on(4));
     }
 
     #[test]
-    fn an_empty_mesh_is_a_white_picture() {
+    fn each_named_view_is_another_picture() {
+        let mesh = sample::tube(96, 12, 0.4);
+        let pictures = NamedView::ALL.map(|view| mesh_png(&mesh, &view.of(&mesh, 64)).unwrap());
+        for (i, one) in pictures.iter().enumerate() {
+            assert!(!pictures[..i].contains(one), "{:?}", NamedView::ALL[i]);
+        }
+    }
+
+    #[test]
+    fn an_empty_mesh_is_an_empty_picture() {
         let mesh = Mesh { positions: vec![], triangles: vec![], patches: vec![], ..sample::tube(4, 1, 0.0) };
-        let picture = Pixmap::decode_png(&mesh_png(&mesh, &plain(8, 8)).unwrap()).unwrap();
-        assert!(picture.data().iter().all(|&b| b == 255));
+        for view in [plain(8, 8), NamedView::Ampulla.of(&mesh, 300)] {
+            let picture = Pixmap::decode_png(&mesh_png(&mesh, &view).unwrap()).unwrap();
+            assert!(picture.data().iter().all(|&b| b == 0));
+        }
     }
 
     #[test]

@@ -17,7 +17,8 @@ const PIECE: f64 = 0.8;
 const END_AZIMUTH_DEG: f64 = 24.0;
 
 /// A view by name.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, utoipa::ToSchema)]
+#[schema(rename_all = "lowercase")]
 pub enum NamedView {
     /// The whole tube from outside, with the ampulla end in front; long tubes are shortened.
     Whole,

@@ -218,7 +218,7 @@ mod tests {
         let samples = rasterize(&view, &camera, &positions, &triangles, [100, 150]);
         let shown: Vec<u32> = samples.iter().map(|s| s.surface).filter(|&t| t != NONE).collect();
         assert!(shown.iter().all(|&t| t >= 2), "the farther square is hidden");
-        assert!((92 * 92..=98 * 98).contains(&shown.len()), "{}", shown.len());
+        assert!((88 * 88..=91 * 91).contains(&shown.len()), "{}", shown.len());
         assert_ne!(samples[75 * 100 + 50].surface, NONE);
     }
 
@@ -242,9 +242,9 @@ mod tests {
         let mesh = crate::model::sample::tube(90, 30, 0.4);
         let positions: Vec<DVec3> = mesh.positions.iter().map(|p| glam::Vec3::from(*p).as_dvec3()).collect();
         for turn in 0..6 {
-            let view = View { azimuth_deg: 17.0 + 60.0 * f64::from(turn), ..plain(300, 200) };
-            let camera = Camera::framing(&view, &positions, [300, 200], 0.0);
-            let samples = rasterize(&view, &camera, &positions, &mesh.triangles, [300, 200]);
+            let view = View { azimuth_deg: 17.0 + 60.0 * f64::from(turn), ..plain(310, 200) };
+            let camera = Camera::framing(&view, &positions, [310, 200], 0.0);
+            let samples = rasterize(&view, &camera, &positions, &mesh.triangles, [310, 200]);
             assert!(samples.iter().filter(|s| s.surface != NONE).count() > 10_000);
             for (i, sample) in samples.iter().enumerate().filter(|(_, s)| s.surface != NONE) {
                 let [a, b, c] = mesh.triangles[sample.surface as usize].map(|v| positions[v as usize]);
