@@ -5,7 +5,7 @@
 
 use oviduct::mesh::Lofter;
 use oviduct::model::Section;
-use oviduct::render::{View, mesh_png, section_png, sheet_png};
+use oviduct::render::{NamedView, mesh_png, section_png, sheet_png};
 use oviduct::sim::cpu::CpuSimulation;
 use oviduct::sim::{Plan, Simulator};
 use oviduct::spec::{ModelSpec, preset};
@@ -44,7 +44,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     std::fs::write(out.join("sections.png"), sheet_png(&chosen, 4, 480)?)?;
     std::fs::write(out.join("isthmus.png"), section_png(chosen[1], 900)?)?;
     std::fs::write(out.join("ampulla.png"), section_png(chosen[6], 900)?)?;
-    let view = View { axial_scale: 0.1, ..View::opened(1200, 800) };
-    std::fs::write(out.join("model.png"), mesh_png(&mesh, &view)?)?;
+    std::fs::write(out.join("model.png"), mesh_png(&mesh, &NamedView::Opened.of(&mesh, 1200))?)?;
     Ok(())
 }

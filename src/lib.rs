@@ -11,7 +11,7 @@
 //! | 0 | [`clock`], [`metrics`], [`status`], [`availability`], [`random`], [`tls`], [`model`], [`geometry`] |
 //! | 1 | [`spec`] |
 //! | 2 | [`sim`], [`mesh`], [`measure`], [`export`], [`render`] |
-//! | 3 | [`generate`], [`jobs`] |
+//! | 3 | [`generate`], [`jobs`], [`preview`] |
 //! | 4 | [`worker`], [`http`] |
 //! | 5 | [`cli`], and `fuzzing` in builds with that feature |
 
@@ -35,6 +35,7 @@ pub mod sim;
 
 pub mod generate;
 pub mod jobs;
+pub mod preview;
 
 pub mod http;
 pub mod worker;

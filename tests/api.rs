@@ -23,6 +23,7 @@ mod api {
     mod net;
     mod operators;
     mod prefix;
+    mod preview;
     mod replays;
     mod rfc;
     mod sections;

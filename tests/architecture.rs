@@ -16,7 +16,7 @@ const FLOORS: [&[&str]; 6] = [
     &["clock", "metrics", "status", "availability", "random", "tls", "trace", "model", "geometry"],
     &["spec"],
     &["sim", "mesh", "measure", "export", "render"],
-    &["generate", "jobs"],
+    &["generate", "jobs", "preview"],
     &["worker", "http"],
     &["cli", "fuzzing"],
 ];

@@ -16,6 +16,7 @@ use crate::generate::{Backend, Output};
 use crate::http::Origin;
 use crate::jobs::Priority;
 use crate::jobs::keys::{Owner, Scope};
+use crate::render::{MAX_SIZE, NamedView, Plane};
 use clap::builder::FalseyValueParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::net::SocketAddr;
@@ -76,6 +77,8 @@ pub(super) enum Command {
     Submit(SubmitArgs),
     /// Certify the surface in a glb, gltf, obj, stl or ply file from any source
     Check(CheckArgs),
+    /// Draw the surface in glb, gltf, obj, stl, ply or sections.bin files as PNG pictures
+    Render(RenderArgs),
     /// Send many requests to a running service and report its throughput, latencies and errors
     Load(LoadArgs),
     /// Measure how fast this machine grows models
@@ -519,6 +522,34 @@ pub(super) struct CheckArgs {
     /// Print a JSON array with the certificate of each file
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) json: bool,
+}
+
+/// Options of `render`.
+#[derive(Clone, Debug, Args)]
+pub(super) struct RenderArgs {
+    /// Files to draw; the tube is along z, and y is up
+    #[arg(value_name = "FILE", required = true)]
+    pub(super) files: Vec<PathBuf>,
+    /// Directory for the pictures, which are named like the files; or the picture itself, if PATH ends in .png
+    #[arg(long, value_name = "PATH", default_value = ".")]
+    pub(super) out: PathBuf,
+    /// View: whole, opened (without the quarter x, y > middle), isthmus or ampulla (the ends)
+    #[arg(long, value_name = "NAME", default_value = NamedView::default().name())]
+    pub(super) view: NamedView,
+    /// Look from this many degrees around y instead: 0 looks at the ampulla end, 90 comes from +x
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
+    pub(super) azimuth: Option<f64>,
+    /// Look from this many degrees above the horizontal plane instead, -89 to 89
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
+    pub(super) elevation: Option<f64>,
+    /// Longest side, pixels
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(32..=i64::from(MAX_SIZE)), default_value_t = 1024)]
+    pub(super) size: u32,
+    /// Cut away one side of a plane, instead of the cut of the view: z=12mm removes what has a greater z, -z=12mm what has a
+    /// lesser one; 1,1,0=2mm removes what lies farther than 2 mm from the origin in direction x = y. Lengths in um, mm, cm or m.
+    /// Of several planes, only what all of them would remove is cut away
+    #[arg(long, value_name = "PLANE", value_parser = units::plane, value_delimiter = ';', allow_hyphen_values = true)]
+    pub(super) cut: Vec<Plane>,
 }
 
 /// Options of `bench`.

@@ -21,6 +21,7 @@ mod migrate;
 mod model;
 mod plot;
 mod print;
+mod render;
 mod restart;
 mod scratch;
 mod secret;
@@ -87,6 +88,7 @@ async fn dispatch(command: Command) -> Ended {
         Command::Submit(args) => submit::run(args).await,
         Command::Load(args) => load::run(args).await,
         Command::Check(args) => check::run(args).await,
+        Command::Render(args) => render::run(args).await,
         Command::Bench(args) => bench::run(args).await,
         Command::Presets(args) => print::presets(&args),
         Command::Worker(args) => worker::run(args).await,

@@ -1,5 +1,6 @@
-//! Durations and sizes on the command line: `500ms`, `2s`, `5m`, `1h`; `400MB`, `2GiB`, `65536`.
+//! Durations, sizes, lengths and planes on the command line: `500ms`, `2s`, `5m`, `1h`; `400MB`, `2GiB`, `65536`; `12mm`; `z=12mm`.
 
+use crate::render::Plane;
 use std::time::Duration;
 
 /// Splits `"12.5ms"` into `12.5` and `"ms"`.
@@ -98,6 +99,56 @@ pub(super) fn positive_bytes(text: &str) -> Result<u64, String> {
     }
 }
 
+/// A length in metres, such as `12mm` or `-500um`; zero needs no unit.
+///
+/// # Errors
+/// A message for the command line if the text is not a length.
+fn length(text: &str) -> Result<f64, String> {
+    let text = text.trim();
+    let (sign, digits) = text.strip_prefix('-').map_or((1.0, text), |rest| (-1.0, rest));
+    let (number, unit) = number_and_unit(digits)?;
+    let metres = match unit {
+        "um" | "µm" | "μm" => 1e-6,
+        "mm" => 1e-3,
+        "cm" => 1e-2,
+        "m" => 1.0,
+        "" if number == 0.0 => 1.0,
+        "" => return Err("a unit of length is missing: use um, mm, cm or m, as in 12mm".to_owned()),
+        other => return Err(format!("`{other}` is not a unit of length; use um, mm, cm or m")),
+    };
+    Ok(sign * number * metres)
+}
+
+/// A plane and the side in front of it: `z=12mm` (greater z), `-z=12mm` (lesser z), or a direction and the distance from the
+/// origin along it, such as `1,1,0=2mm`.
+///
+/// # Errors
+/// A message for the command line if the text is not a plane.
+pub(super) fn plane(text: &str) -> Result<Plane, String> {
+    let (direction, place) = text.split_once('=').ok_or("must be written as z=12mm, -z=12mm or 1,1,0=2mm")?;
+    let place = length(place)?;
+    let axis = |normal: [f64; 3]| Ok(Plane { normal, offset: place * normal.iter().sum::<f64>() });
+    match direction.trim() {
+        "x" => axis([1.0, 0.0, 0.0]),
+        "y" => axis([0.0, 1.0, 0.0]),
+        "z" => axis([0.0, 0.0, 1.0]),
+        "-x" => axis([-1.0, 0.0, 0.0]),
+        "-y" => axis([0.0, -1.0, 0.0]),
+        "-z" => axis([0.0, 0.0, -1.0]),
+        numbers => {
+            let parts: Result<Vec<f64>, _> = numbers.split(',').map(|part| part.trim().parse()).collect();
+            let Ok(&[x, y, z]) = parts.as_deref() else {
+                return Err(format!("`{numbers}` is neither an axis nor three numbers"));
+            };
+            let length = (x * x + y * y + z * z).sqrt();
+            if !length.is_normal() {
+                return Err(format!("`{numbers}` is not a direction"));
+            }
+            Ok(Plane { normal: [x / length, y / length, z / length], offset: place })
+        }
+    }
+}
+
 /// A size in decimal units with one digit after the point: `12.3 MB`.
 pub(super) fn show_bytes(bytes: u64) -> String {
     let value = bytes as f64;
@@ -138,6 +189,22 @@ mod tests {
         for bare in ["30", "7"] {
             assert!(duration_or_zero(bare).is_err() && positive_duration(bare).is_err(), "{bare}");
         }
+    }
+
+    #[test]
+    fn planes_have_a_direction_and_a_place() {
+        let found = |text: &str| plane(text).map(|plane| (plane.normal, plane.offset));
+        assert_eq!(found("x=0"), Ok(([1.0, 0.0, 0.0], 0.0)));
+        assert_eq!(found("z=12mm"), Ok(([0.0, 0.0, 1.0], 0.012)));
+        // What has a lesser z than 12 mm.
+        assert_eq!(found("-z=12mm"), Ok(([0.0, 0.0, -1.0], -0.012)));
+        assert_eq!(found(" y = -2cm"), Ok(([0.0, 1.0, 0.0], -0.02)));
+        assert_eq!(found("0,-2,0=1 m"), Ok(([0.0, -1.0, 0.0], 1.0)));
+        for wrong in ["z", "z=", "z=12", "w=0", "1,2=0", "0,0,0=0", "1,x,2,3=0", "inf,0,0=0", "z=3 apples", "1,2,3,4=0"]
+        {
+            assert!(plane(wrong).is_err(), "{wrong}");
+        }
+        assert!(plane("z=12").unwrap_err().contains("um, mm, cm or m"));
     }
 
     #[test]

@@ -35,6 +35,7 @@ mod metrics;
 mod models;
 mod openapi;
 mod presets;
+mod preview;
 pub mod problem;
 mod range;
 mod request;
@@ -74,6 +75,7 @@ use crate::metrics::Metrics;
 use crate::status::Status;
 use access::Access;
 use feed::{Feed, Pace};
+use preview::Pictures;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Semaphore;
@@ -92,6 +94,10 @@ pub struct Limits {
     pub held: usize,
     /// Most downloads at a time. Each holds a descriptor: an open file, or a connection to an object store.
     pub downloads: usize,
+    /// Most pictures that are drawn at a time; each uses all cores.
+    pub pictures: usize,
+    /// Longest time that a request for a picture waits until it can be drawn.
+    pub picture_wait: Duration,
     /// Least time between two progress events, or two section events, of one model.
     pub event_interval: Duration,
     /// Time after which a watched model is read again although the store reported no change.
@@ -126,6 +132,8 @@ impl Default for Limits {
             streams: 4096,
             held: 256,
             downloads: 256,
+            pictures: 2,
+            picture_wait: Duration::from_secs(10),
             event_interval: Duration::from_millis(250),
             event_poll: Duration::from_secs(2),
             event_comment: Duration::from_secs(15),
@@ -158,6 +166,7 @@ pub struct AppState {
     streams: Arc<Semaphore>,
     held: Arc<Semaphore>,
     downloads: Arc<Semaphore>,
+    pictures: Arc<Pictures>,
 }
 
 impl AppState {
@@ -171,6 +180,7 @@ impl AppState {
         let [streams, held, downloads] =
             [limits.streams, limits.held, limits.downloads].map(|most| Arc::new(Semaphore::new(most)));
         let access = Arc::new(Access::new(Arc::clone(&store), AccessOptions::default(), limits.cors_origins.clone()));
+        let pictures = Arc::new(Pictures::new(limits.pictures));
         Self {
             store,
             artifacts,
@@ -184,6 +194,7 @@ impl AppState {
             streams,
             held,
             downloads,
+            pictures,
         }
     }
 

@@ -117,6 +117,8 @@ kinds! {
     TooManyStreams = "too-many-streams", SERVICE_UNAVAILABLE, "Too many event streams are open";
     /// The limit of concurrent downloads is reached.
     TooManyDownloads = "too-many-downloads", SERVICE_UNAVAILABLE, "Too many downloads are running";
+    /// The limit of pictures that are drawn at a time is reached.
+    TooManyPictures = "too-many-pictures", SERVICE_UNAVAILABLE, "Too many pictures are being drawn";
     /// The process does not take work now; `condition` says why.
     NotReady = "not-ready", SERVICE_UNAVAILABLE, "The process is not ready";
     /// Workers of this process have not stopped although they were told to; `workers` lists them.

@@ -89,6 +89,8 @@ problems! {
     StoreAwayOrOpening: StoreUnavailable, StorageUnavailable, NotReady;
     /// The artifact store is unavailable, or too many downloads are running.
     DownloadAway: StoreUnavailable, StorageUnavailable, TooManyDownloads;
+    /// A store is unavailable, or too many downloads are running or pictures being drawn.
+    PictureAway: StoreUnavailable, StorageUnavailable, TooManyDownloads, TooManyPictures;
     /// The job store is unavailable, or too many streams are open.
     StreamAway: StoreUnavailable, TooManyStreams;
     /// The process does not take work now.

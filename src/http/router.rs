@@ -5,8 +5,8 @@ use super::compress::compress;
 use super::envelope::enclose;
 use super::openapi::Description;
 use super::{
-    AppState, batches, bulk, console, create, docs, events, files, health, metrics, models, openapi, presets, retry,
-    sections, tickets, workers,
+    AppState, batches, bulk, console, create, docs, events, files, health, metrics, models, openapi, presets, preview,
+    retry, sections, tickets, workers,
 };
 use axum::{Extension, Router};
 use serde_json::Value;
@@ -37,6 +37,7 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(files::download))
         .routes(routes!(files::report))
         .routes(routes!(sections::section))
+        .routes(routes!(preview::preview))
         .routes(routes!(workers::list))
         .routes(routes!(tickets::create));
     let submit = OpenApiRouter::new()

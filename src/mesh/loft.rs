@@ -321,7 +321,7 @@ impl Lofter {
 }
 
 /// Checks the preconditions of the slab tests.
-fn check_form(section: &Section) -> Result<(), LoftError> {
+pub(super) fn check_form(section: &Section) -> Result<(), LoftError> {
     for (wall, ring) in [(Wall::Inner, &section.inner), (Wall::Outer, &section.outer)] {
         if ring.ids.len() != ring.points.len() || ring.is_empty() {
             return Err(LoftError::Ids { step: section.step, wall, points: ring.points.len(), ids: ring.ids.len() });
@@ -344,28 +344,28 @@ fn check_section(section: &Section, inner: &[[f32; 2]], outer: &[[f32; 2]]) -> R
 }
 
 /// Closes an end: triangles facing up the tube.
-fn cap(rim: &Rim, vertices: &[u32], end: &'static str) -> Result<Vec<[u32; 3]>, LoftError> {
+pub(super) fn cap(rim: &Rim, vertices: &[u32], end: &'static str) -> Result<Vec<[u32; 3]>, LoftError> {
     let (inner, outer) = rim.points.split_at(rim.inner);
     let triangles = annulus(inner, outer).map_err(|source| LoftError::Cap { end, source })?;
     Ok(triangles.into_iter().map(|t| t.map(|i| vertices[i as usize])).collect())
 }
 
 /// Micrometres to metres as exported: computed in f64, rounded once.
-fn metres(um: f64) -> f32 {
+pub(super) fn metres(um: f64) -> f32 {
     (um * 1e-6) as f32
 }
 
 /// The points of a ring as exported, from point `turn` on.
-fn exported(ring: &Ring, turn: usize) -> Vec<[f32; 2]> {
+pub(super) fn exported(ring: &Ring, turn: usize) -> Vec<[f32; 2]> {
     let (before, after) = ring.points.split_at(turn);
     after.iter().chain(before).map(|p| p.map(|x| metres(f64::from(x)))).collect()
 }
 
-fn turned(ids: &[u32], turn: usize) -> Vec<u32> {
+pub(super) fn turned(ids: &[u32], turn: usize) -> Vec<u32> {
     [&ids[turn..], &ids[..turn]].concat()
 }
 
-fn joined(inner: Vec<[f32; 2]>, outer: &[[f32; 2]]) -> Rim {
+pub(super) fn joined(inner: Vec<[f32; 2]>, outer: &[[f32; 2]]) -> Rim {
     let count = inner.len();
     let mut points = inner;
     points.extend_from_slice(outer);

@@ -6,11 +6,12 @@
 //! with exact predicates on the exported coordinates. If its walls meet, it is mended by the
 //! other diagonal or else by an additional section. The ends are closed by constrained triangulation.
 //!
-//! Invariant: a finished mesh is closed and oriented, and no two of its triangles meet except
+//! Invariant: a mesh that a [`Lofter`] finished is closed and oriented, and no two of its triangles meet except
 //! in shared vertices and edges.
 
 mod align;
 mod contact;
+mod draft;
 mod error;
 mod loft;
 mod mend;
@@ -21,5 +22,6 @@ mod synthetic;
 #[cfg(test)]
 mod tests;
 
+pub use draft::draft;
 pub use error::{LoftError, Wall};
 pub use loft::{Accepted, Lofter};

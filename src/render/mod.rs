@@ -2,13 +2,18 @@
 //!
 //! Everything is computed in a fixed order from the input alone: the same model gives the same picture.
 
+mod bar;
+mod glyphs;
 mod mesh;
+mod named;
+mod occlusion;
 mod picture;
 mod raster;
 mod section;
 mod view;
 
 pub use mesh::mesh_png;
+pub use named::{NamedView, UnknownView};
 pub use picture::{MAX_SIZE, RenderError};
 pub use section::{section_png, sheet_png};
 pub use view::{Plane, View};

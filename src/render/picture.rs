@@ -26,7 +26,7 @@ pub enum RenderError {
 pub(super) type Rgb = [u8; 3];
 
 /// Cut tissue.
-pub(super) const TISSUE: Rgb = [0xde, 0x95, 0xa9];
+pub(super) const TISSUE: Rgb = [0xe6, 0xa6, 0xb4];
 /// Boundary of the lumen.
 pub(super) const OUTLINE: Rgb = [0x7d, 0x3a, 0x78];
 /// Inside of the lumen in a section.

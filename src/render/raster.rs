@@ -16,13 +16,28 @@ const BAND: usize = 128;
 /// The visible surface at a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Sample {
-    /// Triangle, or [`NONE`].
-    pub triangle: u32,
-    /// 1/depth.
-    pub inverse_depth: f32,
+    /// Distance along the line of sight; infinite if nothing is visible.
+    pub depth: f32,
+    /// Triangle, [`NONE`], or [`face`] of a cut.
+    pub surface: u32,
 }
 
-/// Finds the nearest triangle of each sample that is not cut away there; at equal depth the first one.
+/// The value of [`Sample::surface`] for the flat face of cut `k`.
+const fn face(k: usize) -> u32 {
+    NONE - 1 - k as u32
+}
+
+impl Sample {
+    const EMPTY: Self = Self { depth: f32::INFINITY, surface: NONE };
+
+    /// Which of `cuts` cuts shows its face here.
+    pub(super) fn cut(self, cuts: usize) -> Option<usize> {
+        (0..cuts).find(|&k| self.surface == face(k))
+    }
+}
+
+/// Finds the nearest triangle of each sample that is not cut away there; at equal depth the first one. Where the back of a
+/// closed surface is seen through a cut, the sample lies on the face of the cut.
 pub(super) fn rasterize(
     view: &View,
     camera: &Camera,
@@ -35,16 +50,19 @@ pub(super) fn rasterize(
     let corners_of = |t: u32| triangles[t as usize].map(|v| projected[v as usize]);
     // The removed part is convex: it contains a triangle if it contains its corners.
     let visible = |t: &u32| triangles[*t as usize].map(|v| removed[v as usize]) != [true; 3];
-    let candidates: Vec<(u32, Range<usize>)> = (0..triangles.len() as u32)
+    let candidates: Vec<(u32, Range<u32>)> = (0..triangles.len() as u32)
         .into_par_iter()
         .filter(visible)
-        .filter_map(|t| Some((t, Setup::new(corners_of(t), [width, height])?.rows)))
+        .filter_map(|t| {
+            let rows = Setup::new(corners_of(t), [width, height])?.rows;
+            Some((t, rows.start as u32..rows.end as u32))
+        })
         .collect();
-    let mut samples = vec![Sample { triangle: NONE, inverse_depth: 0.0 }; width * height];
+    let mut samples = vec![Sample::EMPTY; width * height];
     samples.par_chunks_mut(BAND * width).enumerate().for_each(|(band, samples)| {
         let band = band * BAND..band * BAND + samples.len() / width;
         for (t, rows) in &candidates {
-            if rows.end <= band.start || rows.start >= band.end {
+            if rows.end as usize <= band.start || rows.start as usize >= band.end {
                 continue;
             }
             let Some(setup) = Setup::new(corners_of(*t), [width, height]) else { continue };
@@ -54,55 +72,97 @@ pub(super) fn rasterize(
                 1 => triangles[*t as usize].iter().any(|&v| removed[v as usize]),
                 _ => true,
             };
-            setup.visit(&band, |x, y, inverse_depth| {
+            setup.visit(&band, |x, y, depth| {
                 let sample = &mut samples[(y - band.start) * width + x];
-                if inverse_depth <= sample.inverse_depth {
+                if depth >= sample.depth {
                     return;
                 }
                 if straddles {
-                    let ray = camera.ray(x as f64 + 0.5, y as f64 + 0.5);
-                    if view.is_cut(camera.eye + ray / f64::from(inverse_depth)) {
+                    let point = camera.at(x as f64 + 0.5, y as f64 + 0.5) + camera.forward * f64::from(depth);
+                    if view.is_cut(point) {
                         return;
                     }
                 }
-                *sample = Sample { triangle: *t, inverse_depth };
+                *sample = Sample { depth, surface: *t };
             });
+        }
+        if view.cut.is_empty() {
+            return;
+        }
+        for (i, sample) in samples.iter_mut().enumerate().filter(|(_, sample)| sample.surface != NONE) {
+            // The back of a body is visible only from inside, where the line of sight has entered it through a cut.
+            let [a, b, c] = corners_of(sample.surface);
+            let is_back = Edge::new(a, b).at(c.x, c.y) > 0.0;
+            let face = || cut_before(view, camera, i % width, band.start + i / width, sample.depth);
+            if let Some(face) = is_back.then(face).flatten() {
+                *sample = face;
+            }
         }
     });
     samples
 }
 
+/// The face of the cut where the line of sight leaves the removed part, if it does so before `depth`.
+fn cut_before(view: &View, camera: &Camera, x: usize, y: usize, depth: f32) -> Option<Sample> {
+    let from = camera.at(x as f64 + 0.5, y as f64 + 0.5);
+    let (mut enters, mut leaves) = (f64::NEG_INFINITY, (f64::INFINITY, 0));
+    for (k, plane) in view.cut.iter().enumerate() {
+        let normal = DVec3::from(plane.normal);
+        let along = normal.dot(camera.forward);
+        let at = (plane.offset - normal.dot(from)) / along;
+        if along > 0.0 {
+            enters = at.max(enters);
+        } else if along < 0.0 && at < leaves.0 {
+            leaves = (at, k);
+        }
+    }
+    let (at, k) = leaves;
+    let before = enters < at && at <= f64::from(depth) + 1e-6 / camera.scale;
+    before.then_some(Sample { depth: at as f32, surface: face(k) })
+}
+
 /// A triangle in the picture: its bounds and its edge functions.
 struct Setup {
-    corners: [Projected; 3],
+    depths: [f32; 3],
+    /// Opposite to the corners.
+    edges: [Edge; 3],
     doubled_area: f64,
     columns: Range<usize>,
     rows: Range<usize>,
 }
 
 impl Setup {
-    /// None if it covers no centre of a sample, has no area or lies behind the camera.
+    /// None if it covers no centre of a sample or has no area.
+    #[inline]
     fn new(corners: [Projected; 3], [width, height]: [usize; 2]) -> Option<Self> {
         let [a, b, c] = corners;
         let rows = centres(a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y), height);
         let columns = centres(a.x.min(b.x).min(c.x), a.x.max(b.x).max(c.x), width);
-        let doubled_area = edge(a, b, c.x, c.y);
-        let before = corners.iter().all(|corner| corner.inverse_depth > 0.0);
-        let covers = !rows.is_empty() && !columns.is_empty() && doubled_area != 0.0 && doubled_area.is_finite();
-        (before && covers).then_some(Self { corners, doubled_area, columns, rows })
+        if rows.is_empty() || columns.is_empty() {
+            return None;
+        }
+        let edges = [Edge::new(b, c), Edge::new(c, a), Edge::new(a, b)];
+        let doubled_area = edges[2].at(c.x, c.y);
+        let has_area = doubled_area != 0.0 && doubled_area.is_finite();
+        has_area.then_some(Self { depths: corners.map(|corner| corner.depth), edges, doubled_area, columns, rows })
     }
 
-    /// Calls `visit` with column, row and 1/depth of each covered sample in a band of rows, including those on borders.
+    /// Calls `found` with column, row and depth of each covered sample in a band of rows, including those on borders.
+    #[inline]
     fn visit(&self, band: &Range<usize>, mut found: impl FnMut(usize, usize, f32)) {
-        let [a, b, c] = self.corners;
         for row in self.rows.start.max(band.start)..self.rows.end.min(band.end) {
             let y = row as f32 + 0.5;
             for column in self.columns.clone() {
                 let x = column as f32 + 0.5;
-                let weights = [edge(b, c, x, y), edge(c, a, x, y), edge(a, b, x, y)].map(|e| e / self.doubled_area);
-                if weights.iter().all(|&weight| weight >= 0.0) {
-                    let [u, v, w] = weights.map(|weight| weight as f32);
-                    found(column, row, u * a.inverse_depth + v * b.inverse_depth + w * c.inverse_depth);
+                let values = [0, 1, 2].map(|k| self.edges[k].at(x, y));
+                let inside = if self.doubled_area > 0.0 {
+                    values.iter().all(|&value| value >= 0.0)
+                } else {
+                    values.iter().all(|&value| value <= 0.0)
+                };
+                if inside {
+                    let [u, v, w] = values.map(|value| (value / self.doubled_area) as f32);
+                    found(column, row, u * self.depths[0] + v * self.depths[1] + w * self.depths[2]);
                 }
             }
         }
@@ -117,19 +177,32 @@ fn centres(low: f32, high: f32, end: usize) -> Range<usize> {
     first..last.min(end)
 }
 
-/// Twice the signed area of a, b and (x, y).
-///
-/// The result for b, a is exactly the negative, and precise enough that triangles with a common edge leave no gap.
-fn edge(a: Projected, b: Projected, x: f32, y: f32) -> f64 {
-    if (b.x, b.y) < (a.x, a.y) {
-        return -edge(b, a, x, y);
+/// An edge of a triangle. Computed from the lesser end, so that triangles with a common edge leave no gap.
+struct Edge {
+    from: [f64; 2],
+    along: [f64; 2],
+}
+
+impl Edge {
+    #[inline]
+    fn new(a: Projected, b: Projected) -> Self {
+        let [p, q] = [a, b].map(|end| [f64::from(end.x), f64::from(end.y)]);
+        let from = if (b.x, b.y) < (a.x, a.y) { q } else { p };
+        Self { from, along: [q[0] - p[0], q[1] - p[1]] }
     }
-    let [ax, ay, bx, by, x, y] = [a.x, a.y, b.x, b.y, x, y].map(f64::from);
-    (bx - ax) * (y - ay) - (by - ay) * (x - ax)
+
+    /// Twice the signed area of the edge and a point, positive if they are clockwise in the picture; that of the reverse
+    /// edge is exactly the negative.
+    #[inline]
+    fn at(&self, x: f32, y: f32) -> f64 {
+        let [x, y] = [f64::from(x) - self.from[0], f64::from(y) - self.from[1]];
+        self.along[0] * y - self.along[1] * x
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::view::tests::plain;
     use super::*;
 
     fn square_at(z: f64) -> [DVec3; 4] {
@@ -140,13 +213,13 @@ mod tests {
     fn the_nearer_square_covers_the_farther_without_holes() {
         let positions = [square_at(0.0), square_at(0.5)].concat();
         let triangles = [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]];
-        let view = View { azimuth_deg: 0.0, elevation_deg: 0.0, ..View::whole(100, 150) };
-        let camera = Camera::framing(&view, &positions, 100, 150);
+        let view = View { azimuth_deg: 0.0, elevation_deg: 0.0, ..plain(100, 150) };
+        let camera = Camera::framing(&view, &positions, [100, 150], 0.0);
         let samples = rasterize(&view, &camera, &positions, &triangles, [100, 150]);
-        let shown: Vec<u32> = samples.iter().map(|s| s.triangle).filter(|&t| t != NONE).collect();
+        let shown: Vec<u32> = samples.iter().map(|s| s.surface).filter(|&t| t != NONE).collect();
         assert!(shown.iter().all(|&t| t >= 2), "the farther square is hidden");
-        assert!((92 * 92..=98 * 98).contains(&shown.len()), "{}", shown.len());
-        assert_ne!(samples[75 * 100 + 50].triangle, NONE);
+        assert!((88 * 88..=91 * 91).contains(&shown.len()), "{}", shown.len());
+        assert_ne!(samples[75 * 100 + 50].surface, NONE);
     }
 
     #[test]
@@ -157,11 +230,11 @@ mod tests {
             super::super::Plane { normal: [0.0, 0.0, 1.0], offset: 0.25 },
             super::super::Plane { normal: [1.0, 0.0, 0.0], offset: 0.0 },
         ];
-        let view = View { azimuth_deg: 0.0, elevation_deg: 0.0, cut, ..View::whole(100, 100) };
-        let camera = Camera::framing(&view, &positions, 100, 100);
+        let view = View { azimuth_deg: 0.0, elevation_deg: 0.0, cut, ..plain(100, 100) };
+        let camera = Camera::framing(&view, &positions, [100, 100], 0.0);
         let samples = rasterize(&view, &camera, &positions, &triangles, [100, 100]);
-        assert!(samples[50 * 100 + 25].triangle >= 2);
-        assert!(samples[50 * 100 + 75].triangle < 2);
+        assert!(samples[50 * 100 + 25].surface >= 2);
+        assert!(samples[50 * 100 + 75].surface < 2);
     }
 
     #[test]
@@ -169,14 +242,13 @@ mod tests {
         let mesh = crate::model::sample::tube(90, 30, 0.4);
         let positions: Vec<DVec3> = mesh.positions.iter().map(|p| glam::Vec3::from(*p).as_dvec3()).collect();
         for turn in 0..6 {
-            let view = View { azimuth_deg: 17.0 + 60.0 * f64::from(turn), ..View::whole(300, 200) };
-            let camera = Camera::framing(&view, &positions, 300, 200);
-            let samples = rasterize(&view, &camera, &positions, &mesh.triangles, [300, 200]);
-            assert!(samples.iter().filter(|s| s.triangle != NONE).count() > 10_000);
-            for (i, sample) in samples.iter().enumerate().filter(|(_, s)| s.triangle != NONE) {
-                let [a, b, c] = mesh.triangles[sample.triangle as usize].map(|v| positions[v as usize]);
-                let ray = camera.ray((i % 300) as f64 + 0.5, (i / 300) as f64 + 0.5);
-                let cosine = (b - a).cross(c - a).normalize().dot(ray.normalize());
+            let view = View { azimuth_deg: 17.0 + 60.0 * f64::from(turn), ..plain(310, 200) };
+            let camera = Camera::framing(&view, &positions, [310, 200], 0.0);
+            let samples = rasterize(&view, &camera, &positions, &mesh.triangles, [310, 200]);
+            assert!(samples.iter().filter(|s| s.surface != NONE).count() > 10_000);
+            for (i, sample) in samples.iter().enumerate().filter(|(_, s)| s.surface != NONE) {
+                let [a, b, c] = mesh.triangles[sample.surface as usize].map(|v| positions[v as usize]);
+                let cosine = (b - a).cross(c - a).normalize().dot(camera.forward);
                 // At a silhouette front and back have the same depth.
                 assert!(cosine < 0.05, "the back shows through: turn {turn}, sample {i}, {cosine}");
             }

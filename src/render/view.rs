@@ -3,6 +3,9 @@
 use super::picture::{MAX_SIZE, RenderError};
 use glam::{DVec2, DVec3};
 
+/// Margin of a picture, as a fraction of its longest side.
+const MARGIN: f64 = 0.035;
+
 /// A half-space: the points p with `normal · p > offset` lie in front. Metres, axes of the mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Plane {
@@ -18,7 +21,7 @@ impl Plane {
     }
 }
 
-/// A view of a mesh. The camera is outside of the model and frames the part that remains after cutting.
+/// A view of a mesh: an orthographic projection that frames the part that remains after cutting.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
     /// Width of the picture, pixels.
@@ -29,8 +32,6 @@ pub struct View {
     pub azimuth_deg: f64,
     /// Degrees above the horizontal plane.
     pub elevation_deg: f64,
-    /// Vertical angle of view, degrees.
-    pub field_of_view_deg: f64,
     /// Factor on lengths along the tube, to fit a long thin organ into a picture; 1 keeps the proportions.
     pub axial_scale: f64,
     /// The part in front of all of these is cut away: one plane halves the model, two remove a wedge.
@@ -38,28 +39,6 @@ pub struct View {
 }
 
 impl View {
-    /// The whole model, from the ampulla end and a little above.
-    #[must_use]
-    pub fn whole(width: u32, height: u32) -> Self {
-        Self {
-            width,
-            height,
-            azimuth_deg: 38.0,
-            elevation_deg: 22.0,
-            field_of_view_deg: 25.0,
-            axial_scale: 1.0,
-            cut: Vec::new(),
-        }
-    }
-
-    /// As [`whole`](Self::whole), with the quarter towards the camera removed along the tube's axis (x = y = 0),
-    /// so that the folds are visible in both directions.
-    #[must_use]
-    pub fn opened(width: u32, height: u32) -> Self {
-        let plane = |normal| Plane { normal, offset: 0.0 };
-        Self { cut: vec![plane([1.0, 0.0, 0.0]), plane([0.0, 1.0, 0.0])], ..Self::whole(width, height) }
-    }
-
     pub(super) fn check(&self) -> Result<(), RenderError> {
         let sides = 1..=MAX_SIZE;
         if !sides.contains(&self.width) || !sides.contains(&self.height) {
@@ -67,9 +46,6 @@ impl View {
         }
         if !(self.azimuth_deg.is_finite() && self.elevation_deg.abs() < 89.9) {
             return Err(RenderError::View("azimuth must be finite, elevation within ±89.9 degrees"));
-        }
-        if !(1.0..=120.0).contains(&self.field_of_view_deg) {
-            return Err(RenderError::View("the angle of view must be from 1 to 120 degrees"));
         }
         if !(1e-3..=1e3).contains(&self.axial_scale) {
             return Err(RenderError::View("the axial scale must be from 0.001 to 1000"));
@@ -83,16 +59,17 @@ impl View {
     }
 }
 
-/// A camera that frames given points: perspective, looking along `forward`.
+/// An orthographic camera that frames given points.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Camera {
-    pub eye: DVec3,
     pub right: DVec3,
     pub up: DVec3,
     pub forward: DVec3,
-    /// Pixels per unit of x/depth and y/depth.
-    focal: f64,
-    centre: DVec2,
+    /// Samples per unit of length.
+    pub scale: f64,
+    /// The point shown at `middle`; depths are measured from it.
+    centre: DVec3,
+    middle: DVec2,
 }
 
 /// A point projected by the camera.
@@ -100,62 +77,49 @@ pub(super) struct Camera {
 pub(super) struct Projected {
     pub x: f32,
     pub y: f32,
-    /// 1/depth: linear across the picture, greater is nearer; not positive behind the camera.
-    pub inverse_depth: f32,
+    /// Distance along the line of sight; less is nearer.
+    pub depth: f32,
 }
 
 impl Camera {
-    /// Frames `points` (scaled already) in `width` × `height` samples.
-    pub(super) fn framing(view: &View, points: &[DVec3], width: u32, height: u32) -> Self {
+    /// Frames `points` (scaled already) in `width` × `height` samples, of which the lowest `strip` stay free.
+    pub(super) fn framing(view: &View, points: &[DVec3], [width, height]: [u32; 2], strip: f64) -> Self {
         let (sin_a, cos_a) = sin_cos_deg(view.azimuth_deg);
         let (sin_e, cos_e) = sin_cos_deg(view.elevation_deg);
         let forward = -DVec3::new(sin_a * cos_e, sin_e, cos_a * cos_e);
         let right = forward.cross(DVec3::Y).normalize();
         let up = right.cross(forward);
-        let (width, height) = (f64::from(width), f64::from(height));
-        let (sin_h, cos_h) = sin_cos_deg(view.field_of_view_deg / 2.0);
-        let focal = height / 2.0 * cos_h / sin_h;
-        // Slopes of the picture's sides, with a border of 4 %.
-        let slope = DVec2::new(width, height) / (2.0 * focal) * 0.96;
-        let local: Vec<DVec3> = points.iter().map(|p| DVec3::new(right.dot(*p), up.dot(*p), forward.dot(*p))).collect();
-        let (min, max) =
-            local.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), p| (min.min(*p), max.max(*p)));
-        let mut eye = if local.is_empty() { DVec3::ZERO } else { (min + max) / 2.0 };
-        for round in 0..5 {
-            // Shift so that the margins on opposite sides are equal, and move back as far as needed.
-            let seen = local.iter().map(|p| (p.truncate() - eye.truncate()) / (p.z - eye.z).max(1e-12));
-            let (low, high) =
-                seen.fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), s| (low.min(s), high.max(s)));
-            if round > 0 && low.x <= high.x {
-                eye += ((low + high) / 2.0 * ((min.z + max.z) / 2.0 - eye.z)).extend(0.0);
-            }
-            let needed = |p: &DVec3| ((p.truncate() - eye.truncate()).abs() / slope).max_element() - p.z;
-            eye.z = if local.is_empty() { -1.0 } else { -local.iter().map(needed).fold(1e-9 - min.z, f64::max) };
-        }
+        let local = points.iter().map(|p| DVec3::new(right.dot(*p), up.dot(*p), forward.dot(*p)));
+        let (min, max) = local.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), p| (min.min(p), max.max(p)));
+        let framed = min.x <= max.x;
+        let centre = if framed { (min + max) / 2.0 } else { DVec3::ZERO };
+        let margin = 2.0 * MARGIN * f64::from(width.max(height));
+        let room = (DVec2::new(f64::from(width), f64::from(height) - strip) - margin).max(DVec2::ONE);
+        let scale = (room / (max - min).truncate()).min_element();
         Self {
-            eye: right * eye.x + up * eye.y + forward * eye.z,
             right,
             up,
             forward,
-            focal,
-            centre: DVec2::new(width, height) / 2.0,
+            scale: if framed && scale.is_finite() { scale } else { 1.0 },
+            centre: right * centre.x + up * centre.y + forward * centre.z,
+            middle: DVec2::new(f64::from(width), f64::from(height) - strip) / 2.0,
         }
     }
 
     /// Projects a point.
     pub(super) fn project(&self, point: DVec3) -> Projected {
-        let p = point - self.eye;
-        let depth = self.forward.dot(p);
+        let p = point - self.centre;
         Projected {
-            x: (self.centre.x + self.focal * self.right.dot(p) / depth) as f32,
-            y: (self.centre.y - self.focal * self.up.dot(p) / depth) as f32,
-            inverse_depth: (1.0 / depth) as f32,
+            x: (self.middle.x + self.scale * self.right.dot(p)) as f32,
+            y: (self.middle.y - self.scale * self.up.dot(p)) as f32,
+            depth: self.forward.dot(p) as f32,
         }
     }
 
-    /// Direction through a point of the picture, of depth 1.
-    pub(super) fn ray(&self, x: f64, y: f64) -> DVec3 {
-        self.forward + self.right * ((x - self.centre.x) / self.focal) - self.up * ((y - self.centre.y) / self.focal)
+    /// The point of depth 0 at a place of the picture.
+    pub(super) fn at(&self, x: f64, y: f64) -> DVec3 {
+        let [x, y] = [(x - self.middle.x) / self.scale, (self.middle.y - y) / self.scale];
+        self.centre + self.right * x + self.up * y
     }
 }
 
@@ -165,57 +129,61 @@ fn sin_cos_deg(degrees: f64) -> (f64, f64) {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// An uncut view.
+    pub(in crate::render) fn plain(width: u32, height: u32) -> View {
+        View { width, height, azimuth_deg: 38.0, elevation_deg: 22.0, axial_scale: 1.0, cut: Vec::new() }
+    }
+
     proptest! {
         #[test]
-        fn framed_points_are_in_the_picture_and_rays_hit_them(
+        fn framed_points_are_in_the_picture_and_lines_of_sight_hit_them(
             points in prop::collection::vec(prop::array::uniform3(-1.0f64..1.0), 1..20),
             azimuth_deg in -180.0f64..180.0, elevation_deg in -80.0f64..80.0,
         ) {
-            let view = View { azimuth_deg, elevation_deg, ..View::whole(200, 100) };
+            let view = View { azimuth_deg, elevation_deg, ..plain(200, 100) };
             let points: Vec<DVec3> = points.into_iter().map(DVec3::from).collect();
-            let camera = Camera::framing(&view, &points, 200, 100);
+            let camera = Camera::framing(&view, &points, [200, 100], 10.0);
             for &point in &points {
                 let seen = camera.project(point);
-                prop_assert!(seen.inverse_depth > 0.0);
-                prop_assert!((0.0..=200.0).contains(&seen.x) && (0.0..=100.0).contains(&seen.y), "{:?}", seen);
-                let back = camera.eye + camera.ray(f64::from(seen.x), f64::from(seen.y)) / f64::from(seen.inverse_depth);
-                prop_assert!(back.distance(point) < 1e-3 / f64::from(seen.inverse_depth).min(1.0));
+                prop_assert!((0.0..=200.0).contains(&seen.x) && (0.0..=90.0).contains(&seen.y), "{:?}", seen);
+                let back = camera.at(f64::from(seen.x), f64::from(seen.y)) + camera.forward * f64::from(seen.depth);
+                prop_assert!(back.distance(point) < 1e-4);
             }
         }
     }
 
     #[test]
     fn azimuth_zero_looks_at_the_ampulla_end_with_x_to_the_right() {
-        let view = View { azimuth_deg: 0.0, elevation_deg: 0.0, ..View::whole(100, 100) };
-        let camera = Camera::framing(&view, &[DVec3::ZERO, DVec3::ONE], 100, 100);
-        assert!(camera.eye.z > 1.0);
-        assert_eq!((camera.right, camera.up), (DVec3::X, DVec3::Y));
+        let view = View { azimuth_deg: 0.0, elevation_deg: 0.0, ..plain(100, 100) };
+        let camera = Camera::framing(&view, &[DVec3::ZERO, DVec3::ONE], [100, 100], 0.0);
+        assert_eq!((camera.right, camera.up, camera.forward), (DVec3::X, DVec3::Y, DVec3::NEG_Z));
+        assert!(camera.project(DVec3::ONE).depth < camera.project(DVec3::ZERO).depth);
     }
 
     #[test]
     fn a_wedge_is_the_part_in_front_of_all_planes() {
-        let view = View::opened(10, 10);
-        assert!(view.is_cut(DVec3::new(1.0, 1.0, 5.0)));
-        assert!(!view.is_cut(DVec3::new(1.0, -1.0, 5.0)));
-        assert!(!View::whole(10, 10).is_cut(DVec3::ONE));
+        let plane = |normal| Plane { normal, offset: 0.0 };
+        let wedge = View { cut: vec![plane([1.0, 0.0, 0.0]), plane([0.0, 1.0, 0.0])], ..plain(10, 10) };
+        assert!(wedge.is_cut(DVec3::new(1.0, 1.0, 5.0)));
+        assert!(!wedge.is_cut(DVec3::new(1.0, -1.0, 5.0)));
+        assert!(!plain(10, 10).is_cut(DVec3::ONE));
     }
 
     #[test]
     fn views_out_of_bounds_are_named() {
-        let whole = || View::whole(10, 10);
+        let plain = || plain(10, 10);
         for bad in [
-            View { width: 0, ..whole() },
-            View { elevation_deg: 90.0, ..whole() },
-            View { azimuth_deg: f64::NAN, ..whole() },
-            View { field_of_view_deg: 0.0, ..whole() },
-            View { axial_scale: 0.0, ..whole() },
+            View { width: 0, ..plain() },
+            View { elevation_deg: 90.0, ..plain() },
+            View { azimuth_deg: f64::NAN, ..plain() },
+            View { axial_scale: 0.0, ..plain() },
         ] {
             assert!(bad.check().is_err(), "{bad:?}");
         }
-        assert!(View::opened(10, 10).check().is_ok());
+        assert!(plain().check().is_ok());
     }
 }

@@ -4,7 +4,7 @@ import struct
 import numpy as np
 import pytest
 
-from oviduct import CheckFailed, NotFound, read_sections
+from oviduct import CheckFailed, InvalidRequest, NotFound, read_sections
 
 
 @pytest.fixture
@@ -33,6 +33,19 @@ def test_the_file_and_the_interface_have_the_same_sections(client, grown, data, 
         client.section(grown, 13)
     assert caught.value.name == "section-not-found"
     assert client.section_svg(grown, 3).startswith(("<svg", "<?xml"))
+
+
+def test_a_model_is_drawn(client, grown):
+    def size(png):
+        assert png.startswith(b"\x89PNG\r\n\x1a\n")
+        return struct.unpack_from(">II", png, 16)
+
+    assert size(client.preview(grown)) == (1024, 683)
+    end = client.preview(grown, view="ampulla", size=48)
+    assert size(end) == (48, 48) and end != client.preview(grown, view="isthmus", size=48)
+    with pytest.raises(InvalidRequest) as caught:
+        client.preview(grown, view="inside", size=1)
+    assert [error.parameter for error in caught.value.errors] == ["view", "size"]
 
 
 def test_damage_is_found(data):

@@ -18,6 +18,7 @@ import type {
   ModelPage,
   ModelRequest,
   ModelState,
+  NamedView,
   Preset,
   PresetList,
   Report,
@@ -91,6 +92,14 @@ export interface WaitBatchOptions extends CallOptions {
 export interface FileOptions extends CallOptions {
   /** First and last byte, both included; a negative number is that many bytes at the end. */
   range?: readonly [first: number, last: number] | number | undefined;
+}
+
+/** Options of `preview` and `previewUrl`. */
+export interface PreviewOptions extends CallOptions {
+  /** The whole tube cut open (`opened`, the default) or from outside, or one of its ends. */
+  view?: NamedView | undefined;
+  /** Longest side in pixels, 32 to 2048; 1024 by default. */
+  size?: number | undefined;
 }
 
 /** Options of `archive` and `archiveUrl`. */
@@ -380,6 +389,19 @@ export class Oviduct {
   /** The URL of a picture (SVG) of a cross section, for an image; see {@link downloadUrl}. */
   sectionUrl(id: string, index: number, options: CallOptions = {}): Promise<string> {
     return this.#link(`models/${segment(id)}/sections/${index}`, { format: "svg" }, options);
+  }
+
+  /** A picture of a model as PNG. */
+  preview(id: string, options: PreviewOptions = {}): Promise<ArrayBuffer> {
+    const { view, size } = options;
+    const call = this.#call("GET", `models/${segment(id)}/preview.png`, options, { view, size });
+    return this.#transport.send(call, (_, body) => body());
+  }
+
+  /** The URL of a picture of a model, for an image; see {@link downloadUrl}. */
+  previewUrl(id: string, options: PreviewOptions = {}): Promise<string> {
+    const { view, size } = options;
+    return this.#link(`models/${segment(id)}/preview.png`, { view, size }, options);
   }
 
   /** The certificate and the summary of a model, and what computed it. */

@@ -6,6 +6,7 @@ export type {
   ListOptions,
   OviductOptions,
   PageOptions,
+  PreviewOptions,
   SubmitOptions,
   ViewOptions,
   WaitBatchOptions,

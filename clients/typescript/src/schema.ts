@@ -420,6 +420,29 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/models/{id}/preview.png": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Draw a picture of a finished model.
+         * @description PNG with a transparent background. From 256 pixels on it has a scale bar, which also names the factor by which a long tube
+         *     is shortened. A picture never changes.
+         *
+         *     Needs a key with the scope `read`.
+         */
+        get: operations["get_preview"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/models/{id}/report": {
         parameters: {
             query?: never;
@@ -1506,6 +1529,11 @@ export interface components {
             detail: string;
         };
         /**
+         * @description A view by name.
+         * @enum {string}
+         */
+        NamedView: "whole" | "opened" | "isthmus" | "ampulla";
+        /**
          * Distribution normal
          * @description In the designs `grid` and `zip`, the quantiles in the middle of parts of equal probability.
          */
@@ -1700,7 +1728,7 @@ export interface components {
              * @description `urn:oviduct:problem:` and a stable slug.
              * @enum {string}
              */
-            type: "urn:oviduct:problem:bad-request" | "urn:oviduct:problem:invalid-json" | "urn:oviduct:problem:unauthorized" | "urn:oviduct:problem:forbidden" | "urn:oviduct:problem:forbidden-origin" | "urn:oviduct:problem:unknown-host" | "urn:oviduct:problem:not-found" | "urn:oviduct:problem:model-not-found" | "urn:oviduct:problem:batch-not-found" | "urn:oviduct:problem:file-not-found" | "urn:oviduct:problem:section-not-found" | "urn:oviduct:problem:preset-not-found" | "urn:oviduct:problem:worker-not-found" | "urn:oviduct:problem:method-not-allowed" | "urn:oviduct:problem:not-acceptable" | "urn:oviduct:problem:not-failed" | "urn:oviduct:problem:request-timeout" | "urn:oviduct:problem:payload-too-large" | "urn:oviduct:problem:unsupported-media-type" | "urn:oviduct:problem:range-not-satisfiable" | "urn:oviduct:problem:invalid-request" | "urn:oviduct:problem:cost-limit" | "urn:oviduct:problem:gpu-unavailable" | "urn:oviduct:problem:idempotency-key-reused" | "urn:oviduct:problem:queue-full" | "urn:oviduct:problem:quota-exceeded" | "urn:oviduct:problem:rate-limited" | "urn:oviduct:problem:internal" | "urn:oviduct:problem:store-unavailable" | "urn:oviduct:problem:storage-unavailable" | "urn:oviduct:problem:too-many-streams" | "urn:oviduct:problem:too-many-downloads" | "urn:oviduct:problem:not-ready" | "urn:oviduct:problem:workers-stuck";
+            type: "urn:oviduct:problem:bad-request" | "urn:oviduct:problem:invalid-json" | "urn:oviduct:problem:unauthorized" | "urn:oviduct:problem:forbidden" | "urn:oviduct:problem:forbidden-origin" | "urn:oviduct:problem:unknown-host" | "urn:oviduct:problem:not-found" | "urn:oviduct:problem:model-not-found" | "urn:oviduct:problem:batch-not-found" | "urn:oviduct:problem:file-not-found" | "urn:oviduct:problem:section-not-found" | "urn:oviduct:problem:preset-not-found" | "urn:oviduct:problem:worker-not-found" | "urn:oviduct:problem:method-not-allowed" | "urn:oviduct:problem:not-acceptable" | "urn:oviduct:problem:not-failed" | "urn:oviduct:problem:request-timeout" | "urn:oviduct:problem:payload-too-large" | "urn:oviduct:problem:unsupported-media-type" | "urn:oviduct:problem:range-not-satisfiable" | "urn:oviduct:problem:invalid-request" | "urn:oviduct:problem:cost-limit" | "urn:oviduct:problem:gpu-unavailable" | "urn:oviduct:problem:idempotency-key-reused" | "urn:oviduct:problem:queue-full" | "urn:oviduct:problem:quota-exceeded" | "urn:oviduct:problem:rate-limited" | "urn:oviduct:problem:internal" | "urn:oviduct:problem:store-unavailable" | "urn:oviduct:problem:storage-unavailable" | "urn:oviduct:problem:too-many-streams" | "urn:oviduct:problem:too-many-downloads" | "urn:oviduct:problem:too-many-pictures" | "urn:oviduct:problem:not-ready" | "urn:oviduct:problem:workers-stuck";
             /** @description workers-stuck: a sentence on each */
             workers?: string[];
         };
@@ -4823,6 +4851,139 @@ export interface operations {
                 };
             };
             /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); Too many downloads are running (`too-many-downloads`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_preview: {
+        parameters: {
+            query?: {
+                /** @description `opened` (the default): the whole tube with a quarter cut away along it; `whole`: the tube from outside; `isthmus`, `ampulla`: one end, in true proportions */
+                view?: components["schemas"]["NamedView"];
+                /** @description Longest side, pixels; 1024 by default */
+                size?: number;
+            };
+            header?: {
+                /** @description Entity tags that the client has */
+                "if-none-match"?: string;
+            };
+            path: {
+                /** @description Id of the model */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The picture */
+            200: {
+                headers: {
+                    /** @description Entity tag of the picture */
+                    etag?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "image/png": string;
+                };
+            };
+            /** @description The client has this picture */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description The request is malformed (`bad-request`) */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A key is required (`unauthorized`) */
+            401: {
+                headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key does not allow this (`forbidden`) */
+            403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description There is no such model (`model-not-found`); The model has no such file (`file-not-found`) */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is not valid (`invalid-request`) */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests (`rate-limited`) */
+            429: {
+                headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service failed (`internal`) */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); Too many downloads are running (`too-many-downloads`); Too many pictures are being drawn (`too-many-pictures`) */
             503: {
                 headers: {
                     /** @description Seconds to wait before the next attempt */

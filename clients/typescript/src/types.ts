@@ -36,6 +36,8 @@ export type Table = Answer<"get_batch_table">;
 export type Applied = Answer<"cancel_models">;
 /** A cross section with its two contours; lengths in micrometres. */
 export type SectionJson = Answer<"get_section">;
+/** What a picture of a model shows. */
+export type NamedView = Schemas["NamedView"];
 /** The certificate and the summary of a model, and what computed it. */
 export type Report = Answer<"get_report">;
 export type PresetList = Answer<"list_presets">;

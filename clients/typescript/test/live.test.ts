@@ -200,6 +200,11 @@ test("sections are the same as arrays and as JSON", async () => {
   assert.throws(() => sections.section(sections.length), RangeError);
   const svg = await fetch(await client.sectionUrl(model.id, 0));
   assert.match(await svg.text(), /<svg/);
+  const png = Buffer.from(await client.preview(model.id, { view: "isthmus", size: 48 }));
+  assert.deepEqual([png.toString("latin1", 1, 4), png.readUInt32BE(16), png.readUInt32BE(20)], ["PNG", 48, 48]);
+  const linked = await fetch(await client.previewUrl(model.id, { view: "isthmus", size: 48 }));
+  assert.deepEqual(Buffer.from(await linked.arrayBuffer()), png);
+  assert.deepEqual((await problemOf(client.preview(model.id, { size: 1 }))).errors[0]?.parameter, "size");
   assert((await problemOf(client.section(model.id, 9999))).is("section-not-found"));
 });
 

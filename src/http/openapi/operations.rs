@@ -84,6 +84,7 @@ fn bodies(paths: &mut Value) {
     responses["200"]["content"] =
         json!({ "*/*": bytes(), "application/json": { "schema": { "$ref": "#/components/schemas/StoredReport" } } });
     responses["206"]["content"] = json!({ "*/*": bytes() });
+    paths["/models/{id}/preview.png"]["get"]["responses"]["200"]["content"] = json!({ "image/png": bytes() });
     paths["/batches/{id}/archive"]["get"]["responses"]["200"]["content"] =
         json!({ "application/x-tar": bytes(), "application/zip": bytes() });
 }

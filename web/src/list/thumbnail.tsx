@@ -1,34 +1,31 @@
-// A small picture of a model: a section of its ampulla; while it grows, the newest one.
+// A small picture of a model: its ampulla end; while it grows, the newest section.
 import { useEffect, useRef, useState } from "preact/hooks";
 import type { ModelState } from "oviduct-client";
 import { thinned } from "../growing/contours.ts";
-import { SectionDrawing, type Drawn } from "../growing/section.tsx";
-import { sections, type Contour } from "../models.ts";
-import { ask } from "../service.ts";
+import { SectionDrawing } from "../growing/section.tsx";
+import { sections } from "../models.ts";
+import { picture } from "../pictures.ts";
 
-/** Where the picture is cut, from the isthmus: folds are high and branched there. */
-const PLACE = 0.8;
+/** Longest side in pixels: twice that of the frame, for dense screens. */
+const SIZE = 176;
 /** Points of a contour that a thumbnail shows. */
 const POINTS = 400;
-/** Thumbnails that are kept. */
-const KEPT = 300;
-const drawings = new Map<string, Promise<Drawn>>();
 
 export function Thumbnail({ model }: { model: ModelState }) {
-  const { id, status, summary } = model;
+  const { id, status } = model;
   const live = sections(id).value.at(-1);
   const frame = useRef<HTMLDivElement>(null);
-  const [drawn, setDrawn] = useState<Drawn>();
+  const [url, setUrl] = useState<string>();
   const succeeded = status === "succeeded";
   useEffect(() => {
     if (!succeeded) return;
     let left = false;
-    // Those that are scrolled past are not read.
+    // Those that are scrolled past are not drawn.
     const watcher = new IntersectionObserver(([entry]) => {
       if (!entry?.isIntersecting) return;
       watcher.disconnect();
-      drawing(id, Math.floor(PLACE * ((summary?.sections ?? 1) - 1))).then(
-        (drawn) => left || setDrawn(drawn),
+      picture(id, "ampulla", SIZE).then(
+        (url) => left || setUrl(url),
         // The placeholder stays.
         () => {},
       );
@@ -39,10 +36,9 @@ export function Thumbnail({ model }: { model: ModelState }) {
       watcher.disconnect();
     };
   }, [id, succeeded]);
-  const shown = drawn ?? live;
   return (
     <div ref={frame} class="thumbnail">
-      {shown ? <SectionDrawing inner={thinned(shown.inner, POINTS)} outer={thinned(shown.outer, POINTS)} /> : <Placeholder />}
+      {url ? <img src={url} alt="" /> : live ? <SectionDrawing inner={thinned(live.inner, POINTS)} outer={thinned(live.outer, POINTS)} /> : <Placeholder />}
     </div>
   );
 }
@@ -54,23 +50,4 @@ function Placeholder() {
       <circle r="22" />
     </svg>
   );
-}
-
-function drawing(id: string, index: number): Promise<Drawn> {
-  let known = drawings.get(id);
-  if (!known) {
-    known = ask((service) => service.section(id, index)).then(({ inner, outer }) => ({
-      inner: contour(inner.points),
-      outer: contour(outer.points),
-    }));
-    known.catch(() => drawings.delete(id));
-    drawings.set(id, known);
-    const [oldest] = drawings.keys();
-    if (drawings.size > KEPT) drawings.delete(oldest!);
-  }
-  return known;
-}
-
-function contour(points: readonly (readonly number[])[]): Contour {
-  return thinned(Float32Array.from(points.flat()), POINTS);
 }

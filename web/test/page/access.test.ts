@@ -11,8 +11,7 @@ test("a key is asked for once, kept in the tab, and opens everything", async () 
   await withService([], async (service) => {
     const key = await service.key();
     const { id } = await new Oviduct(service.url, { key }).submit({ ...SMALL, seed: 3 }, { wait: 60 });
-    const visit = await Visit.open(`${service.url}/#/models/${id}`);
-    visit.refusals = [401];
+    const visit = await Visit.open(`${service.url}/#/models/${id}`, {}, [401]);
     const { page } = visit;
     const addresses: string[] = [];
     page.on("request", (request) => addresses.push(request.url()));
@@ -40,13 +39,12 @@ test("a key is asked for once, kept in the tab, and opens everything", async () 
     assert.equal(await (await downloaded).failure(), null);
 
     // Another tab knows nothing of it.
-    const other = await Visit.open(service.url);
-    other.refusals = [401];
+    const other = await Visit.open(service.url, {}, [401]);
     await other.page.getByRole("dialog", { name: "Key" }).waitFor();
     await other.close();
     await page.getByRole("button", { name: "Change or forget the key" }).click();
     visit.refusals = [401];
-    await page.getByRole("button", { name: "Forget the key" }).click();
+    await page.getByRole("button", { name: "Forget the key", exact: true }).click();
     await page.getByText("This service asks for a key").waitFor();
     await visit.close();
   });

@@ -31,10 +31,11 @@ export class Visit {
   /** While the service is away, failed requests are no faults. */
   away = false;
   /** Statuses of refusals that the test provokes: browsers log them. */
-  refusals: number[] = [];
+  refusals: number[];
 
-  private constructor(page: Page, origin: string) {
+  private constructor(page: Page, origin: string, refusals: number[]) {
     this.page = page;
+    this.refusals = refusals;
     page.on("pageerror", (error) => this.#faults.push(`exception: ${error.stack ?? error.message}`));
     page.on("console", (message) => {
       const text = message.text();
@@ -50,7 +51,7 @@ export class Visit {
     });
   }
 
-  static async open(url: string, options: BrowserContextOptions = {}): Promise<Visit> {
+  static async open(url: string, options: BrowserContextOptions = {}, refusals: number[] = []): Promise<Visit> {
     browser ??= await chromium.launch({ executablePath: EXECUTABLE, args: FLAGS });
     const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, reducedMotion: "reduce", ...options });
     await context.addInitScript(() => {
@@ -60,7 +61,7 @@ export class Visit {
     });
     const page = await context.newPage();
     page.setDefaultTimeout(60_000);
-    const visit = new Visit(page, new URL(url).origin);
+    const visit = new Visit(page, new URL(url).origin, refusals);
     await page.goto(url);
     return visit;
   }

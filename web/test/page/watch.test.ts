@@ -8,7 +8,7 @@ import { closeBrowser, Visit } from "./browser.ts";
 after(closeBrowser);
 
 /** Grows for some seconds, also on a fast machine. */
-const SLOW: ModelRequest = { preset: "pig", spec: { solver: { search: "grid" } } };
+const SLOW: ModelRequest = { preset: "pig", spec: { steps: 1000, solver: { search: "grid" } } };
 
 /** Where the page says that a section is. */
 async function place(visit: Visit): Promise<number> {
@@ -107,7 +107,7 @@ test("a growing model is cancelled, grown again, and deleted", async () => {
     const other = new URL(page.url()).hash.split("/")[2]!;
     await page.getByRole("button", { name: "Delete" }).click();
     await page.getByRole("dialog").getByRole("button", { name: "Delete" }).click();
-    await page.getByText("It was deleted.").waitFor();
+    await page.waitForURL((url) => url.hash === "#/");
     const left = await new Oviduct(service.url).listPage();
     assert.deepEqual(left.models.map((model) => model.id), [id]);
     assert.notEqual(other, id);

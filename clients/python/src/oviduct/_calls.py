@@ -228,6 +228,11 @@ def section_svg(ref: ModelRef, index: int) -> Call[str]:
     return request, lambda response: response.text
 
 
+def preview(ref: ModelRef, view: str | None, size: int | None) -> Call[bytes]:
+    params = tuple((name, str(value)) for name, value in (("view", view), ("size", size)) if value is not None)
+    return Request("GET", f"models/{key(ref)}/preview.png", params=params), lambda response: response.content
+
+
 # Batches.
 
 

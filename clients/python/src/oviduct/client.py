@@ -245,6 +245,15 @@ class Client(Driver):
         """One cross section of a model as a picture in SVG."""
         return self._call(_calls.section_svg(model, index))
 
+    def preview(self, model: ModelRef, *, view: str | None = None, size: int | None = None) -> bytes:
+        """A picture of a model as PNG.
+
+        Args:
+            view: `opened` (cut open, the default), `whole`, `isthmus` or `ampulla`.
+            size: The longest side in pixels, 32 to 2048; 1024 by default.
+        """
+        return self._call(_calls.preview(model, view, size))
+
     # Batches and studies.
 
     def submit_batch(
