@@ -186,6 +186,23 @@ test("distances in 3D are picked, and entered as coordinates", async () => {
   await visit.close();
 });
 
+test("little is loaded before the first picture, which comes soon", async () => {
+  const begin = Date.now();
+  const visit = await Visit.open(`${service.url}/#/models/${models[0].id}`);
+  const { page } = visit;
+  await page.waitForFunction(() => Number(document.querySelector<HTMLElement>("canvas[data-frames]")?.dataset["frames"]) > 0);
+  await page.getByText(/triangles are shown/).waitFor();
+  const seconds = (Date.now() - begin) / 1000;
+  const sizes = await page.evaluate(() => {
+    const files = [...performance.getEntriesByType("navigation"), ...performance.getEntriesByType("resource")] as PerformanceResourceTiming[];
+    return files.filter(({ name }) => !name.includes("/models/")).map(({ encodedBodySize }) => encodedBodySize);
+  });
+  const bytes = sizes.reduce((sum, size) => sum + size, 0);
+  console.log(`${bytes} bytes before the first model; its first picture after ${seconds.toFixed(1)} s`);
+  assert(bytes > 50_000 && bytes < 400_000, `${bytes} bytes`);
+  await visit.close();
+});
+
 test("a link restores the view", async () => {
   const visit = await open();
   const { page } = visit;
