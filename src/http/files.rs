@@ -7,6 +7,7 @@ use super::AppState;
 use super::access::Caller;
 use super::conditional::ETag;
 use super::extract::{ModelId, PathTexts, no_model};
+use super::headers::refuses_redirect;
 use super::problem::{Kind, Problem};
 use super::range::{Selection, select};
 use super::responses::{DownloadAway, FileMissing, RangeOutside};
@@ -40,6 +41,7 @@ const SIGNED_FOR: Duration = Duration::from_secs(300);
         ("range" = Option<String>, Header, description = "One range of bytes"),
         ("if-range" = Option<String>, Header, description = "Entity tag of the file that the range is of"),
         ("if-none-match" = Option<String>, Header, description = "Entity tags that the client has"),
+        ("prefer" = Option<String>, Header, description = "`redirect=no`: the file itself, where a download is redirected otherwise"),
     ),
     responses(
         (status = 200, description = "The file", headers(
@@ -75,8 +77,7 @@ pub(super) async fn download(
 }
 
 /// Redirects a download to the artifact store, if that is set and the store can sign addresses. Ranges work too: a client
-/// repeats its headers there. Scripts of the console get the bytes themselves, because its policy lets them read from this
-/// origin only.
+/// repeats its headers there. The console asks not to be redirected, because its policy lets it read from this origin only.
 async fn redirect(
     state: &AppState,
     job: &Job,
@@ -85,7 +86,7 @@ async fn redirect(
     headers: &HeaderMap,
 ) -> Result<Option<Response>, Problem> {
     let known = ETag::strong(&file.sha256).matches_none(headers);
-    if !state.limits.redirect_downloads || method != Method::GET || known || is_script_of_console(headers) {
+    if !state.limits.redirect_downloads || method != Method::GET || known || refuses_redirect(headers) {
         return Ok(None);
     }
     let name = format!("{}-{}-{}", job.preset, job.seed, file.name);
@@ -99,12 +100,6 @@ async fn redirect(
     state.metrics.bytes_out(file.bytes);
     let headers = [(header::LOCATION, location), (header::CACHE_CONTROL, HeaderValue::from_static("no-store"))];
     Ok(Some((StatusCode::TEMPORARY_REDIRECT, headers).into_response()))
-}
-
-/// Whether a script of a page of this origin asks, by what browsers say (Fetch Metadata). A link that is followed does not.
-fn is_script_of_console(headers: &HeaderMap) -> bool {
-    let is = |name, value: &str| headers.get(name).is_some_and(|found| found.as_bytes() == value.as_bytes());
-    is("sec-fetch-site", "same-origin") && is("sec-fetch-dest", "empty")
 }
 
 /// The report of a model: what `report.json` holds, and what computed it.

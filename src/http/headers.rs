@@ -23,18 +23,29 @@ const WAIT_MAX: u64 = 60;
 /// Longest idempotency key, in bytes.
 const KEY_MAX: usize = 255;
 
+/// The preferences that have a value: `name=value`, without parameters and quotes.
+fn preferences(headers: &HeaderMap) -> impl Iterator<Item = (&str, &str)> {
+    let all = headers.get_all(PREFER).iter().filter_map(|v| v.to_str().ok()).flat_map(|v| v.split(','));
+    all.filter_map(|preference| {
+        let (name, value) = preference.split(';').next()?.split_once('=')?;
+        Some((name.trim(), value.trim().trim_matches('"')))
+    })
+}
+
 /// The wait requested by `Prefer: wait=N`: 1 to 60 seconds; more counts as 60. Invalid preferences are ignored, as RFC 7240
 /// requires.
 pub(super) fn wait(headers: &HeaderMap) -> Option<Duration> {
-    let preferences = headers.get_all(PREFER);
-    preferences.iter().filter_map(|v| v.to_str().ok()).flat_map(|v| v.split(',')).find_map(|preference| {
-        let (name, value) = preference.split(';').next()?.split_once('=')?;
-        let value = value.trim().trim_matches('"');
+    preferences(headers).find_map(|(name, value)| {
         let digits = !value.is_empty() && value.bytes().all(|b| b.is_ascii_digit());
-        let seconds = (name.trim().eq_ignore_ascii_case("wait") && digits)
+        let seconds = (name.eq_ignore_ascii_case("wait") && digits)
             .then(|| value.parse().unwrap_or(u64::MAX).min(WAIT_MAX))?;
         (seconds > 0).then(|| Duration::from_secs(seconds))
     })
+}
+
+/// Whether the client asks not to be redirected: `Prefer: redirect=no`.
+pub(super) fn refuses_redirect(headers: &HeaderMap) -> bool {
+    preferences(headers).any(|(name, value)| name.eq_ignore_ascii_case("redirect") && value == "no")
 }
 
 /// The idempotency key: 1 to 255 visible ASCII characters, without the quotes of a structured string.

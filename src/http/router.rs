@@ -14,7 +14,8 @@ use std::sync::{Arc, LazyLock};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-/// The routes with their descriptions. Each is in the group of its rule; there is no other way to add one.
+/// The routes with their descriptions. Each is in the group of its rule. Only the console's files, which everyone may read, are
+/// not among them.
 fn routes() -> OpenApiRouter<AppState> {
     let open =
         OpenApiRouter::new().routes(routes!(health::alive)).routes(routes!(health::ready)).routes(routes!(docs::page));

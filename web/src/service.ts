@@ -13,7 +13,14 @@ export const key = signal(stored());
 export const locked = signal<"missing" | "refused" | undefined>(undefined);
 /** Grows when another key is used: what pages have read is another owner's. */
 export const session = signal(0);
-export const service = computed(() => new Oviduct(base, { key: key.value, attempts: 3, maxDelay: 5000 }));
+export const service = computed(() => new Oviduct(base, { key: key.value, fetch: direct, attempts: 3, maxDelay: 5000 }));
+
+/** Files are read from the service itself: the policy of the page does not let it follow a redirect to the artifact store. */
+function direct(input: RequestInfo | URL, init: RequestInit = {}): Promise<Response> {
+  const headers = new Headers(init.headers);
+  if (String(input).includes("/files/")) headers.set("prefer", "redirect=no");
+  return fetch(input, { ...init, headers });
+}
 
 function stored(): string | undefined {
   try {

@@ -14,7 +14,13 @@ export const BACKENDS: Record<Backend, string> = {
   cpu: "CPU",
   "cpu-single": "CPU, one thread",
 };
-export const OUTPUTS: Record<Output, string> = { glb: "glTF, for viewers and browsers (.glb)", obj: "Wavefront (.obj)" };
+export const OUTPUTS: Record<Output, string> = {
+  glb: "glTF, the certified surface (.glb)",
+  lod: "Three levels of detail, for this page and other viewers",
+  obj: "Wavefront (.obj)",
+};
+/** What a request without `outputs` gets. */
+const DEFAULT_OUTPUTS: readonly Output[] = ["glb", "lod"];
 
 /** A parameter that a study varies. Numbers are as typed. */
 export interface Varied {
@@ -51,7 +57,7 @@ export const BLANK: Form = {
   seed: "",
   changes: {},
   labels: [],
-  outputs: ["glb"],
+  outputs: DEFAULT_OUTPUTS,
   backend: "auto",
   priority: "0",
   reuse: true,
@@ -78,7 +84,7 @@ export function requestOf(form: Form, preset: string, parameters: readonly Param
   for (const { pointer } of parameters) faults.push(...notNumbers(form.changes[pointer], `/spec${pointer}`));
   const spec = specPatch(form.changes, parameters);
   if (Object.keys(spec).length > 0) body["spec"] = spec;
-  if (form.outputs.length !== 1 || form.outputs[0] !== "glb") body["outputs"] = form.outputs;
+  if (form.outputs.join() !== DEFAULT_OUTPUTS.join()) body["outputs"] = form.outputs;
   const labels = form.labels.filter(({ name, value }) => name !== "" || value !== "");
   if (labels.length > 0) body["labels"] = Object.fromEntries(labels.map(({ name, value }) => [name, value]));
   for (const [i, { name }] of labels.entries()) {

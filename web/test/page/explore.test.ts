@@ -321,7 +321,7 @@ test("the frame loop allocates nothing", async () => {
   const count = (node: Node): void => {
     const { functionName, url, lineNumber, columnNumber } = node.callFrame;
     const place = `${functionName} ${url.split("/").at(-1)}:${lineNumber}:${columnNumber}`;
-    if (url.includes("/assets/")) places.set(place, (places.get(place) ?? 0) + node.selfSize);
+    if (url.includes("/assets/explore-")) places.set(place, (places.get(place) ?? 0) + node.selfSize);
     node.children.forEach(count);
   };
   count(profile.head);
