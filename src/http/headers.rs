@@ -37,8 +37,8 @@ fn preferences(headers: &HeaderMap) -> impl Iterator<Item = (&str, &str)> {
 pub(super) fn wait(headers: &HeaderMap) -> Option<Duration> {
     preferences(headers).find_map(|(name, value)| {
         let digits = !value.is_empty() && value.bytes().all(|b| b.is_ascii_digit());
-        let seconds = (name.eq_ignore_ascii_case("wait") && digits)
-            .then(|| value.parse().unwrap_or(u64::MAX).min(WAIT_MAX))?;
+        let seconds =
+            (name.eq_ignore_ascii_case("wait") && digits).then(|| value.parse().unwrap_or(u64::MAX).min(WAIT_MAX))?;
         (seconds > 0).then(|| Duration::from_secs(seconds))
     })
 }
