@@ -1150,7 +1150,8 @@ export interface components {
             /**
              * @description File formats. `sections.bin` and `report.json` are always written.
              * @default [
-             *       "glb"
+             *       "glb",
+             *       "lod"
              *     ]
              */
             outputs?: components["schemas"]["Output"][];
@@ -1186,6 +1187,22 @@ export interface components {
             id: string;
             /** @description `deleted`. */
             status: components["schemas"]["Deleted"];
+        };
+        /** @description A level of detail. */
+        DetailLevel: {
+            /**
+             * Format: double
+             * @description Largest distance measured between the level and the full surface, in both directions, micrometres.
+             */
+            distance_um: number;
+            /** @description Name of the file. */
+            file: string;
+            /** @description Step of the grid to which positions are rounded, along x, y and z, micrometres. */
+            precision_um: number[];
+            /** @description Triangles. */
+            triangles: number;
+            /** @description Vertices; those that patches share are counted once. */
+            vertices: number;
         };
         /** @description A distribution of values. */
         Distribution: components["schemas"]["Uniform"] | components["schemas"]["LogUniform"] | components["schemas"]["Triangular"] | components["schemas"]["Normal"] | components["schemas"]["LogNormal"];
@@ -1475,7 +1492,8 @@ export interface components {
             /**
              * @description File formats. `sections.bin` and `report.json` are always written.
              * @default [
-             *       "glb"
+             *       "glb",
+             *       "lod"
              *     ]
              */
             outputs?: components["schemas"]["Output"][];
@@ -1527,10 +1545,10 @@ export interface components {
             sd: number;
         };
         /**
-         * @description A file format of the model.
+         * @description A format of the model: one file, or several.
          * @enum {string}
          */
-        Output: "glb" | "obj";
+        Output: "glb" | "obj" | "lod";
         /** @description A value of a parameter or of a part of a schedule; null leaves that of `spec`. */
         ParameterValue: null | boolean | number | string | components["schemas"]["ScheduleKey"][] | components["schemas"]["Schedule"] | components["schemas"]["Fluctuation"];
         /** @description Numbers of particles at the two ends of the tube. */
@@ -1837,7 +1855,8 @@ export interface components {
             /**
              * @description File formats. `sections.bin` and `report.json` are always written.
              * @default [
-             *       "glb"
+             *       "glb",
+             *       "lod"
              *     ]
              */
             outputs?: components["schemas"]["Output"][];
@@ -1981,6 +2000,8 @@ export interface components {
             digest: string;
             /** @description Version of the program that grew it. */
             engine: string;
+            /** @description The levels of detail, the finest first; only if `lod` was asked for. */
+            levels?: components["schemas"]["DetailLevel"][];
             /** @description Preset that the spec was resolved on. */
             preset: string;
             /** @description Seed. */
@@ -2003,7 +2024,8 @@ export interface components {
             /**
              * @description File formats. `sections.bin` and `report.json` are always written.
              * @default [
-             *       "glb"
+             *       "glb",
+             *       "lod"
              *     ]
              */
             outputs?: components["schemas"]["Output"][];
