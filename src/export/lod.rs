@@ -74,7 +74,7 @@ impl Level {
 ///
 /// The distance of a patch that has all of its triangles is that of the vertex that rounding moves farthest, which no point
 /// of a triangle exceeds. That of a simplified patch is measured from all vertices of the full surface to the level, and from
-/// the vertices, edge midpoints and centroids of the level to the full surface.
+/// the edge midpoints and centroids of the level to the full surface; it is at least that of the farthest moved vertex.
 ///
 /// # Errors
 /// [`io::ErrorKind::InvalidInput`] if the mesh has no triangles.
@@ -153,15 +153,21 @@ fn simplified(full: &Full<'_>, part: &Part, triangles: &[[u32; 3]]) -> f64 {
                 let mean = |points: &[[f64; 3]]| -> [f64; 3] {
                     std::array::from_fn(|axis| points.iter().map(|p| p[axis]).sum::<f64>() / points.len() as f64)
                 };
-                [a, b, c].into_iter().for_each(&mut *visit);
-                for points in [&[a, b][..], &[b, c], &[c, a], &[a, b, c]] {
-                    visit(mean(points));
+                visit(mean(&[a, b, c]));
+                let [u, v, w] = triangles[i];
+                // Two triangles have an edge within a patch, in opposite directions. An edge of a border is one of the full
+                // surface.
+                for (from, to, ends) in [(u, v, [a, b]), (v, w, [b, c]), (w, u, [c, a])] {
+                    if from < to {
+                        visit(mean(&ends));
+                    }
                 }
             };
             full.hierarchy(part).farthest(triangles.len(), sample)
         },
     );
-    there.max(back)
+    // The vertices of the level are vertices of the full surface.
+    there.max(back).max(moved(full, part))
 }
 
 #[cfg(test)]

@@ -164,9 +164,9 @@ pub struct Search<D> {
     pub squared_distance: D,
     /// The search ends at the first item that is no farther than this, squared.
     pub enough: f64,
-    /// The squared distance of the nearest item found; items that are not nearer are passed over.
+    /// The squared distance of the nearest item found, at first the limit; items that are not nearer are passed over.
     pub best: f64,
-    /// The nearest item found, if any was.
+    /// The nearest item found, at first none.
     pub item: Option<usize>,
 }
 
@@ -247,9 +247,7 @@ impl Bvh {
         });
     }
 
-    /// Looks for the item nearest to `point`: of those nearer than `search.best`, unless one is near enough.
-    ///
-    /// The distance found is that of the nearest item, or at most `search.enough`.
+    /// Looks for the item nearest to `point`, of those nearer than `search.best`, and ends at one that is near enough.
     pub fn nearest<D: FnMut(usize) -> f64>(&self, point: [f64; 3], search: &mut Search<D>) {
         if self.len > 0 {
             self.approach(self.levels.len() - 1, 0, &Query::of(point), search);
@@ -273,7 +271,7 @@ impl Bvh {
             }
         }
         for &(bound, lane) in &near[..count] {
-            if bound >= search.best || search.best <= search.enough {
+            if bound >= search.best || (search.item.is_some() && search.best <= search.enough) {
                 return;
             }
             let child = node * WIDTH + lane;

@@ -25,9 +25,9 @@ impl<F: Fn(usize) -> [[f64; 3]; 3] + Sync> Triangles<F> {
     /// The largest distance of any sample from the nearest triangle; infinite if there are none. `samples(i, visit)` calls
     /// `visit` with the samples of item `i`, of `items`.
     ///
-    /// Exact, and the same for any number of threads. Samples that follow each other should be close to each other: most
-    /// are compared with the triangle that was found for the one before, and with no other unless it is farther away than
-    /// the largest distance so far.
+    /// Exact, and the same for any number of threads. A sample matters only if it is farther away than any before: for most it
+    /// is enough that some triangle is within the largest distance so far. The first one tried is that of the sample before,
+    /// so samples that follow each other should be close to each other.
     pub fn farthest(&self, items: usize, samples: impl Fn(usize, &mut dyn FnMut([f64; 3])) + Sync) -> f64 {
         // Of positive numbers, the greater one has the greater bits.
         let largest = AtomicU64::new(0f64.to_bits());
@@ -37,13 +37,17 @@ impl<F: Fn(usize) -> [[f64; 3]; 3] + Sync> Triangles<F> {
                 samples(item, &mut |point| {
                     let squared_distance = |i| squared_distance(point, (self.corners)(i));
                     let enough = f64::from_bits(largest.load(Ordering::Relaxed));
-                    let best = hint.map_or(f64::INFINITY, squared_distance);
-                    if best > enough {
-                        let mut search = Search { squared_distance, enough, best, item: hint };
+                    if hint.is_some_and(|i| squared_distance(i) <= enough) {
+                        return;
+                    }
+                    let mut search = Search { squared_distance, enough, best: enough, item: None };
+                    self.bvh.nearest(point, &mut search);
+                    if search.item.is_none() {
+                        search.best = f64::INFINITY;
                         self.bvh.nearest(point, &mut search);
-                        hint = search.item;
                         largest.fetch_max(search.best.to_bits(), Ordering::Relaxed);
                     }
+                    hint = search.item;
                 });
             }
         });

@@ -33,6 +33,8 @@ const BASE_BYTES: u64 = 32 << 20;
 const VERTEX_BYTES: u64 = 48;
 /// Memory per triangle: indices, tree and tables of the certificate; assumed.
 const TRIANGLE_BYTES: u64 = 100;
+/// Memory per triangle to make levels of detail: adjacency and errors of the simplifier; measured on the default model.
+const SIMPLIFICATION_BYTES: u64 = 92;
 /// Memory per particle and step since the last recorded section, which are kept to mend the slab: the section and, on a
 /// GPU, the state of a checkpoint.
 const HISTORY_BYTES: u64 = 64;
@@ -128,6 +130,7 @@ impl ModelSpec {
         }
         let (vertices, triangles) = (count(vertices), count(triangles));
         let particles_end = u32::try_from(count(particles(self.steps))).unwrap_or(u32::MAX);
+        let simplification = if outputs.contains(&"lod") { triangles * SIMPLIFICATION_BYTES } else { 0 };
         let interval = self.solver.record_every.min(self.steps);
         let history = u64::from(particles_end) * u64::from(interval) * HISTORY_BYTES;
         Cost {
@@ -136,7 +139,7 @@ impl ModelSpec {
             vertices,
             triangles,
             bytes,
-            memory_bytes: BASE_BYTES + vertices * VERTEX_BYTES + triangles * TRIANGLE_BYTES + history,
+            memory_bytes: BASE_BYTES + vertices * VERTEX_BYTES + triangles * TRIANGLE_BYTES + history + simplification,
             seconds: self.seconds(triangles),
         }
     }

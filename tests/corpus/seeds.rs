@@ -3,6 +3,7 @@
 
 use oviduct::export::Metadata;
 use oviduct::export::glb::{GlbOptions, write_glb};
+use oviduct::export::lod::levels;
 use oviduct::export::obj::write_obj;
 use oviduct::export::sections_bin::write_sections;
 use oviduct::generate::{Backend, CancelToken, Progress, Request, Sink, generate};
@@ -118,6 +119,9 @@ fn surfaces() -> Result<(), Box<dyn Error>> {
         write_glb(&mesh, &metadata(2), &GlbOptions { strips }, &mut bytes)?;
         check("gltf", if strips { "own-strips" } else { "own" }, bytes)?;
     }
+    let mut bytes = Vec::new();
+    levels(&mesh)?[0].write(&metadata(2), &mut bytes)?;
+    check("gltf", "level", bytes)?;
     let mut bytes = Vec::new();
     write_obj(&mesh, &metadata(2), &mut bytes)?;
     check("obj", "own", bytes)?;

@@ -156,12 +156,19 @@ fn bytes_do_not_depend_on_threads() {
 fn bytes_do_not_depend_on_the_machine() {
     // Recorded on x86-64. Another digest on another machine: the C++ compiler joins multiplications and additions.
     let digests = made().iter().map(|level| hex::encode(Sha256::digest(file(level)))).collect::<Vec<_>>();
-    assert_eq!(digests, ["", "", ""]);
+    assert_eq!(
+        digests,
+        [
+            "cc6cf962534addcb4477249dda043b0fb2c1de4ced56cd1b402f8e8e49b59454",
+            "b79a90356be5a023a112dc6212b2eb15718bb9cfd6d1eeffdcdf5e18e5dc4bc3",
+            "9da4d61d6c8dc7d78e7da91a9284fbc2183324d051090431bd078c2b8b15a24f",
+        ]
+    );
 }
 
 #[test]
 fn the_document_declares_what_a_viewer_needs() {
-    let level = &made()[1];
+    let level = &made()[0];
     let bytes = file(level);
     let document = document(&bytes);
     let both = serde_json::json!(["EXT_meshopt_compression", "KHR_mesh_quantization"]);

@@ -76,7 +76,7 @@ impl Reader<'_> {
     /// Adds the patch of a node.
     fn add(&mut self, node: &Node) -> Result<(), ReadError> {
         let name = node.name.as_deref().unwrap_or_default();
-        let wrong = |detail: &str| ReadError::document(format!("node {}", name.escape_default()), detail);
+        let wrong = |detail: &str| ReadError::document(format!("node {name}"), detail);
         let kind =
             PatchKind::named(name).ok_or_else(|| ReadError::document("nodes", "a node is not named like a patch"))?;
         let mesh = node.mesh.and_then(|mesh| self.root.meshes.get(mesh.value()));
