@@ -3,7 +3,8 @@ import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { test } from "node:test";
 import type { BatchValidation, Preset, Validation, WorkerList } from "oviduct-client";
-import { costOf, idleWords } from "../src/request/cost.ts";
+import { standstill } from "../src/growing/words.ts";
+import { costOf } from "../src/request/cost.ts";
 import { assign, sentence } from "../src/request/faults.ts";
 import { BLANK, requestOf, variedFrom, type Form, type Request } from "../src/request/form.ts";
 import { groupsOf, parametersOf, type SchemaNode } from "../src/request/parameters.ts";
@@ -131,7 +132,10 @@ test("numbers, seeds and lists are read as typed", () => {
   assert.deepEqual(["1", " -2.5e-3 ", ".5", "5.", "", "1,5", "0x10", "1e999", "five"].map(readNumber), [1, -0.0025, 0.5, 5, NaN, NaN, NaN, NaN, NaN]);
   assert.deepEqual(readSeeds("1 .. 3, 42;7"), [1, 2, 3, 42, 7]);
   assert.match(String(readSeeds("1, x")), /“x”/);
-  assert.match(String(readSeeds("0..999999999")), /too long/);
+  assert.match(String(readSeeds("0..999999999")), /more than 10,000/);
+  assert.match(String(readSeeds("1..6000, 6001..12000")), /more than 10,000/);
+  assert.equal(readSeeds("1..4000, 6001..12000").length, 10_000);
+  assert.match(String(readSeeds("9007199254740992..9007199254740994")), /2\^53/);
   assert.deepEqual(readList("25, 30 true rk4"), [25, 30, true, "rk4"]);
 });
 
@@ -205,7 +209,7 @@ test("costs are given for the backends that exist", () => {
 });
 
 test("who would start the request is said if nobody would", () => {
-  const title = (...given: Parameters<typeof idleWords>) => idleWords(...given)?.title;
+  const title = (...given: Parameters<typeof standstill>) => standstill(...given)?.title;
   assert.equal(title(workersOf(["cpu", "active"]), "auto"), undefined);
   assert.equal(title(workersOf(["cpu", "active"]), "cpu-single"), undefined);
   assert.equal(title(undefined, "auto"), undefined);

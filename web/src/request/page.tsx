@@ -1,17 +1,18 @@
 // The form that requests a model or a study.
 import type { ComponentChildren } from "preact";
 import { useEffect, useState } from "preact/hooks";
+import { watchWorkers } from "../growing/workers.tsx";
 import { connection } from "../stream.ts";
 import { href, route, setQuery } from "../router.ts";
 import { explain } from "../service.ts";
 import { Icon, Notice } from "../ui/widgets.tsx";
-import { checkWhileTyping, faults, watchWorkers } from "./check.ts";
+import { checkWhileTyping, faults } from "./check.ts";
 import { CodePanel } from "./code.tsx";
 import { Marked, Segments } from "./inputs.tsx";
 import { MoreOptions, PresetChoice, SeedField } from "./options.tsx";
 import { ParameterField } from "./parameter.tsx";
 import { groupsOf, type Group, type Parameter } from "./parameters.ts";
-import { catalogue, change, fillFrom, form, loadCatalogue, origin, parameters, startOver } from "./state.ts";
+import { ASKED, catalogue, change, fillFrom, form, loadCatalogue, origin, parameters, startOver } from "./state.ts";
 import { StudyFields } from "./study.tsx";
 import { GeneralFaults, Summary } from "./summary.tsx";
 import "./request.css";
@@ -42,7 +43,7 @@ export default function Page() {
   const ready = catalogue.value !== undefined;
   const { query } = route.value;
   useEffect(() => {
-    if (!ready || ![...query.keys()].some((name) => ["preset", "seed", "from"].includes(name))) return;
+    if (!ready || ![...query.keys()].some((name) => ASKED.includes(name))) return;
     void fillFrom(query);
     // A reload keeps what was changed since.
     setQuery({});

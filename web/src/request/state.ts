@@ -89,11 +89,16 @@ export async function loadCatalogue(): Promise<void> {
 
 const noPreset = (name: string) => `This service has no preset “${name}”.`;
 
-/** Fills in a blank form as a link asks: with a preset, a seed, or the request of a model (`from`). */
+/** What a link can ask for. */
+export const ASKED = ["purpose", "preset", "seed", "from"];
+
+/** Fills in a blank form as a link asks: with a preset, a seed, or the request of a model (`from`). `purpose` alone keeps the rest. */
 export async function fillFrom(query: URLSearchParams): Promise<void> {
+  const purpose = query.get("purpose") === "study" ? "study" : "model";
+  if (query.has("purpose") && query.size === 1) return change({ purpose });
   const { schema, details } = catalogue.value!;
   const [name, seed, from] = ["preset", "seed", "from"].map((member) => query.get(member) ?? undefined);
-  const filled: Form = { ...BLANK, preset: name, seed: seed ?? "" };
+  const filled: Form = { ...BLANK, purpose, preset: name, seed: seed ?? "" };
   if (from === undefined) {
     batch(() => {
       form.value = filled;

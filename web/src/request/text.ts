@@ -2,7 +2,7 @@
 
 const NUMBER = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;
 /** More are not written out; the service refuses as many. */
-const LONGEST_RANGE = 10_000;
+const MOST_SEEDS = 10_000;
 
 /** NaN if the text is not a number. */
 export function readNumber(text: string): number {
@@ -28,7 +28,8 @@ export function readSeeds(text: string): number[] | string {
     }
     const [from, to] = [Number(range[1]), Number(range[2])];
     if (to < from) return `the range ${part} must go from the smaller number to the greater one`;
-    if (to - from >= LONGEST_RANGE) return `the range ${part} is too long`;
+    if (!Number.isSafeInteger(to)) return `the range ${part} goes beyond 2^53`;
+    if (seeds.length + to - from >= MOST_SEEDS) return `there are more than ${MOST_SEEDS.toLocaleString("en")} seeds`;
     for (let seed = from; seed <= to; seed++) seeds.push(seed);
   }
   return seeds;

@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { after, test } from "node:test";
 import { SMALL, withService, type Service } from "../../../clients/typescript/test/service.ts";
 import { Oviduct, type ModelRequest, type Vary } from "../../../clients/typescript/src/index.ts";
-import { closeBrowser, Visit } from "./browser.ts";
+import { closeBrowser, colours, picture, Visit } from "./browser.ts";
 
 after(closeBrowser);
 
@@ -93,6 +93,25 @@ test("a service that is restarted in the middle is waited for", async () => {
   });
 });
 
+test("the growing tube comes back after the loss of the graphics context", async () => {
+  await withService([], async (service) => {
+    const id = await submit(service, SLOW);
+    const visit = await Visit.open(`${service.url}/#/models/${id}`);
+    const { page } = visit;
+    await grows(visit);
+    const tube = page.getByRole("img", { name: /^The growing tube in 3D/ });
+    await tube.waitFor();
+    const context = await tube.evaluateHandle((canvas) => (canvas as HTMLCanvasElement).getContext("webgl2")!.getExtension("WEBGL_lose_context")!);
+    await context.evaluate((context) => context.loseContext());
+    await page.getByText(/The tube is not shown in 3D: the browser/).waitFor();
+    await tube.waitFor({ state: "hidden" });
+    await context.evaluate((context) => context.restoreContext());
+    await tube.waitFor();
+    assert(colours(await picture(tube)) > 50, "the tube is not drawn again");
+    await visit.close();
+  });
+});
+
 test("a growing model is cancelled, grown again, and deleted", async () => {
   await withService([], async (service) => {
     const id = await submit(service, SLOW);
@@ -134,6 +153,71 @@ test("the list is filtered and follows the queue", async () => {
     await rows.first().getByText("cancelled").waitFor();
     const { models } = await client.listPage();
     assert.deepEqual(models.map(({ seed, status }) => [seed, status]), [[3, "cancelled"], [2, "queued"], [1, "cancelled"]]);
+    await visit.close();
+  });
+});
+
+test("a long list is drawn in part, and the focus stays in it", async () => {
+  await withService(["--cpu-workers", "0"], async (service) => {
+    const client = new Oviduct(service.url);
+    await client.submitBatch({ ...SMALL, seeds: Array.from({ length: 120 }, (_, k) => k + 1) });
+    const visit = await Visit.open(service.url);
+    const { page } = visit;
+    const rows = page.getByRole("listitem", { name: /^Pig oviduct/ });
+    const older = page.getByRole("button", { name: "Show older models" });
+    const focused = () => page.evaluate(() => document.activeElement?.closest("li")?.getAttribute("aria-label") ?? document.activeElement?.textContent);
+    await older.waitFor();
+    assert.equal(await rows.count(), 50);
+    await client.submit({ ...SMALL, seed: 500 });
+    await page.getByRole("listitem", { name: "Pig oviduct, seed 500" }).waitFor();
+    assert.equal(await rows.count(), 50);
+    await older.click();
+    await rows.nth(99).waitFor();
+    await older.click();
+    await rows.nth(120).waitFor();
+    await older.waitFor({ state: "detached" });
+    assert.equal(new Set(await rows.evaluateAll((rows) => rows.map((row) => row.ariaLabel))).size, 121);
+
+    const [first, second] = [rows.nth(1), await rows.nth(2).getAttribute("aria-label")];
+    const remove = first.getByRole("button", { name: /^Delete/ });
+    await remove.click();
+    await page.getByRole("button", { name: "Keep" }).click();
+    await page.getByRole("dialog").waitFor({ state: "detached" });
+    assert(await remove.evaluate((button) => button === document.activeElement), "the focus is not where it was");
+    await remove.click();
+    await page.getByRole("dialog").getByRole("button", { name: "Delete" }).click();
+    await page.waitForFunction((name) => document.activeElement?.closest("li")?.ariaLabel === name, second);
+
+    await page.getByRole("button", { name: "Select all shown" }).click();
+    await page.getByText("120 selected").waitFor();
+    await page.getByRole("button", { name: "Clear" }).click();
+    assert.match(String(await focused()), /Models/);
+    await visit.close();
+  });
+});
+
+test("deeds on several models go on after one that fails", async () => {
+  await withService(["--cpu-workers", "0"], async (service) => {
+    const client = new Oviduct(service.url);
+    for (let seed = 1; seed <= 6; seed++) await client.submit({ ...SMALL, seed });
+    const visit = await Visit.open(service.url, {}, [404, 409]);
+    const { page } = visit;
+    const rows = page.getByRole("listitem", { name: /^Pig oviduct/ });
+    await rows.nth(5).waitFor();
+    const { models } = await client.listPage();
+    const [gone, refused] = models.map(({ id }) => id);
+    const problem = { type: "urn:oviduct:problem:conflict", title: "Conflict", status: 409, detail: "Not this one." };
+    const json = (status: number, body: object) => ({ status, contentType: "application/problem+json", body: JSON.stringify(body) });
+    await page.route(`**/models/${refused}`, (route) => route.fulfill(json(409, problem)));
+    const missing = { type: "urn:oviduct:problem:model-not-found", title: "No model", status: 404, detail: "There is none." };
+    await page.route(`**/models/${gone}`, (route) => route.fulfill(json(404, missing)));
+    await page.getByRole("button", { name: "Select all shown" }).click();
+    await page.getByRole("region", { name: "Selected models" }).getByRole("button", { name: "Delete" }).click();
+    await page.getByRole("button", { name: "Delete them" }).click();
+    await page.getByText("5 of 6 models deleted; 1 failed: Not this one.").waitFor();
+    assert.equal(await rows.count(), 1);
+    assert(await rows.getByRole("checkbox").isChecked());
+    assert.deepEqual((await client.listPage()).models.map(({ id }) => id).sort(), [gone, refused].sort());
     await visit.close();
   });
 });
