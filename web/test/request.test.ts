@@ -131,7 +131,11 @@ test("numbers, seeds and lists are read as typed", () => {
   assert.deepEqual(["1", " -2.5e-3 ", ".5", "5.", "", "1,5", "0x10", "1e999", "five"].map(readNumber), [1, -0.0025, 0.5, 5, NaN, NaN, NaN, NaN, NaN]);
   assert.deepEqual(readSeeds("1 .. 3, 42;7"), [1, 2, 3, 42, 7]);
   assert.match(String(readSeeds("1, x")), /“x”/);
-  assert.match(String(readSeeds("0..999999999")), /too long/);
+  assert.match(String(readSeeds("1.5")), /“1.5”/);
+  assert.deepEqual(readSeeds("9007199254740990..9007199254740991"), [2 ** 53 - 2, 2 ** 53 - 1]);
+  assert.match(String(readSeeds("9007199254740990..9007199254740993")), /greatest seed/);
+  assert.equal((readSeeds("1..9999, 7") as number[]).length, 10_000);
+  for (const long of ["0..10000", "1..9999, 7, 8", "1..6000, 1..6000"]) assert.match(String(readSeeds(long)), /more than 10000/);
   assert.deepEqual(readList("25, 30 true rk4"), [25, 30, true, "rk4"]);
 });
 

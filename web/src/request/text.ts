@@ -1,8 +1,8 @@
 // Numbers and lists as people type them.
 
 const NUMBER = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;
-/** More are not written out; the service refuses as many. */
-const LONGEST_RANGE = 10_000;
+/** More seeds are not written out; the service refuses as many. */
+const MOST_SEEDS = 10_000;
 
 /** NaN if the text is not a number. */
 export function readNumber(text: string): number {
@@ -19,16 +19,13 @@ function parts(text: string): string[] {
 export function readSeeds(text: string): number[] | string {
   const seeds: number[] = [];
   for (const part of parts(text.replace(/\s*\.\.\s*/g, ".."))) {
-    const range = /^(\d+)\.\.(\d+)$/.exec(part);
-    if (!range) {
-      const seed = readNumber(part);
-      if (Number.isNaN(seed)) return `“${part}” is neither a number nor a range such as 1..10`;
-      seeds.push(seed);
-      continue;
-    }
-    const [from, to] = [Number(range[1]), Number(range[2])];
+    const [, first, last = first] = /^(\d+)(?:\.\.(\d+))?$/.exec(part) ?? [];
+    if (first === undefined) return `“${part}” is neither a seed nor a range such as 1..10`;
+    const [from, to] = [Number(first), Number(last)];
+    // Beyond it, adding one need not give another number.
+    if (Math.max(from, to) > Number.MAX_SAFE_INTEGER) return `${part} exceeds ${Number.MAX_SAFE_INTEGER}, the greatest seed`;
     if (to < from) return `the range ${part} must go from the smaller number to the greater one`;
-    if (to - from >= LONGEST_RANGE) return `the range ${part} is too long`;
+    if (seeds.length + to - from >= MOST_SEEDS) return `the list has more than ${MOST_SEEDS} seeds`;
     for (let seed = from; seed <= to; seed++) seeds.push(seed);
   }
   return seeds;
