@@ -42,7 +42,7 @@ export default function Page() {
   const ready = catalogue.value !== undefined;
   const { query } = route.value;
   useEffect(() => {
-    if (!ready || ![...query.keys()].some((name) => ["preset", "seed", "from"].includes(name))) return;
+    if (!ready) return;
     void fillFrom(query);
     // A reload keeps what was changed since.
     setQuery({});

@@ -31,8 +31,10 @@ export function readSeeds(text: string): number[] | string {
   return seeds;
 }
 
-/** Values of a parameter such as `25, 30, 40` or `rk4, euler`. */
-export function readList(text: string): (number | string | boolean)[] {
+/** Values of a parameter such as `25, 30, 40` or `rk4, euler`; or what is wrong with them. */
+export function readList(text: string): (number | string | boolean)[] | string {
+  const mixed = text.includes(";") && text.split(";").find((part) => part.includes(","));
+  if (mixed) return `“${mixed.trim()}” has a comma between semicolons; write decimals with a point, and separate values by one of the two`;
   return parts(text).map((part) => {
     const value = readNumber(part);
     if (!Number.isNaN(value)) return value;
