@@ -83,7 +83,7 @@ export function App() {
         <nav aria-label="Pages">
           {entry("models", "Models", href([]), section)}
           {entry("batches", "Studies", href(["batches"]), section)}
-          {entry("new", "New model", href(["new"]), section)}
+          {entry("new", "New model", href(["new"], { purpose: "model" }), section)}
         </nav>
         <div class="tools">
           <ConnectionDot />

@@ -29,7 +29,7 @@ function Studies() {
       <div class="page-head">
         <h1>Studies</h1>
         <div class="actions">
-          <a class="button button-primary" href={href(["new"])}><Icon name="plus" /> New study</a>
+          <a class="button button-primary" href={href(["new"], { purpose: "study" })}><Icon name="plus" /> New study</a>
         </div>
       </div>
       {fault !== undefined && (

@@ -30,7 +30,7 @@ export function Models() {
         <h1>Models</h1>
         {!newcomer && (
           <div class="actions">
-            <a class="button button-primary" href={href(["new"])}><Icon name="plus" /> New model</a>
+            <a class="button button-primary" href={href(["new"], { purpose: "model" })}><Icon name="plus" /> New model</a>
           </div>
         )}
       </div>

@@ -25,7 +25,7 @@ export function Welcome() {
       </p>
       <p class="row">
         <button type="button" class="button button-primary" disabled={busy} onClick={grow}>Grow an oviduct</button>
-        <a class="button" href={href(["new"])}>Set the parameters</a>
+        <a class="button" href={href(["new"], { purpose: "model" })}>Set the parameters</a>
       </p>
     </section>
   );
