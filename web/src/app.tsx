@@ -1,13 +1,14 @@
 // The frame of all pages: navigation, state of the connection, theme and key.
-import { computed, signal } from "@preact/signals";
+import { computed } from "@preact/signals";
 import type { FunctionComponent } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
-import { KeyDialog } from "./access.tsx";
-import { connection } from "./stream.ts";
+import { OviductError } from "oviduct-client";
+import { askingForKey, KeyDialog } from "./access.tsx";
+import { connection, fault } from "./stream.ts";
 import { href, route } from "./router.ts";
-import { key, locked, session } from "./service.ts";
+import { explain, key, locked, session } from "./service.ts";
 import { nextTheme, theme } from "./ui/theme.ts";
-import { Icon, Notice, Toasts } from "./ui/widgets.tsx";
+import { Icon, Notice, Toasts, Unloaded } from "./ui/widgets.tsx";
 import { Models } from "./list/page.tsx";
 
 type Page = FunctionComponent<Record<string, never>>;
@@ -23,23 +24,23 @@ interface Place {
 }
 
 const models: Place = { title: "Models", section: "models", load: async () => ({ default: Models }) };
-const PLACES: Record<string, (path: string[]) => Place | undefined> = {
-  "": () => models,
-  new: () => ({ title: "New model", section: "new", load: () => import("./request/page.tsx") }),
-  models: ([, id, ...more]) =>
+const PLACES = new Map<string, (path: string[]) => Place | undefined>([
+  ["", () => models],
+  ["new", () => ({ title: "New model", section: "new", load: () => import("./request/page.tsx") })],
+  ["models", ([, id, ...more]) =>
     id !== undefined && more.length === 0
       ? { title: "Model", section: "models", wide: true, load: () => import("./model/page.tsx") }
-      : undefined,
-  compare: ([, a, b]) =>
+      : undefined],
+  ["compare", ([, a, b]) =>
     a !== undefined && b !== undefined
       ? { title: "Compare", section: "models", wide: true, load: () => import("./explore/compare.tsx") }
-      : undefined,
-  batches: ([, id]) => ({
+      : undefined],
+  ["batches", ([, id]) => ({
     title: id === undefined ? "Studies" : "Study",
     section: "batches",
     load: () => import("./batches/page.tsx"),
-  }),
-};
+  })],
+]);
 
 const missing: Place = {
   title: "Not found",
@@ -55,15 +56,16 @@ const missing: Place = {
   }),
 };
 
-const place = computed(() => PLACES[route.value.path[0] ?? ""]?.(route.value.path) ?? missing);
+const place = computed(() => PLACES.get(route.value.path[0] ?? "")?.(route.value.path) ?? missing);
 /** The page by its path: another model is another page, another query is not. */
 const address = computed(() => route.value.path.join("/"));
-const askingForKey = signal(false);
 
 export function App() {
   const main = useRef<HTMLElement>(null);
   const { title, section, wide } = place.value;
   const first = useRef(true);
+  // Links carry no key.
+  const open = key.value === undefined && locked.value === undefined;
   useEffect(() => {
     document.title = `${title} · oviduct`;
     // Keyboards and screen readers begin at the new page.
@@ -95,7 +97,8 @@ export function App() {
       </header>
       {connection.value === "lost" && locked.value === undefined && (
         <div class="banner" role="status">
-          The service does not answer. What you see is what was known last; it is updated as soon as the service is back.
+          {fault.value instanceof OviductError ? explain(fault.value) : "The service does not answer."} What you see is what was
+          known last; it is updated as soon as changes come again.
         </div>
       )}
       <main ref={main} id="main" tabIndex={-1} class={wide ? "wide" : undefined}>
@@ -104,12 +107,12 @@ export function App() {
       <footer>
         <ul>
           <li><a href="docs">HTTP interface</a></li>
-          <li><a href="openapi.yaml">OpenAPI</a></li>
-          <li><a href="presets">Presets</a></li>
+          {open && <li><a href="openapi.yaml">OpenAPI</a></li>}
+          {open && <li><a href="presets">Presets</a></li>}
           <li>Method: Burkitt, Romano, Walker, Fazeli (2010)</li>
         </ul>
       </footer>
-      {(askingForKey.value || locked.value !== undefined) && <KeyDialog onClose={() => (askingForKey.value = false)} />}
+      {askingForKey.value && <KeyDialog />}
       <Toasts />
     </div>
   );
@@ -125,33 +128,21 @@ function entry(name: Place["section"], label: string, target: string, section: P
 
 /** A page, loaded when it is first shown. */
 function Shown({ place }: { place: Place }) {
-  const [page, setPage] = useState<{ Page: Page } | Error>();
-  const load = () => {
-    setPage(undefined);
-    place.load().then(
-      ({ default: Page }) => setPage({ Page }),
-      (error: unknown) => setPage(error instanceof Error ? error : new Error(String(error))),
-    );
-  };
-  useEffect(load, []);
-  if (page instanceof Error) {
-    return (
-      <Notice title="This page could not be loaded" kind="error">
-        <p>The service may be restarting, or may have been updated.</p>
-        <p class="row">
-          <button type="button" class="button button-primary" onClick={load}>Try again</button>
-          <button type="button" class="button" onClick={() => location.reload()}>Reload</button>
-        </p>
-      </Notice>
-    );
-  }
+  const [page, setPage] = useState<{ Page: Page } | "unavailable">();
+  useEffect(() => {
+    place.load().then(({ default: Page }) => setPage({ Page }), () => setPage("unavailable"));
+  }, []);
+  if (page === "unavailable") return <Unloaded title="This page could not be loaded" />;
   return page ? <page.Page /> : <p class="soft" aria-busy="true">Loading …</p>;
 }
 
 function Locked() {
   return (
     <Notice title="This service asks for a key">
-      <p>Whoever runs it gives out keys. Yours is kept in this tab only, until you close it.</p>
+      <p>Whoever runs it gives out keys. Yours is kept in this tab only.</p>
+      <p class="row">
+        <button type="button" class="button button-primary" onClick={() => (askingForKey.value = true)}>Enter a key</button>
+      </p>
     </Notice>
   );
 }

@@ -18,6 +18,8 @@ export interface LiveSection {
 /** Grows when a model appears, goes or changes its status. */
 export const changes = signal(0);
 
+/** Ids of the known models, in the order of acceptance: they are UUIDv7. */
+const order: string[] = [];
 const states = new Map<string, Signal<ModelState | undefined>>();
 const growing = new Map<string, Signal<readonly LiveSection[]>>();
 /** Models that were deleted: an answer that was on its way must not bring them back. */
@@ -33,11 +35,20 @@ export function state(id: string): Signal<ModelState | undefined> {
 }
 
 /** All known models, newest first. Reading it in a component subscribes to `changes`, not to the progress of each model. */
-export function known(): ModelState[] {
+export function* known(): Generator<ModelState, void> {
   void changes.value;
-  const all = [...states.values()].map((state) => state.peek()).filter((model) => model !== undefined);
-  // Ids are UUIDv7: their order is that of acceptance.
-  return all.sort((a, b) => (a.id < b.id ? 1 : -1));
+  for (let k = order.length - 1; k >= 0; k--) yield states.get(order[k]!)!.peek()!;
+}
+
+/** The number of known models that were accepted before this one. */
+function olderThan(id: string): number {
+  let [from, to] = [0, order.length];
+  while (from < to) {
+    const middle = (from + to) >> 1;
+    if (order[middle]! < id) from = middle + 1;
+    else to = middle;
+  }
+  return from;
 }
 
 /** The sections of a growing model that were seen since this page was opened, from the isthmus. */
@@ -56,6 +67,7 @@ export function remember(models: readonly (Model | ModelState)[]): void {
       const before = known.peek();
       // The place in the queue changes without a new version.
       if (before && before.version > model.version) continue;
+      if (!before) order.splice(olderThan(model.id), 0, model.id);
       known.value = model;
       if (before?.status !== model.status) bump();
     }
@@ -69,6 +81,7 @@ export function forget(id: string): void {
   const known = states.get(id);
   states.delete(id);
   if (known?.peek() === undefined) return;
+  order.splice(olderThan(id), 1);
   batch(() => {
     known.value = undefined;
     bump();
@@ -81,6 +94,7 @@ export function reset(): void {
   batch(() => {
     for (const known of states.values()) known.value = undefined;
     states.clear();
+    order.length = 0;
     growing.clear();
     deleted.clear();
     bump();

@@ -4,10 +4,12 @@ import { Oviduct, OviductConnectionError, OviductError } from "oviduct-client";
 
 /** The folder of this page: where the service is, with the prefix of a proxy. */
 export const base = new URL(".", document.baseURI);
+// `fetch` refuses addresses with credentials; browsers send those of the page by themselves.
+[base.username, base.password] = ["", ""];
 
 const STORED = "oviduct-key";
 
-/** The key of this session. It is kept in the tab and gone when the tab is closed. */
+/** The key of this session, kept in the tab. */
 export const key = signal(stored());
 /** Why a key is asked for; undefined while requests are let in. */
 export const locked = signal<"missing" | "refused" | undefined>(undefined);
@@ -62,6 +64,7 @@ export function noteRefusal(error: unknown): void {
 }
 
 const UNREACHABLE = "The service cannot be reached. Is it running?";
+const UNUSABLE = "The answer of the service did not come in time, or is damaged. Try again.";
 
 /** An error in words for people. */
 export function explain(error: unknown): string {
@@ -71,6 +74,7 @@ export function explain(error: unknown): string {
     if (error.is("forbidden")) return `This key does not allow that. ${error.detail}`;
     return error.errors.length > 0 ? error.errors.map((fault) => fault.detail).join(" ") : error.detail;
   }
-  if (error instanceof OviductConnectionError) return UNREACHABLE;
+  // `fetch` fails with a TypeError if the connection does; the others are answers that are late, cut off or no JSON.
+  if (error instanceof OviductConnectionError) return error.cause instanceof TypeError ? UNREACHABLE : UNUSABLE;
   return error instanceof Error ? error.message : String(error);
 }

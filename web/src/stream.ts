@@ -1,19 +1,23 @@
 // The one event stream of the page, kept open through restarts of the service, lost networks and sleep.
-import { effect, signal, untracked } from "@preact/signals";
-import { Oviduct } from "oviduct-client";
+import { batch, effect, signal, untracked } from "@preact/signals";
+import { Oviduct, OviductError } from "oviduct-client";
 import { receive, reset } from "./models.ts";
 import { base, key, locked, noteRefusal } from "./service.ts";
 
 export type Connection = "connecting" | "live" | "lost";
 /** State of the event stream. */
 export const connection = signal<Connection>("connecting");
+/** Why there is no stream, while the connection is lost. */
+export const fault = signal<unknown>(undefined);
 /** Grows with each stream that was opened after the first: what pages have read may be outdated. */
 export const reconnections = signal(0);
 
 /** Milliseconds after which a stream that was refused is asked for again. */
 const PAUSE = 3000;
-/** Milliseconds after which a machine that slept, or a hidden page, opens a new stream: the old one may be dead unnoticed. */
+/** Milliseconds after which a machine that slept opens a new stream: the old one may be dead unnoticed. */
 const ASLEEP = 30_000;
+/** Milliseconds after which a hidden page closes its stream: over HTTP/1.1 a browser has six connections for all its tabs. */
+const HIDDEN = 5000;
 
 /** The last event that was seen. */
 let last: string | undefined;
@@ -22,10 +26,13 @@ let opened = false;
 async function follow(key: string | undefined, signal: AbortSignal): Promise<void> {
   const watched: typeof fetch = async (input, init) => {
     const response = await fetch(input, init).catch((error: unknown) => {
-      if (!signal.aborted) connection.value = "lost";
+      if (!signal.aborted) lose(error);
       throw error;
     });
-    if (!signal.aborted) note(response.ok);
+    if (signal.aborted) return response;
+    if (response.ok) opens();
+    // Not awaited: the client reads the same answer.
+    else void OviductError.of(response.clone()).then((error) => signal.aborted || lose(error), lose);
     return response;
   };
   // By `fetch`, for an `EventSource` does not show the comments by which a live stream is told from a dead one.
@@ -40,28 +47,36 @@ async function follow(key: string | undefined, signal: AbortSignal): Promise<voi
       }
     } catch (error) {
       if (signal.aborted) return;
-      connection.value = "lost";
+      lose(error);
       noteRefusal(error);
     }
     await new Promise((resolve) => setTimeout(resolve, PAUSE));
   }
 }
 
-function note(open: boolean): void {
-  if (open && opened) reconnections.value++;
-  opened ||= open;
+function opens(): void {
+  if (opened) reconnections.value++;
+  opened = true;
   // An unknown id also brings the models that ended while there was no stream.
-  if (open) last ??= "none";
-  connection.value = open ? "live" : "lost";
+  last ??= "none";
+  connection.value = "live";
 }
 
-/** Follows all models until the page is left. */
+function lose(why: unknown): void {
+  batch(() => {
+    fault.value = why;
+    connection.value = "lost";
+  });
+}
+
+/** Follows all models while the page is seen. */
 export function watch(): void {
   let abort = new AbortController();
   const restart = () => {
     abort.abort();
+    if (locked.peek() !== undefined || document.hidden) return;
     abort = new AbortController();
-    if (locked.peek() === undefined) void follow(key.peek(), abort.signal);
+    void follow(key.peek(), abort.signal);
   };
   let owner = key.peek();
   effect(() => {
@@ -78,9 +93,15 @@ export function watch(): void {
     });
   });
   let hidden = 0;
+  let closing: ReturnType<typeof setTimeout> | undefined;
   document.addEventListener("visibilitychange", () => {
-    if (document.hidden) hidden = Date.now();
-    else if (Date.now() - hidden > ASLEEP) restart();
+    clearTimeout(closing);
+    if (document.hidden) {
+      hidden = Date.now();
+      closing = setTimeout(() => abort.abort(), HIDDEN);
+    } else if (abort.signal.aborted || Date.now() - hidden > ASLEEP) {
+      restart();
+    }
   });
   // A timer that is late by so much has slept. Browsers also slow down the timers of hidden pages; those are handled above.
   let awake = Date.now();

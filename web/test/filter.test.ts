@@ -20,6 +20,12 @@ test("what a link has wrong is left out", () => {
   assert.ok(isEmpty(readFilter(query("status=odd&within=year&label=nocolon&label=%3Avalue&preset="))));
 });
 
+test("of two labels of one name in a link the last one counts", () => {
+  const filter = readFilter(query("label=lab:a&label=n:1&label=lab:b"));
+  assert.deepEqual(filter.labels, ["n:1", "lab:b"]);
+  assert.deepEqual(conditions(filter, NOW).labels, { n: "1", lab: "b" });
+});
+
 test("models match as the service judges them", () => {
   assert.ok(shows("", {}));
   assert.ok(!shows("status=failed", {}));

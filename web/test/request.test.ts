@@ -3,7 +3,8 @@ import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
 import { test } from "node:test";
 import type { BatchValidation, Preset, Validation, WorkerList } from "oviduct-client";
-import { costOf, idleWords } from "../src/request/cost.ts";
+import { standstill } from "../src/growing/words.ts";
+import { costOf } from "../src/request/cost.ts";
 import { assign, sentence } from "../src/request/faults.ts";
 import { BLANK, requestOf, variedFrom, variedOf, type Form, type Request } from "../src/request/form.ts";
 import { groupsOf, parametersOf, type SchemaNode } from "../src/request/parameters.ts";
@@ -146,7 +147,7 @@ test("numbers, seeds and lists are read as typed", () => {
   assert.deepEqual(readSeeds("9007199254740990..9007199254740991"), [2 ** 53 - 2, 2 ** 53 - 1]);
   assert.match(String(readSeeds("9007199254740990..9007199254740993")), /greatest seed/);
   assert.equal((readSeeds("1..9999, 7") as number[]).length, 10_000);
-  for (const long of ["0..10000", "1..9999, 7, 8", "1..6000, 1..6000"]) assert.match(String(readSeeds(long)), /more than 10000/);
+  for (const long of ["0..10000", "1..9999, 7, 8", "1..6000, 1..6000"]) assert.match(String(readSeeds(long)), /more than 10,000/);
   assert.deepEqual(readList("25, 30 true rk4"), [25, 30, true, "rk4"]);
   assert.deepEqual(readList("28.5; 30.5"), [28.5, 30.5]);
   assert.match(String(readList("28.5; 30,5")), /“30,5”.*point/);
@@ -222,7 +223,7 @@ test("costs are given for the backends that exist", () => {
 });
 
 test("who would start the request is said if nobody would", () => {
-  const title = (...given: Parameters<typeof idleWords>) => idleWords(...given)?.title;
+  const title = (...given: Parameters<typeof standstill>) => standstill(...given)?.title;
   assert.equal(title(workersOf(["cpu", "active"]), "auto"), undefined);
   assert.equal(title(workersOf(["cpu", "active"]), "cpu-single"), undefined);
   assert.equal(title(undefined, "auto"), undefined);

@@ -6,25 +6,31 @@ import { duration, short } from "../ui/format.ts";
 import { ProgressBar } from "../ui/widgets.tsx";
 import { bounds } from "./contours.ts";
 import { SectionDrawing } from "./section.tsx";
-import { Stage } from "./stage.tsx";
+import { Stage, type Trouble } from "./stage.tsx";
 import { placeInQueue, percent, STAGES } from "./words.ts";
 import { WorkersNotice } from "./workers.tsx";
 import "./growing.css";
 
+const TROUBLES: Record<Trouble, string> = {
+  unloaded: "that part of the page could not be loaded. Reload the page to try again.",
+  missing: "WebGL2 is missing in this browser.",
+  lost: "the browser took the graphics card away. It is shown again when the browser gives it back.",
+};
+
 /** `length` is that of the whole tube in micrometres. */
 export function Growing({ model, length }: { model: ModelState; length: number }) {
-  const [flat, setFlat] = useState(false);
+  const [trouble, setTrouble] = useState<Trouble>();
   if (model.status === "queued") return <Waiting model={model} />;
   const seen = sections(model.id).value;
   const last = seen.at(-1);
   return (
     <div class="growing">
       <Stages model={model} />
-      {flat && <p class="soft">The tube is not shown in 3D: WebGL2 is missing in this browser, or was lost.</p>}
-      <div class={`growing-views${flat ? " flat" : ""}`}>
-        {!flat && (
-          <div class="card growing-tube">
-            <Stage sections={seen} length={length} onUnavailable={() => setFlat(true)} />
+      {trouble && <p class="soft">The tube is not shown in 3D: {TROUBLES[trouble]}</p>}
+      <div class={`growing-views${trouble ? " flat" : ""}`}>
+        {(!trouble || trouble === "lost") && (
+          <div class="card growing-tube" hidden={trouble === "lost"}>
+            <Stage sections={seen} length={length} onTrouble={setTrouble} />
             {seen.length === 0 && <p class="growing-empty soft">The first section appears soon.</p>}
           </div>
         )}

@@ -14,16 +14,19 @@ const TURNS: Record<string, [number, number]> = {
   ArrowDown: [0, -STEP],
 };
 
+/** The module of the tube could not be loaded, WebGL2 is missing, or its context was lost for now. */
+export type Trouble = "unloaded" | "missing" | "lost";
+
 interface Props {
   sections: readonly LiveSection[];
   /** Of the whole tube, micrometres. */
   length: number;
-  /** Called if WebGL2 is missing or was lost. */
-  onUnavailable: () => void;
+  /** Called with what keeps the tube from being drawn; with undefined when it is drawn again. */
+  onTrouble: (trouble: Trouble | undefined) => void;
 }
 
 /** The sections seen so far as a tube in 3D. */
-export function Stage({ sections, length, onUnavailable }: Props) {
+export function Stage({ sections, length, onTrouble }: Props) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const [isthmus, ampulla] = [useRef<HTMLSpanElement>(null), useRef<HTMLSpanElement>(null)];
   const [scene, setScene] = useState<Tube>();
@@ -31,13 +34,16 @@ export function Stage({ sections, length, onUnavailable }: Props) {
   useEffect(() => {
     let made: Tube | undefined;
     let left = false;
-    import("./tube.ts")
-      .then(({ Tube }) => {
-        if (left) return;
+    const make = ({ Tube }: typeof import("./tube.ts")) => {
+      if (left) return;
+      try {
         made = new Tube(canvas.current!, length, [isthmus.current!, ampulla.current!]);
         setScene(made);
-      })
-      .catch(onUnavailable);
+      } catch {
+        onTrouble("missing");
+      }
+    };
+    import("./tube.ts").then(make, () => left || onTrouble("unloaded"));
     return () => {
       left = true;
       made?.dispose();
@@ -49,10 +55,17 @@ export function Stage({ sections, length, onUnavailable }: Props) {
     const element = canvas.current!;
     const watcher = new ResizeObserver(() => scene.resize(element.clientWidth, element.clientHeight));
     watcher.observe(element);
-    element.addEventListener("webglcontextlost", onUnavailable);
+    const lost = () => onTrouble("lost");
+    const restored = () => {
+      scene.render();
+      onTrouble(undefined);
+    };
+    element.addEventListener("webglcontextlost", lost);
+    element.addEventListener("webglcontextrestored", restored);
     return () => {
       watcher.disconnect();
-      element.removeEventListener("webglcontextlost", onUnavailable);
+      element.removeEventListener("webglcontextlost", lost);
+      element.removeEventListener("webglcontextrestored", restored);
     };
   }, [scene]);
   useEffect(() => scene?.paint(colours(canvas.current!)), [scene, dark.value]);

@@ -1,5 +1,5 @@
 // What a model is doing, in words.
-import type { ModelState, Progress } from "oviduct-client";
+import type { ModelRequest, ModelState, Progress, Worker, WorkerList } from "oviduct-client";
 import { duration } from "../ui/format.ts";
 
 /** The stages of growth in their order. */
@@ -38,4 +38,28 @@ export function growth(progress: Progress | null | undefined): string {
 
 export function hasEnded({ status }: Pick<ModelState, "status">): boolean {
   return status === "succeeded" || status === "failed" || status === "cancelled";
+}
+
+/** Workers that start models now. */
+export function activeWorkers({ pause, workers }: WorkerList): Worker[] {
+  return pause ? [] : workers.filter(({ state }) => state === "active");
+}
+
+/** Why no worker would start a model, and what to do; undefined if one would, or none is known. */
+export function standstill(list: WorkerList | undefined, backend: ModelRequest["backend"] = "auto"): { title: string; detail: string } | undefined {
+  if (!list) return undefined;
+  if (list.pause) {
+    return { title: "All workers are paused", detail: "Models wait until an administrator resumes them: “oviduct workers resume”." };
+  }
+  const active = activeWorkers(list);
+  if (active.length === 0) {
+    return list.workers.length === 0
+      ? { title: "No worker is running", detail: "Models wait until a worker is started: by “oviduct worker”, or with the service by “--cpu-workers 1”." }
+      : { title: "No worker takes new models", detail: "Those that run are paused or are being shut down. Models wait until one is resumed or started." };
+  }
+  const fits = backend === "auto" || active.some((worker) => (worker.backend === "gpu") === (backend === "gpu"));
+  if (fits) return undefined;
+  return backend === "gpu"
+    ? { title: "No GPU worker is active", detail: "Choose “Automatic”, or start a worker on a machine with a GPU." }
+    : { title: "No CPU worker is active", detail: "Choose “Automatic”, or start a worker with “--cpu-workers 1”." };
 }

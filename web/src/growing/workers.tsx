@@ -1,38 +1,44 @@
-// Says so if nothing will grow what waits.
-import { signal } from "@preact/signals";
+// The workers of the service, and a notice if none of them starts what waits.
+import { effect, signal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import type { WorkerList } from "oviduct-client";
-import { ask } from "../service.ts";
+import { ask, session } from "../service.ts";
+import { reconnections } from "../stream.ts";
 import { Notice } from "../ui/widgets.tsx";
+import { standstill } from "./words.ts";
 
-const workers = signal<WorkerList | undefined>(undefined);
 /** Milliseconds between two looks at the workers. */
 const INTERVAL = 10_000;
 
-/** Shown beside models that wait: why none of them starts, if that is so. */
-export function WorkersNotice() {
-  useEffect(() => {
-    const look = () => {
-      // If the service cannot be reached, the frame of the page says so.
-      if (!document.hidden) ask((service) => service.workers()).then((list) => (workers.value = list), () => {});
-    };
-    look();
-    const timer = setInterval(look, INTERVAL);
-    return () => clearInterval(timer);
-  }, []);
-  const trouble = workers.value && standstill(workers.value);
-  return trouble ? <Notice title={trouble.title}><p>{trouble.detail}</p></Notice> : null;
+/** As they were read last. */
+export const workers = signal<WorkerList | undefined>(undefined);
+
+/** Reads the list of workers now and then, until the result is called. */
+export function watchWorkers(): () => void {
+  const abort = new AbortController();
+  const read = async () => {
+    if (document.hidden) return;
+    try {
+      workers.value = await ask((service) => service.workers({ signal: abort.signal }));
+    } catch {
+      // The frame says that the service does not answer; what was known stays.
+    }
+  };
+  const timer = setInterval(read, INTERVAL);
+  const stop = effect(() => {
+    void [reconnections.value, session.value];
+    void read();
+  });
+  return () => {
+    clearInterval(timer);
+    stop();
+    abort.abort();
+  };
 }
 
-export function standstill({ pause, workers }: WorkerList): { title: string; detail: string } | undefined {
-  if (pause) {
-    return { title: "The queue is paused", detail: "Whoever runs the service has paused all workers. Models wait, and start when the pause ends." };
-  }
-  if (workers.length === 0) {
-    return { title: "No worker is running", detail: "Models wait until a worker is started. “oviduct serve” starts its own, unless --cpu-workers is 0; “oviduct worker” starts one on another machine." };
-  }
-  if (!workers.some(({ state }) => state === "active")) {
-    return { title: "All workers are paused or shut down", detail: "Models wait until a worker takes up work again." };
-  }
-  return undefined;
+/** Shown beside models that wait: why none of them starts, if that is so. */
+export function WorkersNotice() {
+  useEffect(watchWorkers, []);
+  const trouble = standstill(workers.value);
+  return trouble ? <Notice title={trouble.title}><p>{trouble.detail}</p></Notice> : null;
 }

@@ -4,28 +4,32 @@ import type { ModelFilter, ModelState, Which } from "oviduct-client";
 import { hasEnded } from "../growing/words.ts";
 import { attempt, cancel, remove } from "../model/actions.tsx";
 import { Confirm } from "../model/confirm.tsx";
-import { forget, known } from "../models.ts";
 import { href } from "../router.ts";
 import { ask, explain } from "../service.ts";
 import { Icon, toast } from "../ui/widgets.tsx";
-import { matches } from "./filter.ts";
+import { hasConditions } from "./filter.ts";
+import { settle } from "./settle.ts";
 
 type Deed = "cancel" | "delete";
 
 interface SelectionProps {
   models: ModelState[];
-  onClear: () => void;
+  /** Called with the ids that are selected from now on. */
+  onSelect: (ids: string[]) => void;
 }
 
 /** Shown while models are selected. */
-export function Selection({ models, onClear }: SelectionProps) {
+export function Selection({ models, onSelect }: SelectionProps) {
   const [asking, setAsking] = useState<Deed>();
   const open = models.filter((model) => !hasEnded(model));
   const [a, b] = models;
   const comparable = models.length === 2 && models.every(({ status }) => status === "succeeded");
   const doAll = async (deed: Deed) => {
-    await attempt(() => inTurn(deed === "cancel" ? open : models, ({ id }) => (deed === "cancel" ? cancel(id) : remove(id))));
-    onClear();
+    const meant = deed === "cancel" ? open : models;
+    const failed = await settle(meant, ({ id }) => (deed === "cancel" ? cancel(id) : remove(id)));
+    const done = `${meant.length - failed.length} of ${counted(meant.length)} ${deed === "cancel" ? "cancelled" : "deleted"}`;
+    if (failed.length > 0) toast(`${done}; ${failed.length} failed: ${explain(failed[0]!.error)}`, "error");
+    onSelect(failed.map(({ one }) => one.id));
   };
   const count = asking === "cancel" ? open.length : models.length;
   return (
@@ -38,7 +42,7 @@ export function Selection({ models, onClear }: SelectionProps) {
       )}
       <button type="button" class="button" disabled={open.length === 0} onClick={() => setAsking("cancel")}><Icon name="stop" /> Cancel</button>
       <button type="button" class="button button-danger" onClick={() => setAsking("delete")}><Icon name="trash" /> Delete</button>
-      <button type="button" class="button" onClick={onClear}>Clear</button>
+      <button type="button" class="button" onClick={() => onSelect([])}>Clear</button>
       {asking && (
         <Confirm
           title={`${asking === "cancel" ? "Cancel" : "Delete"} ${counted(count)}?`} action={asking === "cancel" ? "Cancel them" : "Delete them"}
@@ -55,9 +59,9 @@ export function Selection({ models, onClear }: SelectionProps) {
 export function AllMatching({ which, deed, onClose }: { which: ModelFilter; deed: Deed; onClose: () => void }) {
   const [count, setCount] = useState<number>();
   const [fault, setFault] = useState<string>();
-  // Without a condition the service wants to be told that all are meant.
-  const conditional = Object.values(which).some((value) => value !== undefined);
-  const meant: Which = conditional ? which : { all: true };
+  // Those that were counted: a period moves on. Without a condition the service wants to be told that all are meant.
+  const [meant] = useState<Which>(() => (hasConditions(which) ? which : { all: true }));
+  const conditional = !meant.all;
   const apply = (dryRun: boolean) =>
     ask((service) => (deed === "cancel" ? service.cancelAll(meant, { dryRun }) : service.deleteAll(meant, { dryRun })));
   useEffect(() => {
@@ -65,15 +69,13 @@ export function AllMatching({ which, deed, onClose }: { which: ModelFilter; deed
   }, []);
   const confirm = () =>
     attempt(async () => {
-      const gone = known().filter((model) => matches(model, which));
       const { count } = await apply(false);
-      if (deed === "delete") for (const { id } of gone) forget(id);
       toast(`${counted(count)} ${deed === "cancel" ? "cancelled" : "deleted"}.`);
     });
   const scope = conditional ? "that match the filter" : "of this service that you may change";
   return (
     <Confirm
-      title={`${deed === "cancel" ? "Cancel" : "Delete"} all models ${conditional ? "that match" : ""}?`} disabled={!count}
+      title={`${deed === "cancel" ? "Cancel" : "Delete"} all models${conditional ? " that match" : ""}?`} disabled={!count}
       action={deed === "cancel" ? "Cancel them" : "Delete them"} onConfirm={confirm} onClose={onClose}
     >
       {fault && <p role="alert">{fault}</p>}
@@ -95,13 +97,4 @@ function consequence(deed: Deed, count: number): string {
 
 function counted(count: number): string {
   return count === 1 ? "1 model" : `${count.toLocaleString("en")} models`;
-}
-
-/** A few at a time, so that the page stays responsive. */
-async function inTurn<T>(all: readonly T[], what: (one: T) => Promise<void>): Promise<void> {
-  const rest = [...all];
-  const work = async () => {
-    for (let one = rest.shift(); one !== undefined; one = rest.shift()) await what(one);
-  };
-  await Promise.all([work(), work(), work()]);
 }

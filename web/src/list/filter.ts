@@ -16,7 +16,8 @@ export interface Filter {
 }
 
 export function readFilter(query: URLSearchParams): Filter {
-  const filter: Filter = { labels: query.getAll("label").filter((label) => label.indexOf(":") > 0) };
+  const labels = query.getAll("label").filter((label) => label.indexOf(":") > 0);
+  const filter: Filter = { labels: labels.reduce<string[]>((kept, label) => withLabel(kept, label), []) };
   const status = STATUSES.find((name) => name === query.get("status"));
   const within = Object.keys(PERIODS).find((name): name is Period => name === query.get("within"));
   const [preset, batch] = [query.get("preset"), query.get("batch")];
@@ -33,6 +34,12 @@ export function writeFilter({ labels, ...rest }: Filter): URLSearchParams {
   return query;
 }
 
+/** With one more label, in place of another value of the same name. */
+export function withLabel(labels: readonly string[], label: string): string[] {
+  const [name] = split(label);
+  return [...labels.filter((other) => split(other)[0] !== name), label];
+}
+
 export function isEmpty(filter: Filter): boolean {
   return writeFilter(filter).size === 0;
 }
@@ -42,6 +49,10 @@ export function conditions({ status, preset, labels, batch, within }: Filter, no
   const after = within && new Date(now - PERIODS[within] * 3_600_000);
   const own = Object.fromEntries(labels.map(split));
   return { status, preset, batch, created_after: after, labels: labels.length > 0 ? own : undefined };
+}
+
+export function hasConditions(which: ModelFilter): boolean {
+  return Object.values(which).some((value) => value !== undefined);
 }
 
 /** Whether a model meets the conditions, as the service judges it. */

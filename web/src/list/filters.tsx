@@ -3,7 +3,7 @@ import { useId } from "preact/hooks";
 import { usePresets } from "../model/presets.ts";
 import { href, setQuery } from "../router.ts";
 import { Icon, toast } from "../ui/widgets.tsx";
-import { isEmpty, STATUSES, writeFilter, type Filter, type Period } from "./filter.ts";
+import { isEmpty, STATUSES, withLabel, writeFilter, type Filter, type Period } from "./filter.ts";
 
 const WITHIN: Record<Period, string> = { hour: "Last hour", day: "Last day", week: "Last week", month: "Last 30 days" };
 
@@ -16,7 +16,7 @@ export function Filters({ filter }: { filter: Filter }) {
     const input = (event.currentTarget as HTMLFormElement).elements.namedItem("label") as HTMLInputElement;
     const label = input.value.trim().replace(/^([^:]+):\s+/, "$1:");
     if (label.indexOf(":") < 1) return toast("A label is searched as name:value.", "error");
-    change({ labels: [...filter.labels.filter((other) => other.split(":")[0] !== label.split(":")[0]), label] });
+    change({ labels: withLabel(filter.labels, label) });
     input.value = "";
   };
   return (

@@ -1,28 +1,37 @@
-// The models that the list shows: pages of the service, and what happens to their models meanwhile.
+// The models that the list shows: the newest known ones within what was read of the service.
+import { computed, signal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { OviductError, type ModelFilter, type ModelState } from "oviduct-client";
 import { forget, known, remember } from "../models.ts";
 import { ask, explain, session } from "../service.ts";
 import { reconnections } from "../stream.ts";
-import { conditions, matches, writeFilter, type Filter } from "./filter.ts";
+import { now } from "../ui/widgets.tsx";
+import { conditions, hasConditions, matches, writeFilter, type Filter } from "./filter.ts";
+import { settle } from "./settle.ts";
 
-const PAGE = 30;
+/** Models that are shown at first, and with each further step. */
+const PAGE = 50;
 /** Most models of one answer. */
 const LARGEST_PAGE = 100;
+/** Most models that are read again when one comes back to a list; a longer one is cut. */
+const READ_AGAIN = 200;
 
-/** How far the list has been read. */
+/** How far a list has been read, and how much of it is shown. */
 interface Reach {
   /** The oldest id that was read; "" if there are no older models. */
   oldest: string;
   cursor: string | undefined;
+  rows: number;
 }
+/** Before anything is read: an id that is newer than all. */
+const NOTHING = "~";
 
 export interface Listing {
   /** What the service was asked for. */
   which: ModelFilter;
   /** Undefined until the first page was read. */
   models: ModelState[] | undefined;
-  /** Reads older models; undefined if there are none. */
+  /** Shows older models; undefined if there are none. */
   more: (() => void) | undefined;
   reading: boolean;
   fault: string | undefined;
@@ -30,16 +39,17 @@ export interface Listing {
   retry: () => void;
 }
 
-/** How far lists were read for the present key, by their filters: they are as long when one comes back to them. */
-const reached = new Map<string, Reach>();
-let owner: number | undefined;
+/** By session and filter: lists are as long when one comes back to them. */
+const reached = signal<ReadonlyMap<string, Reach>>(new Map());
+const minute = computed(() => Math.floor(now.value / 60_000) * 60_000);
 
 export function useListing(filter: Filter): Listing {
-  if (owner !== session.value) reached.clear();
-  owner = session.value;
   const query = writeFilter(filter).toString();
-  const present = reached.get(query);
-  const which = useMemo(() => conditions(filter, Date.now()), [query]);
+  const list = `${session.value} ${query}`;
+  const present = reached.value.get(list);
+  // Periods end now, so what they begin with moves on.
+  const until = filter.within && minute.value;
+  const which = useMemo(() => conditions(filter, until ?? 0), [query, until]);
   const [reading, setReading] = useState(true);
   const [fault, setFault] = useState<string>();
   const [retries, setRetries] = useState(0);
@@ -52,7 +62,7 @@ export function useListing(filter: Filter): Listing {
     setFault(undefined);
     try {
       const reach = await what(signal);
-      if (!signal.aborted) reached.set(query, reach);
+      if (!signal.aborted) setReach(list, reach);
     } catch (error) {
       if (!signal.aborted) setFault(explain(error));
     } finally {
@@ -61,47 +71,70 @@ export function useListing(filter: Filter): Listing {
   };
   // What was read may be outdated once the stream was lost.
   useEffect(() => {
-    void read((signal) => readDownTo(which, present?.oldest, signal));
+    void read((signal) => readNewest(which, present?.rows ?? PAGE, signal));
     return () => abort.current.abort();
-  }, [query, reconnections.value, retries]);
+  }, [list, reconnections.value, retries]);
 
+  // Those of the next step too, which tell whether it must be read.
+  const found = present && newest(present, which, present.rows + PAGE);
+  const more = (reach: Reach) => {
+    const longer = { ...reach, rows: reach.rows + PAGE };
+    if (reach.cursor === undefined || found?.length === longer.rows) setReach(list, longer);
+    else void read((signal) => readPage(which, longer, PAGE, signal));
+  };
   return {
     which,
-    models: present && known().filter((model) => model.id >= present.oldest && matches(model, which)),
-    more: present?.cursor === undefined ? undefined : () => void read((signal) => readPage(which, present.cursor, PAGE, signal)),
+    models: found?.slice(0, present?.rows),
+    more: present && (present.cursor !== undefined || found!.length > present.rows) ? () => more(present) : undefined,
     reading,
     fault,
     retry: () => setRetries(retries + 1),
   };
 }
 
-async function readPage(which: ModelFilter, cursor: string | undefined, pageSize: number, signal: AbortSignal): Promise<Reach> {
+function setReach(list: string, reach: Reach): void {
+  reached.value = new Map(reached.peek()).set(list, reach);
+}
+
+/** The newest known models that match, within what was read. */
+function newest({ oldest }: Reach, which: ModelFilter, count: number): ModelState[] {
+  const found: ModelState[] = [];
+  for (const model of known()) {
+    if (model.id < oldest || found.length === count) break;
+    if (matches(model, which)) found.push(model);
+  }
+  return found;
+}
+
+/** Reads a list from its beginning, for so many rows if they are not too many. */
+async function readNewest(which: ModelFilter, rows: number, signal: AbortSignal): Promise<Reach> {
+  let reach: Reach = { oldest: NOTHING, cursor: undefined, rows: Math.min(rows, READ_AGAIN) };
+  for (let left = reach.rows; left > 0; left -= LARGEST_PAGE) {
+    reach = await readPage(which, reach, Math.min(left, LARGEST_PAGE), signal);
+    if (reach.cursor === undefined) break;
+  }
+  return reach;
+}
+
+/** Reads on from a reach, and drops models that are known there but no longer listed. */
+async function readPage(which: ModelFilter, { oldest: from, cursor, rows }: Reach, pageSize: number, signal: AbortSignal): Promise<Reach> {
+  const before = [...known()].filter((model) => model.id < from && matches(model, which));
   const { models, next } = await ask((service) => service.listPage(which, { cursor, pageSize, view: "summary", signal }));
   signal.throwIfAborted();
   remember(models);
-  return { oldest: next ? (models.at(-1)?.id ?? "") : "", cursor: next ?? undefined };
-}
-
-/** Reads the newest models; all down to `oldest` if that is given, and drops those that are gone. */
-async function readDownTo(which: ModelFilter, oldest: string | undefined, signal: AbortSignal): Promise<Reach> {
-  if (oldest === undefined) return readPage(which, undefined, PAGE, signal);
-  const missing = new Map(known().filter((model) => model.id >= oldest && matches(model, which)).map((model) => [model.id, model]));
-  let cursor: string | undefined;
-  for (;;) {
-    const page = await ask((service) => service.listPage(which, { cursor, pageSize: LARGEST_PAGE, view: "summary", signal }));
-    signal.throwIfAborted();
-    remember(page.models);
-    for (const { id } of page.models) missing.delete(id);
-    const last = page.models.at(-1)?.id ?? "";
-    cursor = page.next ?? undefined;
-    if (cursor === undefined || last <= oldest) {
-      await Promise.all([...missing.keys()].map((id) => check(id, signal)));
-      return { oldest: cursor === undefined ? "" : last, cursor };
-    }
+  const oldest = next ? (models.at(-1)?.id ?? "") : "";
+  const listed = new Set(models.map(({ id }) => id));
+  const unlisted = before.filter(({ id }) => id >= oldest && !listed.has(id));
+  if (hasConditions(which)) {
+    // They were deleted, or have changed.
+    const [failed] = await settle(unlisted, ({ id }) => check(id, signal));
+    if (failed) throw failed.error;
+  } else {
+    for (const { id } of unlisted) forget(id);
   }
+  return { oldest, cursor: next ?? undefined, rows };
 }
 
-/** A model that the service no longer lists was deleted, or has changed. */
 async function check(id: string, signal: AbortSignal): Promise<void> {
   try {
     remember([await ask((service) => service.get(id, { view: "summary", signal }))]);

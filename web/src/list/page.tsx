@@ -1,11 +1,12 @@
 // The models of the service, newest first.
-import { useState } from "preact/hooks";
+import { useCallback, useRef, useState } from "preact/hooks";
 import { WorkersNotice } from "../growing/workers.tsx";
 import { href, route } from "../router.ts";
 import { Icon, Notice } from "../ui/widgets.tsx";
 import { AllMatching, Selection } from "./bulk.tsx";
 import { isEmpty, readFilter } from "./filter.ts";
 import { Filters } from "./filters.tsx";
+import { useKeptFocus } from "./focus.ts";
 import { useListing } from "./listing.ts";
 import { Row } from "./row.tsx";
 import { Welcome } from "./welcome.tsx";
@@ -17,17 +18,21 @@ export function Models() {
   const [selected, setSelected] = useState<ReadonlySet<string>>(new Set());
   const [bulk, setBulk] = useState<"cancel" | "delete">();
   const chosen = models?.filter(({ id }) => selected.has(id)) ?? [];
-  const select = (id: string, on: boolean) => {
-    const next = new Set(selected);
-    if (on) next.add(id);
-    else next.delete(id);
-    setSelected(next);
-  };
+  const select = useCallback((id: string, on: boolean) => {
+    setSelected((before) => {
+      const next = new Set(before);
+      if (on) next.add(id);
+      else next.delete(id);
+      return next;
+    });
+  }, []);
+  const [heading, list] = [useRef<HTMLHeadingElement>(null), useRef<HTMLUListElement>(null)];
+  const noteFocus = useKeptFocus(heading, list);
   const newcomer = models?.length === 0 && isEmpty(filter);
   return (
-    <>
+    <div onFocusIn={noteFocus}>
       <div class="page-head">
-        <h1>Models</h1>
+        <h1 ref={heading} tabIndex={-1}>Models</h1>
         {!newcomer && (
           <div class="actions">
             <a class="button button-primary" href={href(["new"], { purpose: "model" })}><Icon name="plus" /> New model</a>
@@ -43,9 +48,9 @@ export function Models() {
         </Notice>
       )}
       {models?.length === 0 && !newcomer && <p class="soft models-none">No model matches the filter.</p>}
-      {chosen.length > 0 && <Selection models={chosen} onClear={() => setSelected(new Set())} />}
-      <ul class="models" aria-busy={reading}>
-        {models?.map(({ id }) => <Row key={id} id={id} selected={selected.has(id)} onSelect={(on) => select(id, on)} />)}
+      {chosen.length > 0 && <Selection models={chosen} onSelect={(ids) => setSelected(new Set(ids))} />}
+      <ul ref={list} class="models" aria-busy={reading}>
+        {models?.map(({ id }) => <Row key={id} id={id} selected={selected.has(id)} onSelect={select} />)}
       </ul>
       {!models && reading && <p class="soft">Loading …</p>}
       {models && models.length > 0 && (
@@ -59,6 +64,6 @@ export function Models() {
         </div>
       )}
       {bulk && <AllMatching which={which} deed={bulk} onClose={() => setBulk(undefined)} />}
-    </>
+    </div>
   );
 }

@@ -13,7 +13,8 @@ import { Thumbnail } from "./thumbnail.tsx";
 interface Props {
   id: string;
   selected: boolean;
-  onSelect: (selected: boolean) => void;
+  /** Always the same function: otherwise every row is drawn again with the list. */
+  onSelect: (id: string, selected: boolean) => void;
 }
 
 export function Row({ id, selected, onSelect }: Props) {
@@ -24,7 +25,7 @@ export function Row({ id, selected, onSelect }: Props) {
   const target = href(["models", id]);
   return (
     <li class="model-row card" aria-label={name}>
-      <input type="checkbox" checked={selected} aria-label={`Select ${name}`} onChange={(event) => onSelect(event.currentTarget.checked)} />
+      <input type="checkbox" checked={selected} aria-label={`Select ${name}`} onChange={(event) => onSelect(id, event.currentTarget.checked)} />
       <a href={target} tabIndex={-1} aria-hidden="true"><Thumbnail model={model} /></a>
       <div class="model-text">
         <h2>

@@ -8,6 +8,8 @@ import { picture } from "../pictures.ts";
 
 /** Longest side in pixels: twice that of the frame, for dense screens. */
 const SIZE = 176;
+/** Milliseconds in sight after which a picture is asked for. */
+const PAUSE = 150;
 /** Points of a contour that a thumbnail shows. */
 const POINTS = 400;
 
@@ -20,19 +22,24 @@ export function Thumbnail({ model }: { model: ModelState }) {
   useEffect(() => {
     if (!succeeded) return;
     let left = false;
-    // Those that are scrolled past are not drawn.
-    const watcher = new IntersectionObserver(([entry]) => {
-      if (!entry?.isIntersecting) return;
+    let timer: ReturnType<typeof setTimeout> | undefined;
+    const ask = () => {
       watcher.disconnect();
       picture(id, "ampulla", SIZE).then(
         (url) => left || setUrl(url),
         // The placeholder stays.
         () => {},
       );
+    };
+    // Those that are scrolled past are not drawn.
+    const watcher = new IntersectionObserver((entries) => {
+      clearTimeout(timer);
+      if (entries.at(-1)?.isIntersecting) timer = setTimeout(ask, PAUSE);
     });
     watcher.observe(frame.current!);
     return () => {
       left = true;
+      clearTimeout(timer);
       watcher.disconnect();
     };
   }, [id, succeeded]);

@@ -1,6 +1,6 @@
 // What can be done with a model, as buttons.
 import { useState } from "preact/hooks";
-import type { Model, ModelRequest, ModelState } from "oviduct-client";
+import { OviductError, type Model, type ModelRequest, type ModelState } from "oviduct-client";
 import { hasEnded } from "../growing/words.ts";
 import { forget, remember } from "../models.ts";
 import { href } from "../router.ts";
@@ -24,7 +24,12 @@ export async function cancel(id: string): Promise<void> {
 }
 
 export async function remove(id: string): Promise<void> {
-  await ask((service) => service.delete(id));
+  try {
+    await ask((service) => service.delete(id));
+  } catch (error) {
+    // Somebody else was faster.
+    if (!(error instanceof OviductError && error.is("model-not-found"))) throw error;
+  }
   forget(id);
 }
 

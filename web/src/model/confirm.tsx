@@ -17,20 +17,22 @@ interface Props {
 
 export function Confirm({ title, action, children, disabled = false, onConfirm, onClose }: Props) {
   const [busy, setBusy] = useState(false);
-  const confirm = async () => {
+  const confirm = async (close: () => void) => {
     setBusy(true);
     await onConfirm();
-    onClose();
+    close();
   };
   return (
     <Dialog title={title} onClose={onClose}>
-      <div class="confirm">
-        {children}
-        <div class="row">
-          <button type="button" class="button button-danger" disabled={disabled || busy} onClick={confirm}>{action}</button>
-          <button type="button" class="button" onClick={onClose}>Keep</button>
+      {(close) => (
+        <div class="confirm">
+          {children}
+          <div class="row">
+            <button type="button" class="button button-danger" disabled={disabled || busy} onClick={() => confirm(close)}>{action}</button>
+            <button type="button" class="button" onClick={close}>Keep</button>
+          </div>
         </div>
-      </div>
+      )}
     </Dialog>
   );
 }

@@ -7,7 +7,7 @@ import { remember, state } from "../models.ts";
 import { go, href, route } from "../router.ts";
 import { ask, explain } from "../service.ts";
 import { reconnections } from "../stream.ts";
-import { Ago, CopyButton, Notice, StatusBadge, toast } from "../ui/widgets.tsx";
+import { Ago, CopyButton, Notice, StatusBadge, toast, Unloaded } from "../ui/widgets.tsx";
 import { ModelActions } from "./actions.tsx";
 import { Ended } from "./ended.tsx";
 import { Labels } from "./labels.tsx";
@@ -98,22 +98,13 @@ type Explorer = FunctionComponent<{ model: Model }>;
 /** The model in 3D, loaded when the first one is shown. */
 function Explored({ model }: { model: Model }) {
   const [explorer, setExplorer] = useState<{ Explore: Explorer } | "unavailable">();
-  const load = () => {
-    setExplorer(undefined);
+  useEffect(() => {
     import("../explore/explore.tsx").then(
       ({ default: Explore }) => setExplorer({ Explore }),
       () => setExplorer("unavailable"),
     );
-  };
-  useEffect(load, []);
-  if (explorer === "unavailable") {
-    return (
-      <Notice title="The 3D view could not be loaded" kind="error">
-        <p>The service may be restarting, or may have been updated.</p>
-        <p class="row"><button type="button" class="button button-primary" onClick={load}>Try again</button></p>
-      </Notice>
-    );
-  }
+  }, []);
+  if (explorer === "unavailable") return <Unloaded title="The 3D view could not be loaded" />;
   return explorer ? <explorer.Explore model={model} /> : <p class="soft" aria-busy="true">Loading …</p>;
 }
 

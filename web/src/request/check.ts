@@ -1,6 +1,6 @@
 // The service's opinion of the form while it is filled in: faults, and what the request would cost.
 import { computed, effect, signal } from "@preact/signals";
-import { OviductError, type BatchValidation, type Fault, type Validation, type WorkerList } from "oviduct-client";
+import { OviductError, type BatchValidation, type Fault, type Validation } from "oviduct-client";
 import { reconnections } from "../stream.ts";
 import { ask, explain, session } from "../service.ts";
 import { assign } from "./faults.ts";
@@ -16,13 +16,10 @@ export type Opinion =
 
 /** Pause in typing after which the service is asked, in milliseconds. */
 const PAUSE = 300;
-/** Milliseconds between readings of the list of workers. */
-const WORKERS_EVERY = 20_000;
 
 /** The newest answer; it may be about an earlier state of the form while `checking`. */
 export const opinion = signal<Opinion | undefined>(undefined);
 export const checking = signal(false);
-export const workers = signal<WorkerList | undefined>(undefined);
 
 export const faults = computed(() => {
   const found = localFaults() ?? (opinion.value?.kind === "faults" ? opinion.value.faults : []);
@@ -69,29 +66,6 @@ export function checkWhileTyping(): () => void {
     }, PAUSE);
   });
   return () => {
-    stop();
-    abort.abort();
-  };
-}
-
-/** Reads the list of workers now and then, until the result is called. */
-export function watchWorkers(): () => void {
-  const abort = new AbortController();
-  const read = async () => {
-    if (document.hidden) return;
-    try {
-      workers.value = await ask((service) => service.workers({ signal: abort.signal }));
-    } catch {
-      // The frame says that the service does not answer; what was known stays.
-    }
-  };
-  const timer = setInterval(read, WORKERS_EVERY);
-  const stop = effect(() => {
-    void [reconnections.value, session.value];
-    void read();
-  });
-  return () => {
-    clearInterval(timer);
     stop();
     abort.abort();
   };

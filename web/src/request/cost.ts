@@ -1,5 +1,6 @@
 // The predicted cost of a request in words.
-import type { BatchValidation, Validation, Worker, WorkerList } from "oviduct-client";
+import type { BatchValidation, Validation, WorkerList } from "oviduct-client";
+import { activeWorkers } from "../growing/words.ts";
 import { bytes, duration, short } from "../ui/format.ts";
 import type { Opinion } from "./check.ts";
 import type { Backend } from "./form.ts";
@@ -62,7 +63,7 @@ function studyCost({ cost, models, points, seeds }: BatchValidation, backend: Ba
 
 /** Times on the backends that could take the request, the likely one first. */
 function times(seconds: Record<string, number>, backend: Backend, workers: WorkerList | undefined): string[] {
-  const present = new Set(workers ? active(workers).map((worker) => worker.backend) : []);
+  const present = new Set(workers ? activeWorkers(workers).map((worker) => worker.backend) : []);
   const candidates = backend === "auto" ? (["gpu", "cpu", "cpu-single"] as const).filter((name) => present.has(name)) : [backend];
   const shown = candidates.length > 0 ? candidates : (["cpu"] as const);
   return shown.flatMap((name) => (seconds[name] === undefined ? [] : [`about ${duration(seconds[name])} on ${NAMES[name]}`]));
@@ -74,28 +75,4 @@ function plural(number: number, noun: string): string {
 
 function count(number: number): string {
   return number >= 1e6 ? `${short(number / 1e6)} million` : short(number);
-}
-
-/** Workers that start models now. */
-function active(list: WorkerList): Worker[] {
-  return list.pause ? [] : list.workers.filter(({ state }) => state === "active");
-}
-
-/** What to do if nothing would start the request; undefined if something would. */
-export function idleWords(workers: WorkerList | undefined, backend: Backend): { title: string; advice: string } | undefined {
-  if (!workers) return undefined;
-  if (workers.pause) {
-    return { title: "All workers are paused", advice: "The request waits in the queue until an administrator resumes them: `oviduct workers resume`." };
-  }
-  const ready = active(workers);
-  if (ready.length === 0) {
-    return workers.workers.length === 0
-      ? { title: "No worker is running", advice: "The request waits in the queue. Start a worker with `oviduct worker`, or the service with `--cpu-workers 1`." }
-      : { title: "No worker takes new models", advice: "Those that run are paused or are being shut down. The request waits in the queue until one is resumed or started." };
-  }
-  const fits = backend === "auto" || ready.some((worker) => (worker.backend === "gpu") === (backend === "gpu"));
-  if (fits) return undefined;
-  return backend === "gpu"
-    ? { title: "No GPU worker is active", advice: "Choose “Automatic”, or start a worker on a machine with a GPU." }
-    : { title: "No CPU worker is active", advice: "Choose “Automatic”, or start a worker with `--cpu-workers 1`." };
 }

@@ -1,11 +1,12 @@
 // The form that requests a model or a study.
 import type { ComponentChildren } from "preact";
 import { useEffect, useState } from "preact/hooks";
+import { watchWorkers } from "../growing/workers.tsx";
 import { connection } from "../stream.ts";
 import { href, route, setQuery } from "../router.ts";
 import { explain } from "../service.ts";
 import { Icon, Notice } from "../ui/widgets.tsx";
-import { checkWhileTyping, faults, watchWorkers } from "./check.ts";
+import { checkWhileTyping, faults } from "./check.ts";
 import { CodePanel } from "./code.tsx";
 import { Marked, Segments } from "./inputs.tsx";
 import { MoreOptions, PresetChoice, SeedField } from "./options.tsx";

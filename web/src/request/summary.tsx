@@ -1,10 +1,12 @@
 // Beside the form: what it would cost, what is wrong with it, and the button that sends it.
+import { workers } from "../growing/workers.tsx";
+import { standstill } from "../growing/words.ts";
 import { Notice } from "../ui/widgets.tsx";
-import { checking, faults, opinion, workers } from "./check.ts";
-import { costOf, idleWords } from "./cost.ts";
+import { checking, faults, opinion } from "./check.ts";
+import { costOf } from "./cost.ts";
 import { sentence } from "./faults.ts";
 import { variedPointer } from "./form.ts";
-import { controlId, goTo, Marked } from "./inputs.tsx";
+import { controlId, goTo } from "./inputs.tsx";
 import { form, localFaults, titles } from "./state.ts";
 import { refusal, sending, submit } from "./submit.ts";
 
@@ -20,7 +22,7 @@ export function Summary() {
   const cost = costOf(opinion.value, backend, workers.value);
   const models = opinion.value?.kind === "study" ? opinion.value.validation.models : undefined;
   const number = [...faults.value.values()].flat().length;
-  const idle = idleWords(workers.value, backend);
+  const idle = standstill(workers.value, backend);
   const stale = checking.value || localFaults() !== undefined;
   return (
     <aside class="card summary" aria-label="Cost and submission">
@@ -46,7 +48,7 @@ export function Summary() {
       {opinion.value?.kind === "unknown" && !checking.value && <p class="soft small">The request could not be checked. {opinion.value.reason}</p>}
       {idle && (
         <div class="idle small">
-          <strong>{idle.title}.</strong> <Marked text={idle.advice} />
+          <strong>{idle.title}.</strong> {idle.detail}
         </div>
       )}
       {cost && number === 0 && (

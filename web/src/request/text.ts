@@ -25,7 +25,7 @@ export function readSeeds(text: string): number[] | string {
     // Beyond it, adding one need not give another number.
     if (Math.max(from, to) > Number.MAX_SAFE_INTEGER) return `${part} exceeds ${Number.MAX_SAFE_INTEGER}, the greatest seed`;
     if (to < from) return `the range ${part} must go from the smaller number to the greater one`;
-    if (seeds.length + to - from >= MOST_SEEDS) return `the list has more than ${MOST_SEEDS} seeds`;
+    if (seeds.length + to - from >= MOST_SEEDS) return `there are more than ${MOST_SEEDS.toLocaleString("en")} seeds`;
     for (let seed = from; seed <= to; seed++) seeds.push(seed);
   }
   return seeds;

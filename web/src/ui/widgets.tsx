@@ -3,6 +3,7 @@ import { signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useEffect, useId, useRef } from "preact/hooks";
 import type { Status } from "oviduct-client";
+import { copy } from "./copy.ts";
 import { ago } from "./format.ts";
 
 /** Time for `ago`, advanced twice a minute. */
@@ -26,9 +27,18 @@ export function ProgressBar({ fraction, label }: { fraction: number; label: stri
   return <progress max={1} value={fraction} aria-label={label} />;
 }
 
-/** A modal dialog; `onClose` is called however it is closed. */
-export function Dialog(props: { title: string; onClose: () => void; children: ComponentChildren }) {
+interface DialogProps {
+  title: string;
+  /** Called however it is closed. */
+  onClose: () => void;
+  /** `close` gives the focus back to what had it; a dialog that is only removed does not. */
+  children: (close: () => void) => ComponentChildren;
+}
+
+/** A modal dialog. */
+export function Dialog(props: DialogProps) {
   const dialog = useRef<HTMLDialogElement>(null);
+  const close = () => dialog.current?.close();
   const title = useId();
   useEffect(() => {
     dialog.current?.showModal();
@@ -37,11 +47,11 @@ export function Dialog(props: { title: string; onClose: () => void; children: Co
     <dialog ref={dialog} aria-labelledby={title} onClose={props.onClose}>
       <header class="dialog-header">
         <h2 id={title}>{props.title}</h2>
-        <button type="button" class="button-icon" aria-label="Close" onClick={() => dialog.current?.close()}>
+        <button type="button" class="button-icon" aria-label="Close" onClick={close}>
           <Icon name="close" />
         </button>
       </header>
-      {props.children}
+      {props.children(close)}
     </dialog>
   );
 }
@@ -82,16 +92,12 @@ export function Toasts() {
 
 /** Copies text and says so. */
 export function CopyButton({ text, label = "Copy" }: { text: () => string; label?: string }) {
-  const copy = async () => {
-    try {
-      await navigator.clipboard.writeText(text());
-      toast("Copied.");
-    } catch {
-      toast("The browser does not let this page copy. Select the text instead.", "error");
-    }
+  const onClick = async () => {
+    if (await copy(text())) toast("Copied.");
+    else toast("The browser does not let this page copy.", "error");
   };
   return (
-    <button type="button" class="button" onClick={copy}>
+    <button type="button" class="button" onClick={onClick}>
       <Icon name="copy" /> {label}
     </button>
   );
@@ -104,6 +110,16 @@ export function Notice(props: { title: string; kind?: "info" | "error"; children
       <h2>{props.title}</h2>
       {props.children}
     </section>
+  );
+}
+
+/** In place of a part of the page whose code could not be loaded. Browsers do not load a module again that has failed. */
+export function Unloaded({ title }: { title: string }) {
+  return (
+    <Notice title={title} kind="error">
+      <p>The service may be restarting, or may have been updated.</p>
+      <p class="row"><button type="button" class="button button-primary" onClick={() => location.reload()}>Reload the page</button></p>
+    </Notice>
   );
 }
 
