@@ -6,7 +6,6 @@ import type { Tube } from "./framing.ts";
 import { Measurement } from "./measure.ts";
 import { survey, type Survey } from "./survey.ts";
 import { device } from "./viewer/device.ts";
-import { download } from "./viewer/download.ts";
 import { automaticLevel, levelsOf, type Level } from "./viewer/levels.ts";
 import { readSurface, type Surface } from "./viewer/surface.ts";
 
@@ -63,8 +62,10 @@ export class Exploration {
       this.loading.value = { level, received: 0 };
     });
     try {
-      const progress = (received: number) => (this.loading.value = { level, received });
-      const surface = await readSurface(await download(this.model.id, level.file.name, progress, signal));
+      const onProgress = (received: number) => {
+        if (!signal.aborted) this.loading.value = { level, received };
+      };
+      const surface = await readSurface(await ask((service) => service.bytes(this.model.id, level.file.name, { onProgress, signal })));
       signal.throwIfAborted();
       batch(() => {
         this.surface.value = surface;
