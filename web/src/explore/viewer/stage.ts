@@ -67,7 +67,7 @@ export class Stage {
     this.#tube = tube;
     const software = strength === "software";
     this.#renderer = new WebGLRenderer({ canvas, antialias: !software, alpha: true, stencil: true, powerPreference: "high-performance" });
-    this.#resolution = new Resolution(software, this.invalidate);
+    this.#resolution = new Resolution(software, this.#request);
     this.#renderer.localClippingEnabled = true;
     this.#cuts = new Cuts(tube);
     this.#plane = new SectionPlane(tube);
@@ -99,6 +99,11 @@ export class Stage {
   }
 
   invalidate = (): void => {
+    this.#resolution.moved();
+    this.#request();
+  };
+
+  readonly #request = (): void => {
     if (this.#pending === 0 && !this.#abort.signal.aborted) this.#pending = requestAnimationFrame(this.#draw);
   };
 
