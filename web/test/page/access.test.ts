@@ -49,3 +49,25 @@ test("a key is asked for once, kept in the tab, and opens everything", async () 
     await visit.close();
   });
 });
+
+test("a dialog of the key that was put aside is opened again", async () => {
+  await withService(["--cpu-workers", "0"], async (service) => {
+    const key = await service.key();
+    const visit = await Visit.open(service.url, {}, [401]);
+    const { page } = visit;
+    const dialog = page.getByRole("dialog", { name: "Key" });
+    for (const part of ["main", "banner"] as const) {
+      await dialog.waitFor();
+      await page.keyboard.press("Escape");
+      // It is closed before it is removed.
+      await page.locator("dialog").waitFor({ state: "detached" });
+      await page.getByRole(part).getByRole("button", { name: "Enter a key" }).click();
+    }
+    await visit.accessible();
+    await dialog.getByLabel("Key of this service").fill(key);
+    await dialog.getByRole("button", { name: "Use this key" }).click();
+    await page.getByRole("heading", { name: "Grow your first model" }).waitFor();
+    await dialog.waitFor({ state: "detached" });
+    await visit.close();
+  });
+});

@@ -1,6 +1,7 @@
 // Growing models: seen at once, and through reloads and restarts of the service.
 import assert from "node:assert/strict";
 import { after, test } from "node:test";
+import type { Locator } from "playwright-core";
 import { SMALL, withService, type Service } from "../../../clients/typescript/test/service.ts";
 import { Oviduct, type ModelRequest, type Vary } from "../../../clients/typescript/src/index.ts";
 import { closeBrowser, Visit } from "./browser.ts";
@@ -135,6 +136,101 @@ test("the list is filtered and follows the queue", async () => {
     const { models } = await client.listPage();
     assert.deepEqual(models.map(({ seed, status }) => [seed, status]), [[3, "cancelled"], [2, "queued"], [1, "cancelled"]]);
     await visit.close();
+  });
+});
+
+/** The list of queued models with these seeds, newest last, on a service without workers. */
+async function queued(seeds: number[], test: (visit: Visit, client: Oviduct, ids: string[]) => Promise<void>): Promise<void> {
+  await withService(["--cpu-workers", "0"], async ({ url }) => {
+    const client = new Oviduct(url);
+    const ids: string[] = [];
+    for (const seed of seeds) ids.push((await client.submit({ ...SMALL, seed })).id);
+    const visit = await Visit.open(url);
+    await row(visit, seeds.at(-1)!).waitFor();
+    await test(visit, client, ids);
+    await visit.close();
+  });
+}
+
+function row(visit: Visit, seed: number): Locator {
+  return visit.page.getByRole("listitem", { name: `Pig oviduct, seed ${seed}` });
+}
+
+/** Label of the row that has the focus; else the name of the element. */
+async function focused(visit: Visit): Promise<string | undefined> {
+  return visit.page.evaluate(() => document.activeElement?.closest("li[aria-label]")?.getAttribute("aria-label") ?? document.activeElement?.localName);
+}
+
+test("a model that no longer matches is not deleted with the others", async () => {
+  await queued([1, 2], async (visit, client, ids) => {
+    const { page } = visit;
+    await page.getByRole("combobox", { name: "Status" }).selectOption("queued");
+    await page.route("**/models?*", async (route) => {
+      const request = route.request();
+      const deletes = request.method() === "DELETE" && !request.url().includes("dry_run=true");
+      // The page does not know of it yet.
+      if (deletes) await client.cancel(ids[0]!);
+      await route.continue();
+    });
+    await page.getByRole("button", { name: "Delete all that match …" }).click();
+    const dialog = page.getByRole("dialog", { name: "Delete all models that match?" });
+    await dialog.getByText(/^2 models/).waitFor();
+    await dialog.getByRole("button", { name: "Delete them" }).click();
+    await page.getByText("1 model deleted.").waitFor();
+    await row(visit, 2).waitFor({ state: "detached" });
+    await page.getByRole("link", { name: "Show all" }).click();
+    await row(visit, 1).getByText("cancelled").waitFor();
+    assert.equal(await row(visit, 2).count(), 0);
+  });
+});
+
+test("several models are deleted as far as they can be, and the rest is said", async () => {
+  await queued([1, 2, 3, 4], async (visit, client, ids) => {
+    const { page } = visit;
+    visit.refusals = [403, 404];
+    const problem = { type: "urn:oviduct:problem:forbidden", title: "Forbidden", status: 403, detail: "It is protected." };
+    // Models are deleted from the newest: the third by somebody else just before, the second not at all.
+    await page.route(`**/models/${ids[2]}`, async (route) => {
+      await client.delete(ids[2]!).catch(() => undefined);
+      await route.continue();
+    });
+    await page.route(`**/models/${ids[1]}`, (route) =>
+      route.fulfill({ status: 403, contentType: "application/problem+json", body: JSON.stringify(problem) }),
+    );
+    await page.getByRole("button", { name: "Select all shown" }).click();
+    const selection = page.getByRole("region", { name: "Selected models" });
+    await selection.getByText("4 selected").waitFor();
+    await selection.getByRole("button", { name: "Delete" }).click();
+    await page.getByRole("dialog").getByRole("button", { name: "Delete them" }).click();
+    await page.getByText(/^3 of 4 models deleted; 1 failed: .*It is protected\.$/).waitFor();
+    await selection.getByText("1 selected").waitFor();
+    assert(await row(visit, 2).getByRole("checkbox").isChecked());
+    assert.deepEqual((await client.listPage()).models.map(({ seed }) => seed), [2]);
+    assert.equal(await page.getByRole("listitem", { name: /^Pig oviduct/ }).count(), 1);
+  });
+});
+
+test("the focus goes on to what is left", async () => {
+  await queued([1, 2, 3], async (visit) => {
+    const { page } = visit;
+    const dialog = page.getByRole("dialog");
+    const remove = (seed: number) => row(visit, seed).getByRole("button", { name: `Delete Pig oviduct, seed ${seed}` });
+    const answer = async (seed: number, name: string) => {
+      await remove(seed).focus();
+      await page.keyboard.press("Enter");
+      await dialog.getByRole("button", { name, exact: true }).focus();
+      await page.keyboard.press("Enter");
+      // It is closed before it is removed.
+      await page.locator("dialog").waitFor({ state: "detached" });
+    };
+    await answer(2, "Keep");
+    assert(await remove(2).evaluate((button) => button === document.activeElement), "the button that opened the dialog");
+    for (const [seed, next] of [[2, "Pig oviduct, seed 1"], [1, "Pig oviduct, seed 3"], [3, "h1"]] as const) {
+      await answer(seed, "Delete");
+      await row(visit, seed).waitFor({ state: "detached" });
+      await visit.page.waitForFunction(() => document.activeElement !== document.body);
+      assert.equal(await focused(visit), next);
+    }
   });
 });
 
