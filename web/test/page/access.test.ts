@@ -16,10 +16,6 @@ test("a key is asked for once, kept in the tab, and opens everything", async () 
     const addresses: string[] = [];
     page.on("request", (request) => addresses.push(request.url()));
     const dialog = page.getByRole("dialog", { name: "Key" });
-    // It can be put aside, and asked for.
-    await page.keyboard.press("Escape");
-    await dialog.waitFor({ state: "detached" });
-    await page.getByRole("button", { name: "Enter a key" }).last().click();
     await dialog.getByLabel("Key of this service").fill("wrong");
     await visit.accessible();
     await dialog.getByRole("button", { name: "Use this key" }).click();
@@ -50,6 +46,28 @@ test("a key is asked for once, kept in the tab, and opens everything", async () 
     visit.refusals = [401];
     await page.getByRole("button", { name: "Forget the key", exact: true }).click();
     await page.getByText("This service asks for a key").waitFor();
+    await visit.close();
+  });
+});
+
+test("a dialog of the key that was put aside is opened again", async () => {
+  await withService(["--cpu-workers", "0"], async (service) => {
+    const key = await service.key();
+    const visit = await Visit.open(service.url, {}, [401]);
+    const { page } = visit;
+    const dialog = page.getByRole("dialog", { name: "Key" });
+    for (const part of ["main", "banner"] as const) {
+      await dialog.waitFor();
+      await page.keyboard.press("Escape");
+      // It is closed before it is removed.
+      await page.locator("dialog").waitFor({ state: "detached" });
+      await page.getByRole(part).getByRole("button", { name: "Enter a key" }).click();
+    }
+    await visit.accessible();
+    await dialog.getByLabel("Key of this service").fill(key);
+    await dialog.getByRole("button", { name: "Use this key" }).click();
+    await page.getByRole("heading", { name: "Grow your first model" }).waitFor();
+    await dialog.waitFor({ state: "detached" });
     await visit.close();
   });
 });
