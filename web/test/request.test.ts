@@ -6,7 +6,7 @@ import type { BatchValidation, Preset, Validation, WorkerList } from "oviduct-cl
 import { standstill } from "../src/growing/words.ts";
 import { costOf } from "../src/request/cost.ts";
 import { assign, sentence } from "../src/request/faults.ts";
-import { BLANK, requestOf, variedFrom, type Form, type Request } from "../src/request/form.ts";
+import { BLANK, requestOf, variedFrom, variedOf, type Form, type Request } from "../src/request/form.ts";
 import { groupsOf, parametersOf, type SchemaNode } from "../src/request/parameters.ts";
 import { changesOf } from "../src/request/patch.ts";
 import { addKey, extent, moveKey, removeKey, round, stepOf, valueAt, type Schedule } from "../src/request/schedule.ts";
@@ -111,6 +111,8 @@ test("what is no number is a fault at its field", () => {
   assert.deepEqual(pointers({ purpose: "study", seeds: "given", seedList: "9..1" }), ["/seeds"]);
   assert.deepEqual(pointers({ labels: [{ name: "a/b", value: "1" }, { name: "a/b", value: "2" }] }), ["/labels/a~1b"]);
   const varied = { pointer: "/collision/gap_um", values: "range", from: "1", to: "", count: "x", list: "" } as const;
+  const list = { ...varied, values: "list", list: "28,5; 30,5" } as const;
+  assert.deepEqual(pointers({ purpose: "study", varied: [list] }), ["/vary/values/~1collision~1gap_um"]);
   assert.deepEqual(pointers({ purpose: "study", varied: [varied] }), ["/vary/values/~1collision~1gap_um/to", "/vary/values/~1collision~1gap_um/count"]);
 });
 
@@ -128,15 +130,27 @@ test("studies have seeds and a design", () => {
   });
 });
 
+test("a study varies what its preset has, and keeps the rest", () => {
+  const foreign = { pointer: "/bending", values: "range", from: "x", to: "", count: "5", list: "" } as const;
+  const varied = [foreign, variedFrom(parameters[1]!)];
+  assert.deepEqual(variedOf({ ...BLANK, varied }, parameters), varied.slice(1));
+  const body = bodyOf({ purpose: "study", varied });
+  assert.deepEqual(body["vary"], { design: "grid", values: { "/friction": { from: 0.24, to: 0.36, count: 5 } } });
+  assert.deepEqual(bodyOf({ purpose: "study", seeds: "one", varied: [foreign] }), { preset: "pig", count: 1 });
+});
+
 test("numbers, seeds and lists are read as typed", () => {
   assert.deepEqual(["1", " -2.5e-3 ", ".5", "5.", "", "1,5", "0x10", "1e999", "five"].map(readNumber), [1, -0.0025, 0.5, 5, NaN, NaN, NaN, NaN, NaN]);
   assert.deepEqual(readSeeds("1 .. 3, 42;7"), [1, 2, 3, 42, 7]);
   assert.match(String(readSeeds("1, x")), /“x”/);
-  assert.match(String(readSeeds("0..999999999")), /more than 10,000/);
-  assert.match(String(readSeeds("1..6000, 6001..12000")), /more than 10,000/);
-  assert.equal(readSeeds("1..4000, 6001..12000").length, 10_000);
-  assert.match(String(readSeeds("9007199254740992..9007199254740994")), /2\^53/);
+  assert.match(String(readSeeds("1.5")), /“1.5”/);
+  assert.deepEqual(readSeeds("9007199254740990..9007199254740991"), [2 ** 53 - 2, 2 ** 53 - 1]);
+  assert.match(String(readSeeds("9007199254740990..9007199254740993")), /greatest seed/);
+  assert.equal((readSeeds("1..9999, 7") as number[]).length, 10_000);
+  for (const long of ["0..10000", "1..9999, 7, 8", "1..6000, 1..6000"]) assert.match(String(readSeeds(long)), /more than 10,000/);
   assert.deepEqual(readList("25, 30 true rk4"), [25, 30, true, "rk4"]);
+  assert.deepEqual(readList("28.5; 30.5"), [28.5, 30.5]);
+  assert.match(String(readList("28.5; 30,5")), /“30,5”.*point/);
 });
 
 test("curves pass through their keys, and keys stay in order and in bounds", () => {

@@ -98,11 +98,17 @@ export function requestOf(form: Form, preset: string, parameters: readonly Param
   if (form.purpose === "model") {
     if (form.seed.trim() !== "") body["seed"] = number(form.seed, "/seed");
   } else {
-    addStudy(form, body, number, faults);
+    addStudy({ ...form, varied: variedOf(form, parameters) }, body, number, faults);
   }
   if (faults.length > 0) return faults;
   // The service checks what the types of its members cannot.
   return { purpose: form.purpose, body } as Request;
+}
+
+/** What the form varies of the parameters of its preset; it keeps what it varies of another preset's for that one. */
+export function variedOf({ varied }: Form, parameters: readonly Parameter[]): readonly Varied[] {
+  const pointers = new Set(parameters.map(({ pointer }) => pointer));
+  return varied.filter(({ pointer }) => pointers.has(pointer));
 }
 
 const NO_NUMBER = "must be a number; write decimals with a point";
@@ -120,7 +126,11 @@ function addStudy(form: Form, body: Json, number: (text: string, pointer: string
   if (form.varied.length === 0) return;
   const lhs = form.design === "lhs";
   const values = form.varied.map((varied): [string, unknown] => {
-    if (varied.values === "list") return [varied.pointer, readList(varied.list)];
+    if (varied.values === "list") {
+      const list = readList(varied.list);
+      if (typeof list === "string") faults.push({ pointer: variedPointer(varied.pointer), detail: list });
+      return [varied.pointer, list];
+    }
     const read = (member: (typeof RANGE)[number]) => number(varied[member], variedPointer(varied.pointer, member));
     const ends = { from: read("from"), to: read("to") };
     return [varied.pointer, lhs ? ends : { ...ends, count: read("count") }];

@@ -12,7 +12,7 @@ import { Marked, Segments } from "./inputs.tsx";
 import { MoreOptions, PresetChoice, SeedField } from "./options.tsx";
 import { ParameterField } from "./parameter.tsx";
 import { groupsOf, type Group, type Parameter } from "./parameters.ts";
-import { ASKED, catalogue, change, fillFrom, form, loadCatalogue, origin, parameters, startOver } from "./state.ts";
+import { catalogue, change, fillFrom, form, loadCatalogue, origin, parameters, startOver } from "./state.ts";
 import { StudyFields } from "./study.tsx";
 import { GeneralFaults, Summary } from "./summary.tsx";
 import "./request.css";
@@ -43,7 +43,7 @@ export default function Page() {
   const ready = catalogue.value !== undefined;
   const { query } = route.value;
   useEffect(() => {
-    if (!ready || ![...query.keys()].some((name) => ASKED.includes(name))) return;
+    if (!ready) return;
     void fillFrom(query);
     // A reload keeps what was changed since.
     setQuery({});

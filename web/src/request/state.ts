@@ -2,7 +2,7 @@
 import { batch, computed, effect, signal } from "@preact/signals";
 import type { Fault, Preset, PresetList } from "oviduct-client";
 import { ask, explain } from "../service.ts";
-import { BLANK, RANGE, requestOf, variedPointer, type Form } from "./form.ts";
+import { BLANK, RANGE, requestOf, variedOf, variedPointer, type Form } from "./form.ts";
 import { parametersOf, type Parameter, type SchemaNode } from "./parameters.ts";
 import { changesOf } from "./patch.ts";
 import { same, type Value } from "./schedule.ts";
@@ -31,12 +31,14 @@ export const parameters = computed<readonly Parameter[]>(() =>
 );
 /** Titles of the parameters by their pointers. */
 export const titles = computed<ReadonlyMap<string, string>>(() => new Map(parameters.value.map(({ pointer, title }) => [pointer, title])));
+/** What the form varies of the present parameters. */
+export const varied = computed(() => variedOf(form.value, parameters.value));
 /** The request as it would be sent, or faults that need no service to find. */
 export const request = computed(() => preset.value && requestOf(form.value, preset.value.name, parameters.value));
 /** Pointers of all that has a place on the page for its faults, roughly from top to bottom. */
 export const fields = computed<readonly string[]>(() => [
   ...["/preset", "/seed", "/seeds", "/count"],
-  ...form.value.varied.flatMap(({ pointer }) => [undefined, ...RANGE].map((member) => variedPointer(pointer, member))),
+  ...varied.value.flatMap(({ pointer }) => [undefined, ...RANGE].map((member) => variedPointer(pointer, member))),
   "/vary/samples",
   ...parameters.value.map(({ pointer }) => `/spec${pointer}`),
   ...["/labels", "/outputs", "/backend", "/priority", "/reuse"],
@@ -64,7 +66,11 @@ effect(() => {
   }
 });
 
+/** The reading of the model that a link names. It ends when the form is changed otherwise. */
+let filling: AbortController | undefined;
+
 export function change(part: Partial<Form>): void {
+  filling?.abort();
   form.value = { ...form.value, ...part };
 }
 
@@ -75,6 +81,7 @@ export function setParameter({ pointer, preset }: Parameter, value: Value): void
 }
 
 export function startOver(): void {
+  filling?.abort();
   batch(() => {
     form.value = { ...BLANK, preset: form.value.preset, purpose: form.value.purpose };
     origin.value = undefined;
@@ -89,16 +96,22 @@ export async function loadCatalogue(): Promise<void> {
 
 const noPreset = (name: string) => `This service has no preset “${name}”.`;
 
-/** What a link can ask for. */
-export const ASKED = ["purpose", "preset", "seed", "from"];
-
-/** Fills in a blank form as a link asks: with a preset, a seed, or the request of a model (`from`). `purpose` alone keeps the rest. */
+/**
+ * Does what a link asks: fills in a blank form with a preset, a seed, or the request of a model (`from`).
+ * A link that has a `purpose` alone keeps what was filled in.
+ */
 export async function fillFrom(query: URLSearchParams): Promise<void> {
-  const purpose = query.get("purpose") === "study" ? "study" : "model";
-  if (query.has("purpose") && query.size === 1) return change({ purpose });
   const { schema, details } = catalogue.value!;
   const [name, seed, from] = ["preset", "seed", "from"].map((member) => query.get(member) ?? undefined);
-  const filled: Form = { ...BLANK, purpose, preset: name, seed: seed ?? "" };
+  const purpose = query.get("purpose") === "study" ? "study" : "model";
+  if (name === undefined && seed === undefined && from === undefined) {
+    if (query.has("purpose")) change({ purpose });
+    return;
+  }
+  const filled: Form = { ...BLANK, preset: name, seed: seed ?? "", purpose };
+  filling?.abort();
+  filling = new AbortController();
+  const { signal } = filling;
   if (from === undefined) {
     batch(() => {
       form.value = filled;
@@ -107,12 +120,14 @@ export async function fillFrom(query: URLSearchParams): Promise<void> {
     return;
   }
   try {
-    const model = await ask((service) => service.get(from));
+    const model = await ask((service) => service.get(from, { signal }));
+    if (signal.aborted) return;
     const base = details.get(model.preset);
     batch(() => {
       form.value = {
         ...filled,
         preset: model.preset,
+        seed: seed ?? String(model.seed),
         changes: base ? changesOf(model.spec, parametersOf(schema, base)) : {},
         labels: Object.entries(model.labels).map(([name, value]) => ({ name, value })),
         outputs: model.outputs,
@@ -122,6 +137,7 @@ export async function fillFrom(query: URLSearchParams): Promise<void> {
       origin.value = base ? { id: from } : { failed: noPreset(model.preset) };
     });
   } catch (error) {
+    if (signal.aborted) return;
     batch(() => {
       form.value = filled;
       origin.value = { failed: `The model to start from could not be read. ${explain(error)}` };

@@ -4,21 +4,21 @@ import { BLANK, RANGE, variedFrom, variedPointer, type Form, type Varied } from 
 import { controlId, controlOf, Faults, Field } from "./inputs.tsx";
 import { groupsOf, type Parameter } from "./parameters.ts";
 import { isSchedule } from "./schedule.ts";
-import { catalogue, change, form, parameters } from "./state.ts";
+import { catalogue, change, form, parameters, varied } from "./state.ts";
 
 export function StudyFields() {
-  const { varied, design } = form.value;
+  const { design } = form.value;
   return (
     <section class="card stack" aria-labelledby="study-title">
       <h2 id="study-title">Study</h2>
       <SeedFields />
       <h3>Varied parameters</h3>
-      {varied.length === 0 && <p class="soft">None: the models differ by their seeds only.</p>}
-      {varied.map((entry, index) => (
-        <VariedFields key={entry.pointer} varied={entry} index={index} />
+      {varied.value.length === 0 && <p class="soft">None: the models differ by their seeds only.</p>}
+      {varied.value.map((entry) => (
+        <VariedFields key={entry.pointer} varied={entry} parameter={parameters.value.find(({ pointer }) => pointer === entry.pointer)!} />
       ))}
       <AddVaried />
-      {varied.length > 0 && (
+      {varied.value.length > 0 && (
         <div class="columns">
           <div class="field">
             <label for="design">Design</label>
@@ -39,8 +39,8 @@ export function StudyFields() {
 }
 
 function SeedFields() {
-  const { seeds, seedCount, seedList, varied } = form.value;
-  const each = varied.length > 0 ? " of each point" : "";
+  const { seeds, seedCount, seedList } = form.value;
+  const each = varied.value.length > 0 ? " of each point" : "";
   return (
     <div class="columns">
       <div class="field">
@@ -50,7 +50,7 @@ function SeedFields() {
           <option value="drawn">Several, drawn by the service</option>
           <option value="given">These</option>
         </select>
-        {seeds === "one" && varied.length > 0 && <div class="hint">All points have the same seed: they differ by the varied parameters alone.</div>}
+        {seeds === "one" && varied.value.length > 0 && <div class="hint">All points have the same seed: they differ by the varied parameters alone.</div>}
       </div>
       {seeds === "drawn" && (
         <Field pointer="/count" title={`Models${each}`}>
@@ -67,15 +67,15 @@ function SeedFields() {
 }
 
 function AddVaried() {
-  const taken = new Set(form.value.varied.map(({ pointer }) => pointer));
+  const taken = new Set(varied.value.map(({ pointer }) => pointer));
   const free = parameters.value.filter(({ pointer }) => !taken.has(pointer));
   const add = (pointer: string) => {
     const parameter = free.find((other) => other.pointer === pointer);
     if (!parameter) return;
-    const { varied, seeds, seedCount } = form.value;
+    const { seeds, seedCount } = form.value;
     // Points that share a seed differ by the varied parameter alone, unless more was asked for.
-    const asked = varied.length > 0 || seeds !== BLANK.seeds || seedCount !== BLANK.seedCount;
-    change({ varied: [...varied, variedFrom(parameter)], ...(asked ? {} : { seeds: "one" }) });
+    const asked = taken.size > 0 || seeds !== BLANK.seeds || seedCount !== BLANK.seedCount;
+    change({ varied: [...form.value.varied, variedFrom(parameter)], ...(asked ? {} : { seeds: "one" }) });
   };
   return (
     <label class="row">
@@ -100,12 +100,10 @@ function AddVaried() {
   );
 }
 
-function VariedFields({ varied, index }: { varied: Varied; index: number }) {
-  const parameter = parameters.value.find(({ pointer }) => pointer === varied.pointer);
-  if (!parameter) return null;
+function VariedFields({ varied, parameter }: { varied: Varied; parameter: Parameter }) {
   const { title, unit, kind } = parameter;
   const pointer = variedPointer(varied.pointer);
-  const set = (part: Partial<Varied>) => change({ varied: form.value.varied.map((other, i) => (i === index ? { ...other, ...part } : other)) });
+  const set = (part: Partial<Varied>) => change({ varied: form.value.varied.map((other) => (other.pointer === varied.pointer ? { ...other, ...part } : other)) });
   const number = (member: (typeof RANGE)[number], label: string) => (
     <label>
       <span>{label}</span>
@@ -145,7 +143,7 @@ function VariedFields({ varied, index }: { varied: Varied; index: number }) {
             <input {...controlOf(pointer, false)} autocomplete="off" aria-label={`List of values of ${title}`} value={varied.list} onInput={({ currentTarget }) => set({ list: currentTarget.value })} />
           </label>
         )}
-        <button type="button" class="button-icon" aria-label={`Do not vary ${title}`} onClick={() => change({ varied: form.value.varied.filter((_, i) => i !== index) })}>
+        <button type="button" class="button-icon" aria-label={`Do not vary ${title}`} onClick={() => change({ varied: form.value.varied.filter((other) => other.pointer !== varied.pointer) })}>
           <Icon name="trash" />
         </button>
       </div>

@@ -1,7 +1,7 @@
 // Numbers and lists as people type them.
 
 const NUMBER = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;
-/** More are not written out; the service refuses as many. */
+/** More seeds are not written out; the service refuses as many. */
 const MOST_SEEDS = 10_000;
 
 /** NaN if the text is not a number. */
@@ -19,24 +19,22 @@ function parts(text: string): string[] {
 export function readSeeds(text: string): number[] | string {
   const seeds: number[] = [];
   for (const part of parts(text.replace(/\s*\.\.\s*/g, ".."))) {
-    const range = /^(\d+)\.\.(\d+)$/.exec(part);
-    if (!range) {
-      const seed = readNumber(part);
-      if (Number.isNaN(seed)) return `“${part}” is neither a number nor a range such as 1..10`;
-      seeds.push(seed);
-      continue;
-    }
-    const [from, to] = [Number(range[1]), Number(range[2])];
+    const [, first, last = first] = /^(\d+)(?:\.\.(\d+))?$/.exec(part) ?? [];
+    if (first === undefined) return `“${part}” is neither a seed nor a range such as 1..10`;
+    const [from, to] = [Number(first), Number(last)];
+    // Beyond it, adding one need not give another number.
+    if (Math.max(from, to) > Number.MAX_SAFE_INTEGER) return `${part} exceeds ${Number.MAX_SAFE_INTEGER}, the greatest seed`;
     if (to < from) return `the range ${part} must go from the smaller number to the greater one`;
-    if (!Number.isSafeInteger(to)) return `the range ${part} goes beyond 2^53`;
     if (seeds.length + to - from >= MOST_SEEDS) return `there are more than ${MOST_SEEDS.toLocaleString("en")} seeds`;
     for (let seed = from; seed <= to; seed++) seeds.push(seed);
   }
   return seeds;
 }
 
-/** Values of a parameter such as `25, 30, 40` or `rk4, euler`. */
-export function readList(text: string): (number | string | boolean)[] {
+/** Values of a parameter such as `25, 30, 40` or `rk4, euler`; or what is wrong with them. */
+export function readList(text: string): (number | string | boolean)[] | string {
+  const mixed = text.includes(";") && text.split(";").find((part) => part.includes(","));
+  if (mixed) return `“${mixed.trim()}” has a comma between semicolons; write decimals with a point, and separate values by one of the two`;
   return parts(text).map((part) => {
     const value = readNumber(part);
     if (!Number.isNaN(value)) return value;

@@ -14,6 +14,8 @@ const FLAGS = [
   "--use-angle=swiftshader",
   "--enable-unsafe-swiftshader",
   "--disable-background-networking",
+  // A name that is not that of this machine: its pages are no secure context.
+  "--host-resolver-rules=MAP lab.example 127.0.0.1",
 ];
 const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 
