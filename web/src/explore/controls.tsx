@@ -1,5 +1,5 @@
 // Controls of the 3D picture: views, cuts, parts, detail and flight.
-import type { Signal } from "@preact/signals";
+import { useComputed, type Signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useId } from "preact/hooks";
 import { bytes, micrometres, short } from "../ui/format.ts";
@@ -14,7 +14,7 @@ import type { View } from "./view.ts";
 const VIEW_TITLES = { whole: "Whole", isthmus: "Isthmus", ampulla: "Ampulla", side: "Side" };
 
 export function ViewButtons({ view }: { view: View }) {
-  void view.pose.changes.value;
+  const standard = useComputed(() => (void view.pose.changes.value, view.pose.standard));
   return (
     <div class="row views" role="group" aria-label="Views">
       {STANDARD_VIEWS.map((name) => (
@@ -22,7 +22,7 @@ export function ViewButtons({ view }: { view: View }) {
           key={name}
           type="button"
           class="button"
-          aria-pressed={view.pose.standard === name && !view.flying.value}
+          aria-pressed={standard.value === name && !view.flying.value}
           onClick={() => {
             view.flight.value = undefined;
             view.show(name, glideFrom());
@@ -91,9 +91,8 @@ export function DetailPanel({ exploration }: { exploration: Exploration }) {
 
 export function FlightPanel({ exploration, view, flight }: { exploration: Exploration; view: View; flight: Flight }) {
   const { survey, sectionsFault, tube } = exploration;
-  const at = view.flight.value;
   const speed = useId();
-  if (at === undefined) {
+  if (!view.flying.value) {
     return (
       <Panel title="Fly through the lumen">
         <button type="button" class="button" disabled={!survey.value} onClick={() => flight.start()}>
@@ -118,7 +117,7 @@ export function FlightPanel({ exploration, view, flight }: { exploration: Explor
         </select>
         <button type="button" class="button" onClick={() => flight.leave()}>Leave</button>
       </div>
-      <Slider label="Along the tube" value={view.flight as Signal<number>} min={0} max={1} step={0.0005} text={(value) => `${short(value * tube.length)} mm`} />
+      <Slider label="Along the tube" value={flight.shown} onInput={(at) => (view.flight.value = at)} min={0} max={1} step={0.0005} text={(value) => `${short(value * tube.length)} mm`} />
       <p class="soft small">Drag the picture to look around. Rings mark every 0.1 mm, dark ones every millimetre.{stillness.value && " Play moves the camera; it does not start by itself."}</p>
     </Panel>
   );
@@ -150,9 +149,11 @@ interface SliderProps {
   max: number;
   step: number;
   text: (value: number) => string;
+  /** Takes a new value in place of `value`. */
+  onInput?: (value: number) => void;
 }
 
-export function Slider({ label, value, min, max, step, text }: SliderProps) {
+export function Slider({ label, value, min, max, step, text, onInput = (next) => (value.value = next) }: SliderProps) {
   const id = useId();
   return (
     <div class="slider">
@@ -166,7 +167,7 @@ export function Slider({ label, value, min, max, step, text }: SliderProps) {
         step={step}
         value={value.value}
         aria-valuetext={text(value.value)}
-        onInput={(event) => (value.value = Number(event.currentTarget.value))}
+        onInput={(event) => onInput(Number(event.currentTarget.value))}
       />
     </div>
   );

@@ -8,27 +8,39 @@ export const SPEEDS = [0.5, 1, 2, 4] as const;
 /** Millimetres that a key moves. */
 const STEP = 0.1;
 const BIG_STEP = 1;
+const CONTROLS_MS = 100;
 
 export class Flight {
   readonly playing = signal(false);
   readonly speed = signal<number>(1);
+  /** Position for the controls: that of the view, but only ten times a second while playing. */
+  readonly shown = signal(0);
   readonly #view: View;
   /** Length of the tube, millimetres. */
   readonly #length: number;
   #pending = 0;
   #last = 0;
-  readonly #leave: () => void;
+  readonly #leave: (() => void)[];
 
   constructor(view: View, length: number) {
     this.#view = view;
     this.#length = length;
-    this.#leave = effect(() => {
+    const play = effect(() => {
       cancelAnimationFrame(this.#pending);
       if (this.playing.value && view.flight.value === undefined) this.playing.value = false;
       if (!this.playing.value) return;
       this.#last = 0;
       this.#pending = requestAnimationFrame(this.#advance);
     });
+    let updated = 0;
+    const show = effect(() => {
+      const at = view.flight.value ?? 0;
+      const now = performance.now();
+      if (this.playing.value && now - updated < CONTROLS_MS) return;
+      updated = now;
+      this.shown.value = at;
+    });
+    this.#leave = [play, show];
   }
 
   /** Enters the lumen at the isthmus end, or where the flight was; moves unless the user asks for less motion. */
@@ -64,7 +76,7 @@ export class Flight {
   };
 
   dispose(): void {
-    this.#leave();
+    for (const leave of this.#leave) leave();
     cancelAnimationFrame(this.#pending);
   }
 

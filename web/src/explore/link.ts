@@ -17,10 +17,13 @@ export function keepLink(view: View, measurement?: Measurement): () => void {
   };
   read();
   let [timer, first] = [0, true];
+  const write = () => setQuery(queryOf(view, measurement));
   const leave = effect(() => {
-    const query = queryOf(view, measurement);
+    view.subscribe();
+    void measurement?.a.value;
+    void measurement?.b.value;
     clearTimeout(timer);
-    if (!first) timer = setTimeout(() => setQuery(query), SETTLED);
+    if (!first) timer = setTimeout(write, SETTLED);
     first = false;
   });
   // Another link to the same page was opened.
@@ -33,7 +36,6 @@ export function keepLink(view: View, measurement?: Measurement): () => void {
 }
 
 function queryOf(view: View, measurement: Measurement | undefined): URLSearchParams {
-  void view.pose.changes.value;
   const query = writeView(view, route.peek().query);
   query.delete("from");
   query.delete("to");

@@ -5,7 +5,7 @@ import { bytes } from "../ui/format.ts";
 import { Notice, ProgressBar } from "../ui/widgets.tsx";
 import type { Exploration } from "./exploration.ts";
 import type { Flight } from "./flight.ts";
-import { drawRuler } from "./ruler.ts";
+import { Ruler } from "./ruler.ts";
 import { Still } from "./still.tsx";
 import type { View } from "./view.ts";
 import { device } from "./viewer/device.ts";
@@ -58,7 +58,7 @@ export function Picture({ exploration, view, flight }: Props) {
         <line />
         <circle r="5" />
         <circle r="5" />
-        <text />
+        <text x="0" y="0" />
       </svg>
       <Loading exploration={exploration} />
       {stage?.lost.value && (
@@ -86,7 +86,8 @@ function connect(stage: Stage, exploration: Exploration, flight: Flight, overlay
   void exploration.loadSurface();
   stage.onKey = flight.key;
   stage.onPick = (spot) => measurement.picking.peek() && measurement.pick(spot);
-  stage.onFrame = () => drawRuler(overlay, measurement, stage);
+  const ruler = new Ruler(overlay);
+  stage.onFrame = () => ruler.draw(measurement, stage);
   const leave = [
     effect(() => {
       if (exploration.surface.value) stage.show(exploration.surface.value);

@@ -4,24 +4,49 @@ import { micrometres } from "../ui/format.ts";
 import type { Measurement } from "./measure.ts";
 import type { Stage } from "./viewer/stage.ts";
 
-const [a, b] = [new Vector3(), new Vector3()];
+export class Ruler {
+  readonly #overlay: SVGSVGElement;
+  readonly #lines: NodeListOf<SVGLineElement>;
+  readonly #ends: NodeListOf<SVGCircleElement>;
+  readonly #label: SVGTextElement;
+  readonly #a = new Vector3();
+  readonly #b = new Vector3();
+  /** Micrometres that the label shows. */
+  #distance: number | undefined;
 
-/** Moves line, ends and label to where they are in the picture; to be called after each frame. */
-export function drawRuler(overlay: SVGSVGElement, { a: from, b: to, distance }: Measurement, stage: Stage): void {
-  const start = from.peek();
-  const end = to.peek() ?? start;
-  const seen = start !== undefined && end !== undefined && stage.project(start, a) && stage.project(end, b);
-  overlay.style.display = seen ? "" : "none";
-  if (!seen) return;
-  for (const line of overlay.querySelectorAll("line")) set(line, { x1: a.x, y1: a.y, x2: b.x, y2: b.y });
-  const [first, second] = overlay.querySelectorAll("circle");
-  set(first!, { cx: a.x, cy: a.y });
-  set(second!, { cx: b.x, cy: b.y });
-  const label = overlay.querySelector("text")!;
-  set(label, { x: (a.x + b.x) / 2, y: (a.y + b.y) / 2 - 10 });
-  label.textContent = distance.peek() === undefined ? "" : micrometres(distance.peek()!);
-}
+  constructor(overlay: SVGSVGElement) {
+    this.#overlay = overlay;
+    this.#lines = overlay.querySelectorAll("line");
+    this.#ends = overlay.querySelectorAll("circle");
+    this.#label = overlay.querySelector("text")!;
+  }
 
-function set(element: Element, attributes: Record<string, number>): void {
-  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value.toFixed(1));
+  /** Moves line, ends and label to where they are in the picture; to be called after each frame. */
+  draw({ a: from, b: to, distance }: Measurement, stage: Stage): void {
+    const start = from.peek();
+    const end = to.peek() ?? start;
+    const a = this.#a;
+    const b = this.#b;
+    const seen = start !== undefined && end !== undefined && stage.project(start, a) && stage.project(end, b);
+    this.#overlay.style.display = seen ? "" : "none";
+    if (!seen) return;
+    // Lengths are set as numbers: attributes would be new strings in each frame.
+    for (let i = 0; i < this.#lines.length; i++) {
+      const { x1, y1, x2, y2 } = this.#lines[i]!;
+      x1.baseVal.value = a.x;
+      y1.baseVal.value = a.y;
+      x2.baseVal.value = b.x;
+      y2.baseVal.value = b.y;
+    }
+    for (let i = 0; i < this.#ends.length; i++) {
+      const { cx, cy } = this.#ends[i]!;
+      cx.baseVal.value = i === 0 ? a.x : b.x;
+      cy.baseVal.value = i === 0 ? a.y : b.y;
+    }
+    this.#label.x.baseVal.getItem(0).value = (a.x + b.x) / 2;
+    this.#label.y.baseVal.getItem(0).value = (a.y + b.y) / 2 - 10;
+    if (distance.peek() === this.#distance) return;
+    this.#distance = distance.peek();
+    this.#label.textContent = this.#distance === undefined ? "" : micrometres(this.#distance);
+  }
 }

@@ -30,6 +30,11 @@ export class View {
   readonly flight = signal<number | undefined>(undefined);
   readonly flying = computed(() => this.flight.value !== undefined);
 
+  readonly #linked: readonly Signal[] = [
+    this.pose.changes, this.lengthwise, this.angle, this.across, this.position, this.flipped, ...Object.values(this.shown),
+    this.translucent, this.section, this.plane, this.flight,
+  ];
+
   constructor(tube: Tube) {
     this.tube = tube;
     this.reframe();
@@ -38,6 +43,11 @@ export class View {
   /** Whether all walls and caps are shown, and hide what is behind them. */
   get closed(): boolean {
     return PATCHES.every((patch) => this.shown[patch].value) && !this.translucent.value;
+  }
+
+  /** Subscribes the effect that calls it to all that a link keeps. */
+  subscribe(): void {
+    for (let i = 0; i < this.#linked.length; i++) void this.#linked[i]!.value;
   }
 
   /** Shows a standard view: moving there from `now` on (milliseconds, as of frames), or at once. */

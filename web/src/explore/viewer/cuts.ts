@@ -1,10 +1,11 @@
 // Planes that cut the tube open, with closed cut faces.
 //
-// With one plane, a back face of the closed surface is seen only where the line of sight enters tissue through the cut: the
-// walls draw their back faces in the colour of the cut, which costs nothing more. That does not do where walls are hidden,
-// where the line of sight leaves through a second plane, or where depth on the cut matters. There, a face is drawn where an
-// odd number of triangles lies along the line of sight behind the plane: each inverts the plane's bit of the stencil. Both
-// are exact for a surface that does not intersect itself.
+// A face is drawn where an odd number of triangles of the closed surface lies along the line of sight behind the plane: each
+// triangle inverts the plane's bit of the stencil. This is exact for a surface that does not intersect itself.
+//
+// Coarse pictures get by without counting: with one plane, a back face of the closed surface is seen only where the line of
+// sight enters tissue through the cut, so the walls draw their back faces in the colour of the cut. Slivers of triangles leave
+// a few wrong pixels.
 import {
   AlwaysStencilFunc,
   BufferGeometry,
@@ -183,15 +184,15 @@ export class Cuts {
     this.#rims.trace(surface, [plane(RIM), plane(this.#tube.length - RIM)]);
   }
 
-  /** Applies the cuts of a view; subscribes the effect that calls it. */
-  apply(view: View, surface: Surface | undefined): void {
+  /** Applies the cuts of a view, for a coarse picture or a good one; subscribes the effect that calls it. */
+  apply(view: View, surface: Surface | undefined, coarse: boolean): void {
     const outside = !view.flying.value;
     const [lengthwise, across] = [view.lengthwise.value && outside, view.across.value && outside];
     this.#place(view);
     this.active = [...(lengthwise ? [this.#lengthwise.plane] : []), ...(across ? [this.#across.plane] : [])];
     const [only, second] = [...(lengthwise ? [this.#lengthwise] : []), ...(across ? [this.#across] : [])];
-    // The plane of a section is seen before the cut only.
-    const counted = second !== undefined || !view.closed || view.plane.value;
+    // Without its face, the cut does not hide the plane of a section.
+    const counted = !coarse || second !== undefined || !view.closed || view.plane.value;
     this.backs = counted ? undefined : only?.color;
     this.#rims.clip(this.active);
     this.#rims.group.visible = outside && view.shown.caps.value;

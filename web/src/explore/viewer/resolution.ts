@@ -11,9 +11,11 @@ const COARSE = 0.5;
 export class Resolution {
   /** Pixels for each of the page. */
   ratio = 1;
+  /** Whether the present frame is to be drawn quickly rather than well. */
+  coarse = false;
   readonly #larger: number;
   readonly #settled: () => void;
-  #coarse: boolean;
+  #slow: boolean;
   #resting = false;
   #last = 0;
   /** Mean of the latest intervals between frames of a movement, milliseconds. */
@@ -25,7 +27,7 @@ export class Resolution {
    * movement has ended.
    */
   constructor(software: boolean, settled: () => void) {
-    this.#coarse = software;
+    this.#slow = software;
     this.#larger = software ? 1.5 : 1;
     this.#settled = settled;
   }
@@ -43,15 +45,17 @@ export class Resolution {
     clearTimeout(this.#timer);
     if (this.#resting) {
       this.#resting = false;
+      this.coarse = false;
       this.ratio = Math.min(devicePixelRatio * this.#larger, MOST);
       return;
     }
     if (interval < REST) {
       this.#interval += (interval - this.#interval) * 0.3;
-      if (this.#interval > SLOW) this.#coarse = true;
-      else if (this.#interval < QUICK) this.#coarse = false;
+      if (this.#interval > SLOW) this.#slow = true;
+      else if (this.#interval < QUICK) this.#slow = false;
     } else this.#interval = (SLOW + QUICK) / 2;
-    this.ratio = Math.min(devicePixelRatio, MOST) * (this.#coarse ? COARSE : 1);
+    this.coarse = this.#slow;
+    this.ratio = Math.min(devicePixelRatio, MOST) * (this.coarse ? COARSE : 1);
     this.#timer = setTimeout(this.#rest, REST);
   }
 

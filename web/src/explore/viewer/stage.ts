@@ -56,6 +56,7 @@ export class Stage {
   #look = { yaw: 0, pitch: 0 };
   #pending = 0;
   #frames = 0;
+  #coarse = false;
 
   /** Throws if the browser gives no WebGL2 context. */
   constructor(canvas: HTMLCanvasElement, view: View, tube: Tube, { strength }: Device) {
@@ -150,8 +151,7 @@ export class Stage {
     const view = this.#view;
     this.#leave.push(
       effect(() => {
-        this.#cuts.apply(view, this.#surface.value);
-        this.#tissue.apply(view, this.#cuts.active, this.#cuts.backs);
+        this.#apply();
         this.invalidate();
       }),
       effect(() => {
@@ -182,6 +182,11 @@ export class Stage {
     );
   }
 
+  #apply(): void {
+    this.#cuts.apply(this.#view, this.#surface.value, this.#coarse);
+    this.#tissue.apply(this.#view, this.#cuts.active, this.#cuts.backs);
+  }
+
   #resize(): void {
     const { clientWidth: width, clientHeight: height } = this.#canvas;
     if (width === 0 || height === 0) return;
@@ -198,6 +203,10 @@ export class Stage {
     this.#view.pose.advance(now);
     this.#resolution.frame(now);
     if (this.#resolution.ratio !== this.#renderer.getPixelRatio()) this.#renderer.setPixelRatio(this.#resolution.ratio);
+    if (this.#resolution.coarse !== this.#coarse) {
+      this.#coarse = this.#resolution.coarse;
+      this.#apply();
+    }
     const flight = this.#view.flight.peek();
     const way = this.#way.peek();
     if (flight !== undefined && way) this.#fly(flight, way);
@@ -211,7 +220,8 @@ export class Stage {
   #orbit(): void {
     const { pose } = this.#view;
     const { length, radius } = this.#tube;
-    const [a, e] = [(pose.azimuth * Math.PI) / 180, (pose.elevation * Math.PI) / 180];
+    const a = (pose.azimuth * Math.PI) / 180;
+    const e = (pose.elevation * Math.PI) / 180;
     const target = this.#target.set(pose.x, pose.y, pose.z * length);
     const { position } = this.#camera;
     position.set(Math.cos(e) * Math.sin(a), Math.sin(e), Math.cos(e) * Math.cos(a));
