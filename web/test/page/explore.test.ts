@@ -7,7 +7,12 @@ import type { Page } from "playwright-core";
 import type { PNG } from "pngjs";
 import { Oviduct, type Model, type SectionJson } from "../../../clients/typescript/src/index.ts";
 import { Service } from "../../../clients/typescript/test/service.ts";
+import { boundsOf, contains, type Outline } from "../../src/explore/contours.ts";
+import { FIELD } from "../../src/explore/framing.ts";
 import { closeBrowser, colours, difference, picture, Visit } from "./browser.ts";
+
+/** Red, green and blue of cut tissue, as in the service's drawings. */
+const TISSUE = [0xde, 0x95, 0xa9];
 
 let service: Service;
 let client: Oviduct;
@@ -107,17 +112,50 @@ test("cuts, parts, level and flight change the picture", async () => {
   await visit.close();
 });
 
+/** Distance of a point from a closed polygon. */
+function distanceTo({ x, y }: Outline, px: number, py: number): number {
+  let least = Infinity;
+  for (let i = 0, j = x.length - 1; i < x.length; j = i++) {
+    const [dx, dy] = [x[i]! - x[j]!, y[i]! - y[j]!];
+    const along = Math.max(0, Math.min(1, ((px - x[j]!) * dx + (py - y[j]!) * dy) / (dx * dx + dy * dy || 1)));
+    least = Math.min(least, Math.hypot(x[j]! + along * dx - px, y[j]! + along * dy - py));
+  }
+  return least;
+}
+
 test("cut faces are closed: tissue where the section has tissue, and nowhere else", async () => {
-  // Seen from the ampulla end, cut at the place of a section.
-  const { entries } = await client.sections(models[0].id);
-  const k = entries.findIndex(({ z_um }) => z_um > 40_000);
-  const at = entries[k]!.z_um / (entries.at(-1)!.z_um || 1);
-  const visit = await open(`?cam=ampulla&cut=${at}`);
-  const image = await shown(visit.page);
-  const tissue = (i: number) => image.data[i]! > 150 && image.data[i]! - image.data[i + 1]! > 40 && image.data[i + 1]! > 70;
-  let pixels = 0;
-  for (let i = 0; i < image.data.length; i += 4) if (tissue(i)) pixels++;
-  assert(pixels / (image.width * image.height) > 0.05, "the cut face is filled");
+  // Seen along the tube, cut at a section of the ampulla, which fills the height of the picture.
+  const sections = await client.sections(models[0].id);
+  const { entries } = sections;
+  const k = entries.findIndex(({ z_um }) => z_um > 0.85 * entries.at(-1)!.z_um);
+  const at = entries[k]!.z_um / entries.at(-1)!.z_um;
+  const section = sections.section(k);
+  const { x0, y0, x1, y1 } = boundsOf(section.outer);
+  const [x, y] = [(x0 + x1) / 2, (y0 + y1) / 2];
+  const slope = Math.tan(((FIELD / 2) * Math.PI) / 180);
+  const distance = (0.55 * Math.max(x1 - x0, y1 - y0)) / slope;
+  const visit = await open(`?cam=0_0_${distance / 1000}_${x / 1000}_${y / 1000}_${at}&cut=${at}`);
+  await visit.page.getByRole("button", { name: /^Full/ }).click();
+  await visit.page.getByText("1,596,630 triangles are shown.").waitFor();
+  const { width, height, data } = await shown(visit.page);
+  const pixel = (2 * distance * slope) / height;
+  // The edges of the face are drawn as lines of 12 µm.
+  const margin = 6 + 2 * pixel;
+  const samples = { tissue: 0, lumen: 0, outside: 0 };
+  const wrong: string[] = [];
+  for (let row = 1; row < height; row += 3) {
+    for (let column = 1; column < width; column += 3) {
+      const [px, py] = [x + (column + 0.5 - width / 2) * pixel, y - (row + 0.5 - height / 2) * pixel];
+      if (Math.min(distanceTo(section.inner, px, py), distanceTo(section.outer, px, py)) < margin) continue;
+      const i = 4 * (row * width + column);
+      const painted = TISSUE.every((value, channel) => Math.abs(data[i + channel]! - value) <= 2);
+      const place = contains(section.inner, px, py) ? "lumen" : contains(section.outer, px, py) ? "tissue" : "outside";
+      samples[place]++;
+      if (painted !== (place === "tissue")) wrong.push(`${place} at (${column}, ${row})`);
+    }
+  }
+  assert(samples.tissue > 5000 && samples.lumen > 100 && samples.outside > 5000, JSON.stringify(samples));
+  assert.deepEqual(wrong.slice(0, 10), []);
   await visit.close();
 });
 
@@ -250,6 +288,74 @@ test("two models are compared with one camera", async () => {
   await visit.close();
 });
 
+test("models that still grow are compared once they have finished", async () => {
+  const { id } = await client.submit({ preset: "pig", seed: 9, spec: { steps: 1000, solver: { search: "grid" } } });
+  const visit = await Visit.open(`${service.url}/#/compare/${models[0].id}/${id}`);
+  await visit.page.getByRole("heading", { name: "Only finished models can be compared" }).waitFor();
+  await canvasOf(visit.page).nth(1).waitFor({ timeout: 240_000 });
+  await visit.close();
+});
+
+test("what does not come leaves the rest, and comes later", async () => {
+  const visit = await Visit.open(service.url);
+  const { page } = visit;
+  visit.away = true;
+  let missing = /\/(model\.lod1\.glb|sections\.bin|report)(\?|$)/;
+  await page.route("**/models/**", (route) => (missing.test(route.request().url()) ? route.abort() : route.continue()));
+  await page.goto(`${service.url}/#/models/${models[0].id}`);
+  for (const part of ["sections", "report"]) await page.getByRole("heading", { name: `The ${part} could not be loaded` }).waitFor();
+  const level = page.getByRole("group", { name: "Level of detail" });
+  await level.getByRole("button", { name: /^Medium/ }).click();
+  const fault = page.getByRole("alert").filter({ hasText: /^Medium detail could not be loaded/ });
+  await fault.waitFor();
+  assert(colours(await picture(canvasOf(page))) > 200, "the lightest level is still shown");
+  await visit.accessible();
+
+  missing = /\/(model\.lod0\.glb|sections\.bin|report)(\?|$)/;
+  await fault.getByRole("button", { name: "Try again" }).click();
+  await level.getByRole("button", { name: /^Medium/, pressed: true }).waitFor();
+  await fault.waitFor({ state: "detached" });
+
+  await level.getByRole("button", { name: /^Full/ }).click();
+  await page.getByText(/^Full detail could not be loaded/).waitFor();
+  missing = /^$/;
+  // As when the network is back: the stream of events is opened again.
+  await page.evaluate(() => dispatchEvent(new Event("online")));
+  await page.getByText("1,596,630 triangles are shown.").waitFor();
+  await page.getByRole("img", { name: /^Cross section at/ }).waitFor();
+  await page.getByText("by exact tests of the surface").waitFor();
+  assert.equal(await page.getByRole("alert").count(), 0);
+  await visit.close();
+});
+
+test("two fingers zoom a section about their middle", async () => {
+  const visit = await Visit.open(`${service.url}/#/models/${models[0].id}`, { hasTouch: true });
+  const { page } = visit;
+  const drawing = page.getByRole("img", { name: /^Cross section at/ });
+  await drawing.scrollIntoViewIfNeeded();
+  const box = (await drawing.boundingBox())!;
+  const [x, y] = [box.x + 0.4 * box.width, box.y + 0.55 * box.height];
+  /** Span of the drawing, and the point of it between the fingers; micrometres. */
+  const seen = async () => {
+    const [left, top, span] = (await drawing.getAttribute("viewBox"))!.split(" ").map(Number) as [number, number, number];
+    return { span, x: left + ((x - box.x) / box.width) * span, y: top + ((y - box.y) / box.height) * span };
+  };
+  const before = await seen();
+  const debug = await page.context().newCDPSession(page);
+  const touch = (type: "touchStart" | "touchMove" | "touchEnd", ...apart: number[]) =>
+    debug.send("Input.dispatchTouchEvent", {
+      type, touchPoints: apart.flatMap((half) => [{ x: x - half, y, id: 1 }, { x: x + half, y, id: 2 }]),
+    });
+  await touch("touchStart", 30);
+  for (let half = 36; half <= 90; half += 6) await touch("touchMove", half);
+  await touch("touchEnd");
+  const after = await seen();
+  assert(Math.abs(before.span / after.span - 3) < 0.05, `zoomed ${before.span / after.span} times`);
+  const moved = (Math.hypot(after.x - before.x, after.y - before.y) / after.span) * box.width;
+  assert(moved < 2, `by ${moved} pixels`);
+  await visit.close();
+});
+
 test("a phone has room for everything", async () => {
   const visit = await Visit.open(`${service.url}/#/models/${models[0].id}`, {
     viewport: { width: 390, height: 844 }, hasTouch: true, colorScheme: "dark",
@@ -281,10 +387,14 @@ test("ten models opened and closed leave nothing behind", async () => {
   const visit = await open();
   const { page } = visit;
   const debug = await page.context().newCDPSession(page);
-  const size = async () => {
+  const held = async () => {
     await debug.send("HeapProfiler.collectGarbage");
-    const { usedSize } = await debug.send("Runtime.getHeapUsage");
-    return usedSize;
+    // Array buffers are freed in the background.
+    await page.waitForTimeout(500);
+    await debug.send("HeapProfiler.collectGarbage");
+    const { usedSize, backingStorageSize } = await debug.send("Runtime.getHeapUsage");
+    const { nodes, jsEventListeners: listeners } = await debug.send("Memory.getDOMCounters");
+    return { usedSize, backingStorageSize, nodes, listeners };
   };
   const cycle = async () => {
     await page.getByRole("link", { name: "Models", exact: true }).click();
@@ -294,10 +404,14 @@ test("ten models opened and closed leave nothing behind", async () => {
   };
   await cycle();
   await cycle();
-  const start = await size();
+  const start = await held();
   for (let i = 0; i < 8; i++) await cycle();
-  const grown = (await size()) - start;
-  assert(grown < 8e6, `${grown} bytes more`);
+  const end = await held();
+  const grown = (name: keyof typeof end) => end[name] - start[name];
+  const text = JSON.stringify({ start, end });
+  console.log(text);
+  assert(grown("usedSize") < 8e6 && grown("backingStorageSize") < 8e6, text);
+  assert(grown("nodes") < 100 && grown("listeners") < 8, text);
   await visit.close();
 });
 
