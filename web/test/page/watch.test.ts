@@ -4,7 +4,7 @@ import { after, test } from "node:test";
 import type { Locator } from "playwright-core";
 import { SMALL, withService, type Service } from "../../../clients/typescript/test/service.ts";
 import { Oviduct, type ModelRequest, type Vary } from "../../../clients/typescript/src/index.ts";
-import { closeBrowser, Visit } from "./browser.ts";
+import { closeBrowser, colours, picture, Visit } from "./browser.ts";
 
 after(closeBrowser);
 
