@@ -76,7 +76,7 @@ fn targets(files: &[PathBuf], out: &Path) -> Result<(PathBuf, Vec<String>), Fail
 }
 
 fn draw(file: &Path, args: &RenderArgs) -> anyhow::Result<Vec<u8>> {
-    let mesh = if file.extension().is_some_and(|extension| extension == "bin") {
+    let mesh = if file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("bin")) {
         preview::surface(BufReader::new(File::open(file)?), args.view, args.size)?
     } else {
         mesh(read_surface(file)?)

@@ -16,61 +16,19 @@ use crate::jobs::File;
 use crate::preview::{PreviewError, surface};
 use crate::render::{MEDIA_TYPE, NamedView, RenderError, mesh_png};
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, header};
+use axum::http::{HeaderMap, HeaderValue, Method, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
 use futures_util::TryStreamExt;
-use std::collections::VecDeque;
 use std::io::Cursor;
 use std::ops::RangeInclusive;
-use std::sync::{Arc, Mutex, PoisonError};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use std::sync::Arc;
+use tokio::sync::OwnedSemaphorePermit;
 
 /// Longest side of a picture, pixels.
 const SIZES: RangeInclusive<u32> = 32..=2048;
 /// Longest side if none is asked for.
 const SIZE: u32 = 1024;
-/// Most bytes of pictures in memory.
-const KEPT_BYTES: usize = 16 << 20;
-
-/// What the requests for pictures share.
-pub(super) struct Pictures {
-    turns: Arc<Semaphore>,
-    kept: Mutex<Kept>,
-}
-
-impl Pictures {
-    /// Draws at most `most` pictures at a time.
-    pub(super) fn new(most: usize) -> Self {
-        Self { turns: Arc::new(Semaphore::new(most)), kept: Mutex::default() }
-    }
-
-    fn kept(&self) -> std::sync::MutexGuard<'_, Kept> {
-        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// Pictures by entity tag, those used last at the back.
-#[derive(Default)]
-struct Kept(VecDeque<(ETag, Bytes)>);
-
-impl Kept {
-    fn get(&mut self, tag: &ETag) -> Option<Bytes> {
-        let place = self.0.iter().position(|(kept, _)| kept == tag)?;
-        let entry = self.0.remove(place)?;
-        let png = entry.1.clone();
-        self.0.push_back(entry);
-        Some(png)
-    }
-
-    fn put(&mut self, tag: ETag, png: Bytes) {
-        self.0.retain(|(kept, _)| *kept != tag);
-        self.0.push_back((tag, png));
-        while self.0.iter().map(|(_, png)| png.len()).sum::<usize>() > KEPT_BYTES {
-            self.0.pop_front();
-        }
-    }
-}
 
 /// Draw a picture of a finished model.
 ///
@@ -96,6 +54,7 @@ pub(super) async fn preview(
     caller: Caller,
     ModelId(id): ModelId,
     parameters: Parameters,
+    method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let (view, size) = options(&parameters)?;
@@ -104,12 +63,14 @@ pub(super) async fn preview(
     if tag.matches_none(&headers) {
         return tag.not_modified(IMMUTABLE);
     }
-    let kept = state.pictures.kept().get(&tag);
+    let kept = state.pictures.kept(&tag);
     let png = match kept {
         Some(png) => png,
         None => draw(&state, &file, view, size, &tag).await?,
     };
-    state.metrics.bytes_out(png.len() as u64);
+    if method == Method::GET {
+        state.metrics.bytes_out(png.len() as u64);
+    }
     let kind = HeaderValue::from_static(MEDIA_TYPE);
     let headers = [(header::CONTENT_TYPE, kind), (header::ETAG, tag.header()?), (header::CACHE_CONTROL, IMMUTABLE)];
     Ok((headers, png).into_response())
@@ -133,31 +94,31 @@ fn options(parameters: &Parameters) -> Result<(NamedView, u32), Problem> {
 /// Draws a picture, when it is its turn, and keeps it.
 async fn draw(state: &AppState, file: &File, view: NamedView, size: u32, tag: &ETag) -> Result<Bytes, Problem> {
     let turn = turn(state).await?;
+    // Another request may have drawn it while this one waited.
+    if let Some(png) = state.pictures.kept(tag) {
+        return Ok(png);
+    }
     let download = permit(state)?;
     let chunks: Vec<Bytes> = state.artifacts.get_range(&file.key, None).await?.stream.try_collect().await?;
     drop(download);
+    let (pictures, tag) = (Arc::clone(&state.pictures), tag.clone());
     let drawn = tokio::task::spawn_blocking(move || {
-        // The turn is over when the threads are free, even if the client has gone.
+        // The turn is over when the threads are free, and the picture is kept, even if the client has gone.
         let _turn = turn;
         let mesh = surface(Cursor::new(chunks.concat()), view, size)?;
-        Ok::<_, DrawError>(mesh_png(&mesh, &view.of(&mesh, size))?)
+        let png = Bytes::from(mesh_png(&mesh, &view.of(&mesh, size))?);
+        pictures.keep(tag, png.clone());
+        Ok::<_, DrawError>(png)
     });
-    let png = drawn.await.map_err(|error| failed(&error))?.map_err(|error| failed(&error))?;
-    let png = Bytes::from(png);
-    state.pictures.kept().put(tag.clone(), png.clone());
-    Ok(png)
+    drawn.await.map_err(|error| failed(&error))?.map_err(|error| failed(&error))
 }
 
 /// Room for one more picture that is drawn.
 async fn turn(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
-    let turn = Arc::clone(&state.pictures.turns).acquire_owned();
-    match tokio::time::timeout(state.limits.picture_wait, turn).await {
-        Ok(Ok(turn)) => Ok(turn),
-        Ok(Err(_)) | Err(_) => {
-            let problem = Problem::new(Kind::TooManyPictures, "Many pictures are being drawn. Try again later.");
-            Err(problem.with_header(header::RETRY_AFTER, HeaderValue::from_static("5")))
-        }
-    }
+    state.pictures.turn(state.limits.picture_wait).await.ok_or_else(|| {
+        let problem = Problem::new(Kind::TooManyPictures, "Many pictures are being drawn. Try again later.");
+        problem.with_header(header::RETRY_AFTER, HeaderValue::from_static("5"))
+    })
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -171,25 +132,4 @@ enum DrawError {
 fn failed(error: &(dyn std::error::Error + 'static)) -> Problem {
     tracing::error!(error, "a picture could not be drawn");
     Problem::new(Kind::Internal, "The picture could not be drawn.")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pictures_that_were_not_used_for_longest_go_first() {
-        let mut kept = Kept::default();
-        let third = || Bytes::from(vec![0; KEPT_BYTES / 3]);
-        for name in ["a", "b", "c"] {
-            kept.put(ETag::strong(name), third());
-        }
-        assert!(kept.get(&ETag::strong("a")).is_some());
-        kept.put(ETag::strong("c"), third());
-        kept.put(ETag::strong("d"), third());
-        let left = ["a", "b", "c", "d"].map(|name| kept.get(&ETag::strong(name)).is_some());
-        assert_eq!(left, [true, false, true, true]);
-        kept.put(ETag::strong("e"), Bytes::from(vec![0; KEPT_BYTES + 1]));
-        assert!(kept.0.is_empty(), "what is too large is not kept");
-    }
 }
