@@ -1,6 +1,6 @@
 //! Levels of detail for viewers: three GLB files with all, about 300,000 and about 60,000 triangles.
 //!
-//! Each has the nodes, names and materials of [`glb`](super::glb). Positions are rounded to a grid and normals to 8 bits
+//! Each has the nodes, names and materials of [`glb`](super::glb). Positions are rounded to a grid and normals to 16 bits
 //! (`KHR_mesh_quantization`), and all data are compressed (`EXT_meshopt_compression`); a viewer must support both. Merging
 //! equal positions gives a closed surface with the Euler number of the body, as in the full file. It is not certified: walls
 //! that nearly touch may pass through each other by less than the level's distance.
@@ -15,7 +15,7 @@ mod grid;
 mod mend;
 mod simplify;
 
-pub(in crate::export) use encode::{COMPRESSION, Compression, Mode, POSITION_BYTES};
+pub(in crate::export) use encode::{COMPRESSION, Compression, Mode, VECTOR_BYTES};
 pub(in crate::export) use grid::Grid;
 
 use super::Metadata;
@@ -76,22 +76,28 @@ impl Level {
 /// of a triangle exceeds. That of a simplified patch is measured from all vertices of the full surface to the level, and from
 /// the edge midpoints and centroids of the level to the full surface; it is at least that of the farthest moved vertex.
 ///
+/// `stop` is asked between steps, whether to give up.
+///
 /// # Errors
-/// [`io::ErrorKind::InvalidInput`] if the mesh has no triangles.
+/// [`io::ErrorKind::InvalidInput`] if the mesh has no triangles; [`io::ErrorKind::Interrupted`] if it was stopped.
 ///
 /// # Panics
 /// If the mesh's indices or patch ranges are out of bounds.
-pub fn levels(mesh: &Mesh) -> io::Result<Vec<Level>> {
+pub fn levels(mesh: &Mesh, stop: &(dyn Fn() -> bool + Sync)) -> io::Result<Vec<Level>> {
     if mesh.triangles.is_empty() {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "the mesh has no triangles"));
     }
-    Ok(levels_of(mesh, LEVEL_TRIANGLES))
+    levels_of(mesh, LEVEL_TRIANGLES, stop).ok_or_else(|| io::ErrorKind::Interrupted.into())
 }
 
-fn levels_of(mesh: &Mesh, targets: [usize; 2]) -> Vec<Level> {
+/// The levels, unless it was stopped.
+fn levels_of(mesh: &Mesh, targets: [usize; 2], stop: &(dyn Fn() -> bool + Sync)) -> Option<Vec<Level>> {
     let full = Full::new(mesh);
     let all = full.level();
     let level = |n: usize, triangles: &Triangulation<'_>| {
+        if stop() {
+            return None;
+        }
         let (encoded, distance) = rayon::join(|| Encoded::new(&full, triangles), || distance(&full, triangles));
         let report = LevelReport {
             file: FILES[n],
@@ -100,16 +106,19 @@ fn levels_of(mesh: &Mesh, targets: [usize; 2]) -> Vec<Level> {
             precision_um: full.grid.step.map(|step| micrometres(f64::from(step))),
             distance_um: micrometres(distance),
         };
-        Level { report, encoded }
+        Some(Level { report, encoded })
     };
     let (first, (second, third)) = rayon::join(
         || level(0, &all),
         || {
+            if stop() {
+                return (None, None);
+            }
             let one = coarser(&full, &all, targets[0]);
-            rayon::join(|| level(1, &one), || level(2, &coarser(&full, &one, targets[1])))
+            rayon::join(|| level(1, &one), || if stop() { None } else { level(2, &coarser(&full, &one, targets[1])) })
         },
     );
-    vec![first, second, third]
+    Some(vec![first?, second?, third?])
 }
 
 /// Metres as micrometres, rounded up to a tenth of a nanometre.

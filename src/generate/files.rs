@@ -1,6 +1,6 @@
 //! Writes the files of a model into a folder, each hashed while it is written.
 
-use super::types::{FileOutput, GenerateError, Output, Request};
+use super::types::{CancelToken, FileOutput, GenerateError, Output, Request};
 use crate::ENGINE_VERSION;
 use crate::export::glb::{GlbOptions, write_glb};
 use crate::export::hashing::HashingWriter;
@@ -27,6 +27,7 @@ pub(super) fn write(
     sections: &[Section],
     summary: &Value,
     certificate: &Value,
+    cancel: &CancelToken,
 ) -> Result<Vec<FileOutput>, GenerateError> {
     let meta = Metadata {
         preset: request.preset.clone(),
@@ -48,8 +49,11 @@ pub(super) fn write(
     tasks.push(("sections.bin", sections_bin::MEDIA_TYPE, Box::new(|out| write_sections(sections, &meta, out))));
     let (files, levels) = rayon::join(
         || write_all(request, tasks),
-        || if wants(Output::Lod) { levels(mesh).map(Some) } else { Ok(None) },
+        || if wants(Output::Lod) { levels(mesh, &|| cancel.is_cancelled()).map(Some) } else { Ok(None) },
     );
+    if cancel.is_cancelled() {
+        return Err(GenerateError::Cancelled);
+    }
     let levels = levels.map_err(|source| GenerateError::Io { name: lod::FILES[0].into(), source })?;
     let mut report = json!({
         "digest": meta.digest,

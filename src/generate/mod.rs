@@ -150,7 +150,7 @@ fn finish(
     });
     let certificate = serde_json::to_value(&certificate)
         .map_err(|e| GenerateError::Io { name: files::REPORT.into(), source: e.into() })?;
-    let files = files::write(request, &mesh, &grown.sections, &summary, &certificate)?;
+    let files = files::write(request, &mesh, &grown.sections, &summary, &certificate, cancel)?;
     seconds.export = watch.seconds();
     stop_if_cancelled(cancel)?;
     seconds.total = ran.total.seconds();

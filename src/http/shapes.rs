@@ -84,7 +84,8 @@ pub(super) struct StoredReport {
     summary: Summary,
     /// The certificate of the surface as exported.
     certificate: Certificate,
-    /// The levels of detail, the finest first; only if `lod` was asked for.
+    /// The levels of detail, the finest first; only if the model was grown with `lod`. A model that reuses it has the same
+    /// report, and the files that it asked for.
     #[schema(required = false)]
     levels: Vec<DetailLevel>,
 }

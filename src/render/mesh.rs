@@ -317,13 +317,16 @@ mod tests {
         // The end, 2 mm wide, fills 0.93 of 400 pixels less the strip of the bar.
         let png = mesh_png(&sample::tube(96, 12, 0.4), &View { width: 400, height: 400, ..end_on() }).unwrap();
         let picture = Pixmap::decode_png(&png).unwrap();
-        let run = |y: u32, keep: &dyn Fn(tiny_skia::PremultipliedColorU8) -> bool| {
-            (0..400).filter(|&x| keep(picture.pixel(x, y).unwrap())).count()
+        // Between the first and the last full pixel of a row.
+        let span = |y: u32, end: u32| {
+            let full: Vec<u32> = (0..end).filter(|&x| picture.pixel(x, y).unwrap().alpha() == 255).collect();
+            full.last().map_or(0, |last| last - full[0] + 1)
         };
-        let tube = (0..350).map(|y| run(y, &|p| p.alpha() == 255)).max().unwrap();
-        let row = (378..400).map(|y| run(y, &|p| p.alpha() == 255)).max().unwrap();
+        let tube = (0..350).map(|y| span(y, 400)).max().unwrap();
+        // The text begins at 57.
+        let row = (378..400).map(|y| span(y, 55)).max().unwrap();
         // 0.2 of 400 pixels are 0.44 mm, so the bar is 200 µm: a tenth of the tube.
-        assert!((row as f64 - tube as f64 / 10.0).abs() <= 1.5, "{row} of {tube}");
+        assert!((f64::from(row) - f64::from(tube) / 10.0).abs() <= 1.5, "{row} of {tube}");
     }
 
     #[test]

@@ -1,135 +1,140 @@
 //! Ambient occlusion from the depths of a picture: how much of the light from all sides a hollow keeps off.
 //!
-//! At several distances, doubling from pixel to fold to tube, the neighbourhood of a pixel is compared with the pixel. The
-//! occlusion at a distance is the mean, over pairs of opposite directions, of the sines of the angles under which the neighbours
-//! rise above the picture plane: 0 on any plane, however inclined, positive in a hollow, negative on a ridge. Farther
-//! neighbours are means over as many pixels, so that no noise arises that would have to be blurred.
+//! At several distances, from a pixel to a tenth of the default picture, the neighbourhood of a pixel is compared with the
+//! pixel. The occlusion at a distance is the mean, over pairs of opposite directions, of the sines of the angles under which the
+//! neighbours rise above the picture plane: 0 on any plane, however inclined, positive in a hollow, negative on a ridge.
+//! Farther neighbours are means over as many pixels, so that no noise arises that would have to be blurred.
 
 use rayon::prelude::*;
 
-/// Distances: 1.5 pixels, and each twice the last.
-const SCALES: usize = 7;
+/// Neighbours are at 1.5 texels of these levels; a texel of level k has 2ᵏ pixels a side.
+const LEVELS: [u32; 4] = [0, 2, 4, 6];
+/// Distance of neighbours, in texels.
+const REACH: f32 = 1.5;
 /// Directions of half of the neighbours; the others are opposite.
 const DIRECTIONS: [[f32; 2]; 4] = [[1.0, 0.0], [0.707_106_77, 0.707_106_77], [0.0, 1.0], [-0.707_106_77, 0.707_106_77]];
-/// Factor on the sum of the occlusion at all distances, below which light is lost.
-const STRENGTH: f32 = 0.42;
+/// Factor on the sum of the occlusion at all distances.
+const STRENGTH: f32 = 0.7;
+/// Empty texels around a level, so that neighbours need no test of bounds.
+const BORDER: usize = 3;
 
 /// Light that reaches each pixel.
 pub(super) struct AmbientLight {
-    depths: Depths,
+    width: usize,
+    depths: Vec<f32>,
     light: Vec<f32>,
 }
 
 impl AmbientLight {
     /// `depths` has one depth a pixel, in pixels; it is infinite where nothing is visible, and the light there is 1.
     pub(super) fn new(depths: Vec<f32>, width: usize) -> Self {
-        let depths = Depths { width, values: depths };
-        Self { light: light(&depths), depths }
+        let levels = levels(&depths, width);
+        let light = |i: usize| match depths[i] {
+            depth if depth.is_finite() => light(&levels, (i % width) as f32 + 0.5, (i / width) as f32 + 0.5, depth),
+            _ => 1.0,
+        };
+        Self { width, light: (0..depths.len()).into_par_iter().map(light).collect(), depths }
     }
 
     /// The light, from 0 to 1, at a place of the picture and a depth: that of the nearby pixel of the most similar depth, since
     /// a pixel at an edge holds more than one surface.
     pub(super) fn at(&self, x: f32, y: f32, depth: f32) -> f32 {
-        let Depths { width, values } = &self.depths;
-        let height = self.depths.height();
+        let (width, height) = (self.width, self.depths.len() / self.width);
         let (column, row) = (x as usize, y as usize);
         let beside = |place: f32, end: usize| {
             let own = place as usize;
             if place.fract() < 0.5 { own.saturating_sub(1) } else { (own + 1).min(end - 1) }
         };
-        let pixels = [(column, row), (beside(x, *width), row), (column, beside(y, height))].map(|(x, y)| y * width + x);
+        let pixels = [(column, row), (beside(x, width), row), (column, beside(y, height))].map(|(x, y)| y * width + x);
         let nearest = pixels.into_iter().min_by(|a, b| {
-            let off = |i: usize| (values[i] - depth).abs();
+            let off = |i: usize| (self.depths[i] - depth).abs();
             off(*a).total_cmp(&off(*b))
         });
         nearest.map_or(1.0, |i| self.light[i])
     }
 }
 
-fn light(depths: &Depths) -> Vec<f32> {
-    let mut scales = vec![depths.halved()];
-    while scales.len() < SCALES - 1 {
-        scales.push(scales[scales.len() - 1].halved());
-    }
-    let (width, pixels) = (depths.width, &depths.values);
-    let light = |i: usize| {
-        let depth = pixels[i];
-        if depth.is_infinite() {
-            return 1.0;
+/// The light at a place, in pixels, where the visible surface has this depth.
+fn light(levels: &[Level], x: f32, y: f32, depth: f32) -> f32 {
+    let mut occlusion = 0.0;
+    for (level, k) in levels.iter().zip(LEVELS) {
+        let unit = (1 << k) as f32;
+        let (x, y, per_distance) = (x / unit, y / unit, 1.0 / (REACH * unit));
+        for [dx, dy] in DIRECTIONS {
+            let rise = |[depths, visible]: [f32; 2]| {
+                let slope = if visible > 0.0 { (depth - depths / visible) * per_distance } else { 0.0 };
+                (slope / (1.0 + slope * slope).sqrt(), visible)
+            };
+            let (a, v) = rise(level.at(x + REACH * dx, y + REACH * dy));
+            let (b, w) = rise(level.at(x - REACH * dx, y - REACH * dy));
+            // The outline of the model is open.
+            occlusion += (a + b) * v * w;
         }
-        let [x, y] = [(i % width) as f32 + 0.5, (i / width) as f32 + 0.5];
-        let occlusion = |(k, depths): (usize, &Depths)| {
-            let unit = (1 << k) as f32;
-            let rises = DIRECTIONS.map(|[dx, dy]| {
-                let rise = |side: f32| {
-                    let reach = 1.5 * side;
-                    let (neighbour, visible) = depths.at(x / unit + reach * dx, y / unit + reach * dy)?;
-                    let slope = (depth - neighbour) / (1.5 * unit);
-                    Some((slope / (1.0 + slope * slope).sqrt(), visible))
-                };
-                // An edge of the model is open.
-                rise(1.0).zip(rise(-1.0)).map_or(0.0, |((a, v), (b, w))| (a + b) / 2.0 * v * w)
-            });
-            rises.iter().sum::<f32>() / rises.len() as f32
-        };
-        (1.0 - STRENGTH * std::iter::once(depths).chain(&scales).enumerate().map(occlusion).sum::<f32>())
-            .clamp(0.0, 1.0)
-    };
-    (0..pixels.len()).into_par_iter().map(light).collect()
+    }
+    (1.0 - STRENGTH * occlusion / (2 * DIRECTIONS.len()) as f32).clamp(0.0, 1.0)
 }
 
-/// Depths of a picture, row by row; infinite where nothing is visible.
-struct Depths {
+/// The levels of [`LEVELS`].
+fn levels(depths: &[f32], width: usize) -> Vec<Level> {
+    let mut level = Level::empty(width, depths.len() / width);
+    for (i, depth) in depths.iter().enumerate().filter(|(_, depth)| depth.is_finite()) {
+        let at = level.index(i % width, i / width);
+        level.texels[at] = [*depth, 1.0];
+    }
+    let mut levels = Vec::with_capacity(LEVELS.len());
+    for k in 0..=LEVELS[LEVELS.len() - 1] {
+        let next = level.halved();
+        if LEVELS.contains(&k) {
+            levels.push(level);
+        }
+        level = next;
+    }
+    levels
+}
+
+/// Depths of a picture: each texel has the sum of the visible depths, and the visible part, both divided by its area.
+struct Level {
     width: usize,
-    values: Vec<f32>,
+    height: usize,
+    texels: Vec<[f32; 2]>,
 }
 
-impl Depths {
-    fn height(&self) -> usize {
-        self.values.len() / self.width
+impl Level {
+    fn empty(width: usize, height: usize) -> Self {
+        Self { width, height, texels: vec![[0.0; 2]; (width + 2 * BORDER) * (height + 2 * BORDER)] }
     }
 
-    /// The mean depth of what is visible in each square of 2 × 2.
+    /// Place of a texel, counted without the border.
+    fn index(&self, x: usize, y: usize) -> usize {
+        (y + BORDER) * (self.width + 2 * BORDER) + x + BORDER
+    }
+
+    /// The means over squares of 2 × 2.
     fn halved(&self) -> Self {
-        let (width, height) = (self.width.div_ceil(2), self.height().div_ceil(2));
-        let values = (0..width * height)
-            .into_par_iter()
-            .map(|i| {
-                let (x, y) = (i % width * 2, i / width * 2);
-                let (right, below) = ((x + 1).min(self.width - 1), (y + 1).min(self.height() - 1));
-                let all =
-                    [(x, y), (right, y), (x, below), (right, below)].map(|(x, y)| self.values[y * self.width + x]);
-                let (sum, count) = all
-                    .iter()
-                    .filter(|depth| depth.is_finite())
-                    .fold((0.0, 0.0), |(sum, count), depth| (sum + depth, count + 1.0));
-                if count > 0.0 { sum / count } else { f32::INFINITY }
-            })
-            .collect();
-        Self { width, values }
-    }
-
-    /// The depth of what is visible at a place, interpolated, and how much of the place it covers, from 0 to 1.
-    fn at(&self, x: f32, y: f32) -> Option<(f32, f32)> {
-        let (x, y) = (x - 0.5, y - 0.5);
-        let (left, top) = (x.floor(), y.floor());
-        let (u, v) = (x - left, y - top);
-        let (mut sum, mut weights) = (0.0, 0.0);
-        for (column, row, weight) in [
-            (left, top, (1.0 - u) * (1.0 - v)),
-            (left + 1.0, top, u * (1.0 - v)),
-            (left, top + 1.0, (1.0 - u) * v),
-            (left + 1.0, top + 1.0, u * v),
-        ] {
-            if column >= 0.0 && row >= 0.0 && (column as usize) < self.width && (row as usize) < self.height() {
-                let depth = self.values[row as usize * self.width + column as usize];
-                if depth.is_finite() {
-                    sum += weight * depth;
-                    weights += weight;
-                }
+        let mut half = Self::empty(self.width.div_ceil(2), self.height.div_ceil(2));
+        for y in 0..half.height {
+            for x in 0..half.width {
+                let [top, below] = [self.index(2 * x, 2 * y), self.index(2 * x, 2 * y + 1)];
+                let four = [top, top + 1, below, below + 1].map(|i| self.texels[i]);
+                let at = half.index(x, y);
+                half.texels[at] = [0, 1].map(|c| (four[0][c] + four[1][c] + four[2][c] + four[3][c]) / 4.0);
             }
         }
-        (weights > 0.0).then(|| (sum / weights, weights))
+        half
+    }
+
+    /// Interpolated between the centres of texels; at most [`REACH`] outside of the picture.
+    #[inline]
+    fn at(&self, x: f32, y: f32) -> [f32; 2] {
+        let (x, y) = (x + (BORDER as f32 - 0.5), y + (BORDER as f32 - 0.5));
+        // Not negative, so this rounds down.
+        let (column, row) = (x as u32, y as u32);
+        let (u, v) = (x - column as f32, y - row as f32);
+        let stride = self.width + 2 * BORDER;
+        let top = row as usize * stride + column as usize;
+        let [a, b] = [self.texels[top], self.texels[top + 1]];
+        let [c, d] = [self.texels[top + stride], self.texels[top + stride + 1]];
+        [0, 1].map(|k| (1.0 - v) * ((1.0 - u) * a[k] + u * b[k]) + v * ((1.0 - u) * c[k] + u * d[k]))
     }
 }
 

@@ -94,6 +94,12 @@ export interface FileOptions extends CallOptions {
   range?: readonly [first: number, last: number] | number | undefined;
 }
 
+/** Options of `bytes`. */
+export interface BytesOptions extends FileOptions {
+  /** Called with the number of bytes received so far, decompressed. It begins anew when the request is repeated. */
+  onProgress?: ((received: number) => void) | undefined;
+}
+
 /** Options of `preview` and `previewUrl`. */
 export interface PreviewOptions extends CallOptions {
   /** The whole tube cut open (`opened`, the default) or from outside, or one of its ends. */
@@ -356,9 +362,9 @@ export class Oviduct {
   }
 
   /** The bytes of a file. They are compared with its SHA-256, where the entity tag and the page allow it. */
-  bytes(id: string, name: string, options: FileOptions = {}): Promise<ArrayBuffer> {
+  bytes(id: string, name: string, options: BytesOptions = {}): Promise<ArrayBuffer> {
     return this.#transport.send(this.#fileCall(id, name, options), async (response, body) => {
-      const bytes = await body();
+      const bytes = await body(options.onProgress);
       // The tag of a compressed answer is weak; its hash is that of the decoded bytes.
       const hash = /^(?:W\/)?"([0-9a-f]{64})"$/.exec(response.headers.get("etag") ?? "")?.[1];
       if (hash && response.status === 200 && ((await sha256(bytes)) ?? hash) !== hash) {

@@ -1,6 +1,7 @@
 export { Oviduct } from "./client.js";
 export type {
   ArchiveOptions,
+  BytesOptions,
   FileOptions,
   FollowOptions,
   ListOptions,

@@ -19,8 +19,11 @@ export interface Call {
   once?: boolean;
 }
 
+/** Called with the number of bytes that one attempt has received so far. */
+export type OnProgress = (received: number) => void;
+
 /** Reads what one attempt answered; `body` gives the whole body. */
-export type Read<T> = (response: Response, body: () => Promise<ArrayBuffer>) => Promise<T> | T;
+export type Read<T> = (response: Response, body: (onProgress?: OnProgress) => Promise<ArrayBuffer>) => Promise<T> | T;
 
 /** How requests are sent. */
 export interface Settings {
@@ -140,7 +143,7 @@ export class Transport {
       if (!response.ok) throw await OviductError.of(response);
       // A large body may take longer, as long as it goes on.
       clearTimeout(timer);
-      return await read(response, () => readBody(response, timeout));
+      return await read(response, (onProgress) => readBody(response, timeout, onProgress));
     } catch (cause) {
       if (cause instanceof OviductError || cause instanceof OviductConnectionError) throw cause;
       call.signal?.throwIfAborted();
@@ -153,7 +156,7 @@ export class Transport {
 }
 
 /** The whole body. Fails if nothing of it comes for so many milliseconds. */
-async function readBody(response: Response, limit: number): Promise<ArrayBuffer> {
+async function readBody(response: Response, limit: number, onProgress?: OnProgress): Promise<ArrayBuffer> {
   // Some implementations of `fetch` have no streams: the limit is then for the whole.
   if (!response.body) return orSilence(response.arrayBuffer(), limit);
   const reader = response.body.getReader();
@@ -165,6 +168,7 @@ async function readBody(response: Response, limit: number): Promise<ArrayBuffer>
       if (done) break;
       chunks.push(value);
       length += value.length;
+      onProgress?.(length);
     }
   } finally {
     // Not awaited: what is silent may not answer this either.

@@ -178,6 +178,36 @@ test("bytes that do not have the hash of their entity tag are loaded again", asy
   }
 });
 
+test("the progress of bytes is told as they come, and begins anew with each attempt", async () => {
+  // Each part is sent once the one before it was told.
+  let told = () => {};
+  let attempts = 0;
+  await withServer(
+    async (_, answer) => {
+      const parts = ++attempts === 1 ? ["ab"] : ["ab", "cde", "f"];
+      answer.writeHead(200, { "content-length": "6" });
+      for (const part of parts) {
+        await new Promise<void>((resolve) => {
+          told = resolve;
+          answer.write(part);
+        });
+      }
+      if (attempts === 1) answer.destroy();
+      else answer.end();
+    },
+    async (url) => {
+      const seen: number[] = [];
+      const onProgress = (received: number) => {
+        seen.push(received);
+        told();
+      };
+      const bytes = await new Oviduct(url, { maxDelay: 10 }).bytes("m", "f", { onProgress });
+      assert.equal(Buffer.from(bytes).toString(), "abcdef");
+      assert.deepEqual(seen, [2, 2, 5, 6]);
+    },
+  );
+});
+
 test("of the faults of a problem only those that are well formed are taken", async () => {
   const fault = { pointer: "/a", detail: "D" };
   const others = [null, 1, "text", {}, { detail: 1 }, { pointer: { toString: 1, valueOf: 1 }, detail: "D" }];

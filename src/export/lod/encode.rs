@@ -21,9 +21,8 @@ use std::io::{self, Write};
 pub(in crate::export) const COMPRESSION: &str = "EXT_meshopt_compression";
 const QUANTIZATION: &str = "KHR_mesh_quantization";
 
-/// Bytes of a position and of a normal; both are padded to a multiple of four.
-pub(in crate::export) const POSITION_BYTES: usize = 8;
-const NORMAL_BYTES: usize = 4;
+/// Bytes of a position and of a normal: three components of 16 bits, padded to a multiple of four.
+pub(in crate::export) const VECTOR_BYTES: usize = 8;
 
 /// Most vertices of a patch with 16-bit indices; glTF reserves 65,535 itself.
 const MAX_SHORT_VERTICES: usize = 65_535;
@@ -123,16 +122,16 @@ impl Encoded {
                 Ok::<_, io::Error>(Some(root.push(view)))
             };
             let positions = json::Accessor {
-                buffer_view: view(root, &patch.positions, POSITION_BYTES, vertices, Mode::Attributes)?,
+                buffer_view: view(root, &patch.positions, VECTOR_BYTES, vertices, Mode::Attributes)?,
                 min: Some(json!(patch.low)),
                 max: Some(json!(patch.high)),
                 ..accessor(Type::Vec3, ComponentType::U16, vertices)
             };
             let positions = root.push(positions);
             let normals = json::Accessor {
-                buffer_view: view(root, &patch.normals, NORMAL_BYTES, vertices, Mode::Attributes)?,
+                buffer_view: view(root, &patch.normals, VECTOR_BYTES, vertices, Mode::Attributes)?,
                 normalized: true,
-                ..accessor(Type::Vec3, ComponentType::I8, vertices)
+                ..accessor(Type::Vec3, ComponentType::I16, vertices)
             };
             let normals = root.push(normals);
             let component = if vertices <= MAX_SHORT_VERTICES { ComponentType::U16 } else { ComponentType::U32 };
@@ -170,14 +169,9 @@ impl Patch {
             low = std::array::from_fn(|axis| cell[axis].min(low[axis]));
             high = std::array::from_fn(|axis| cell[axis].max(high[axis]));
         }
-        let positions: Vec<[u8; POSITION_BYTES]> = cells().map(padded).collect();
-        let normals: Vec<[u8; NORMAL_BYTES]> = corners
-            .iter()
-            .map(|&corner| {
-                let [x, y, z] = full.normals[corner as usize].map(i8::cast_unsigned);
-                [x, y, z, 0]
-            })
-            .collect();
+        let positions: Vec<[u8; VECTOR_BYTES]> = cells().map(padded).collect();
+        let normals: Vec<[u8; VECTOR_BYTES]> =
+            corners.iter().map(|&corner| padded(full.normals[corner as usize].map(i16::cast_unsigned))).collect();
         const FITS: &str = "the encoder is given the space it asks for";
         Self {
             kind: part.kind,
@@ -193,10 +187,10 @@ impl Patch {
     }
 }
 
-/// A cell in little-endian order.
-fn padded(cell: [u16; 3]) -> [u8; POSITION_BYTES] {
-    let mut bytes = [0; POSITION_BYTES];
-    for (slot, x) in bytes.chunks_exact_mut(2).zip(cell) {
+/// A vector in little-endian order.
+fn padded(vector: [u16; 3]) -> [u8; VECTOR_BYTES] {
+    let mut bytes = [0; VECTOR_BYTES];
+    for (slot, x) in bytes.chunks_exact_mut(2).zip(vector) {
         slot.copy_from_slice(&x.to_le_bytes());
     }
     bytes

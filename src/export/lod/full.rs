@@ -22,7 +22,7 @@ pub(super) struct Full<'a> {
     /// Vertex of each corner.
     pub(super) vertices: Vec<u32>,
     /// Normal of each corner, in the space of the grid.
-    pub(super) normals: Vec<[i8; 3]>,
+    pub(super) normals: Vec<[i16; 3]>,
     pub(super) parts: Vec<Part>,
 }
 

@@ -55,11 +55,12 @@ impl Grid {
         cells
     }
 
-    /// A normal in the space of the grid, in steps of 1/127: a viewer divides it by the step of each axis.
-    pub(super) fn normal(&self, normal: [f32; 3]) -> [i8; 3] {
+    /// A normal in the space of the grid, in steps of 1/32,767: a viewer divides it by the step of each axis. With 8 bits,
+    /// that would leave a slanted normal of a long thin tube with hardly any x and y.
+    pub(super) fn normal(&self, normal: [f32; 3]) -> [i16; 3] {
         let scaled: [f64; 3] = std::array::from_fn(|a| f64::from(normal[a]) * f64::from(self.step[a]));
         let length = scaled.iter().map(|x| x * x).sum::<f64>().sqrt();
-        scaled.map(|x| (x / length * 127.0).round() as i8)
+        scaled.map(|x| (x / length * 32_767.0).round() as i16)
     }
 }
 
@@ -119,12 +120,14 @@ mod tests {
         }
 
         #[test]
-        fn a_viewer_finds_the_direction_of_a_normal(x in -1f32..1.0, y in -1f32..1.0, length in 1e-3f32..0.06) {
+        fn a_viewer_finds_the_direction_of_a_normal(
+            x in -1f32..1.0, y in -1f32..1.0, z in -1f32..1.0, length in 1e-3f32..1.0,
+        ) {
             let grid = Grid { origin: [0.0; 3], step: [4e-8, 5e-8, length / 65535.0] };
-            let normal = glam::Vec3::new(x, y, 0.01).normalize();
-            let stored = grid.normal(normal.into()).map(|n| f32::from(n) / 127.0);
+            let normal = glam::Vec3::new(x, y, z).normalize();
+            let stored = grid.normal(normal.into()).map(|n| f32::from(n) / 32_767.0);
             let seen = (glam::Vec3::from(stored) / glam::Vec3::from(grid.step)).normalize();
-            prop_assert!(seen.dot(normal) > 0.999, "{seen} for {normal}");
+            prop_assert!(seen.dot(normal) > 0.999, "{seen} for {normal}: {}", seen.dot(normal));
         }
     }
 

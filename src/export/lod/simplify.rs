@@ -19,7 +19,8 @@ pub(super) fn coarser<'a>(full: &Full<'_>, finer: &Level<'a>, target: usize) -> 
         finer.iter().enumerate().filter(|(part, _)| is_wall(*part) == walls).map(|(_, t)| t.len()).sum()
     };
     let (walls, ends) = (count(true), count(false));
-    let share = target.saturating_sub(ends) as f64 / walls as f64;
+    // Ends of very many triangles must not leave the walls without any.
+    let share = target.saturating_sub(ends).max(target / 2) as f64 / walls as f64;
     if share >= 1.0 {
         return finer.clone();
     }

@@ -9,6 +9,7 @@ use serde_json::Value;
 use sha2::{Digest, Sha256};
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashSet};
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// A tube that is wider in its middle, so that fewer triangles are farther away; 4·n·(slabs + 1) of them.
 fn bulge(n: u32, slabs: u32) -> Mesh {
@@ -27,7 +28,7 @@ fn mesh() -> Mesh {
 }
 
 fn made() -> Vec<Level> {
-    levels_of(&mesh(), [8000, 2500])
+    levels_of(&mesh(), [8000, 2500], &|| false).unwrap()
 }
 
 fn file(level: &Level) -> Vec<u8> {
@@ -96,20 +97,51 @@ fn levels_keep_to_their_budgets() {
     assert_eq!(found[0], mesh().triangles.len());
     assert!((7600..=8000).contains(&found[1]) && (2300..=2500).contains(&found[2]), "{found:?}");
     let count = mesh().triangles.len();
-    assert_eq!(triangles(&levels_of(&mesh(), [count, 10_000_000])), [count; 3]);
+    assert_eq!(triangles(&levels_of(&mesh(), [count, 10_000_000], &|| false).unwrap()), [count; 3]);
     // The borders are all that is left.
-    let least = triangles(&levels_of(&mesh(), [1000, 1]));
+    let least = triangles(&levels_of(&mesh(), [1000, 1], &|| false).unwrap());
     assert!(least[2] >= 4 * 96 && least[2] < 1200, "{least:?}");
     assert_eq!(
-        levels(&Mesh { triangles: vec![], ..mesh() }).err().map(|e| e.kind()),
+        levels(&Mesh { triangles: vec![], ..mesh() }, &|| false).err().map(|e| e.kind()),
         Some(io::ErrorKind::InvalidInput)
     );
 }
 
 #[test]
+fn ends_of_many_triangles_leave_the_walls_some() {
+    let mesh = mesh();
+    let ends =
+        mesh.patches.iter().filter(|patch| !patch.kind.is_wall()).map(|patch| patch.triangles.len()).sum::<usize>();
+    let level = &levels_of(&mesh, [8000, ends + 2], &|| false).unwrap()[2];
+    assert!(level.report.triangles > ends * 3 / 2, "{:?}", level.report);
+}
+
+#[test]
+fn a_patch_is_read_once() {
+    let mut bytes = file(&made()[2]);
+    let list = b"\"children\":[";
+    let at = bytes.windows(list.len()).position(|window| window == list).unwrap() + list.len();
+    // The second child is the first again.
+    assert_eq!(bytes[at + 1], b',');
+    bytes[at + 2] = bytes[at];
+    assert!(read_level(&bytes).unwrap_err().to_string().contains("twice"));
+}
+
+#[test]
+fn levels_are_stopped() {
+    let asked = AtomicUsize::new(0);
+    let kind = |stop: &(dyn Fn() -> bool + Sync)| levels(&mesh(), stop).err().map(|e| e.kind());
+    assert_eq!(kind(&|| asked.fetch_add(1, Ordering::Relaxed) > 1000), None);
+    for after in 0..asked.into_inner() {
+        let count = AtomicUsize::new(0);
+        assert_eq!(kind(&|| count.fetch_add(1, Ordering::Relaxed) >= after), Some(io::ErrorKind::Interrupted));
+    }
+}
+
+#[test]
 fn the_distance_is_that_of_brute_force() {
     let mesh = bulge(48, 10);
-    for level in &levels_of(&mesh, [1400, 700])[1..] {
+    for level in &levels_of(&mesh, [1400, 700], &|| false).unwrap()[1..] {
         let read = read_level(&file(level)).unwrap();
         let corners = |mesh: &Mesh, kind: PatchKind| -> Vec<[[f64; 3]; 3]> {
             let patch = mesh.patches.iter().find(|patch| patch.kind == kind).unwrap();

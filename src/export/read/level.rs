@@ -5,7 +5,7 @@ use super::document::{chunks, root};
 use super::error::ReadError;
 use super::limits;
 use super::surface::{Group, Surface, Unit};
-use crate::export::lod::{COMPRESSION, Compression, Grid, Mode, POSITION_BYTES};
+use crate::export::lod::{COMPRESSION, Compression, Grid, Mode, VECTOR_BYTES};
 use crate::model::{BodyKind, Mesh, Patch, PatchKind};
 use ::gltf::Semantic;
 use ::gltf::json::accessor::{ComponentType, GenericComponentType};
@@ -79,16 +79,19 @@ impl Reader<'_> {
         let wrong = |detail: &str| ReadError::document(format!("node {name}"), detail);
         let kind =
             PatchKind::named(name).ok_or_else(|| ReadError::document("nodes", "a node is not named like a patch"))?;
+        if self.mesh.patches.iter().any(|patch| patch.kind == kind) {
+            return Err(wrong("the body has this patch twice"));
+        }
         let mesh = node.mesh.and_then(|mesh| self.root.meshes.get(mesh.value()));
         let primitive = mesh.and_then(|mesh| mesh.primitives.first()).ok_or_else(|| wrong("it has no primitive"))?;
         let positions = primitive.attributes.get(&Checked::Valid(Semantic::Positions));
         let positions = self.accessor(positions.copied()).ok_or_else(|| wrong("it has no positions"))?;
         let indices = self.accessor(primitive.indices).ok_or_else(|| wrong("it has no indices"))?;
         let (data, view) = self.view(positions, Mode::Attributes)?;
-        if (view.byte_stride, component(positions)) != (POSITION_BYTES, Some(ComponentType::U16)) {
+        if (view.byte_stride, component(positions)) != (VECTOR_BYTES, Some(ComponentType::U16)) {
             return Err(wrong("its positions are not of 16 bits"));
         }
-        let cells: Vec<[u8; POSITION_BYTES]> =
+        let cells: Vec<[u8; VECTOR_BYTES]> =
             meshopt::decode_vertex_buffer(data, view.count).map_err(|_| wrong("its positions are damaged"))?;
         let (data, view) = self.view(indices, Mode::Triangles)?;
         if view.count % 3 != 0 {

@@ -1,8 +1,10 @@
 // Two models side by side, seen from the same place and cut alike.
 import type { Model } from "oviduct-client";
 import { useEffect, useMemo, useState } from "preact/hooks";
+import { state } from "../models.ts";
 import { href, route } from "../router.ts";
 import { ask, explain } from "../service.ts";
+import { reconnections } from "../stream.ts";
 import { micrometres, short } from "../ui/format.ts";
 import { CopyButton, Notice } from "../ui/widgets.tsx";
 import { CutPanel, DetailPanel, FlightPanel, PartsPanel, ViewButtons } from "./controls.tsx";
@@ -19,31 +21,40 @@ export default function Compare() {
   const [, a = "", b = ""] = route.peek().path;
   const [models, setModels] = useState<readonly [Model, Model]>();
   const [fault, setFault] = useState<string>();
-  const load = () => {
-    setFault(undefined);
-    Promise.all([ask((service) => service.get(a)), ask((service) => service.get(b))]).then(setModels, (error: unknown) => setFault(explain(error)));
-  };
-  useEffect(load, []);
+  const [attempts, setAttempts] = useState(0);
+  const unfinished = models?.filter((model) => !model.summary?.certificate) ?? [];
+  const comparable = models !== undefined && unfinished.length === 0;
+  useEffect(() => {
+    // Models that have succeeded change no more.
+    if (comparable) return;
+    const abort = new AbortController();
+    const get = (id: string) => ask((service) => service.get(id, { signal: abort.signal }));
+    Promise.all([get(a), get(b)]).then(
+      (models) => {
+        setModels(models);
+        setFault(undefined);
+      },
+      (error: unknown) => abort.signal.aborted || setFault(explain(error)),
+    );
+    return () => abort.abort();
+  }, [state(a).value?.status, state(b).value?.status, reconnections.value, attempts]);
+  if (comparable) return <Comparison models={models} />;
   if (fault !== undefined) {
     return (
       <Notice title="The models could not be loaded" kind="error">
         <p>{fault}</p>
-        <button type="button" class="button" onClick={load}>Try again</button>
+        <button type="button" class="button" onClick={() => setAttempts(attempts + 1)}>Try again</button>
       </Notice>
     );
   }
   if (!models) return <p class="soft" aria-busy="true">Loading …</p>;
-  const unfinished = models.filter((model) => !model.summary?.certificate);
-  if (unfinished.length > 0) {
-    return (
-      <Notice title="Only finished models can be compared">
-        {unfinished.map((model) => (
-          <p key={model.id}><a href={href(["models", model.id])}>{nameOf(model)}</a> is {model.status}.</p>
-        ))}
-      </Notice>
-    );
-  }
-  return <Comparison models={models} />;
+  return (
+    <Notice title="Only finished models can be compared">
+      {unfinished.map((model) => (
+        <p key={model.id}><a href={href(["models", model.id])}>{nameOf(model)}</a> is {model.status}.</p>
+      ))}
+    </Notice>
+  );
 }
 
 function Comparison({ models }: { models: readonly [Model, Model] }) {

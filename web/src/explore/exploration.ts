@@ -2,11 +2,11 @@
 import { batch, computed, signal } from "@preact/signals";
 import type { Model, Report, Sections } from "oviduct-client";
 import { ask, explain } from "../service.ts";
+import { reconnections } from "../stream.ts";
 import type { Tube } from "./framing.ts";
 import { Measurement } from "./measure.ts";
 import { survey, type Survey } from "./survey.ts";
 import { device } from "./viewer/device.ts";
-import { download } from "./viewer/download.ts";
 import { automaticLevel, levelsOf, type Level } from "./viewer/levels.ts";
 import { readSurface, type Surface } from "./viewer/surface.ts";
 
@@ -19,7 +19,8 @@ export class Exploration {
   readonly level = signal<Level | undefined>(undefined);
   /** The level that is being loaded, and how many of its bytes have come. */
   readonly loading = signal<{ level: Level; received: number } | undefined>(undefined);
-  readonly surfaceFault = signal<string | undefined>(undefined);
+  /** Why a level did not come, and what is left to load: that level, then those that were to follow. */
+  readonly surfaceFault = signal<{ reason: string; left: readonly Level[] } | undefined>(undefined);
   readonly sections = signal<Sections | undefined>(undefined);
   readonly sectionsFault = signal<string | undefined>(undefined);
   readonly survey = signal<Survey | undefined>(undefined);
@@ -30,6 +31,7 @@ export class Exploration {
   readonly fractions = computed(() => this.sections.value?.entries.map(({ z_um }) => z_um / 1000 / this.tube.length) ?? []);
   readonly #abort = new AbortController();
   #surfaceLoad = new AbortController();
+  #leave = () => {};
 
   constructor(model: Model) {
     this.model = model;
@@ -37,50 +39,66 @@ export class Exploration {
     this.tube = tubeOf(model);
   }
 
-  /** Loads sections and report; the surface is loaded once a picture can show it. */
+  /** Loads sections and report; the surface is loaded once a picture can show it. What fails is repeated when the service is back. */
   start(): void {
     void this.loadSections();
     void this.loadReport();
+    this.#leave = reconnections.subscribe(() => {
+      if (this.surfaceFault.peek()) void this.retrySurface();
+      if (this.sectionsFault.peek() !== undefined) void this.loadSections();
+      if (this.reportFault.peek() !== undefined) void this.loadReport();
+    });
   }
 
   /** Loads the lightest level, then better ones as far as the device is fit for them. */
   async loadSurface(): Promise<void> {
     const present = device();
     if (!present) return;
-    const last = automaticLevel(this.levels, present);
-    for (const level of this.levels.slice(0, last + 1)) {
-      if (!(await this.loadLevel(level))) return;
-    }
+    await this.#loadLevels(this.levels.slice(0, automaticLevel(this.levels, present) + 1));
   }
 
-  /** Loads a level in place of the present one; whether it came. Another call ends this one. */
-  async loadLevel(level: Level): Promise<boolean> {
+  /** Loads a level in place of the present one. */
+  loadLevel(level: Level): Promise<void> {
+    return this.#loadLevels([level]);
+  }
+
+  /** Loads what a fault has left. */
+  retrySurface(): Promise<void> {
+    return this.#loadLevels(this.surfaceFault.peek()?.left ?? []);
+  }
+
+  /** Loads levels in turn, each in place of the one before. Another call ends this one. */
+  async #loadLevels(levels: readonly Level[]): Promise<void> {
     this.#surfaceLoad.abort();
     this.#surfaceLoad = new AbortController();
     const signal = AbortSignal.any([this.#surfaceLoad.signal, this.#abort.signal]);
-    batch(() => {
-      this.surfaceFault.value = undefined;
-      this.loading.value = { level, received: 0 };
-    });
-    try {
-      const progress = (received: number) => (this.loading.value = { level, received });
-      const surface = await readSurface(await download(this.model.id, level.file.name, progress, signal));
-      signal.throwIfAborted();
-      batch(() => {
-        this.surface.value = surface;
-        this.level.value = level;
-        this.loading.value = undefined;
-      });
-      return true;
-    } catch (error) {
-      if (!signal.aborted) {
+    this.surfaceFault.value = undefined;
+    for (const [k, level] of levels.entries()) {
+      try {
+        await this.#load(level, signal);
+      } catch (error) {
+        if (signal.aborted) return;
         batch(() => {
-          this.surfaceFault.value = explain(error);
+          this.surfaceFault.value = { reason: explain(error), left: levels.slice(k) };
           this.loading.value = undefined;
         });
+        return;
       }
-      return false;
     }
+  }
+
+  async #load(level: Level, signal: AbortSignal): Promise<void> {
+    const onProgress = (received: number) => {
+      if (!signal.aborted) this.loading.value = { level, received };
+    };
+    onProgress(0);
+    const surface = await readSurface(await ask((service) => service.bytes(this.model.id, level.file.name, { onProgress, signal })));
+    signal.throwIfAborted();
+    batch(() => {
+      this.surface.value = surface;
+      this.level.value = level;
+      this.loading.value = undefined;
+    });
   }
 
   async loadSections(): Promise<void> {
@@ -107,6 +125,7 @@ export class Exploration {
   }
 
   dispose(): void {
+    this.#leave();
     this.#abort.abort();
   }
 }

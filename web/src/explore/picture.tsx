@@ -110,14 +110,26 @@ function Loading({ exploration }: { exploration: Exploration }) {
       <Still exploration={exploration}>This model was grown without a 3D file that a browser can show (glb). Grow it again with the output glb.</Still>
     );
   }
-  if (surfaceFault.value !== undefined) {
+  if (surfaceFault.value) {
+    const { reason, left } = surfaceFault.value;
+    const again = (
+      <button type="button" class="button" onClick={() => exploration.retrySurface()}>
+        Try again
+      </button>
+    );
+    if (surface.value) {
+      return (
+        <div class="stage-progress small" role="alert">
+          <p>{left[0]!.title} detail could not be loaded. {reason}</p>
+          {again}
+        </div>
+      );
+    }
     return (
       <div class="stage-message">
         <Notice title="The 3D file could not be loaded" kind="error">
-          <p>{surfaceFault.value}</p>
-          <button type="button" class="button" onClick={() => exploration.loadSurface()}>
-            Try again
-          </button>
+          <p>{reason}</p>
+          {again}
         </Notice>
       </div>
     );

@@ -6,11 +6,13 @@ import { ask, explain } from "../service.ts";
 import { bytes, micrometres, short } from "../ui/format.ts";
 import { Icon, Notice, toast } from "../ui/widgets.tsx";
 import { nearestIndex } from "./ascending.ts";
-import { area, boundsOf, pathData } from "./contours.ts";
+import { area, pathData } from "./contours.ts";
 import type { Exploration } from "./exploration.ts";
 import { ContourPointInputs } from "./point-inputs.tsx";
 import { distanceOf, nearestPoint, positionOf, type ContourPoint } from "./section-points.ts";
+import { dragged, pointAt, windowOf, zoomed, type SectionWindow } from "./section-window.ts";
 import type { View } from "./view.ts";
+import { control } from "./viewer/controls.ts";
 
 interface Props {
   exploration: Exploration;
@@ -89,21 +91,14 @@ async function openDrawing(id: string, index: number): Promise<void> {
   }
 }
 
-/** Part of the drawing that is shown; micrometres. */
-interface Window {
-  x: number;
-  y: number;
-  span: number;
-}
-
 const ZOOM = 1.4;
-const CLOSEST = 10;
 
 function Drawing({ section }: { section: Section }) {
   const svg = useRef<SVGSVGElement>(null);
   const paths = useMemo(() => ({ inner: pathData(section.inner), outer: pathData(section.outer) }), [section]);
-  const whole = useMemo(() => windowOf(section), [section]);
-  const shown = useSignal<Window | undefined>(undefined);
+  const whole = useMemo(() => windowOf(section.outer), [section]);
+  /** Undefined for the whole section. */
+  const shown = useSignal<SectionWindow | undefined>(undefined);
   const measuring = useSignal(false);
   const points = useSignal<readonly ContourPoint[]>([]);
   const { x, y, span } = shown.value ?? whole;
@@ -113,46 +108,25 @@ function Drawing({ section }: { section: Section }) {
     drawn.current = section;
     points.value = [];
   }
-  const zoom = (factor: number, at = { x, y }) => {
-    const next = Math.max(CLOSEST, Math.min(whole.span, span * factor));
-    shown.value = next === whole.span ? undefined : { x: at.x + ((x - at.x) * next) / span, y: at.y + ((y - at.y) * next) / span, span: next };
-  };
-  const place = (event: MouseEvent) => {
-    const box = svg.current!.getBoundingClientRect();
-    return { x: x + ((event.clientX - box.left) / box.width - 0.5) * span, y: y - ((event.clientY - box.top) / box.height - 0.5) * span };
-  };
-  const wheel = useRef((_: WheelEvent) => {});
-  wheel.current = (event) => {
-    event.preventDefault();
-    zoom(Math.exp(event.deltaY * 0.002), place(event));
+  const zoom = (factor: number, at: { x: number; y: number }) => {
+    const next = zoomed(shown.peek() ?? whole, factor, at, whole);
+    shown.value = next === whole ? undefined : next;
   };
   useEffect(() => {
-    // Preact's handlers are passive for wheels in some browsers.
-    const listen = (event: WheelEvent) => wheel.current(event);
+    const abort = new AbortController();
     const element = svg.current!;
-    element.addEventListener("wheel", listen, { passive: false });
-    return () => element.removeEventListener("wheel", listen);
-  }, []);
-  const drag = useRef<{ x: number; y: number; moved: boolean } | undefined>(undefined);
-  const down = (event: PointerEvent) => {
-    svg.current!.setPointerCapture(event.pointerId);
-    drag.current = { x: event.clientX, y: event.clientY, moved: false };
-  };
-  const move = (event: PointerEvent) => {
-    const from = drag.current;
-    if (!from || (!from.moved && Math.hypot(event.clientX - from.x, event.clientY - from.y) < 5)) return;
-    const scale = span / svg.current!.getBoundingClientRect().width;
-    shown.value = { x: x - (event.clientX - from.x) * scale, y: y + (event.clientY - from.y) * scale, span };
-    drag.current = { x: event.clientX, y: event.clientY, moved: true };
-  };
-  const up = (event: PointerEvent) => {
-    const wasTap = drag.current && !drag.current.moved;
-    drag.current = undefined;
-    if (!wasTap || !measuring.value) return;
-    const at = place(event);
-    const point = nearestPoint(section, at.x, at.y);
-    points.value = points.value.length === 1 ? [points.value[0]!, point] : [point];
-  };
+    const side = () => element.getBoundingClientRect().width;
+    const at = (right: number, down: number) => pointAt(shown.peek() ?? whole, right, down, side());
+    const drag = (right: number, down: number) => (shown.value = dragged(shown.peek() ?? whole, right, down, side()));
+    const tap = (right: number, down: number) => {
+      if (!measuring.peek()) return;
+      const { x, y } = at(right, down);
+      const point = nearestPoint(section, x, y);
+      points.value = points.peek().length === 1 ? [points.peek()[0]!, point] : [point];
+    };
+    control(element, { turn: drag, pan: drag, zoom: (factor, right, down) => zoom(factor, at(right, down)), tap }, abort.signal);
+    return () => abort.abort();
+  }, [section]);
   const bar = scaleBar(span);
   const ends = points.value.map((point) => positionOf(section, point));
   const [a, b] = ends;
@@ -165,10 +139,6 @@ function Drawing({ section }: { section: Section }) {
           role="img"
           aria-label={`Cross section at ${short(section.z_um / 1000)} mm`}
           class={measuring.value ? "measuring" : undefined}
-          onPointerDown={down}
-          onPointerMove={move}
-          onPointerUp={up}
-          onPointerCancel={() => (drag.current = undefined)}
         >
           <g transform="scale(1 -1)">
             <path class="tissue" d={paths.outer} />
@@ -181,8 +151,8 @@ function Drawing({ section }: { section: Section }) {
         </svg>
         <div class="scale small num" style={{ width: `${(bar / span) * 100}%` }}>{micrometres(bar)}</div>
         <div class="drawing-tools">
-          <button type="button" class="button-icon" aria-label="Zoom in" onClick={() => zoom(1 / ZOOM)}>+</button>
-          <button type="button" class="button-icon" aria-label="Zoom out" disabled={!shown.value} onClick={() => zoom(ZOOM)}>−</button>
+          <button type="button" class="button-icon" aria-label="Zoom in" onClick={() => zoom(1 / ZOOM, { x, y })}>+</button>
+          <button type="button" class="button-icon" aria-label="Zoom out" disabled={!shown.value} onClick={() => zoom(ZOOM, { x, y })}>−</button>
           <button type="button" class="button-icon" aria-label="Show the whole section" disabled={!shown.value} onClick={() => (shown.value = undefined)}>
             <Icon name="reset" />
           </button>
@@ -204,11 +174,6 @@ function Drawing({ section }: { section: Section }) {
       )}
     </figure>
   );
-}
-
-function windowOf({ outer }: Section): Window {
-  const { x0, y0, x1, y1 } = boundsOf(outer);
-  return { x: (x0 + x1) / 2, y: (y0 + y1) / 2, span: 1.08 * Math.max(x1 - x0, y1 - y0) };
 }
 
 /** A round length of about a fifth of the drawing, micrometres. */

@@ -35,6 +35,11 @@ export class View {
     this.reframe();
   }
 
+  /** Whether all walls and caps are shown, and hide what is behind them. */
+  get closed(): boolean {
+    return PATCHES.every((patch) => this.shown[patch].value) && !this.translucent.value;
+  }
+
   /** Shows a standard view: moving there from `now` on (milliseconds, as of frames), or at once. */
   show(standard: StandardView, now?: number): void {
     const placement = standardView(standard, this.tube, this.kept, this.aspect);

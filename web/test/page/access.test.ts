@@ -16,6 +16,10 @@ test("a key is asked for once, kept in the tab, and opens everything", async () 
     const addresses: string[] = [];
     page.on("request", (request) => addresses.push(request.url()));
     const dialog = page.getByRole("dialog", { name: "Key" });
+    // It can be put aside, and asked for.
+    await page.keyboard.press("Escape");
+    await dialog.waitFor({ state: "detached" });
+    await page.getByRole("button", { name: "Enter a key" }).last().click();
     await dialog.getByLabel("Key of this service").fill("wrong");
     await visit.accessible();
     await dialog.getByRole("button", { name: "Use this key" }).click();
@@ -68,6 +72,21 @@ test("a dialog of the key that was put aside is opened again", async () => {
     await dialog.getByRole("button", { name: "Use this key" }).click();
     await page.getByRole("heading", { name: "Grow your first model" }).waitFor();
     await dialog.waitFor({ state: "detached" });
+    await visit.close();
+  });
+});
+
+test("a key that may not read is told so", async () => {
+  await withService(["--cpu-workers", "0"], async (service) => {
+    const key = await service.key("--scopes", "submit");
+    const visit = await Visit.open(service.url, {}, [401, 403]);
+    const { page } = visit;
+    await page.evaluate((key) => sessionStorage.setItem("oviduct-key", key), key);
+    await page.reload();
+    await page.getByText(/^This key does not allow that\..* What you see is what was known last/).waitFor();
+    assert.equal(await page.getByText("The service does not answer").count(), 0);
+    // Links carry no key.
+    assert.equal(await page.getByRole("contentinfo").getByRole("link", { name: /OpenAPI|Presets/ }).count(), 0);
     await visit.close();
   });
 });

@@ -1,14 +1,14 @@
-// Mouse, touch and keyboard on the picture of a model.
+// Mouse, touch and keyboard on a picture: of a model, of a section.
 
 /** What is done to a picture; distances in pixels of the page. */
 export interface Actions {
   turn(right: number, down: number): void;
   pan(right: number, down: number): void;
-  /** Above 1 moves away. */
-  zoom(factor: number): void;
+  /** Above 1 moves away; (x, y) is where the wheel is turned, or the middle of two fingers. */
+  zoom(factor: number, x: number, y: number): void;
   tap(x: number, y: number): void;
   /** Whether the key was used. */
-  key(key: string, shift: boolean): boolean;
+  key?(key: string, shift: boolean): boolean;
 }
 
 /** Pixels that a finger or mouse may move in a tap. */
@@ -19,11 +19,15 @@ interface Pointer {
   y: number;
 }
 
-/** Listens on an element until the signal is aborted. */
-export function control(element: HTMLElement, actions: Actions, signal: AbortSignal): void {
+/** Listens on an element until the signal is aborted. Positions are from its top left corner. */
+export function control(element: GlobalEventHandlers & Element, actions: Actions, signal: AbortSignal): void {
   const pointers = new Map<number, Pointer>();
   let moved = 0;
-  const at = (event: PointerEvent): Pointer => ({ x: event.offsetX, y: event.offsetY });
+  // The offsets of an event are those of its target, which may lie within the element.
+  const at = (event: MouseEvent): Pointer => {
+    const { left, top } = element.getBoundingClientRect();
+    return { x: event.clientX - left, y: event.clientY - top };
+  };
   const options = { signal };
 
   element.addEventListener(
@@ -50,7 +54,7 @@ export function control(element: HTMLElement, actions: Actions, signal: AbortSig
       pointers.set(event.pointerId, now);
       if (other) {
         const [was, is] = [Math.hypot(before.x - other.x, before.y - other.y), Math.hypot(now.x - other.x, now.y - other.y)];
-        if (is > 0) actions.zoom(was / is);
+        if (was > 0 && is > 0) actions.zoom(was / is, (before.x + other.x) / 2, (before.y + other.y) / 2);
         // Each finger moves the middle by half.
         actions.pan(dx / 2, dy / 2);
       } else if (moved > TAP) {
@@ -64,7 +68,9 @@ export function control(element: HTMLElement, actions: Actions, signal: AbortSig
 
   const end = (event: PointerEvent) => {
     if (!pointers.delete(event.pointerId)) return;
-    if (event.type === "pointerup" && event.button === 0 && moved <= TAP) actions.tap(event.offsetX, event.offsetY);
+    if (event.type !== "pointerup" || event.button !== 0 || moved > TAP) return;
+    const { x, y } = at(event);
+    actions.tap(x, y);
   };
   element.addEventListener("pointerup", end, options);
   element.addEventListener("pointercancel", end, options);
@@ -76,7 +82,8 @@ export function control(element: HTMLElement, actions: Actions, signal: AbortSig
       event.preventDefault();
       // Lines and pages are some wheels' units.
       const pixels = event.deltaY * [1, 16, 200][event.deltaMode]!;
-      actions.zoom(Math.exp(Math.max(-120, Math.min(120, pixels)) * 0.0022));
+      const { x, y } = at(event);
+      actions.zoom(Math.exp(Math.max(-120, Math.min(120, pixels)) * 0.0022), x, y);
     },
     { signal, passive: false },
   );
@@ -85,7 +92,7 @@ export function control(element: HTMLElement, actions: Actions, signal: AbortSig
     "keydown",
     (event) => {
       if (event.ctrlKey || event.metaKey || event.altKey) return;
-      if (actions.key(event.key, event.shiftKey)) event.preventDefault();
+      if (actions.key?.(event.key, event.shiftKey)) event.preventDefault();
     },
     options,
   );

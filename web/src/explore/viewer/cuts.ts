@@ -1,7 +1,10 @@
 // Planes that cut the tube open, with closed cut faces.
 //
-// A face is drawn where an odd number of triangles of the closed surface lies along the line of sight behind the plane: each
-// triangle inverts the plane's bit of the stencil. This is exact for a surface that does not intersect itself.
+// With one plane, a back face of the closed surface is seen only where the line of sight enters tissue through the cut: the
+// walls draw their back faces in the colour of the cut, which costs nothing more. That does not do where walls are hidden,
+// where the line of sight leaves through a second plane, or where depth on the cut matters. There, a face is drawn where an
+// odd number of triangles lies along the line of sight behind the plane: each inverts the plane's bit of the stencil. Both
+// are exact for a surface that does not intersect itself.
 import {
   AlwaysStencilFunc,
   BufferGeometry,
@@ -43,6 +46,7 @@ const RIM = 1e-4;
 class Cut {
   readonly plane = new Plane();
   readonly group = new Group();
+  readonly color: number;
   readonly #counting: MeshBasicMaterial;
   readonly #face: Mesh<PlaneGeometry, MeshBasicMaterial>;
   readonly #counters = new Group();
@@ -51,6 +55,7 @@ class Cut {
   #drawn: { surface: Surface; plane: Plane } | undefined;
 
   constructor(bit: number, color: number) {
+    this.color = color;
     this.#counting = new MeshBasicMaterial({
       side: DoubleSide,
       colorWrite: false,
@@ -65,7 +70,6 @@ class Cut {
     const material = new MeshBasicMaterial({
       color,
       side: DoubleSide,
-      fog: false,
       stencilWrite: true,
       stencilWriteMask: 0,
       stencilFuncMask: bit,
@@ -100,9 +104,11 @@ class Cut {
     this.#face.matrixWorldNeedsUpdate = true;
   }
 
-  update(on: boolean, surface: Surface | undefined, others: Plane[]): void {
+  /** `counted` faces are drawn here, others by the walls. */
+  update(on: boolean, surface: Surface | undefined, others: Plane[], counted: boolean): void {
     this.group.visible = on && surface !== undefined;
     if (!on || !surface) return;
+    this.#counters.visible = this.#face.visible = counted;
     this.#face.material.clippingPlanes = others;
     if (this.#drawn?.surface !== surface || !this.#drawn.plane.equals(this.plane)) {
       this.#edges.trace(surface, [cutPlane(this.plane)]);
@@ -161,6 +167,8 @@ export class Cuts {
   readonly #tube: Tube;
   /** Planes that are in use. */
   active: Plane[] = [];
+  /** Colour of the back faces of the tissue, where they show the cut. */
+  backs: number | undefined;
 
   constructor(tube: Tube) {
     this.#tube = tube;
@@ -181,10 +189,14 @@ export class Cuts {
     const [lengthwise, across] = [view.lengthwise.value && outside, view.across.value && outside];
     this.#place(view);
     this.active = [...(lengthwise ? [this.#lengthwise.plane] : []), ...(across ? [this.#across.plane] : [])];
+    const [only, second] = [...(lengthwise ? [this.#lengthwise] : []), ...(across ? [this.#across] : [])];
+    // The plane of a section is seen before the cut only.
+    const counted = second !== undefined || !view.closed || view.plane.value;
+    this.backs = counted ? undefined : only?.color;
     this.#rims.clip(this.active);
     this.#rims.group.visible = outside && view.shown.caps.value;
-    this.#lengthwise.update(lengthwise, surface, across ? [this.#across.plane] : []);
-    this.#across.update(across, surface, lengthwise ? [this.#lengthwise.plane] : []);
+    this.#lengthwise.update(lengthwise, surface, across ? [this.#across.plane] : [], counted);
+    this.#across.update(across, surface, lengthwise ? [this.#lengthwise.plane] : [], counted);
   }
 
   get planes(): CutPlane[] {

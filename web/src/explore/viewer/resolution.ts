@@ -30,6 +30,12 @@ export class Resolution {
     this.#settled = settled;
   }
 
+  /** Something has changed, so the movement goes on, however long its next frame takes. */
+  moved(): void {
+    clearTimeout(this.#timer);
+    this.#resting = false;
+  }
+
   /** Chooses the ratio of a frame. */
   frame(now: number): void {
     const interval = now - this.#last;

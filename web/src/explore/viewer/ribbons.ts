@@ -11,7 +11,7 @@ export class Ribbons {
   /** The width is in millimetres. */
   constructor(color: ColorRepresentation, width: number) {
     this.#half = width / 2;
-    this.object = new Mesh(new BufferGeometry(), new MeshBasicMaterial({ color, side: DoubleSide, fog: false }));
+    this.object = new Mesh(new BufferGeometry(), new MeshBasicMaterial({ color, side: DoubleSide }));
     this.object.frustumCulled = false;
     this.object.renderOrder = 3;
     this.object.visible = false;

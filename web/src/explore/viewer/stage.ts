@@ -1,6 +1,6 @@
 // The picture of one model: scene, camera and renderer. It draws when something has changed, never in between.
 import { effect, signal, untracked } from "@preact/signals";
-import { AmbientLight, DirectionalLight, Fog, HemisphereLight, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
+import { PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { positionAt, type Centreline } from "../centreline.ts";
 import { FIELD, type Tube } from "../framing.ts";
 import type { Spot } from "../measure.ts";
@@ -16,14 +16,12 @@ import { Resolution } from "./resolution.ts";
 import { SectionPlane } from "./section-plane.ts";
 import type { Surface } from "./surface.ts";
 import { Tissue } from "./tissue.ts";
+import { FLIGHT_FOG, LUMEN_DARK } from "./tissue-material.ts";
 
 /** Vertical angle of the view in flight, degrees. */
 const FLIGHT_FIELD = 85;
 /** Millimetres ahead that the flight looks at. */
 const AHEAD = 0.7;
-/** Where the lumen is lost in the dark, millimetres. */
-const FLIGHT_FOG = [0.02, 1.8] as const;
-const LUMEN_DARK = 0x2a0a14;
 /** Degrees that a key, and a pixel of a drag, turn the picture. */
 const KEY_TURN = 6;
 const DRAG_TURN = 0.35;
@@ -50,7 +48,6 @@ export class Stage {
   readonly #tissue = new Tissue();
   readonly #cuts: Cuts;
   readonly #plane: SectionPlane;
-  readonly #fog = new Fog(LUMEN_DARK, 1e6, 1e7);
   readonly #surface = signal<Surface | undefined>(undefined);
   readonly #way = signal<Centreline | undefined>(undefined);
   readonly #abort = new AbortController();
@@ -67,12 +64,10 @@ export class Stage {
     this.#tube = tube;
     const software = strength === "software";
     this.#renderer = new WebGLRenderer({ canvas, antialias: !software, alpha: true, stencil: true, powerPreference: "high-performance" });
-    this.#resolution = new Resolution(software, this.invalidate);
+    this.#resolution = new Resolution(software, this.#request);
     this.#renderer.localClippingEnabled = true;
     this.#cuts = new Cuts(tube);
     this.#plane = new SectionPlane(tube);
-    this.#light();
-    this.#scene.fog = this.#fog;
     this.#scene.add(this.#tissue.group, this.#cuts.group, this.#plane.group, this.#camera);
     this.#fix();
     this.#listen();
@@ -99,6 +94,11 @@ export class Stage {
   }
 
   invalidate = (): void => {
+    this.#resolution.moved();
+    this.#request();
+  };
+
+  readonly #request = (): void => {
     if (this.#pending === 0 && !this.#abort.signal.aborted) this.#pending = requestAnimationFrame(this.#draw);
   };
 
@@ -113,15 +113,6 @@ export class Stage {
     this.#renderer.dispose();
     // Browsers allow few contexts at a time, and collect those of removed canvases late.
     this.#renderer.forceContextLoss();
-  }
-
-  /** A light at the left above the camera, and a soft one from the sky. */
-  #light(): void {
-    const lamp = new DirectionalLight(0xfff4ec, 2.1);
-    lamp.position.set(-0.5, 0.8, 0.7);
-    lamp.target.position.set(0, 0, -1);
-    this.#camera.add(lamp, lamp.target);
-    this.#scene.add(new HemisphereLight(0xfff6f2, 0x8a4a5c, 1.35), new AmbientLight(0xffffff, 0.25));
   }
 
   /** Only the camera moves with the frames: matrices of other objects are computed once. */
@@ -160,7 +151,7 @@ export class Stage {
     this.#leave.push(
       effect(() => {
         this.#cuts.apply(view, this.#surface.value);
-        this.#tissue.apply(view, this.#cuts.active);
+        this.#tissue.apply(view, this.#cuts.active, this.#cuts.backs);
         this.invalidate();
       }),
       effect(() => {
@@ -173,8 +164,7 @@ export class Stage {
       }),
       effect(() => {
         const flying = view.flying.value && this.#way.value !== undefined;
-        [this.#fog.near, this.#fog.far] = flying ? FLIGHT_FOG : [1e6, 1e7];
-        this.#tissue.rings.value = flying ? 1 : 0;
+        this.#tissue.flight = flying;
         this.#renderer.setClearColor(LUMEN_DARK, flying ? 1 : 0);
         if (!flying) this.#look = { yaw: 0, pitch: 0 };
         this.invalidate();

@@ -1,22 +1,22 @@
 // The walls and caps of a tube as three.js meshes.
-import { BufferAttribute, BufferGeometry, DoubleSide, FrontSide, Group, Mesh, MeshBasicMaterial, MeshLambertMaterial, type Plane, type WebGLProgramParametersWithUniforms } from "three";
+import { BufferAttribute, BufferGeometry, DoubleSide, FrontSide, Group, Mesh, type Plane } from "three";
 import type { PatchGroup, View } from "../view.ts";
 import { mucosaLight } from "./occlusion.ts";
-import type { Patch, PatchName, Surface } from "./surface.ts";
+import { PATCH_NAMES, type Patch, type PatchName, type Surface } from "./surface.ts";
+import { TissueMaterial } from "./tissue-material.ts";
 
 /** Cut tissue, as in the service's drawings. */
 export const TISSUE = 0xde95a9;
 
+// Caps look like cut faces.
 const COLORS: Record<PatchName, number> = { inner_wall: 0xd0718a, outer_wall: 0xe3ab9c, cap_isthmus: TISSUE, cap_ampulla: TISSUE };
 const GROUPS: Record<PatchName, PatchGroup> = { inner_wall: "inner", outer_wall: "outer", cap_isthmus: "caps", cap_ampulla: "caps" };
 const GLASS = 0.28;
 
 export class Tissue {
   readonly group = new Group();
-  /** Strength of the rings on the mucosa that show the way covered in flight: 0 or 1. */
-  readonly rings = { value: 0 };
   surface: Surface | undefined;
-  readonly #materials = new Map<PatchName, MeshBasicMaterial | MeshLambertMaterial>();
+  readonly #materials = new Map<PatchName, TissueMaterial>();
   #visible: Record<PatchGroup, boolean> = { inner: true, outer: true, caps: true };
 
   /** Takes over a surface in place of the present one; returns its geometries. */
@@ -28,7 +28,7 @@ export class Tissue {
       geometry.setAttribute("position", new BufferAttribute(patch.positions, 3));
       geometry.setAttribute("normal", new BufferAttribute(patch.normals, 3, true));
       geometry.setIndex(new BufferAttribute(patch.index, 1));
-      if (patch.name === "inner_wall") geometry.setAttribute("color", grey(mucosaLight(patch, length)));
+      if (patch.name === "inner_wall") geometry.setAttribute("openness", new BufferAttribute(mucosaLight(patch, length), 1, true));
       const mesh = new Mesh(geometry, this.#material(patch.name));
       mesh.name = patch.name;
       // It is nearly always in the picture.
@@ -45,23 +45,24 @@ export class Tissue {
     return this.#visible[GROUPS[patch.name]];
   }
 
-  /** Applies what is shown; subscribes the effect that calls it. */
-  apply(view: View, planes: Plane[]): void {
+  /** Applies what is shown, with back faces of the colour of a cut if there is one; subscribes the effect that calls it. */
+  apply(view: View, planes: Plane[], cut: number | undefined): void {
     this.#visible = { inner: view.shown.inner.value, outer: view.shown.outer.value, caps: view.shown.caps.value };
     for (const mesh of this.group.children) mesh.visible = this.#visible[GROUPS[mesh.name as PatchName]];
-    const glass = view.translucent.value;
-    const outer = this.#material("outer_wall");
-    outer.transparent = glass;
-    outer.opacity = glass ? GLASS : 1;
-    outer.depthWrite = !glass;
     // Nothing is seen from within the tissue while it is closed.
-    const side = this.#visible.outer && this.#visible.caps && !glass ? FrontSide : DoubleSide;
-    for (const name of Object.keys(COLORS) as PatchName[]) {
+    const side = view.closed && cut === undefined ? FrontSide : DoubleSide;
+    for (const name of PATCH_NAMES) {
       const material = this.#material(name);
+      material.cut = cut;
       material.clippingPlanes = planes;
       if (material.side !== side) material.needsUpdate = true;
       material.side = side;
     }
+    this.#material("outer_wall").glass = view.translucent.value ? GLASS : 1;
+  }
+
+  set flight(on: boolean) {
+    for (const name of PATCH_NAMES) this.#material(name).flight = on;
   }
 
   dispose(): void {
@@ -75,43 +76,9 @@ export class Tissue {
     this.surface = undefined;
   }
 
-  #material(name: PatchName): MeshBasicMaterial | MeshLambertMaterial {
+  #material(name: PatchName): TissueMaterial {
     let material = this.#materials.get(name);
-    if (!material) this.#materials.set(name, (material = newMaterial(name, this.rings)));
+    if (!material) this.#materials.set(name, (material = new TissueMaterial(COLORS[name], { lit: GROUPS[name] !== "caps", occluded: name === "inner_wall" })));
     return material;
   }
-}
-
-/** Caps look like cut faces, in the colour of the service's drawings whatever the light. */
-function newMaterial(name: PatchName, rings: { value: number }): MeshBasicMaterial | MeshLambertMaterial {
-  const color = COLORS[name];
-  if (GROUPS[name] === "caps") return new MeshBasicMaterial({ color });
-  const material = new MeshLambertMaterial({ color, vertexColors: name === "inner_wall" });
-  if (name === "inner_wall") material.onBeforeCompile = (shader) => addRings(shader, rings);
-  return material;
-}
-
-/** Rings around the lumen, every 0.1 mm and stronger every millimetre, fading where they would be dense. */
-function addRings(shader: WebGLProgramParametersWithUniforms, rings: { value: number }): void {
-  shader.uniforms["rings"] = rings;
-  shader.vertexShader = shader.vertexShader
-    .replace("#include <common>", "#include <common>\nvarying float along;")
-    .replace("#include <begin_vertex>", "#include <begin_vertex>\nalong = position.z;");
-  shader.fragmentShader = shader.fragmentShader
-    .replace("#include <common>", `#include <common>
-      uniform float rings;
-      varying float along;
-      float ring(float spacing, float width) {
-        float blur = fwidth(along);
-        float distance = abs(fract(along / spacing + 0.5) - 0.5) * spacing;
-        return (1.0 - smoothstep(width - blur, width + blur, distance)) * clamp(1.0 - 4.0 * blur / spacing, 0.0, 1.0);
-      }`)
-    .replace("#include <color_fragment>", `#include <color_fragment>
-      if (rings > 0.0) diffuseColor.rgb *= 1.0 - rings * max(0.28 * ring(0.1, 0.0012), 0.6 * ring(1.0, 0.004));`);
-}
-
-function grey(light: Uint8Array<ArrayBuffer>): BufferAttribute {
-  const colors = new Uint8Array(3 * light.length);
-  for (let i = 0; i < light.length; i++) colors.fill(light[i]!, 3 * i, 3 * i + 3);
-  return new BufferAttribute(colors, 3, true);
 }

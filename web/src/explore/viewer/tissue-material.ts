@@ -1,0 +1,150 @@
+// How walls and caps are shaded: with little work a pixel, since some browsers draw in software.
+import { Color, LinearSRGBColorSpace, ShaderMaterial, Vector3, type ColorRepresentation } from "three";
+
+/** Where the lumen is lost in the dark in flight, millimetres. */
+export const FLIGHT_FOG = [0.02, 1.8] as const;
+export const LUMEN_DARK = 0x2a0a14;
+
+/** Irradiance by a colour of light, for surfaces that scatter it evenly. */
+function light(color: ColorRepresentation, intensity: number): Color {
+  return new Color(color).multiplyScalar(intensity / Math.PI);
+}
+
+/** A light at the left above the camera, in its directions; soft ones from the sky and the ground, which cover all sides. */
+const SHARED = {
+  toLamp: { value: new Vector3(-0.5, 0.8, 1.7).normalize() },
+  lamp: { value: light(0xfff4ec, 2.1) },
+  sky: { value: light(0xfff6f2, 1.35).add(light(0xffffff, 0.25)) },
+  ground: { value: light(0x8a4a5c, 1.35).add(light(0xffffff, 0.25)) },
+  dark: { value: displayed(LUMEN_DARK) },
+};
+
+// Both cosines are linear in the normal, so they are interpolated in its place.
+const VERTEX = /* glsl */ `
+#include <clipping_planes_pars_vertex>
+uniform vec3 toLamp;
+varying vec2 cosines;
+#ifdef OCCLUDED
+  attribute float openness;
+  varying float open;
+#endif
+#ifdef FLIGHT
+  varying float along;
+  varying float away;
+#endif
+void main() {
+  vec4 mvPosition = modelViewMatrix * vec4(position, 1.0);
+  gl_Position = projectionMatrix * mvPosition;
+  #include <clipping_planes_vertex>
+  cosines = vec2(dot(normalMatrix * normal, toLamp), normal.y);
+  #ifdef OCCLUDED
+    open = openness;
+  #endif
+  #ifdef FLIGHT
+    along = position.z;
+    away = -mvPosition.z;
+  #endif
+}`;
+
+// Rings are every 0.1 mm and stronger every millimetre, and fade where they would be dense. The curve of sRGB is approximated
+// by roots, within 0.003.
+const FRAGMENT = /* glsl */ `
+#include <clipping_planes_pars_fragment>
+uniform vec3 color;
+uniform float opacity;
+uniform vec3 lamp;
+uniform vec3 sky;
+uniform vec3 ground;
+uniform vec3 cut;
+uniform vec3 dark;
+varying vec2 cosines;
+#ifdef OCCLUDED
+  varying float open;
+#endif
+#ifdef FLIGHT
+  varying float along;
+  varying float away;
+  float ring(float spacing, float width) {
+    float blur = fwidth(along);
+    float distance = abs(fract(along / spacing + 0.5) - 0.5) * spacing;
+    return (1.0 - smoothstep(width - blur, width + blur, distance)) * clamp(1.0 - 4.0 * blur / spacing, 0.0, 1.0);
+  }
+#endif
+vec3 displayed(vec3 linear) {
+  vec3 root = sqrt(linear);
+  vec3 fourth = sqrt(root);
+  return clamp(0.585122381 * root + 0.783140355 * fourth - 0.368262736 * sqrt(fourth), 0.0, 1.0);
+}
+void main() {
+  #include <clipping_planes_fragment>
+  #ifdef FLAT
+    vec3 shown = color;
+  #else
+    vec2 facing = cosines;
+    #if defined(DOUBLE_SIDED) && !defined(CUT_OPEN)
+      if (!gl_FrontFacing) facing = -facing;
+    #endif
+    vec3 scattered = color;
+    #ifdef OCCLUDED
+      scattered *= open;
+      #ifdef FLIGHT
+        scattered *= 1.0 - max(0.28 * ring(0.1, 0.0012), 0.6 * ring(1.0, 0.004));
+      #endif
+    #endif
+    vec3 shown = displayed(scattered * (lamp * max(facing.x, 0.0) + mix(ground, sky, 0.5 * facing.y + 0.5)));
+  #endif
+  #ifdef CUT_OPEN
+    if (!gl_FrontFacing) shown = cut;
+  #endif
+  #ifdef FLIGHT
+    shown = mix(shown, dark, smoothstep(${FLIGHT_FOG[0].toFixed(2)}, ${FLIGHT_FOG[1].toFixed(2)}, away));
+  #endif
+  gl_FragColor = vec4(shown, opacity);
+}`;
+
+/** `lit` surfaces scatter the light; others have their colour whatever the light. */
+export class TissueMaterial extends ShaderMaterial {
+  constructor(color: number, { lit, occluded }: { lit: boolean; occluded: boolean }) {
+    super({
+      vertexShader: VERTEX,
+      fragmentShader: FRAGMENT,
+      clipping: true,
+      defines: { ...(occluded && { OCCLUDED: "" }), ...(!lit && { FLAT: "" }) },
+      uniforms: {
+        ...SHARED,
+        color: { value: lit ? new Color(color) : displayed(color) },
+        opacity: { value: 1 },
+        cut: { value: new Color() },
+      },
+    });
+  }
+
+  /** Rings that show the way covered, and the dark ahead. */
+  set flight(on: boolean) {
+    this.#define("FLIGHT", on);
+  }
+
+  /** Colour of back faces: those of a closed body that is cut open are seen through the cut, as its face. */
+  set cut(color: number | undefined) {
+    this.#define("CUT_OPEN", color !== undefined);
+    if (color !== undefined) (this.uniforms["cut"]!.value as Color).copy(displayed(color));
+  }
+
+  set glass(opacity: number) {
+    this.transparent = opacity < 1;
+    this.depthWrite = opacity === 1;
+    this.uniforms["opacity"]!.value = opacity;
+  }
+
+  #define(name: string, on: boolean): void {
+    if (on === name in this.defines) return;
+    if (on) this.defines[name] = "";
+    else delete this.defines[name];
+    this.needsUpdate = true;
+  }
+}
+
+/** A colour as the display gets it. */
+function displayed(color: number): Color {
+  return new Color().setHex(color, LinearSRGBColorSpace);
+}
