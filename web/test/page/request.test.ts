@@ -87,3 +87,53 @@ test("a full queue is said beside the button", async () => {
     await visit.close();
   });
 });
+
+test("links open the form that they name, and keep what was filled in", async () => {
+  await withService(["--cpu-workers", "0"], async ({ url }) => {
+    const visit = await Visit.open(`${url}/#/batches`);
+    const { page } = visit;
+    await page.getByRole("link", { name: "New study" }).click();
+    await page.getByRole("heading", { level: 1, name: "New study" }).waitFor();
+    // Typed as it may be: a reload must bear it.
+    await page.getByRole("combobox", { name: "Seeds", exact: true }).selectOption({ label: "These" });
+    const seeds = page.getByRole("textbox", { name: "Seeds", exact: true });
+    await seeds.fill("9007199254740990..9007199254740999");
+    await page.reload();
+    await page.getByText(/exceeds 9007199254740991, the greatest seed\.$/).waitFor();
+    assert.equal(await seeds.getAttribute("aria-invalid"), "true");
+    await page.getByRole("link", { name: "New model" }).click();
+    await page.getByRole("heading", { level: 1, name: "New model" }).waitFor();
+    await page.goto(`${url}/#/new?purpose=study`);
+    await page.getByRole("heading", { level: 1, name: "New study" }).waitFor();
+    assert.equal(await seeds.inputValue(), "9007199254740990..9007199254740999");
+    await visit.close();
+  });
+});
+
+test("a request is changed with its seed, and what is typed meanwhile is kept", async () => {
+  await withService(["--cpu-workers", "0"], async ({ url }) => {
+    const { id } = await new Oviduct(url).submit({ seed: 42, labels: { lab: "a" } });
+    const visit = await Visit.open(`${url}/#/new?from=${id}`);
+    const { page } = visit;
+    const seed = page.getByRole("textbox", { name: "Seed", exact: true });
+    await page.getByText(`Filled in from the model ${id}`).waitFor();
+    assert.equal(await seed.inputValue(), "42");
+
+    await page.getByRole("button", { name: "Start over" }).click();
+    let answer = () => {};
+    const typed = new Promise<void>((resolve) => (answer = resolve));
+    await page.route(`**/models/${id}`, async (route) => {
+      await typed;
+      await route.continue().catch(() => undefined);
+    });
+    const asked = page.waitForRequest(`**/models/${id}`);
+    await page.goto(`${url}/#/new?from=${id}`);
+    const given = await asked;
+    await seed.fill("7");
+    answer();
+    await page.waitForTimeout(500);
+    assert.equal(await seed.inputValue(), "7");
+    assert.match(given.failure()?.errorText ?? "", /ERR_ABORTED/);
+    await visit.close();
+  });
+});

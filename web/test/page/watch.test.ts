@@ -1,7 +1,6 @@
 // Growing models: seen at once, and through reloads and restarts of the service.
 import assert from "node:assert/strict";
 import { after, test } from "node:test";
-import type { Locator } from "playwright-core";
 import { SMALL, withService, type Service } from "../../../clients/typescript/test/service.ts";
 import { Oviduct, type ModelRequest, type Vary } from "../../../clients/typescript/src/index.ts";
 import { closeBrowser, colours, picture, Visit } from "./browser.ts";
@@ -94,6 +93,25 @@ test("a service that is restarted in the middle is waited for", async () => {
   });
 });
 
+test("the growing tube comes back after the loss of the graphics context", async () => {
+  await withService([], async (service) => {
+    const id = await submit(service, SLOW);
+    const visit = await Visit.open(`${service.url}/#/models/${id}`);
+    const { page } = visit;
+    await grows(visit);
+    const tube = page.getByRole("img", { name: /^The growing tube in 3D/ });
+    await tube.waitFor();
+    const context = await tube.evaluateHandle((canvas) => (canvas as HTMLCanvasElement).getContext("webgl2")!.getExtension("WEBGL_lose_context")!);
+    await context.evaluate((context) => context.loseContext());
+    await page.getByText(/The tube is not shown in 3D: the browser/).waitFor();
+    await tube.waitFor({ state: "hidden" });
+    await context.evaluate((context) => context.restoreContext());
+    await tube.waitFor();
+    assert(colours(await picture(tube)) > 50, "the tube is not drawn again");
+    await visit.close();
+  });
+});
+
 test("a growing model is cancelled, grown again, and deleted", async () => {
   await withService([], async (service) => {
     const id = await submit(service, SLOW);
@@ -139,136 +157,6 @@ test("the list is filtered and follows the queue", async () => {
   });
 });
 
-/** The list of queued models with these seeds, newest last, on a service without workers. */
-async function queued(seeds: number[], test: (visit: Visit, client: Oviduct, ids: string[]) => Promise<void>): Promise<void> {
-  await withService(["--cpu-workers", "0"], async ({ url }) => {
-    const client = new Oviduct(url);
-    const ids: string[] = [];
-    for (const seed of seeds) ids.push((await client.submit({ ...SMALL, seed })).id);
-    const visit = await Visit.open(url);
-    await row(visit, seeds.at(-1)!).waitFor();
-    await test(visit, client, ids);
-    await visit.close();
-  });
-}
-
-function row(visit: Visit, seed: number): Locator {
-  return visit.page.getByRole("listitem", { name: `Pig oviduct, seed ${seed}` });
-}
-
-/** Label of the row that has the focus; else the name of the element. */
-async function focused(visit: Visit): Promise<string | undefined> {
-  return visit.page.evaluate(() => document.activeElement?.closest("li[aria-label]")?.getAttribute("aria-label") ?? document.activeElement?.localName);
-}
-
-test("a model that no longer matches is not deleted with the others", async () => {
-  await queued([1, 2], async (visit, client, ids) => {
-    const { page } = visit;
-    await page.getByRole("combobox", { name: "Status" }).selectOption("queued");
-    await page.route("**/models?*", async (route) => {
-      const request = route.request();
-      const deletes = request.method() === "DELETE" && !request.url().includes("dry_run=true");
-      // The page does not know of it yet.
-      if (deletes) await client.cancel(ids[0]!);
-      await route.continue();
-    });
-    await page.getByRole("button", { name: "Delete all that match …" }).click();
-    const dialog = page.getByRole("dialog", { name: "Delete all models that match?" });
-    await dialog.getByText(/^2 models/).waitFor();
-    await dialog.getByRole("button", { name: "Delete them" }).click();
-    await page.getByText("1 model deleted.").waitFor();
-    await row(visit, 2).waitFor({ state: "detached" });
-    await page.getByRole("link", { name: "Show all" }).click();
-    await row(visit, 1).getByText("cancelled").waitFor();
-    assert.equal(await row(visit, 2).count(), 0);
-  });
-});
-
-test("several models are deleted as far as they can be, and the rest is said", async () => {
-  await queued([1, 2, 3, 4], async (visit, client, ids) => {
-    const { page } = visit;
-    visit.refusals = [403, 404];
-    const problem = { type: "urn:oviduct:problem:forbidden", title: "Forbidden", status: 403, detail: "It is protected." };
-    // Models are deleted from the newest: the third by somebody else just before, the second not at all.
-    await page.route(`**/models/${ids[2]}`, async (route) => {
-      await client.delete(ids[2]!).catch(() => undefined);
-      await route.continue();
-    });
-    await page.route(`**/models/${ids[1]}`, (route) =>
-      route.fulfill({ status: 403, contentType: "application/problem+json", body: JSON.stringify(problem) }),
-    );
-    await page.getByRole("button", { name: "Select all shown" }).click();
-    const selection = page.getByRole("region", { name: "Selected models" });
-    await selection.getByText("4 selected").waitFor();
-    await selection.getByRole("button", { name: "Delete" }).click();
-    await page.getByRole("dialog").getByRole("button", { name: "Delete them" }).click();
-    await page.getByText(/^3 of 4 models deleted; 1 failed: .*It is protected\.$/).waitFor();
-    await selection.getByText("1 selected").waitFor();
-    assert(await row(visit, 2).getByRole("checkbox").isChecked());
-    assert.deepEqual((await client.listPage()).models.map(({ seed }) => seed), [2]);
-    assert.equal(await page.getByRole("listitem", { name: /^Pig oviduct/ }).count(), 1);
-  });
-});
-
-test("the focus goes on to what is left", async () => {
-  await queued([1, 2, 3], async (visit) => {
-    const { page } = visit;
-    const dialog = page.getByRole("dialog");
-    const remove = (seed: number) => row(visit, seed).getByRole("button", { name: `Delete Pig oviduct, seed ${seed}` });
-    const answer = async (seed: number, name: string) => {
-      await remove(seed).focus();
-      await page.keyboard.press("Enter");
-      await dialog.getByRole("button", { name, exact: true }).focus();
-      await page.keyboard.press("Enter");
-      // It is closed before it is removed.
-      await page.locator("dialog").waitFor({ state: "detached" });
-    };
-    await answer(2, "Keep");
-    assert(await remove(2).evaluate((button) => button === document.activeElement), "the button that opened the dialog");
-    for (const [seed, next] of [[2, "Pig oviduct, seed 1"], [1, "Pig oviduct, seed 3"], [3, "h1"]] as const) {
-      await answer(seed, "Delete");
-      await row(visit, seed).waitFor({ state: "detached" });
-      await visit.page.waitForFunction(() => document.activeElement !== document.body);
-      assert.equal(await focused(visit), next);
-    }
-  });
-});
-
-test("a study is followed to its table", async () => {
-  await withService([], async (service) => {
-    const client = new Oviduct(service.url);
-    const vary: Vary = { design: "grid", values: { "/collision/gap_um": [28, 34] } };
-    const { id } = await client.submitBatch({ ...SMALL, seeds: [1, 2], vary });
-    const visit = await Visit.open(`${service.url}/#/batches/${id}`);
-    const { page } = visit;
-    await mark(visit);
-    await page.getByText(/4 succeeded|4 of 4/).first().waitFor({ timeout: 180_000 });
-    assert.equal(await page.getByRole("table").getByRole("row").count(), 5);
-    assert(await isMarked(visit), "the page was loaded again");
-    await visit.accessible();
-    await visit.close();
-  });
-});
-
-test("the growing tube comes back after the loss of the graphics context", async () => {
-  await withService([], async (service) => {
-    const id = await submit(service, SLOW);
-    const visit = await Visit.open(`${service.url}/#/models/${id}`);
-    const { page } = visit;
-    await grows(visit);
-    const tube = page.getByRole("img", { name: /^The growing tube in 3D/ });
-    await tube.waitFor();
-    const context = await tube.evaluateHandle((canvas) => (canvas as HTMLCanvasElement).getContext("webgl2")!.getExtension("WEBGL_lose_context")!);
-    await context.evaluate((context) => context.loseContext());
-    await page.getByText(/The tube is not shown in 3D: the browser/).waitFor();
-    await tube.waitFor({ state: "hidden" });
-    await context.evaluate((context) => context.restoreContext());
-    await tube.waitFor();
-    assert(colours(await picture(tube)) > 50, "the tube is not drawn again");
-    await visit.close();
-  });
-});
-
 test("a long list is drawn in part, and the focus stays in it", async () => {
   await withService(["--cpu-workers", "0"], async (service) => {
     const client = new Oviduct(service.url);
@@ -304,6 +192,75 @@ test("a long list is drawn in part, and the focus stays in it", async () => {
     await page.getByText("120 selected").waitFor();
     await page.getByRole("button", { name: "Clear" }).click();
     assert.match(String(await focused()), /Models/);
+    await visit.close();
+  });
+});
+
+test("deeds on several models go on after one that fails", async () => {
+  await withService(["--cpu-workers", "0"], async (service) => {
+    const client = new Oviduct(service.url);
+    for (let seed = 1; seed <= 6; seed++) await client.submit({ ...SMALL, seed });
+    const visit = await Visit.open(service.url, {}, [404, 409]);
+    const { page } = visit;
+    const rows = page.getByRole("listitem", { name: /^Pig oviduct/ });
+    await rows.nth(5).waitFor();
+    const { models } = await client.listPage();
+    const [gone, refused] = models.map(({ id }) => id);
+    const problem = { type: "urn:oviduct:problem:conflict", title: "Conflict", status: 409, detail: "Not this one." };
+    const json = (status: number, body: object) => ({ status, contentType: "application/problem+json", body: JSON.stringify(body) });
+    await page.route(`**/models/${refused}`, (route) => route.fulfill(json(409, problem)));
+    const missing = { type: "urn:oviduct:problem:model-not-found", title: "No model", status: 404, detail: "There is none." };
+    await page.route(`**/models/${gone}`, (route) => route.fulfill(json(404, missing)));
+    await page.getByRole("button", { name: "Select all shown" }).click();
+    await page.getByRole("region", { name: "Selected models" }).getByRole("button", { name: "Delete" }).click();
+    await page.getByRole("button", { name: "Delete them" }).click();
+    await page.getByText("5 of 6 models deleted; 1 failed: Not this one.").waitFor();
+    assert.equal(await rows.count(), 1);
+    assert(await rows.getByRole("checkbox").isChecked());
+    assert.deepEqual((await client.listPage()).models.map(({ id }) => id).sort(), [gone, refused].sort());
+    await visit.close();
+  });
+});
+
+test("a model that no longer matches is not deleted with the others", async () => {
+  await withService(["--cpu-workers", "0"], async ({ url }) => {
+    const client = new Oviduct(url);
+    const { id } = await client.submit({ ...SMALL, seed: 1 });
+    await client.submit({ ...SMALL, seed: 2 });
+    const visit = await Visit.open(`${url}/#/?status=queued`);
+    const { page } = visit;
+    await page.route("**/models?*", async (route) => {
+      const request = route.request();
+      const deletes = request.method() === "DELETE" && !request.url().includes("dry_run=true");
+      // The page does not know of it yet.
+      if (deletes) await client.cancel(id);
+      await route.continue();
+    });
+    await page.getByRole("button", { name: "Delete all that match …" }).click();
+    const dialog = page.getByRole("dialog", { name: "Delete all models that match?" });
+    await dialog.getByText(/^2 models/).waitFor();
+    await dialog.getByRole("button", { name: "Delete them" }).click();
+    await page.getByText("1 model deleted.").waitFor();
+    await page.getByRole("link", { name: "Show all" }).click();
+    const row = (seed: number) => page.getByRole("listitem", { name: `Pig oviduct, seed ${seed}` });
+    await row(1).getByText("cancelled").waitFor();
+    await row(2).waitFor({ state: "detached" });
+    await visit.close();
+  });
+});
+
+test("a study is followed to its table", async () => {
+  await withService([], async (service) => {
+    const client = new Oviduct(service.url);
+    const vary: Vary = { design: "grid", values: { "/collision/gap_um": [28, 34] } };
+    const { id } = await client.submitBatch({ ...SMALL, seeds: [1, 2], vary });
+    const visit = await Visit.open(`${service.url}/#/batches/${id}`);
+    const { page } = visit;
+    await mark(visit);
+    await page.getByText(/4 succeeded|4 of 4/).first().waitFor({ timeout: 180_000 });
+    assert.equal(await page.getByRole("table").getByRole("row").count(), 5);
+    assert(await isMarked(visit), "the page was loaded again");
+    await visit.accessible();
     await visit.close();
   });
 });
