@@ -41,3 +41,31 @@ export function setQuery(query: URLSearchParams | Record<string, string>): void 
   history.replaceState(history.state, "", target);
   route.value = parse(target);
 }
+
+/** Milliseconds without a change after which a query that changes often is written. */
+const SETTLED = 300;
+let waiting: { query: () => URLSearchParams; timer: ReturnType<typeof setTimeout> } | undefined;
+
+/** Changes the query once it has not been asked for a while; the newest one counts. */
+export function setQuerySoon(query: () => URLSearchParams): void {
+  clearTimeout(waiting?.timer);
+  waiting = { query, timer: setTimeout(writeQuery, SETTLED) };
+}
+
+/** Forgets what `setQuerySoon` has not written yet. */
+export function keepQuery(): void {
+  clearTimeout(waiting?.timer);
+  waiting = undefined;
+}
+
+function writeQuery(): void {
+  const query = waiting?.query;
+  keepQuery();
+  if (query) setQuery(query());
+}
+
+/** The link to what is shown now. */
+export function link(): string {
+  writeQuery();
+  return location.href;
+}

@@ -5,7 +5,7 @@ import { WorkersNotice } from "../growing/workers.tsx";
 import { attempt } from "../model/actions.tsx";
 import { Confirm } from "../model/confirm.tsx";
 import { forget } from "../models.ts";
-import { go, href } from "../router.ts";
+import { go, href, link } from "../router.ts";
 import { ask, explain } from "../service.ts";
 import { short } from "../ui/format.ts";
 import { Ago, CopyButton, Icon, Notice, toast } from "../ui/widgets.tsx";
@@ -87,7 +87,7 @@ function Head({ batch, onChange }: { batch: Batch; onChange: () => void }) {
         {isOpen(batch) && <button type="button" class="button" onClick={() => setAsking("cancel")}><Icon name="stop" /> Cancel</button>}
         <button type="button" class="button button-danger" onClick={() => setAsking("delete")}><Icon name="trash" /> Delete</button>
         <a class="button" href={href([], { batch: id })}>Show as a list</a>
-        <CopyButton label="Copy link" text={() => location.href} />
+        <CopyButton label="Copy link" text={link} />
       </div>
       {asking === "cancel" && (
         <Confirm title="Cancel this study?" action="Cancel the study" onConfirm={cancel} onClose={() => setAsking(undefined)}>

@@ -2,7 +2,7 @@
 import type { Model } from "oviduct-client";
 import { useEffect, useMemo, useState } from "preact/hooks";
 import { state } from "../models.ts";
-import { href, route } from "../router.ts";
+import { href, link, route } from "../router.ts";
 import { ask, explain } from "../service.ts";
 import { reconnections } from "../stream.ts";
 import { micrometres, short } from "../ui/format.ts";
@@ -79,7 +79,7 @@ function Comparison({ models }: { models: readonly [Model, Model] }) {
       <div class="page-head">
         <h1>Compare</h1>
         <ViewButtons view={view} />
-        <div class="actions"><CopyButton label="Copy link" text={() => location.href} /></div>
+        <div class="actions"><CopyButton label="Copy link" text={link} /></div>
       </div>
       <div class="compare">
         {explorations.map((exploration, k) => (

@@ -1,11 +1,8 @@
 // Keeps what is shown in the link of the page.
 import { effect } from "@preact/signals";
-import { route, setQuery } from "../router.ts";
+import { keepQuery, route, setQuerySoon } from "../router.ts";
 import { readSpot, writeSpot, type Measurement } from "./measure.ts";
 import { readView, writeView, type View } from "./view.ts";
-
-/** Milliseconds without a change after which the link is written. */
-const SETTLED = 300;
 
 /** Restores the view from the link, and writes it there until the function that is returned is called. */
 export function keepLink(view: View, measurement?: Measurement): () => void {
@@ -16,20 +13,18 @@ export function keepLink(view: View, measurement?: Measurement): () => void {
     measurement.b.value = readSpot(route.peek().query.get("to"));
   };
   read();
-  let [timer, first] = [0, true];
-  const write = () => setQuery(queryOf(view, measurement));
+  let first = true;
   const leave = effect(() => {
     view.subscribe();
     void measurement?.a.value;
     void measurement?.b.value;
-    clearTimeout(timer);
-    if (!first) timer = setTimeout(write, SETTLED);
+    if (!first) setQuerySoon(() => queryOf(view, measurement));
     first = false;
   });
   // Another link to the same page was opened.
   addEventListener("hashchange", read);
   return () => {
-    clearTimeout(timer);
+    keepQuery();
     removeEventListener("hashchange", read);
     leave();
   };

@@ -4,7 +4,7 @@ import { useEffect, useState } from "preact/hooks";
 import { OviductError, type Model, type ModelState } from "oviduct-client";
 import { Growing } from "../growing/growing.tsx";
 import { remember, state } from "../models.ts";
-import { go, href, route } from "../router.ts";
+import { go, href, link, route } from "../router.ts";
 import { ask, explain } from "../service.ts";
 import { reconnections } from "../stream.ts";
 import { Ago, CopyButton, Notice, StatusBadge, toast, Unloaded } from "../ui/widgets.tsx";
@@ -76,7 +76,7 @@ function Head({ model, title }: { model: ModelState; title: string }) {
       </div>
       <div>
         <ModelActions model={model} onMade={({ id }) => go(["models", id])} onDeleted={() => (go([]), toast("The model was deleted."))} />
-        <CopyButton label="Copy link" text={() => location.href} />
+        <CopyButton label="Copy link" text={link} />
       </div>
     </div>
   );

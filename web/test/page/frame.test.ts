@@ -72,9 +72,13 @@ test("text is copied also where the page is not secure", async () => {
       Object.defineProperty(navigator, "clipboard", { value: undefined });
       return read;
     });
+    await page.getByText(/triangles are shown/).waitFor();
+    await page.getByRole("checkbox", { name: "Lengthwise" }).check();
     await page.getByRole("button", { name: "Copy link" }).click();
     await page.getByText("Copied.").waitFor();
-    assert.equal(await read.evaluate((read) => read()), page.url());
+    const copied = await read.evaluate((read) => read());
+    assert.match(copied, /open=/, "the link is that of what is shown");
+    assert.equal(copied, page.url());
     await visit.close();
   });
 });
