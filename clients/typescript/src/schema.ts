@@ -2028,7 +2028,10 @@ export interface components {
             digest: string;
             /** @description Version of the program that grew it. */
             engine: string;
-            /** @description The levels of detail, the finest first; only if `lod` was asked for. */
+            /**
+             * @description The levels of detail, the finest first; only if the model was grown with `lod`. A model that reuses it has the same
+             *     report, and the files that it asked for.
+             */
             levels?: components["schemas"]["DetailLevel"][];
             /** @description Preset that the spec was resolved on. */
             preset: string;
@@ -4743,6 +4746,8 @@ export interface operations {
                 "if-range"?: string;
                 /** @description Entity tags that the client has */
                 "if-none-match"?: string;
+                /** @description `redirect=no`: the file itself, where a download is redirected otherwise */
+                prefer?: string;
             };
             path: {
                 /** @description Id of the model */
