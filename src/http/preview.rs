@@ -20,57 +20,14 @@ use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
 use futures_util::TryStreamExt;
-use std::collections::VecDeque;
 use std::io::Cursor;
 use std::ops::RangeInclusive;
-use std::sync::{Arc, Mutex, PoisonError};
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tokio::sync::OwnedSemaphorePermit;
 
 /// Longest side of a picture, pixels.
 const SIZES: RangeInclusive<u32> = 32..=2048;
 /// Longest side if none is asked for.
 const SIZE: u32 = 1024;
-/// Most bytes of pictures in memory.
-const KEPT_BYTES: usize = 16 << 20;
-
-/// What the requests for pictures share.
-pub(super) struct Pictures {
-    turns: Arc<Semaphore>,
-    kept: Mutex<Kept>,
-}
-
-impl Pictures {
-    /// Draws at most `most` pictures at a time.
-    pub(super) fn new(most: usize) -> Self {
-        Self { turns: Arc::new(Semaphore::new(most)), kept: Mutex::default() }
-    }
-
-    fn kept(&self) -> std::sync::MutexGuard<'_, Kept> {
-        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// Pictures by entity tag, those used last at the back.
-#[derive(Default)]
-struct Kept(VecDeque<(ETag, Bytes)>);
-
-impl Kept {
-    fn get(&mut self, tag: &ETag) -> Option<Bytes> {
-        let place = self.0.iter().position(|(kept, _)| kept == tag)?;
-        let entry = self.0.remove(place)?;
-        let png = entry.1.clone();
-        self.0.push_back(entry);
-        Some(png)
-    }
-
-    fn put(&mut self, tag: ETag, png: Bytes) {
-        self.0.retain(|(kept, _)| *kept != tag);
-        self.0.push_back((tag, png));
-        while self.0.iter().map(|(_, png)| png.len()).sum::<usize>() > KEPT_BYTES {
-            self.0.pop_front();
-        }
-    }
-}
 
 /// Draw a picture of a finished model.
 ///
@@ -104,7 +61,7 @@ pub(super) async fn preview(
     if tag.matches_none(&headers) {
         return tag.not_modified(IMMUTABLE);
     }
-    let kept = state.pictures.kept().get(&tag);
+    let kept = state.pictures.kept(&tag);
     let png = match kept {
         Some(png) => png,
         None => draw(&state, &file, view, size, &tag).await?,
@@ -144,20 +101,16 @@ async fn draw(state: &AppState, file: &File, view: NamedView, size: u32, tag: &E
     });
     let png = drawn.await.map_err(|error| failed(&error))?.map_err(|error| failed(&error))?;
     let png = Bytes::from(png);
-    state.pictures.kept().put(tag.clone(), png.clone());
+    state.pictures.keep(tag.clone(), png.clone());
     Ok(png)
 }
 
 /// Room for one more picture that is drawn.
 async fn turn(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
-    let turn = Arc::clone(&state.pictures.turns).acquire_owned();
-    match tokio::time::timeout(state.limits.picture_wait, turn).await {
-        Ok(Ok(turn)) => Ok(turn),
-        Ok(Err(_)) | Err(_) => {
-            let problem = Problem::new(Kind::TooManyPictures, "Many pictures are being drawn. Try again later.");
-            Err(problem.with_header(header::RETRY_AFTER, HeaderValue::from_static("5")))
-        }
-    }
+    state.pictures.turn(state.limits.picture_wait).await.ok_or_else(|| {
+        let problem = Problem::new(Kind::TooManyPictures, "Many pictures are being drawn. Try again later.");
+        problem.with_header(header::RETRY_AFTER, HeaderValue::from_static("5"))
+    })
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -171,25 +124,4 @@ enum DrawError {
 fn failed(error: &(dyn std::error::Error + 'static)) -> Problem {
     tracing::error!(error, "a picture could not be drawn");
     Problem::new(Kind::Internal, "The picture could not be drawn.")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pictures_that_were_not_used_for_longest_go_first() {
-        let mut kept = Kept::default();
-        let third = || Bytes::from(vec![0; KEPT_BYTES / 3]);
-        for name in ["a", "b", "c"] {
-            kept.put(ETag::strong(name), third());
-        }
-        assert!(kept.get(&ETag::strong("a")).is_some());
-        kept.put(ETag::strong("c"), third());
-        kept.put(ETag::strong("d"), third());
-        let left = ["a", "b", "c", "d"].map(|name| kept.get(&ETag::strong(name)).is_some());
-        assert_eq!(left, [true, false, true, true]);
-        kept.put(ETag::strong("e"), Bytes::from(vec![0; KEPT_BYTES + 1]));
-        assert!(kept.0.is_empty(), "what is too large is not kept");
-    }
 }

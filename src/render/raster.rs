@@ -12,6 +12,8 @@ pub(super) const NONE: u32 = u32::MAX;
 
 /// Rows of samples per task.
 const BAND: usize = 128;
+/// Columns of a triangle that are all tested.
+const NARROW: usize = 8;
 
 /// The visible surface at a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -147,12 +149,31 @@ impl Setup {
         has_area.then_some(Self { depths: corners.map(|corner| corner.depth), edges, doubled_area, columns, rows })
     }
 
+    /// The columns of a row that the triangle may cover: of a long thin one, a small part of its bounds.
+    #[inline]
+    fn span(&self, y: f32) -> Range<usize> {
+        if self.columns.len() <= NARROW {
+            return self.columns.clone();
+        }
+        let (mut low, mut high) = (self.columns.start as f64, self.columns.end as f64);
+        for Edge { from, along } in &self.edges {
+            // Where the edge crosses the row, with a margin of a column for rounding.
+            let x = from[0] + along[0] * (f64::from(y) - from[1]) / along[1];
+            if along[1] * self.doubled_area > 0.0 {
+                high = high.min((x + 1.5).ceil());
+            } else if along[1] * self.doubled_area < 0.0 {
+                low = low.max(x - 1.5);
+            }
+        }
+        low as usize..high.max(0.0) as usize
+    }
+
     /// Calls `found` with column, row and depth of each covered sample in a band of rows, including those on borders.
     #[inline]
     fn visit(&self, band: &Range<usize>, mut found: impl FnMut(usize, usize, f32)) {
         for row in self.rows.start.max(band.start)..self.rows.end.min(band.end) {
             let y = row as f32 + 0.5;
-            for column in self.columns.clone() {
+            for column in self.span(y) {
                 let x = column as f32 + 0.5;
                 let values = [0, 1, 2].map(|k| self.edges[k].at(x, y));
                 let inside = if self.doubled_area > 0.0 {
@@ -235,6 +256,31 @@ mod tests {
         let samples = rasterize(&view, &camera, &positions, &triangles, [100, 100]);
         assert!(samples[50 * 100 + 25].surface >= 2);
         assert!(samples[50 * 100 + 75].surface < 2);
+    }
+
+    #[test]
+    fn long_thin_triangles_cover_what_a_test_of_all_samples_finds() {
+        let corner = |x, y| Projected { x, y, depth: 0.0 };
+        for (a, b, c) in [
+            (corner(2.25, 3.0), corner(97.0, 60.5), corner(96.0, 62.25)),
+            (corner(90.0, 1.5), corner(3.0, 70.0), corner(1.5, 68.0)),
+            (corner(1.0, 20.5), corner(99.0, 20.5), corner(50.0, 21.75)),
+            (corner(-40.0, -30.0), corner(150.0, 90.0), corner(120.0, 95.0)),
+        ] {
+            for corners in [[a, b, c], [a, c, b]] {
+                let setup = Setup::new(corners, [100, 80]).unwrap();
+                let mut found = Vec::new();
+                setup.visit(&(0..80), |x, y, _| found.push((x, y)));
+                let sign = setup.doubled_area.signum();
+                let covers = |x: usize, y: usize| {
+                    setup.edges.iter().all(|edge| sign * edge.at(x as f32 + 0.5, y as f32 + 0.5) >= 0.0)
+                };
+                let all: Vec<_> = (0..80).flat_map(|y| (0..100).map(move |x| (x, y))).collect();
+                let expected: Vec<_> = all.into_iter().filter(|&(x, y)| covers(x, y)).collect();
+                assert!(expected.len() > 20);
+                assert_eq!(found, expected);
+            }
+        }
     }
 
     #[test]
