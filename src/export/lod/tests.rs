@@ -191,9 +191,9 @@ fn bytes_do_not_depend_on_the_machine() {
     assert_eq!(
         digests,
         [
-            "cc6cf962534addcb4477249dda043b0fb2c1de4ced56cd1b402f8e8e49b59454",
-            "b79a90356be5a023a112dc6212b2eb15718bb9cfd6d1eeffdcdf5e18e5dc4bc3",
-            "9da4d61d6c8dc7d78e7da91a9284fbc2183324d051090431bd078c2b8b15a24f",
+            "e6d22c0a7ca4c42fc72aaa3446b49db7d75f2dc40bd3d6ab9fd022098ff5f547",
+            "17895e34f0ed054b5dae599eb8b63bb5473ef5c440ab44132210061d0f347329",
+            "31cea43ffb3cfaaae8d66255e72e18e9587518a6af71351533da5a3b5c1f5c83",
         ]
     );
 }
