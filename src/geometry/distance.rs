@@ -41,10 +41,10 @@ impl<F: Fn(usize) -> [[f64; 3]; 3] + Sync> Triangles<F> {
                         return;
                     }
                     let mut search = Search { squared_distance, enough, best: enough, item: None };
-                    self.bvh.nearest(point, &mut search);
+                    self.bvh.nearest(point, hint, &mut search);
                     if search.item.is_none() {
                         search.best = f64::INFINITY;
-                        self.bvh.nearest(point, &mut search);
+                        self.bvh.nearest(point, None, &mut search);
                         largest.fetch_max(search.best.to_bits(), Ordering::Relaxed);
                     }
                     hint = search.item;

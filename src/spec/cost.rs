@@ -27,6 +27,8 @@ const TWO_CORES: f64 = 0.55;
 /// Seconds per triangle for slab tests, loft, certificate and files, one core; assumed: half of the
 /// simulation for the paper's model.
 const TRIANGLE_SECONDS: f64 = 0.7e-6;
+/// Seconds per triangle for levels of detail, one core; measured on the default model.
+const LEVELS_SECONDS: f64 = 1.3e-6;
 /// Memory that does not depend on the model; assumed.
 const BASE_BYTES: u64 = 32 << 20;
 /// Memory per vertex: position, normal, section, identity; assumed.
@@ -140,13 +142,13 @@ impl ModelSpec {
             triangles,
             bytes,
             memory_bytes: BASE_BYTES + vertices * VERTEX_BYTES + triangles * TRIANGLE_BYTES + history + simplification,
-            seconds: self.seconds(triangles),
+            seconds: self.seconds(triangles, outputs.contains(&"lod")),
         }
     }
 
-    fn seconds(&self, triangles: u64) -> BTreeMap<String, Estimate> {
+    fn seconds(&self, triangles: u64, levels: bool) -> BTreeMap<String, Estimate> {
         #[expect(clippy::cast_precision_loss, reason = "an estimate")]
-        let surface = triangles as f64 * TRIANGLE_SECONDS;
+        let surface = triangles as f64 * (TRIANGLE_SECONDS + if levels { LEVELS_SECONDS } else { 0.0 });
         let one = self.simulation_seconds() + surface;
         let work = match self.solver.search {
             Search::Lists => "pairs within reach of neighbour lists",
@@ -220,6 +222,9 @@ mod tests {
         assert_eq!(cost.triangles, 2 * cost.vertices);
         assert_eq!(cost.bytes.keys().collect::<Vec<_>>(), ["glb", "lod", "obj", "report", "sections"]);
         assert!(cost.seconds["cpu"].seconds < cost.seconds["cpu-single"].seconds);
+        let without = spec(&json!({})).cost(&["glb", "obj"]);
+        assert!(without.seconds["cpu"].seconds + 0.5 < cost.seconds["cpu"].seconds);
+        assert!(without.memory_bytes + (100 << 20) < cost.memory_bytes);
     }
 
     #[test]
