@@ -2,21 +2,24 @@
 //!
 //! Environment variables are not declared here: [`super::config`] gives every long option its `OVIDUCT_…` variable.
 
+mod keys;
 mod limits;
+mod load;
 mod remote;
+mod surfaces;
 mod workers;
 
+pub(super) use keys::{Keys, KeysAddArgs, KeysListArgs, KeysRevokeArgs, KeysRotateArgs};
 pub(super) use limits::LimitArgs;
+pub(super) use load::LoadArgs;
 pub(super) use remote::RemoteArgs;
+pub(super) use surfaces::{CheckArgs, RenderArgs};
 pub(super) use workers::{WorkersAction, WorkersArgs};
 
-use super::load::{Arrivals, Mix, Rate};
 use super::units;
 use crate::generate::{Backend, Output};
 use crate::http::Origin;
 use crate::jobs::Priority;
-use crate::jobs::keys::{Owner, Scope};
-use crate::render::{MAX_SIZE, NamedView, Plane};
 use clap::builder::FalseyValueParser;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::net::SocketAddr;
@@ -197,83 +200,6 @@ pub(super) struct WorkerArgs {
     pub(super) process: ProcessArgs,
 }
 
-/// What to do with keys.
-#[derive(Clone, Debug, Subcommand)]
-pub(super) enum Keys {
-    /// Make a key and print its secret, which is shown only this once
-    Add(KeysAddArgs),
-    /// List the keys, without their secrets
-    List(KeysListArgs),
-    /// End a key
-    Revoke(KeysRevokeArgs),
-    /// Replace a key by a new one with the same owner, scopes, limits and end, and print its secret
-    Rotate(KeysRotateArgs),
-}
-
-/// Options of `keys add`.
-#[derive(Clone, Debug, Args)]
-pub(super) struct KeysAddArgs {
-    /// Who owns what is requested with it: 1 to 64 letters, digits, `.`, `_`, `-`, `@`. Several keys may share an owner
-    #[arg(long, value_name = "NAME")]
-    pub(super) owner: Owner,
-    /// What it allows, separated by commas: read and submit (the owner's own models), admin (everything)
-    #[arg(long, value_name = "LIST", value_delimiter = ',', required = true)]
-    pub(super) scopes: Vec<Scope>,
-    /// Time after which it ends, such as 30d [default: never]
-    #[arg(long, value_name = "TIME", value_parser = units::positive_duration)]
-    pub(super) expires: Option<Duration>,
-    /// Requests per second, on average [default: --key-rate of the service]
-    #[arg(long, value_name = "N", value_parser = units::positive_rate)]
-    pub(super) rate: Option<f64>,
-    /// Maximum number of queued and running models of its owner [default: --key-models of the service]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
-    pub(super) models: Option<u64>,
-    /// Total size of the files of its owner above which it may not request models [default: --key-bytes of the service]
-    #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
-    pub(super) bytes: Option<u64>,
-    /// Print one JSON object
-    #[arg(long, value_parser = FalseyValueParser::new())]
-    pub(super) json: bool,
-    #[command(flatten)]
-    pub(super) database: DatabaseArgs,
-}
-
-/// Options of `keys list`.
-#[derive(Clone, Debug, Args)]
-pub(super) struct KeysListArgs {
-    /// Print one JSON array
-    #[arg(long, value_parser = FalseyValueParser::new())]
-    pub(super) json: bool,
-    #[command(flatten)]
-    pub(super) database: DatabaseArgs,
-}
-
-/// Options of `keys revoke`.
-#[derive(Clone, Debug, Args)]
-pub(super) struct KeysRevokeArgs {
-    /// The 8 digits after `oviduct_` in the key, as `keys list` shows them
-    #[arg(value_name = "PREFIX")]
-    pub(super) prefix: String,
-    #[command(flatten)]
-    pub(super) database: DatabaseArgs,
-}
-
-/// Options of `keys rotate`.
-#[derive(Clone, Debug, Args)]
-pub(super) struct KeysRotateArgs {
-    /// The 8 digits after `oviduct_` in the key, as `keys list` shows them
-    #[arg(value_name = "PREFIX")]
-    pub(super) prefix: String,
-    /// Time for which the old key goes on to work, such as 1h [0: none]
-    #[arg(long, value_name = "TIME", value_parser = units::duration_or_zero, default_value = "0")]
-    pub(super) overlap: Duration,
-    /// Print one JSON object
-    #[arg(long, value_parser = FalseyValueParser::new())]
-    pub(super) json: bool,
-    #[command(flatten)]
-    pub(super) database: DatabaseArgs,
-}
-
 /// Location of the job store.
 #[derive(Clone, Debug, Args)]
 pub(super) struct DatabaseArgs {
@@ -449,107 +375,6 @@ pub(super) struct SubmitArgs {
     /// Print the model as JSON
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) json: bool,
-}
-
-/// Options of `load`.
-#[derive(Clone, Debug, Args)]
-pub(super) struct LoadArgs {
-    #[command(flatten)]
-    pub(super) service: RemoteArgs,
-    /// Open loop: send calls at this rate, such as 200/s or 12000/min, whether or not earlier ones were answered. Latency
-    /// is counted from the planned start [default: closed loop]
-    #[arg(long, value_name = "RATE", conflicts_with_all = ["concurrency", "models", "direct"])]
-    pub(super) rate: Option<Rate>,
-    /// How the calls of the open loop are spread over time
-    #[arg(long, value_enum, requires = "rate", default_value_t = Arrivals::Poisson)]
-    pub(super) arrivals: Arrivals,
-    /// Most calls of the open loop in flight; further ones are dropped and counted
-    #[arg(long, value_name = "N", requires = "rate", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 500)]
-    pub(super) max_in_flight: u32,
-    /// Closed loop: number of models, or of calls of the mix, that are requested at the same time, each after the last has
-    /// ended
-    #[arg(long, value_name = "C", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 4)]
-    pub(super) concurrency: u32,
-    /// Number of models of the closed loop; their seeds are consecutive, starting with --seed [default: 100, or as many as
-    /// fit in --duration]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..1 << 40), conflicts_with = "mix")]
-    pub(super) models: Option<u64>,
-    /// Calls with their weights, such as submit=1,get=3; each model, file or event stream is one of this run's models
-    /// [default: submit=8,get=4,list=2,download=1,events=1 in the open loop, whole models in the closed loop]
-    #[arg(long, value_name = "LIST", conflicts_with = "direct")]
-    pub(super) mix: Option<Mix>,
-    /// Length of the run after the warm-up [default: 60s; with --models until all have ended]
-    #[arg(long, value_name = "TIME", value_parser = units::positive_duration, conflicts_with = "direct")]
-    pub(super) duration: Option<Duration>,
-    /// Time at the start that is not counted [default: 5s in the open loop, else 0s]
-    #[arg(long, value_name = "TIME", value_parser = units::duration_or_zero, conflicts_with = "direct")]
-    pub(super) warm_up: Option<Duration>,
-    /// Number of event streams held open for the whole run; each follows a model of this run to its end, then the next
-    #[arg(long, value_name = "N", conflicts_with = "direct", default_value_t = 0)]
-    pub(super) streams: u32,
-    /// Longest time to wait at the end for the models that were accepted [0: do not wait]. What users of the closed loop
-    /// have begun is broken off after it, or after --timeout if that is longer
-    #[arg(long, value_name = "TIME", value_parser = units::duration_or_zero, default_value = "5m")]
-    pub(super) wait: Duration,
-    /// Time after which a call of the open loop or of a mix is an error if it has no answer
-    #[arg(long, value_name = "TIME", value_parser = units::positive_duration, default_value = "30s")]
-    pub(super) timeout: Duration,
-    #[command(flatten)]
-    pub(super) model: ModelArgs,
-    /// Grow the models in this process without a service, C at a time, as a baseline for comparison
-    #[arg(long, value_parser = FalseyValueParser::new())]
-    pub(super) direct: bool,
-    /// Afterwards grow a few models on all cores of this machine without the service, and compare models per second
-    #[arg(long, value_parser = FalseyValueParser::new(), conflicts_with = "direct")]
-    pub(super) efficiency: bool,
-    /// Print one JSON object
-    #[arg(long, value_parser = FalseyValueParser::new())]
-    pub(super) json: bool,
-    /// SVG file for a plot of latency over time and by percentile
-    #[arg(long, value_name = "FILE", conflicts_with = "direct")]
-    pub(super) plot: Option<PathBuf>,
-}
-
-/// Options of `check`.
-#[derive(Clone, Debug, Args)]
-pub(super) struct CheckArgs {
-    /// Files to certify
-    #[arg(value_name = "FILE", required = true)]
-    pub(super) files: Vec<PathBuf>,
-    /// Euler number that every component must have
-    #[arg(long, value_name = "N", allow_hyphen_values = true)]
-    pub(super) euler: Option<i64>,
-    /// Print a JSON array with the certificate of each file
-    #[arg(long, value_parser = FalseyValueParser::new())]
-    pub(super) json: bool,
-}
-
-/// Options of `render`.
-#[derive(Clone, Debug, Args)]
-pub(super) struct RenderArgs {
-    /// Files to draw; the tube is along z, and y is up
-    #[arg(value_name = "FILE", required = true)]
-    pub(super) files: Vec<PathBuf>,
-    /// Directory for the pictures, which are named like the files; or the picture itself, if PATH ends in .png
-    #[arg(long, value_name = "PATH", default_value = ".")]
-    pub(super) out: PathBuf,
-    /// View: whole, opened (without the quarter x, y > middle), isthmus or ampulla (the ends)
-    #[arg(long, value_name = "NAME", default_value = NamedView::default().name())]
-    pub(super) view: NamedView,
-    /// Look from this many degrees around y instead: 0 looks at the ampulla end, 90 comes from +x
-    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
-    pub(super) azimuth: Option<f64>,
-    /// Look from this many degrees above the horizontal plane instead, -89 to 89
-    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
-    pub(super) elevation: Option<f64>,
-    /// Longest side, pixels
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(32..=i64::from(MAX_SIZE)), default_value_t = 1024)]
-    pub(super) size: u32,
-    /// Cut away one side of a plane, instead of the cut of the view: z=12mm removes what has a greater z, -z=12mm what has a
-    /// lesser one; 1,1,0=2mm removes what lies farther than 2 mm from the origin in direction x = y. Lengths in um, mm, cm or m.
-    /// Of several planes, only what all of them would remove is cut away
-    #[arg(long, value_name = "PLANE", value_parser = units::plane, value_delimiter = ';', allow_hyphen_values = true)]
-    pub(super) cut: Vec<Plane>,
 }
 
 /// Options of `bench`.

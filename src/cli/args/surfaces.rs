@@ -1,0 +1,49 @@
+//! Options of commands that read files of surfaces.
+
+use crate::cli::units;
+use crate::render::{MAX_SIZE, NamedView, Plane};
+use clap::Args;
+use clap::builder::FalseyValueParser;
+use std::path::PathBuf;
+
+/// Options of `check`.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct CheckArgs {
+    /// Files to certify
+    #[arg(value_name = "FILE", required = true)]
+    pub(in crate::cli) files: Vec<PathBuf>,
+    /// Euler number that every component must have
+    #[arg(long, value_name = "N", allow_hyphen_values = true)]
+    pub(in crate::cli) euler: Option<i64>,
+    /// Print a JSON array with the certificate of each file
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) json: bool,
+}
+
+/// Options of `render`.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct RenderArgs {
+    /// Files to draw; the tube is along z, and y is up
+    #[arg(value_name = "FILE", required = true)]
+    pub(in crate::cli) files: Vec<PathBuf>,
+    /// Directory for the pictures, which are named like the files; or the picture itself, if PATH ends in .png
+    #[arg(long, value_name = "PATH", default_value = ".")]
+    pub(in crate::cli) out: PathBuf,
+    /// View: whole, opened (without the quarter x, y > middle), isthmus or ampulla (the ends)
+    #[arg(long, value_name = "NAME", default_value = NamedView::default().name())]
+    pub(in crate::cli) view: NamedView,
+    /// Look from this many degrees around y instead: 0 looks at the ampulla end, 90 comes from +x
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
+    pub(in crate::cli) azimuth: Option<f64>,
+    /// Look from this many degrees above the horizontal plane instead, -89 to 89
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true)]
+    pub(in crate::cli) elevation: Option<f64>,
+    /// Longest side, pixels
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(32..=i64::from(MAX_SIZE)), default_value_t = 1024)]
+    pub(in crate::cli) size: u32,
+    /// Cut away one side of a plane, instead of the cut of the view: z=12mm removes what has a greater z, -z=12mm what has a
+    /// lesser one; 1,1,0=2mm removes what lies farther than 2 mm from the origin in direction x = y. Lengths in um, mm, cm or m.
+    /// Of several planes, only what all of them would remove is cut away
+    #[arg(long, value_name = "PLANE", value_parser = units::plane, value_delimiter = ';', allow_hyphen_values = true)]
+    pub(in crate::cli) cut: Vec<Plane>,
+}
