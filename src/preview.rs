@@ -1,6 +1,6 @@
 //! The surface of a model for a picture, from its stored sections: as much of it as the picture can show.
 //!
-//! Every model has `sections.bin`, and its sections are exact; the surface between them is a [`draft`](crate::mesh::draft).
+//! Every model has `sections.bin`, and its sections are exact; the surface between them is a [`draft`].
 
 use crate::export::sections_bin::{SectionsError, SectionsReader};
 use crate::mesh::{LoftError, draft};
