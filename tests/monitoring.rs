@@ -32,6 +32,7 @@ fn series() -> Series {
     metrics.fallback(Fallback::NoGpu);
     metrics.attempt("lost");
     metrics.bytes_in(1);
+    metrics.picture("kept");
     metrics.request("GET", "/models/{id}", 200, Duration::from_millis(1), false);
     let mut series = Series::new();
     for line in metrics.text().lines().filter(|line| !line.starts_with('#')) {

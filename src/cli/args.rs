@@ -2,22 +2,26 @@
 //!
 //! Environment variables are not declared here: [`super::config`] gives every long option its `OVIDUCT_…` variable.
 
+mod database;
 mod keys;
 mod limits;
 mod load;
+mod model;
 mod remote;
 mod surfaces;
 mod workers;
 
+pub(super) use database::DatabaseArgs;
 pub(super) use keys::{Keys, KeysAddArgs, KeysListArgs, KeysRevokeArgs, KeysRotateArgs};
 pub(super) use limits::LimitArgs;
 pub(super) use load::LoadArgs;
+pub(super) use model::ModelArgs;
 pub(super) use remote::RemoteArgs;
 pub(super) use surfaces::{CheckArgs, RenderArgs};
 pub(super) use workers::{WorkersAction, WorkersArgs};
 
 use super::units;
-use crate::generate::{Backend, Output};
+use crate::generate::Backend;
 use crate::http::Origin;
 use crate::jobs::Priority;
 use clap::builder::FalseyValueParser;
@@ -200,17 +204,6 @@ pub(super) struct WorkerArgs {
     pub(super) process: ProcessArgs,
 }
 
-/// Location of the job store.
-#[derive(Clone, Debug, Args)]
-pub(super) struct DatabaseArgs {
-    /// Directory for the database, the artifacts and the scratch directory, unless these are set separately
-    #[arg(long, value_name = "DIR", default_value = "data")]
-    pub(super) data: PathBuf,
-    /// Database of jobs: `postgres://USER:PASSWORD@HOST/NAME`, `sqlite:PATH` or a path [default: DATA/oviduct.db]
-    #[arg(long, value_name = "URL")]
-    pub(super) database: Option<String>,
-}
-
 /// Options of a process with workers: `serve` and `worker`.
 #[derive(Clone, Debug, Args)]
 pub(super) struct ProcessArgs {
@@ -290,29 +283,6 @@ pub(super) enum GpuUse {
     Auto,
     /// None.
     Off,
-}
-
-/// The model to grow.
-#[derive(Clone, Debug, Args)]
-pub(super) struct ModelArgs {
-    /// Preset to start from; see `oviduct presets`
-    #[arg(long, value_name = "NAME", default_value = "pig")]
-    pub(super) preset: String,
-    /// Seed of the random numbers, 0 to 2^53 - 1 [default: random]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..1 << 53))]
-    pub(super) seed: Option<u64>,
-    /// JSON file with a merge patch on the preset; `-` reads stdin
-    #[arg(long, value_name = "FILE")]
-    pub(super) spec: Option<PathBuf>,
-    /// Value of one parameter of the spec, as JSON or a plain string, such as collision.gap_um=30; may be repeated
-    #[arg(long, value_name = "A.B=V", value_delimiter = ';')]
-    pub(super) set: Vec<String>,
-    /// Backend that computes the model: auto, gpu, cpu or cpu-single
-    #[arg(long, value_parser = kebab::<Backend>, default_value = "auto")]
-    pub(super) backend: Backend,
-    /// Formats of the model, separated by commas: glb, obj, lod. sections.bin and report.json are always written
-    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = kebab::<Output>, default_value = "glb,lod")]
-    pub(super) outputs: Vec<Output>,
 }
 
 /// Options of `generate`.
@@ -423,9 +393,4 @@ pub(super) struct HealthcheckArgs {
     /// Address of the service
     #[arg(long, value_name = "URL", default_value = "http://127.0.0.1:8080")]
     pub(super) url: String,
-}
-
-/// Parses a value by its name in JSON, so that the command line and the HTTP interface accept the same names.
-fn kebab<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
-    serde_json::from_value(serde_json::Value::from(text)).map_err(|error| error.to_string())
 }

@@ -328,6 +328,7 @@ fn limits(args: &ServeArgs, connections: usize) -> Result<Limits, Failure> {
         streams,
         held,
         downloads: args.limits.downloads(connections::downloads()),
+        pictures: args.limits.pictures(),
         body_bytes: args.limits.body_bytes(),
         cost: args.limits.cost(),
         batch: args.batch_limit as usize,

@@ -1,4 +1,5 @@
-//! Durations, sizes, lengths and planes on the command line: `500ms`, `2s`, `5m`, `1h`; `400MB`, `2GiB`, `65536`; `12mm`; `z=12mm`.
+//! Values on the command line: durations `500ms`, `2s`, `5m`, `1h`; sizes `400MB`, `2GiB`, `65536`; lengths `12mm`; planes `z=12mm`;
+//! and names of what the HTTP interface names too.
 
 use crate::render::Plane;
 use std::time::Duration;
@@ -158,6 +159,11 @@ pub(super) fn show_bytes(bytes: u64) -> String {
         v if v >= 1e3 => format!("{:.1} kB", v / 1e3),
         _ => format!("{bytes} B"),
     }
+}
+
+/// Parses a value by its name in JSON, so that the command line and the HTTP interface accept the same names.
+pub(super) fn named<T: serde::de::DeserializeOwned>(text: &str) -> Result<T, String> {
+    serde_json::from_value(serde_json::Value::from(text)).map_err(|error| error.to_string())
 }
 
 #[cfg(test)]

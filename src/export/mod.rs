@@ -38,4 +38,4 @@ pub struct Metadata {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

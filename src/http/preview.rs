@@ -9,31 +9,36 @@ use super::access::Caller;
 use super::conditional::ETag;
 use super::extract::{ModelId, Parameters};
 use super::faults::Fault;
-use super::files::{IMMUTABLE, find, permit};
+use super::files::{find, permit};
+use super::pictures::Turn;
 use super::problem::{Kind, Problem};
 use super::responses::{BadParameters, FileMissing, PictureAway};
+use super::sections;
+use crate::clock::Stopwatch;
 use crate::jobs::File;
-use crate::preview::{PreviewError, surface};
+use crate::mesh::{LoftError, draft};
+use crate::model::Section;
+use crate::preview::{chosen, end};
 use crate::render::{MEDIA_TYPE, NamedView, RenderError, mesh_png};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Method, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
-use futures_util::TryStreamExt;
-use std::io::Cursor;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
-use tokio::sync::OwnedSemaphorePermit;
 
 /// Longest side of a picture, pixels.
 const SIZES: RangeInclusive<u32> = 32..=2048;
 /// Longest side if none is asked for.
 const SIZE: u32 = 1024;
 
+/// A model never changes, but another version of the service may draw it in another way.
+const A_DAY: HeaderValue = HeaderValue::from_static("private, max-age=86400");
+
 /// Draw a picture of a finished model.
 ///
 /// PNG with a transparent background. From 256 pixels on it has a scale bar, which also names the factor by which a long tube
-/// is shortened. A picture never changes.
+/// is shortened. The same version of the service draws the same picture.
 #[utoipa::path(
     get, path = "/models/{id}/preview.png", operation_id = "get_preview", tag = "files",
     params(
@@ -59,20 +64,22 @@ pub(super) async fn preview(
 ) -> Result<Response, Problem> {
     let (view, size) = options(&parameters)?;
     let (_, file) = find(&state, &caller, id, "sections.bin").await?;
-    let tag = ETag::strong(format_args!("{}-{}-{size}-{}", file.sha256, view.name(), crate::ENGINE_VERSION));
+    let tag = ETag::strong(format_args!("{}-{}-{size}-{}", file.sha256, view.name(), env!("CARGO_PKG_VERSION")));
     if tag.matches_none(&headers) {
-        return tag.not_modified(IMMUTABLE);
+        return tag.not_modified(A_DAY);
     }
-    let kept = state.pictures.kept(&tag);
-    let png = match kept {
-        Some(png) => png,
-        None => draw(&state, &file, view, size, &tag).await?,
+    let png = match state.pictures.kept(&tag) {
+        Some(png) => {
+            state.metrics.picture("kept");
+            png
+        }
+        None => draw(&state, &caller, &file, view, size, &tag).await?,
     };
     if method == Method::GET {
         state.metrics.bytes_out(png.len() as u64);
     }
     let kind = HeaderValue::from_static(MEDIA_TYPE);
-    let headers = [(header::CONTENT_TYPE, kind), (header::ETAG, tag.header()?), (header::CACHE_CONTROL, IMMUTABLE)];
+    let headers = [(header::CONTENT_TYPE, kind), (header::ETAG, tag.header()?), (header::CACHE_CONTROL, A_DAY)];
     Ok((headers, png).into_response())
 }
 
@@ -92,30 +99,52 @@ fn options(parameters: &Parameters) -> Result<(NamedView, u32), Problem> {
 }
 
 /// Draws a picture, when it is its turn, and keeps it.
-async fn draw(state: &AppState, file: &File, view: NamedView, size: u32, tag: &ETag) -> Result<Bytes, Problem> {
-    let turn = turn(state).await?;
+async fn draw(
+    state: &AppState,
+    caller: &Caller,
+    file: &File,
+    view: NamedView,
+    size: u32,
+    tag: &ETag,
+) -> Result<Bytes, Problem> {
+    let turn = turn(state, caller).await?;
     // Another request may have drawn it while this one waited.
     if let Some(png) = state.pictures.kept(tag) {
+        state.metrics.picture("kept");
         return Ok(png);
     }
-    let download = permit(state)?;
-    let chunks: Vec<Bytes> = state.artifacts.get_range(&file.key, None).await?.stream.try_collect().await?;
-    drop(download);
-    let (pictures, tag) = (Arc::clone(&state.pictures), tag.clone());
+    let sections = shown(state, file, view, size).await?;
+    let (pictures, metrics, tag) = (Arc::clone(&state.pictures), state.metrics.clone(), tag.clone());
     let drawn = tokio::task::spawn_blocking(move || {
         // The turn is over when the threads are free, and the picture is kept, even if the client has gone.
         let _turn = turn;
-        let mesh = surface(Cursor::new(chunks.concat()), view, size)?;
+        let begun = Stopwatch::start();
+        let mesh = draft(&sections)?;
+        drop(sections);
         let png = Bytes::from(mesh_png(&mesh, &view.of(&mesh, size))?);
+        metrics.picture_drawn(begun.elapsed());
         pictures.keep(tag, png.clone());
         Ok::<_, DrawError>(png)
     });
     drawn.await.map_err(|error| failed(&error))?.map_err(|error| failed(&error))
 }
 
+/// The sections in a picture; no others are read.
+async fn shown(state: &AppState, file: &File, view: NamedView, size: u32) -> Result<Vec<Section>, Problem> {
+    let _download = permit(state)?;
+    let entries = sections::index(state, file).await?;
+    let end = match end(view, entries.len()) {
+        Some(k) => sections::some(state, file, vec![entries[k]]).await?.pop(),
+        None => None,
+    };
+    let chosen = chosen(&entries, end.as_ref(), size).into_iter().map(|k| entries[k]).collect();
+    sections::some(state, file, chosen).await
+}
+
 /// Room for one more picture that is drawn.
-async fn turn(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
-    state.pictures.turn(state.limits.picture_wait).await.ok_or_else(|| {
+async fn turn(state: &AppState, caller: &Caller) -> Result<Turn, Problem> {
+    state.pictures.turn(caller.owner(), state.limits.picture_wait).await.ok_or_else(|| {
+        state.metrics.picture("refused");
         let problem = Problem::new(Kind::TooManyPictures, "Many pictures are being drawn. Try again later.");
         problem.with_header(header::RETRY_AFTER, HeaderValue::from_static("5"))
     })
@@ -123,8 +152,8 @@ async fn turn(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
 
 #[derive(Debug, thiserror::Error)]
 enum DrawError {
-    #[error(transparent)]
-    Surface(#[from] PreviewError),
+    #[error("the sections cannot be lofted")]
+    Surface(#[from] LoftError),
     #[error(transparent)]
     Render(#[from] RenderError),
 }

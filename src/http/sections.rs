@@ -11,7 +11,7 @@ use super::files::{IMMUTABLE, find, permit};
 use super::headers::accept;
 use super::problem::{Kind, Problem};
 use super::responses::{BadParameters, DownloadAway, Inacceptable, SectionMissing};
-use crate::export::sections_bin::{SectionsError, TRAILER_LEN, Trailer, read_section_from_bytes};
+use crate::export::sections_bin::{SectionEntry, SectionsError, TRAILER_LEN, Trailer, read_section_from_bytes};
 use crate::export::svg::section_svg;
 use crate::jobs::File;
 use crate::model::{Ring, Section};
@@ -20,7 +20,6 @@ use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
-use futures_util::TryStreamExt;
 use serde::Serialize;
 use std::ops::Range;
 use utoipa::ToSchema;
@@ -159,33 +158,46 @@ fn no_section(detail: &str) -> Problem {
 
 /// The number of sections in `file`, and the one of index `k`.
 async fn read(state: &AppState, file: &File, k: u64) -> Result<(u64, Section), Problem> {
+    let entries = index(state, file).await?;
+    let entry = usize::try_from(k).ok().and_then(|k| entries.get(k).copied());
+    let entry =
+        entry.ok_or_else(|| no_section(&format!("The model has {} sections; indices start at 0.", entries.len())))?;
+    let mut sections = some(state, file, vec![entry]).await?;
+    let section = sections.pop().ok_or_else(|| damaged(&SectionsError::Corrupt("a section")))?;
+    Ok((entries.len() as u64, section))
+}
+
+/// The index of a `sections.bin`; its sections are not read.
+pub(super) async fn index(state: &AppState, file: &File) -> Result<Vec<SectionEntry>, Problem> {
     let end = file.bytes.checked_sub(TRAILER_LEN as u64).ok_or_else(|| damaged(&SectionsError::NotSections))?;
     let tail = part(state, file, end..file.bytes).await?;
     let tail = tail[..].try_into().map_err(|_| damaged(&SectionsError::NotSections))?;
     let trailer = Trailer::parse(tail, file.bytes).map_err(|error| damaged(&error))?;
-    if k >= trailer.count {
-        return Err(no_section(&format!("The model has {} sections; indices start at 0.", trailer.count)));
+    if trailer.count == 0 {
+        return Ok(Vec::new());
     }
     let index = part(state, file, trailer.index_offset..end).await?;
-    let entries = trailer.parse_index(&index).map_err(|error| damaged(&error))?;
-    let entry = usize::try_from(k).ok().and_then(|k| entries.get(k).copied());
-    let entry = entry.ok_or_else(|| damaged(&SectionsError::Corrupt("the index is short")))?;
-    let bytes = part(state, file, entry.offset..entry.offset + u64::from(entry.length)).await?;
-    let read = tokio::task::spawn_blocking(move || read_section_from_bytes(&entry, &bytes)).await;
-    let section = read.map_err(|error| {
-        tracing::error!(%error, "a section could not be read");
-        Problem::new(Kind::Internal, "The section could not be read.")
+    trailer.parse_index(&index).map_err(|error| damaged(&error))
+}
+
+/// Sections of a `sections.bin` by their entries in its index; no others are read.
+pub(super) async fn some(state: &AppState, file: &File, entries: Vec<SectionEntry>) -> Result<Vec<Section>, Problem> {
+    let range = |entry: &SectionEntry| entry.offset..entry.offset + u64::from(entry.length);
+    let ranges: Vec<Range<u64>> = entries.iter().map(range).collect();
+    let parts = state.artifacts.get_ranges(&file.key, &ranges).await?;
+    let read = tokio::task::spawn_blocking(move || {
+        entries.iter().zip(parts).map(|(entry, bytes)| read_section_from_bytes(entry, &bytes)).collect()
+    });
+    let sections: Result<Vec<Section>, SectionsError> = read.await.map_err(|error| {
+        tracing::error!(%error, "sections could not be read");
+        Problem::new(Kind::Internal, "The sections could not be read.")
     })?;
-    Ok((trailer.count, section.map_err(|error| damaged(&error))?))
+    sections.map_err(|error| damaged(&error))
 }
 
 async fn part(state: &AppState, file: &File, range: Range<u64>) -> Result<Bytes, Problem> {
-    let download = state.artifacts.get_range(&file.key, Some(range)).await?;
-    let chunks: Vec<Bytes> = download.stream.try_collect().await?;
-    Ok(match <[Bytes; 1]>::try_from(chunks) {
-        Ok([one]) => one,
-        Err(chunks) => chunks.concat().into(),
-    })
+    let parts = state.artifacts.get_ranges(&file.key, &[range]).await?;
+    parts.into_iter().next().ok_or_else(|| damaged(&SectionsError::NotSections))
 }
 
 fn damaged(error: &SectionsError) -> Problem {

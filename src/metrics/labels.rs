@@ -30,6 +30,7 @@ labels! {
     MadeLabel { backend: Word, device: String }
     CauseLabel { cause: Word }
     DirectionLabel { direction: Word }
+    ResultLabel { result: Word }
     RequestLabel { method: String, route: String, status: u16 }
     DurationLabel { method: String, route: String, status: Word }
     WorkerLabel { backend: Word, state: Word }

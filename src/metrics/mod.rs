@@ -9,7 +9,7 @@ mod process;
 
 use labels::{
     BackendLabel, BuildLabel, CauseLabel, ConnectionLabel, DirectionLabel, DurationLabel, EndLabel, MadeLabel,
-    PoolLabel, RequestLabel, StageLabel, StatusLabel, Word, WorkerLabel, class,
+    PoolLabel, RequestLabel, ResultLabel, StageLabel, StatusLabel, Word, WorkerLabel, class,
 };
 use process::Process;
 use prometheus_client::encoding::text::{encode_eof, encode_registry};
@@ -86,6 +86,8 @@ struct Inner {
     bytes: Family<DirectionLabel, Counter>,
     checkpoints: Counter,
     removed: Counter,
+    pictures: Family<ResultLabel, Counter>,
+    picture_seconds: Histogram,
     requests: Family<RequestLabel, Counter>,
     request_seconds: Histogram,
     request_durations: Durations<DurationLabel>,
@@ -213,6 +215,13 @@ impl Default for Metrics {
                 "Models removed because of their age or of the limit on bytes",
                 Counter::default(),
             ),
+            pictures: add(
+                r,
+                "pictures",
+                "Requests for pictures of models: drawn, kept (in memory from an earlier request), refused (too many waited)",
+                Family::default(),
+            ),
+            picture_seconds: add(r, "picture_seconds", "Time to draw a picture of a model", short()),
             requests: add(r, "http_requests", "Requests answered", Family::default()),
             request_seconds: add(
                 r,
@@ -367,6 +376,17 @@ impl Metrics {
     /// Counts models removed because of their age or of the limit on bytes.
     pub fn removed(&self, models: u64) {
         self.0.removed.inc_by(models);
+    }
+
+    /// Counts a request for a picture of a model that was not drawn: it was `kept` in memory, or `refused`.
+    pub fn picture(&self, result: &'static str) {
+        self.0.pictures.get_or_create(&ResultLabel { result: Word(result) }).inc();
+    }
+
+    /// Counts a picture that was drawn, within this time.
+    pub fn picture_drawn(&self, time: Duration) {
+        self.picture("drawn");
+        self.0.picture_seconds.observe(time.as_secs_f64());
     }
 
     /// Counts an answered request. `route` is the pattern of the path, not the path. `held`: because the client asked for it.

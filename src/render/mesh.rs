@@ -212,14 +212,24 @@ fn depths(samples: &[Sample], width: usize, scale: f32) -> Vec<f32> {
     rows.flat_map(|row| row.iter().step_by(SAMPLES)).map(|sample| sample.depth * scale).collect()
 }
 
-/// The vertices of all triangles that are not cut away entirely.
+/// Points whose bounds are those of what remains after cutting: its vertices, and where its edges are cut.
 fn left(mesh: &Mesh, view: &View, positions: &[DVec3]) -> Vec<DVec3> {
     let removed: Vec<bool> = positions.par_iter().map(|p| view.is_cut(*p)).collect();
     let mut is_left = vec![false; positions.len()];
-    for triangle in mesh.triangles.iter().filter(|t| t.map(|v| removed[v as usize]) != [true; 3]) {
-        triangle.iter().for_each(|&v| is_left[v as usize] = true);
+    let mut points = Vec::new();
+    for triangle in &mesh.triangles {
+        triangle.iter().for_each(|&v| is_left[v as usize] = !removed[v as usize]);
+        let gone = triangle.map(|v| removed[v as usize]);
+        // Where a wedge takes the middle of an edge, the ends bound what remains.
+        for (k, next) in [(0, 1), (1, 2), (2, 0)] {
+            if gone[k] != gone[next] {
+                let [a, b] = [k, next].map(|k| positions[triangle[k] as usize]);
+                points.extend(view.crossings(a, b));
+            }
+        }
     }
-    positions.iter().zip(is_left).filter(|(_, is_left)| *is_left).map(|(p, _)| *p).collect()
+    points.extend(positions.iter().zip(is_left).filter(|(_, is_left)| *is_left).map(|(p, _)| *p));
+    points
 }
 
 /// Weights of the corners at a point of the triangle's plane, clamped to the triangle.

@@ -13,7 +13,7 @@ mod section;
 mod view;
 
 pub use mesh::mesh_png;
-pub use named::{NamedView, UnknownView};
+pub use named::{END_WIDTHS, NamedView, UnknownView};
 pub use picture::{MAX_SIZE, RenderError};
 pub use section::{section_png, sheet_png};
 pub use view::{Plane, View};

@@ -12,7 +12,7 @@ const AXIAL_SCALES: [f64; 10] = [1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.
 /// Part of the length, at either end, whose extent is taken as the width of that end.
 const END: f64 = 0.02;
 /// Length of tube in a picture of an end, in widths of that end.
-const PIECE: f64 = 0.8;
+pub const END_WIDTHS: f64 = 0.8;
 /// Angle between the tube and the line of sight in a picture of an end.
 const END_AZIMUTH_DEG: f64 = 24.0;
 
@@ -70,12 +70,12 @@ impl NamedView {
             }
             Self::Isthmus => {
                 let end = Bounds::of(mesh, |z| z <= bounds.min.z + END * length);
-                let cut = vec![plane([0.0, 0.0, 1.0], DVec3::Z * (bounds.min.z + PIECE * end.width()))];
+                let cut = vec![plane([0.0, 0.0, 1.0], DVec3::Z * (bounds.min.z + END_WIDTHS * end.width()))];
                 View { azimuth_deg: 180.0 + END_AZIMUTH_DEG, cut, ..square }
             }
             Self::Ampulla => {
                 let end = Bounds::of(mesh, |z| z >= bounds.max.z - END * length);
-                let cut = vec![plane([0.0, 0.0, -1.0], DVec3::Z * (bounds.max.z - PIECE * end.width()))];
+                let cut = vec![plane([0.0, 0.0, -1.0], DVec3::Z * (bounds.max.z - END_WIDTHS * end.width()))];
                 View { azimuth_deg: END_AZIMUTH_DEG, cut, ..square }
             }
         }

@@ -53,6 +53,24 @@ impl View {
         Ok(())
     }
 
+    /// Where the segment from `a` to `b` enters and leaves the part that is cut away; none if it begins or ends there.
+    pub(super) fn crossings(&self, a: DVec3, b: DVec3) -> impl Iterator<Item = DVec3> {
+        let (mut enters, mut leaves) = (f64::NEG_INFINITY, f64::INFINITY);
+        for plane in &self.cut {
+            let normal = DVec3::from(plane.normal);
+            let (along, before) = (normal.dot(b - a), plane.offset - normal.dot(a));
+            if along > 0.0 {
+                enters = enters.max(before / along);
+            } else if along < 0.0 {
+                leaves = leaves.min(before / along);
+            } else if before >= 0.0 {
+                leaves = f64::NEG_INFINITY;
+            }
+        }
+        let crosses = !self.cut.is_empty() && enters < leaves;
+        [enters, leaves].into_iter().filter(move |at| crosses && (0.0..=1.0).contains(at)).map(move |at| a.lerp(b, at))
+    }
+
     /// Whether a point is cut away.
     pub(super) fn is_cut(&self, point: DVec3) -> bool {
         !self.cut.is_empty() && self.cut.iter().all(|plane| plane.is_in_front(point))
@@ -171,6 +189,22 @@ pub(super) mod tests {
         assert!(wedge.is_cut(DVec3::new(1.0, 1.0, 5.0)));
         assert!(!wedge.is_cut(DVec3::new(1.0, -1.0, 5.0)));
         assert!(!plain(10, 10).is_cut(DVec3::ONE));
+    }
+
+    #[test]
+    fn a_segment_crosses_the_surface_of_the_part_that_is_cut_away() {
+        let plane = |normal, offset| Plane { normal, offset };
+        let wedge = View { cut: vec![plane([1.0, 0.0, 0.0], 1.0), plane([0.0, 1.0, 0.0], 0.0)], ..plain(10, 10) };
+        let found = |a: [f64; 2], b: [f64; 2]| -> Vec<[f64; 2]> {
+            let [a, b] = [a, b].map(|[x, y]| DVec3::new(x, y, 3.0));
+            wedge.crossings(a, b).map(|p| [p.x, p.y]).collect()
+        };
+        assert_eq!(found([0.0, 1.0], [4.0, 1.0]), [[1.0, 1.0]]);
+        assert_eq!(found([2.0, 2.0], [2.0, -2.0]), [[2.0, 0.0]]);
+        assert_eq!(found([0.0, 3.0], [4.0, -1.0]), [[1.0, 2.0], [3.0, 0.0]], "through the wedge");
+        assert!(found([0.0, 1.0], [0.5, 9.0]).is_empty() && found([0.0, -1.0], [4.0, -1.0]).is_empty());
+        assert!(found([2.0, 1.0], [3.0, 2.0]).is_empty(), "within");
+        assert_eq!(plain(10, 10).crossings(DVec3::ZERO, DVec3::ONE).count(), 0);
     }
 
     #[test]

@@ -13,6 +13,10 @@ async fn model(app: &App) -> String {
     app.finished(7, &[("sections.bin", MEDIA_TYPE, stored(3))]).await
 }
 
+async fn metrics(app: &App) -> String {
+    String::from_utf8(app.get("/metrics").await.body.to_vec()).unwrap()
+}
+
 #[tokio::test]
 async fn a_picture_has_the_size_and_view_that_are_asked_for() {
     let app = App::new().await;
@@ -38,13 +42,21 @@ async fn a_picture_has_the_size_and_view_that_are_asked_for() {
 }
 
 #[tokio::test]
-async fn a_picture_never_changes() {
+async fn a_picture_is_kept_by_the_service_and_by_clients() {
     let app = App::new().await;
     let path = format!("{}/preview.png?size=64", model(&app).await);
     let first = app.get(&path).await;
     let tag = first.header(header::ETAG).unwrap();
-    assert!(tag.starts_with('"') && first.header(header::CACHE_CONTROL).unwrap().contains("immutable"));
+    assert!(tag.starts_with('"') && first.header(header::CACHE_CONTROL).unwrap() == "private, max-age=86400");
     assert_eq!(app.get(&path).await.body, first.body);
+    let metrics = metrics(&app).await;
+    for line in [
+        "oviduct_pictures_total{result=\"drawn\"} 1",
+        "oviduct_pictures_total{result=\"kept\"} 1",
+        "oviduct_picture_seconds_count 1",
+    ] {
+        assert!(metrics.contains(line), "{line}");
+    }
     let again = app.get_with(&path, &[("if-none-match", tag)]).await;
     assert_eq!((again.status.as_u16(), again.body.len(), again.header(header::ETAG)), (304, 0, Some(tag)));
     for other in ["view=whole&size=64", "size=65"] {
@@ -99,6 +111,7 @@ async fn requests_wait_for_their_turn_and_not_forever() {
     let refused = full.get(&path).await;
     assert_eq!((refused.status.as_u16(), refused.slug().as_str()), (503, "too-many-pictures"));
     assert!(refused.header(header::RETRY_AFTER).is_some());
+    assert!(metrics(&full).await.contains("oviduct_pictures_total{result=\"refused\"} 1"));
 }
 
 #[tokio::test]

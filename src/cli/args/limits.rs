@@ -35,6 +35,9 @@ pub(in crate::cli) struct LimitArgs {
     /// descriptors if that is less]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     downloads: Option<u32>,
+    /// Maximum number of pictures of models that are drawn at the same time; each uses all cores
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024), default_value_t = 2)]
+    pictures: u32,
 }
 
 impl LimitArgs {
@@ -81,5 +84,10 @@ impl LimitArgs {
     /// Most downloads at the same time.
     pub(in crate::cli) fn downloads(&self, default: usize) -> usize {
         self.downloads.map_or(default, |given| given as usize)
+    }
+
+    /// Most pictures that are drawn at the same time.
+    pub(in crate::cli) fn pictures(&self) -> usize {
+        self.pictures as usize
     }
 }

@@ -1,6 +1,7 @@
 //! Options of `load`.
 
-use super::{ModelArgs, RemoteArgs};
+use super::model::ModelArgs;
+use super::remote::RemoteArgs;
 use crate::cli::load::{Arrivals, Mix, Rate};
 use crate::cli::units;
 use clap::Args;

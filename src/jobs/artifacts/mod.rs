@@ -227,6 +227,15 @@ impl Artifacts {
         Ok(Download { size, range, stream: result.into_stream().map_err(ArtifactError::from).boxed() })
     }
 
+    /// The bytes of the file under `key` in each of `ranges`, which must not be empty or reach beyond the end. From an
+    /// object store, ranges with less than a mebibyte between them are read by one request.
+    ///
+    /// # Errors
+    /// [`ArtifactError::NotFound`], [`ArtifactError::Link`], [`ArtifactError::Store`].
+    pub async fn get_ranges(&self, key: &str, ranges: &[Range<u64>]) -> Result<Vec<Bytes>, ArtifactError> {
+        Ok(self.store.get_ranges(&self.location(key).await?, ranges).await?)
+    }
+
     /// The whole file under `key`.
     ///
     /// # Errors
@@ -397,6 +406,8 @@ mod tests {
             assert!(read.concat() == data[100..900]);
             let tail = artifacts.get_range("models/a/1/model.glb", Some(bytes as u64 - 5..u64::MAX)).await.unwrap();
             assert_eq!(tail.range, bytes as u64 - 5..bytes as u64);
+            let parts = artifacts.get_ranges("models/a/1/model.glb", &[900..950, 0..7, 7..20]).await.unwrap();
+            assert!(parts == [&data[900..950], &data[..7], &data[7..20]]);
             for bad in [bytes as u64..bytes as u64 + 1, 5..5] {
                 let error = artifacts.get_range("models/a/1/model.glb", Some(bad)).await.unwrap_err();
                 assert!(matches!(error, ArtifactError::Range(_)), "{error}");
@@ -451,6 +462,7 @@ mod tests {
             is_link(artifacts.read_all(key).await.map(drop));
             is_link(artifacts.get_range(key, None).await.map(drop));
             is_link(artifacts.get_range(key, Some(0..1)).await.map(drop));
+            is_link(artifacts.get_ranges(key, &[0..1, 2..3]).await.map(drop));
             is_link(artifacts.put_file(key, &path).await.map(drop));
             is_link(artifacts.put_bytes(key, Bytes::from_static(b"new")).await);
             is_link(artifacts.missing(&keys).await.map(drop));

@@ -1,0 +1,29 @@
+//! Options of commands that grow or submit a model.
+
+use crate::cli::units;
+use crate::generate::{Backend, Output};
+use clap::Args;
+use std::path::PathBuf;
+
+/// The model to grow.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct ModelArgs {
+    /// Preset to start from; see `oviduct presets`
+    #[arg(long, value_name = "NAME", default_value = "pig")]
+    pub(in crate::cli) preset: String,
+    /// Seed of the random numbers, 0 to 2^53 - 1 [default: random]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(0..1 << 53))]
+    pub(in crate::cli) seed: Option<u64>,
+    /// JSON file with a merge patch on the preset; `-` reads stdin
+    #[arg(long, value_name = "FILE")]
+    pub(in crate::cli) spec: Option<PathBuf>,
+    /// Value of one parameter of the spec, as JSON or a plain string, such as collision.gap_um=30; may be repeated
+    #[arg(long, value_name = "A.B=V", value_delimiter = ';')]
+    pub(in crate::cli) set: Vec<String>,
+    /// Backend that computes the model: auto, gpu, cpu or cpu-single
+    #[arg(long, value_parser = units::named::<Backend>, default_value = "auto")]
+    pub(in crate::cli) backend: Backend,
+    /// Formats of the model, separated by commas: glb, obj, lod. sections.bin and report.json are always written
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = units::named::<Output>, default_value = "glb,lod")]
+    pub(in crate::cli) outputs: Vec<Output>,
+}
