@@ -430,7 +430,7 @@ export interface paths {
         /**
          * Draw a picture of a finished model.
          * @description PNG with a transparent background. From 256 pixels on it has a scale bar, which also names the factor by which a long tube
-         *     is shortened. A picture never changes.
+         *     is shortened. The same version of the service draws the same picture.
          *
          *     Needs a key with the scope `read`.
          */
