@@ -1,11 +1,10 @@
 //! Draws the pictures of the README: `cargo run --release --example pictures -- SEED OUT_DIR`.
 //!
-//! Grows the `pig` model of a seed with a section every 25 steps, and writes `sections.png` (steps 0, 200, 425,
-//! 800, 1200, 1600, 2000), `isthmus.png`, `ampulla.png` and `model.png`.
+//! Grows the `pig` model of a seed, and writes `sections.png` (steps 0, 200, 425, 800, 1200, 1600, 2000) and `model.png`.
 
 use oviduct::mesh::Lofter;
 use oviduct::model::Section;
-use oviduct::render::{NamedView, mesh_png, section_png, sheet_png};
+use oviduct::render::{NamedView, mesh_png, sheet_png};
 use oviduct::sim::cpu::CpuSimulation;
 use oviduct::sim::{Plan, Simulator};
 use oviduct::spec::{ModelSpec, preset};
@@ -42,8 +41,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     std::fs::create_dir_all(out)?;
     let chosen: Vec<&Section> = sections.iter().filter(|s| STEPS.contains(&s.step)).collect();
     std::fs::write(out.join("sections.png"), sheet_png(&chosen, 4, 480)?)?;
-    std::fs::write(out.join("isthmus.png"), section_png(chosen[1], 900)?)?;
-    std::fs::write(out.join("ampulla.png"), section_png(chosen[6], 900)?)?;
     std::fs::write(out.join("model.png"), mesh_png(&mesh, &NamedView::Opened.of(&mesh, 1200))?)?;
     Ok(())
 }

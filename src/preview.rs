@@ -8,8 +8,9 @@ use crate::model::{Mesh, Ring, Section};
 use crate::render::{END_WIDTHS, NamedView};
 use std::io::{Read, Seek};
 
-/// Pixels of the longest side of a picture for each section in it.
-const PIXELS_PER_SECTION: u32 = 10;
+/// Pixels of the longest side of a picture for each section in it: of the whole tube, and of an end, which is seen along the
+/// tube. Neighbouring sections are then about ten pixels apart.
+const PIXELS_PER_SECTION: [u32; 2] = [10, 25];
 /// Fewest sections in a picture, if the model has as many and they have no more than [`MOST_POINTS`].
 const FEWEST_SECTIONS: usize = 40;
 /// Most points of the sections in a picture that has more than two. Bounds its memory and its time.
@@ -68,7 +69,7 @@ pub fn chosen(entries: &[SectionEntry], end: Option<&Section>, size: u32) -> Vec
     };
     let points = entries[shown.clone()].iter().map(|entry| entry.inner as usize + entry.outer as usize).max();
     let affordable = (MOST_POINTS / points.unwrap_or(0).max(1)).max(2);
-    let most = ((size / PIXELS_PER_SECTION) as usize).max(FEWEST_SECTIONS).min(affordable);
+    let most = ((size / PIXELS_PER_SECTION[usize::from(end.is_some())]) as usize).max(FEWEST_SECTIONS).min(affordable);
     evenly(shown.len(), most).into_iter().map(|k| shown.start + k).collect()
 }
 
@@ -143,6 +144,8 @@ mod tests {
             assert_eq!(chosen(&all, Some(&section(0.0)), 1024), isthmus.collect::<Vec<_>>(), "{spacing}");
             assert_eq!(chosen(&all, Some(&section(19.0 * spacing)), 1024), mirrored, "{spacing}");
         }
+        let dense = chosen(&entries(4000, 1.0, 100), Some(&section(0.0)), 2048);
+        assert_eq!((dense.len(), dense[0], dense[80]), (81, 0, 801));
     }
 
     proptest! {

@@ -12,6 +12,7 @@ use crate::geometry::patch::{PatchGeometry, patch_geometry};
 use crate::model::{Mesh, PatchKind};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
+use std::sync::LazyLock;
 
 /// Samples per pixel in each direction.
 const SAMPLES: usize = 2;
@@ -48,15 +49,26 @@ pub fn mesh_png(mesh: &Mesh, view: &View) -> Result<Vec<u8>, RenderError> {
     rows.for_each(|(row, pixels)| {
         for (column, pixel) in pixels.iter_mut().enumerate() {
             let (mut sum, mut hits) = (Vec3::ZERO, 0_usize);
+            // Samples of one triangle share their colour.
+            let mut last = None;
             for y in row * SAMPLES..(row + 1) * SAMPLES {
                 for x in column * SAMPLES..(column + 1) * SAMPLES {
                     let sample = samples[y * width + x];
-                    if sample.surface != NONE {
-                        let [u, v] = [x, y].map(|i| (i as f32 + 0.5) / SAMPLES as f32);
-                        let ambient = light.at(u, v, sample.depth * depth_scale);
-                        sum += scene.shade(sample, [x, y], rim.covers(x, y), ambient);
-                        hits += 1;
+                    if sample.surface == NONE {
+                        continue;
                     }
+                    let key = (sample.surface, rim.covers(x, y));
+                    let color = match last {
+                        Some((known, color)) if known == key => color,
+                        _ => {
+                            let [u, v] = [x, y].map(|i| (i as f32 + 0.5) / SAMPLES as f32);
+                            let ambient = light.at(u, v, sample.depth * depth_scale);
+                            scene.shade(sample, [x, y], key.1, ambient)
+                        }
+                    };
+                    last = Some((key, color));
+                    sum += color;
+                    hits += 1;
                 }
             }
             if hits > 0 {
@@ -254,19 +266,20 @@ fn paint(kind: PatchKind) -> Rgb {
 
 /// Linear light of an sRGB colour.
 fn linear(color: Rgb) -> Vec3 {
-    Vec3::from(color.map(|c| {
-        let c = f32::from(c) / 255.0;
-        if c <= 0.040_45 { c / 12.92 } else { libm::powf((c + 0.055) / 1.055, 2.4) }
-    }))
+    Vec3::from(color.map(|value| decoded(f32::from(value))))
+}
+
+/// Linear light of a value of sRGB, 0 to 255.
+fn decoded(value: f32) -> f32 {
+    let c = value / 255.0;
+    if c <= 0.040_45 { c / 12.92 } else { libm::powf((c + 0.055) / 1.055, 2.4) }
 }
 
 /// sRGB of linear light.
 fn srgb(color: Vec3) -> Rgb {
-    color.to_array().map(|c| {
-        let c = c.clamp(0.0, 1.0);
-        let encoded = if c <= 0.003_130_8 { 12.92 * c } else { 1.055 * libm::powf(c, 1.0 / 2.4) - 0.055 };
-        (encoded * 255.0).round() as u8
-    })
+    /// Linear light halfway between each value of sRGB and the next.
+    static BETWEEN: LazyLock<[f32; 255]> = LazyLock::new(|| std::array::from_fn(|value| decoded(value as f32 + 0.5)));
+    color.to_array().map(|light| BETWEEN.partition_point(|&between| between < light) as u8)
 }
 
 #[cfg(test)]

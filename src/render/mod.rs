@@ -15,7 +15,7 @@ mod view;
 pub use mesh::mesh_png;
 pub use named::{END_WIDTHS, NamedView, UnknownView};
 pub use picture::{MAX_SIZE, RenderError};
-pub use section::{section_png, sheet_png};
+pub use section::sheet_png;
 pub use view::{Plane, View};
 
 /// Media type of the pictures.

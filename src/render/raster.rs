@@ -38,7 +38,7 @@ impl Sample {
     }
 }
 
-/// Finds the nearest triangle of each sample that is not cut away there; at equal depth the first one. Where the back of a
+/// Finds the nearest triangle of each sample that is not cut away there. Where the back of a
 /// closed surface is seen through a cut, the sample lies on the face of the cut.
 pub(super) fn rasterize(
     view: &View,
@@ -52,40 +52,45 @@ pub(super) fn rasterize(
     let corners_of = |t: u32| triangles[t as usize].map(|v| projected[v as usize]);
     // The removed part is convex: it contains a triangle if it contains its corners.
     let visible = |t: &u32| triangles[*t as usize].map(|v| removed[v as usize]) != [true; 3];
-    let candidates: Vec<(u32, Range<u32>)> = (0..triangles.len() as u32)
+    let mut candidates: Vec<Candidate> = (0..triangles.len() as u32)
         .into_par_iter()
         .filter(visible)
         .filter_map(|t| {
-            let rows = Setup::new(corners_of(t), [width, height])?.rows;
-            Some((t, rows.start as u32..rows.end as u32))
+            let corners = corners_of(t);
+            let rows = Setup::new(corners, [width, height])?.rows;
+            let nearest = corners.iter().fold(f32::INFINITY, |nearest, corner| nearest.min(corner.depth));
+            Some(Candidate { triangle: t, rows: rows.start as u32..rows.end as u32, nearest })
         })
         .collect();
+    // From front to back, so that what is hidden is found to be so at once.
+    candidates.par_sort_unstable_by(|a, b| a.nearest.total_cmp(&b.nearest).then(a.triangle.cmp(&b.triangle)));
     let mut samples = vec![Sample::EMPTY; width * height];
     samples.par_chunks_mut(BAND * width).enumerate().for_each(|(band, samples)| {
         let band = band * BAND..band * BAND + samples.len() / width;
-        for (t, rows) in &candidates {
+        for &Candidate { triangle: t, ref rows, nearest } in &candidates {
             if rows.end as usize <= band.start || rows.start as usize >= band.end {
                 continue;
             }
-            let Some(setup) = Setup::new(corners_of(*t), [width, height]) else { continue };
+            let Some(setup) = Setup::new(corners_of(t), [width, height]) else { continue };
             // A wedge can cut a triangle without containing any of its corners.
             let straddles = match view.cut.len() {
                 0 => false,
-                1 => triangles[*t as usize].iter().any(|&v| removed[v as usize]),
+                1 => triangles[t as usize].iter().any(|&v| removed[v as usize]),
                 _ => true,
             };
-            setup.visit(&band, |x, y, depth| {
+            setup.visit(&band, |x, y| {
                 let sample = &mut samples[(y - band.start) * width + x];
-                if depth >= sample.depth {
+                if nearest >= sample.depth {
                     return;
                 }
+                let Some(depth) = setup.depth(x, y).filter(|&depth| depth < sample.depth) else { return };
                 if straddles {
                     let point = camera.at(x as f64 + 0.5, y as f64 + 0.5) + camera.forward * f64::from(depth);
                     if view.is_cut(point) {
                         return;
                     }
                 }
-                *sample = Sample { depth, surface: *t };
+                *sample = Sample { depth, surface: t };
             });
         }
         if view.cut.is_empty() {
@@ -121,6 +126,14 @@ fn cut_before(view: &View, camera: &Camera, x: usize, y: usize, depth: f32) -> O
     let (at, k) = leaves;
     let before = enters < at && at <= f64::from(depth) + 1e-6 / camera.scale;
     before.then_some(Sample { depth: at as f32, surface: face(k) })
+}
+
+/// A triangle that may be visible.
+struct Candidate {
+    triangle: u32,
+    rows: Range<u32>,
+    /// Least depth of its corners.
+    nearest: f32,
 }
 
 /// A triangle in the picture: its bounds and its edge functions.
@@ -168,25 +181,30 @@ impl Setup {
         low as usize..high.max(0.0) as usize
     }
 
-    /// Calls `found` with column, row and depth of each covered sample in a band of rows, including those on borders.
+    /// Calls `visit` with column and row of each sample in a band of rows that the triangle may cover.
     #[inline]
-    fn visit(&self, band: &Range<usize>, mut found: impl FnMut(usize, usize, f32)) {
+    fn visit(&self, band: &Range<usize>, mut visit: impl FnMut(usize, usize)) {
         for row in self.rows.start.max(band.start)..self.rows.end.min(band.end) {
-            let y = row as f32 + 0.5;
-            for column in self.span(y) {
-                let x = column as f32 + 0.5;
-                let values = [0, 1, 2].map(|k| self.edges[k].at(x, y));
-                let inside = if self.doubled_area > 0.0 {
-                    values.iter().all(|&value| value >= 0.0)
-                } else {
-                    values.iter().all(|&value| value <= 0.0)
-                };
-                if inside {
-                    let [u, v, w] = values.map(|value| (value / self.doubled_area) as f32);
-                    found(column, row, u * self.depths[0] + v * self.depths[1] + w * self.depths[2]);
-                }
+            for column in self.span(row as f32 + 0.5) {
+                visit(column, row);
             }
         }
+    }
+
+    /// The depth at a sample, if the triangle covers it; it covers those on its borders.
+    #[inline]
+    fn depth(&self, column: usize, row: usize) -> Option<f32> {
+        let [x, y] = [column, row].map(|i| i as f32 + 0.5);
+        let values = [0, 1, 2].map(|k| self.edges[k].at(x, y));
+        let inside = if self.doubled_area > 0.0 {
+            values.iter().all(|&value| value >= 0.0)
+        } else {
+            values.iter().all(|&value| value <= 0.0)
+        };
+        inside.then(|| {
+            let [u, v, w] = values.map(|value| (value / self.doubled_area) as f32);
+            u * self.depths[0] + v * self.depths[1] + w * self.depths[2]
+        })
     }
 }
 
@@ -270,7 +288,7 @@ mod tests {
             for corners in [[a, b, c], [a, c, b]] {
                 let setup = Setup::new(corners, [100, 80]).unwrap();
                 let mut found = Vec::new();
-                setup.visit(&(0..80), |x, y, _| found.push((x, y)));
+                setup.visit(&(0..80), |x, y| found.extend(setup.depth(x, y).map(|_| (x, y))));
                 let sign = setup.doubled_area.signum();
                 let covers = |x: usize, y: usize| {
                     setup.edges.iter().all(|edge| sign * edge.at(x as f32 + 0.5, y as f32 + 0.5) >= 0.0)

@@ -9,14 +9,6 @@ const BAR_UM: f32 = 500.0;
 /// Margin of a picture, as a fraction of its side.
 const MARGIN: f32 = 0.05;
 
-/// Draws one section to fill a square picture of `size` pixels.
-///
-/// # Errors
-/// [`RenderError::Size`] unless `size` is from 1 to [`MAX_SIZE`](super::MAX_SIZE).
-pub fn section_png(section: &Section, size: u32) -> Result<Vec<u8>, RenderError> {
-    sheet_png(&[section], 1, size)
-}
-
 /// Draws sections side by side in rows of `columns`, each in a square of `cell` pixels, all to one scale.
 ///
 /// # Errors
@@ -123,7 +115,7 @@ mod tests {
         // The lumen lies in the upper right quarter: y points up.
         let section =
             Section { inner: square(200.0, [500.0, 500.0]), outer: square(1000.0, [0.0; 2]), ..Section::default() };
-        let picture = Pixmap::decode_png(&section_png(&section, 1000).unwrap()).unwrap();
+        let picture = Pixmap::decode_png(&sheet_png(&[&section], 1, 1000).unwrap()).unwrap();
         assert_eq!(pixel(&picture, 725, 275), LUMEN);
         assert_eq!(pixel(&picture, 275, 725), TISSUE);
         assert_eq!(pixel(&picture, 725, 725), TISSUE);
@@ -148,9 +140,9 @@ mod tests {
     #[test]
     fn sizes_out_of_bounds_and_empty_sections() {
         let section = sample::section(20, 0.0, 0.0);
-        assert!(matches!(section_png(&section, 0), Err(RenderError::Size { .. })));
+        assert!(matches!(sheet_png(&[&section], 1, 0), Err(RenderError::Size { .. })));
         assert!(matches!(sheet_png(&[&section; 9], 9, 1000), Err(RenderError::Size { .. })));
         assert!(matches!(sheet_png(&[], 3, 100), Err(RenderError::Size { .. })));
-        assert!(section_png(&Section::default(), 10).is_ok());
+        assert!(sheet_png(&[&Section::default()], 1, 10).is_ok());
     }
 }

@@ -238,7 +238,9 @@ async fn the_console_and_its_files_are_served() {
     assert_eq!(reply.status, 200);
     assert!(reply.header(header::CONTENT_TYPE).unwrap().starts_with("text/html"));
     let policy = reply.header(header::CONTENT_SECURITY_POLICY).unwrap();
-    assert!(policy.starts_with("default-src 'none'") && !policy.contains("unsafe-inline"), "{policy}");
+    let strict = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; img-src 'self' blob:; \
+                  connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+    assert_eq!(policy, strict);
     assert_eq!(reply.header(header::CACHE_CONTROL), Some("no-cache"));
     let page = String::from_utf8(reply.body.to_vec()).unwrap();
     let mut files = 0;
