@@ -16,6 +16,7 @@ async function drawn(page: Page): Promise<void> {
   await canvasOf(page).first().waitFor({ timeout: 300_000 });
   await page.getByText(/triangles are shown/).first().waitFor({ timeout: 120_000 });
   await page.getByText(/^Loading/).first().waitFor({ state: "detached" });
+  await page.getByText(/^Looking for the way/).first().waitFor({ state: "detached", timeout: 120_000 });
   await page.waitForTimeout(3000);
 }
 
@@ -60,9 +61,10 @@ try {
 
   const second = await client.submit({ preset: "pig", seed: 8 }, { wait: 60 });
   await client.wait(second.id);
-  const desk = await Visit.open(`${service.url}/#/models/${id}?open=20`, { viewport: { width: 1440, height: 900 } });
+  const desk = await Visit.open(`${service.url}/#/models/${id}?open=20`, { viewport: { width: 1440, height: 1400 } });
   await drawn(desk.page);
   await still(desk.page, "console-explore");
+  await desk.page.setViewportSize({ width: 1440, height: 900 });
   await desk.page.goto(`${service.url}/#/new`);
   await desk.page.getByRole("button", { name: "Grow the model" }).waitFor();
   await desk.page.waitForTimeout(1500);
@@ -75,7 +77,7 @@ try {
   await still(desk.page, "console-list");
   await desk.close();
 
-  const phone = await Visit.open(`${service.url}/#/models/${id}?fly=0.7`, { viewport: { width: 390, height: 844 }, colorScheme: "dark" });
+  const phone = await Visit.open(`${service.url}/#/models/${id}?cam=ampulla`, { viewport: { width: 390, height: 844 }, colorScheme: "dark" });
   await drawn(phone.page);
   await still(phone.page, "console-phone");
   await phone.close();
