@@ -36,7 +36,7 @@ def test_models_events_files_and_batches(service, tmp_path):
             assert [event.name async for event in client.events(model)] == ["end"]
             path = await client.download(model, "model.glb", tmp_path)
             assert path.stat().st_size == model.files[0].bytes
-            assert len(await client.download_all(model, tmp_path / "all")) == 3
+            assert len(await client.download_all(model, tmp_path / "all")) == len(model.files) == 6
             sections = await client.sections(model)
             assert (sections[2].inner.ids == (await client.section(model, 2)).inner.ids).all()
             assert (await client.report(model))["certificate"]["passed"]

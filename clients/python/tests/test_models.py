@@ -32,9 +32,9 @@ def test_a_model_is_submitted_waited_for_and_saved(client, tmp_path):
 
 
 def test_a_finished_model_is_reused_unless_told_otherwise(client, grown):
-    again = client.submit(seed=7, spec=SMALL)
+    again = client.submit(seed=7, spec=SMALL, outputs=["glb"])
     assert again.has_ended and again.reused_from == grown.id
-    assert client.submit(seed=7, spec=SMALL, reuse=False).reused_from is None
+    assert client.submit(seed=7, spec=SMALL, outputs=["glb"], reuse=False).reused_from is None
 
 
 def test_the_same_idempotency_key_gives_the_same_model(client):
