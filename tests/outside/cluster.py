@@ -115,7 +115,7 @@ def spec_of(seed):
 
 
 def submit(service, seed):
-    body = {"seed": seed, "spec": spec_of(seed), "outputs": ["glb"], "reuse": False}
+    body = {"seed": seed, "spec": spec_of(seed), "outputs": ["glb", "lod"], "reuse": False}
     return service.json("POST", "/models", body)["id"]
 
 
