@@ -5,7 +5,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { OviductError } from "oviduct-client";
 import { askingForKey, KeyDialog } from "./access.tsx";
 import { connection, fault } from "./stream.ts";
-import { href, route } from "./router.ts";
+import { href, route, setTitle } from "./router.ts";
 import { explain, key, locked, session } from "./service.ts";
 import { nextTheme, theme } from "./ui/theme.ts";
 import { Icon, Notice, Toasts, Unloaded } from "./ui/widgets.tsx";
@@ -67,7 +67,7 @@ export function App() {
   // Links carry no key.
   const open = key.value === undefined && locked.value === undefined;
   useEffect(() => {
-    document.title = `${title} · oviduct`;
+    setTitle(title);
     // Keyboards and screen readers begin at the new page.
     if (!first.current) main.current?.focus({ preventScroll: true });
     first.current = false;
