@@ -95,12 +95,7 @@ export function App() {
           </button>
         </div>
       </header>
-      {connection.value === "lost" && locked.value === undefined && (
-        <div class="banner" role="status">
-          {fault.value instanceof OviductError ? explain(fault.value) : "The service does not answer."} What you see is what was
-          known last; it is updated as soon as changes come again.
-        </div>
-      )}
+      <Banner />
       <main ref={main} id="main" tabIndex={-1} class={wide ? "wide" : undefined}>
         {locked.value === undefined ? <Shown key={`${session.value} ${address.value}`} place={place.value} /> : <Locked />}
       </main>
@@ -114,6 +109,18 @@ export function App() {
       </footer>
       {askingForKey.value && <KeyDialog />}
       <Toasts />
+    </div>
+  );
+}
+
+/** Why changes do not come, and until when. */
+function Banner() {
+  if (locked.value !== undefined || (connection.value !== "lost" && connection.value !== "refused")) return null;
+  const until = connection.value === "refused" ? "until you use another key" : "until the service can be reached again";
+  return (
+    <div class="banner" role="status">
+      {fault.value instanceof OviductError ? explain(fault.value) : "The service does not answer."} What you see is what was known
+      last; it is not updated {until}.
     </div>
   );
 }
@@ -148,7 +155,7 @@ function Locked() {
 }
 
 function ConnectionDot() {
-  const text = { connecting: "Connecting", live: "Connected: changes appear at once", lost: "Not connected" }[connection.value];
+  const text = { connecting: "Connecting", live: "Connected: changes appear at once", lost: "Not connected", refused: "Not connected: the key may not read" }[connection.value];
   return <span class={`dot dot-${connection.value}`} role="img" aria-label={text} title={text} />;
 }
 
