@@ -14,6 +14,7 @@ import type { Device } from "./device.ts";
 import { firstHit } from "./ray.ts";
 import { Resolution } from "./resolution.ts";
 import { SectionPlane } from "./section-plane.ts";
+import { around, seenThroughEnds, type Stretch } from "./sight.ts";
 import type { Surface } from "./surface.ts";
 import { Tissue } from "./tissue.ts";
 import { FLIGHT_FOG, LUMEN_DARK } from "./tissue-material.ts";
@@ -27,6 +28,8 @@ const KEY_TURN = 6;
 const DRAG_TURN = 0.35;
 const KEY_PAN = 40;
 const KEY_ZOOM = 1.15;
+/** Distance in millimetres at which edges are two thirds of a pixel wide, for each pixel of the height of the picture. */
+const FINEST_EDGE = 0.03;
 const VIEW_KEYS: Record<string, StandardView> = { Home: "whole", "1": "whole", "2": "isthmus", "3": "ampulla", "4": "side" };
 
 export class Stage {
@@ -55,6 +58,7 @@ export class Stage {
   readonly #abort = new AbortController();
   readonly #leave: (() => void)[] = [];
   readonly #target = new Vector3();
+  readonly #inside: Stretch = { from: 0, to: 0 };
   #look = { yaw: 0, pitch: 0 };
   #pending = 0;
   #frames = 0;
@@ -214,12 +218,32 @@ export class Stage {
       this.#apply();
     }
     const way = this.#way.value;
-    if (this.#view.flying.value && way) this.#fly(way);
+    const flying = this.#view.flying.value && way !== undefined;
+    if (flying) this.#fly(way);
     else this.#orbit();
+    this.#limit(flying);
     this.#renderer.render(this.#scene, this.#camera);
     this.#canvas.dataset["frames"] = String(++this.#frames);
     this.onFrame?.();
   };
+
+  /** Leaves out of a coarse picture what it does not show. */
+  #limit(flying: boolean): void {
+    const view = this.#view;
+    const inside = this.#inside;
+    const { position } = this.#camera;
+    this.#cuts.edged = !this.#coarse || FINEST_EDGE * this.#renderer.domElement.height > view.pose.distance;
+    if (!this.#coarse) return this.#tissue.unlimit();
+    if (flying) {
+      around(position.z, FLIGHT_FOG[1], this.#tube, inside);
+    } else if (view.closed && !this.#cuts.opensTo(position)) {
+      seenThroughEnds(position, this.#tube, this.#cuts.kept, inside);
+    } else {
+      inside.from = -Infinity;
+      inside.to = Infinity;
+    }
+    this.#tissue.limit(this.#cuts.planes, inside, flying);
+  }
 
   #orbit(): void {
     const { pose } = this.#view;
