@@ -4,7 +4,7 @@ import { createHash } from "node:crypto";
 import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 import type { Page } from "playwright-core";
-import type { PNG } from "pngjs";
+import { PNG } from "pngjs";
 import { Oviduct, type Model, type SectionJson } from "../../../clients/typescript/src/index.ts";
 import { Service } from "../../../clients/typescript/test/service.ts";
 import { boundsOf, contains, type Outline } from "../../src/explore/contours.ts";
@@ -270,6 +270,26 @@ test("a download has the bytes of its hash", async () => {
   await page.getByRole("button", { name: "Download model.lod2.glb" }).click();
   const path = await (await downloaded).path();
   assert.equal(createHash("sha256").update(readFileSync(path)).digest("hex"), file.sha256);
+  await visit.close();
+});
+
+test("a section is saved as SVG and as PNG", async () => {
+  const visit = await open();
+  const { page } = visit;
+  const save = async (kind: string) => {
+    const downloaded = page.waitForEvent("download");
+    await page.getByRole("button", { name: kind, exact: true }).click();
+    const download = await downloaded;
+    return { name: download.suggestedFilename(), data: readFileSync(await download.path()) };
+  };
+  const svg = await save("SVG");
+  assert.match(svg.name, /^section-\d+\.svg$/);
+  assert.match(svg.data.toString(), /<svg /);
+  const png = await save("PNG");
+  assert.match(png.name, /^section-\d+\.png$/);
+  const drawing = PNG.sync.read(png.data);
+  assert.equal(Math.max(drawing.width, drawing.height), 2048);
+  assert(colours(drawing) > 20, `${colours(drawing)} colours`);
   await visit.close();
 });
 
