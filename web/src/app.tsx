@@ -5,7 +5,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { OviductError } from "oviduct-client";
 import { askingForKey, KeyDialog } from "./access.tsx";
 import { connection, fault } from "./stream.ts";
-import { href, route } from "./router.ts";
+import { href, route, setTitle } from "./router.ts";
 import { explain, key, locked, session } from "./service.ts";
 import { nextTheme, theme } from "./ui/theme.ts";
 import { Icon, Notice, Toasts, Unloaded } from "./ui/widgets.tsx";
@@ -67,7 +67,7 @@ export function App() {
   // Links carry no key.
   const open = key.value === undefined && locked.value === undefined;
   useEffect(() => {
-    document.title = `${title} · oviduct`;
+    setTitle(title);
     // Keyboards and screen readers begin at the new page.
     if (!first.current) main.current?.focus({ preventScroll: true });
     first.current = false;
@@ -95,12 +95,7 @@ export function App() {
           </button>
         </div>
       </header>
-      {connection.value === "lost" && locked.value === undefined && (
-        <div class="banner" role="status">
-          {fault.value instanceof OviductError ? explain(fault.value) : "The service does not answer."} What you see is what was
-          known last; it is updated as soon as changes come again.
-        </div>
-      )}
+      <Banner />
       <main ref={main} id="main" tabIndex={-1} class={wide ? "wide" : undefined}>
         {locked.value === undefined ? <Shown key={`${session.value} ${address.value}`} place={place.value} /> : <Locked />}
       </main>
@@ -114,6 +109,18 @@ export function App() {
       </footer>
       {askingForKey.value && <KeyDialog />}
       <Toasts />
+    </div>
+  );
+}
+
+/** Why changes do not come, and until when. */
+function Banner() {
+  if (locked.value !== undefined || (connection.value !== "lost" && connection.value !== "refused")) return null;
+  const until = connection.value === "refused" ? "until you use another key" : "until the service can be reached again";
+  return (
+    <div class="banner" role="status">
+      {fault.value instanceof OviductError ? explain(fault.value) : "The service does not answer."} What you see is what was known
+      last; it is not updated {until}.
     </div>
   );
 }
@@ -148,7 +155,7 @@ function Locked() {
 }
 
 function ConnectionDot() {
-  const text = { connecting: "Connecting", live: "Connected: changes appear at once", lost: "Not connected" }[connection.value];
+  const text = { connecting: "Connecting", live: "Connected: changes appear at once", lost: "Not connected", refused: "Not connected: the key may not read" }[connection.value];
   return <span class={`dot dot-${connection.value}`} role="img" aria-label={text} title={text} />;
 }
 

@@ -20,17 +20,27 @@ export const changes = signal(0);
 
 /** Ids of the known models, in the order of acceptance: they are UUIDv7. */
 const order: string[] = [];
+/** Those that were read or changed last are last. */
 const states = new Map<string, Signal<ModelState | undefined>>();
+/** Models that something on the page shows. */
+const shown = new Set<string>();
 const growing = new Map<string, Signal<readonly LiveSection[]>>();
 /** Models that were deleted: an answer that was on its way must not bring them back. */
 const deleted = new Set<string>();
+/** Models that are kept, if not more are shown. */
+export const KEPT = 2000;
+/** How many were dropped: lists that were read before may lack some. */
+export let drops = 0;
 /** Ended models whose sections are kept. */
 const ENDED_KEPT = 4;
 
 /** The newest known state of a model; undefined if nothing is known, or it was deleted. */
 export function state(id: string): Signal<ModelState | undefined> {
   let known = states.get(id);
-  if (!known) states.set(id, (known = signal(undefined)));
+  if (!known) {
+    known = signal(undefined, { watched: () => shown.add(id), unwatched: () => shown.delete(id) });
+    states.set(id, known);
+  }
   return known;
 }
 
@@ -69,14 +79,33 @@ export function remember(models: readonly (Model | ModelState)[]): void {
       if (before && before.version > model.version) continue;
       if (!before) order.splice(olderThan(model.id), 0, model.id);
       known.value = model;
+      states.delete(model.id);
+      states.set(model.id, known);
       if (before?.status !== model.status) bump();
     }
   });
+  drop();
+}
+
+/** Drops the models that were touched least recently and are not shown, if there are too many. */
+function drop(): void {
+  if (states.size <= KEPT) return;
+  for (const [id, known] of states) {
+    if (states.size <= KEPT) return;
+    if (shown.has(id)) continue;
+    states.delete(id);
+    growing.delete(id);
+    if (known.peek() === undefined) continue;
+    order.splice(olderThan(id), 1);
+    drops++;
+  }
 }
 
 /** Removes a model that was deleted. */
 export function forget(id: string): void {
   deleted.add(id);
+  const [oldest] = deleted;
+  if (deleted.size > KEPT) deleted.delete(oldest!);
   growing.delete(id);
   const known = states.get(id);
   states.delete(id);

@@ -34,6 +34,11 @@ export function go(path: string[], query?: URLSearchParams | Record<string, stri
   location.hash = href(path, query);
 }
 
+/** Names the page in the window and in the history. */
+export function setTitle(title: string): void {
+  document.title = `${title} · oviduct`;
+}
+
 /** Changes the query of the present page without a new entry in the history, so that its link restores the view. */
 export function setQuery(query: URLSearchParams | Record<string, string>): void {
   const target = href(route.value.path, query);

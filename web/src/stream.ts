@@ -2,12 +2,12 @@
 import { batch, effect, signal, untracked } from "@preact/signals";
 import { Oviduct, OviductError } from "oviduct-client";
 import { receive, reset } from "./models.ts";
-import { base, key, locked, noteRefusal } from "./service.ts";
+import { base, key, locked, noteRefusal, session } from "./service.ts";
 
-export type Connection = "connecting" | "live" | "lost";
-/** State of the event stream. */
+export type Connection = "connecting" | "live" | "lost" | "refused";
+/** State of the event stream. A key that may not read it is refused: it is not asked for again with that key. */
 export const connection = signal<Connection>("connecting");
-/** Why there is no stream, while the connection is lost. */
+/** Why there is no stream, while the connection is lost or refused. */
 export const fault = signal<unknown>(undefined);
 /** Grows with each stream that was opened after the first: what pages have read may be outdated. */
 export const reconnections = signal(0);
@@ -49,6 +49,7 @@ async function follow(key: string | undefined, signal: AbortSignal): Promise<voi
       if (signal.aborted) return;
       lose(error);
       noteRefusal(error);
+      if (connection.peek() === "refused") return;
     }
     await new Promise((resolve) => setTimeout(resolve, PAUSE));
   }
@@ -65,7 +66,7 @@ function opens(): void {
 function lose(why: unknown): void {
   batch(() => {
     fault.value = why;
-    connection.value = "lost";
+    connection.value = why instanceof OviductError && why.is("forbidden") ? "refused" : "lost";
   });
 }
 
@@ -74,18 +75,19 @@ export function watch(): void {
   let abort = new AbortController();
   const restart = () => {
     abort.abort();
-    if (locked.peek() !== undefined || document.hidden) return;
+    if (locked.peek() !== undefined || connection.peek() === "refused" || document.hidden) return;
     abort = new AbortController();
     void follow(key.peek(), abort.signal);
   };
-  let owner = key.peek();
+  let owner = session.peek();
   effect(() => {
-    const present = key.value;
+    const present = session.value;
     const open = locked.value === undefined;
     untracked(() => {
       if (present !== owner) {
         owner = present;
         last = undefined;
+        connection.value = "connecting";
         reset();
       }
       if (open) restart();

@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 import { effect } from "@preact/signals";
 import type { ModelEvent, ModelState } from "oviduct-client";
-import { changes, forget, known, receive, remember, reset, sections, state } from "../src/models.ts";
+import { changes, forget, KEPT, known, receive, remember, reset, sections, state } from "../src/models.ts";
 
 /** Ids in the order of acceptance. */
 const id = (number: number) => `0197c000-0000-7000-8000-${String(number).padStart(12, "0")}`;
@@ -98,6 +98,27 @@ test("the sections of growing models are kept, and those of few ended ones", asy
   await gathered();
   const kept = Array.from({ length: 20 }, (_, k) => k + 1).filter((k) => indices(k).length > 0);
   assert.deepEqual(kept, [7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20]);
+});
+
+test("of many models those are dropped that are not shown and were touched least recently", () => {
+  const numbers = Array.from({ length: KEPT }, (_, k) => k + 1);
+  remember(numbers.map((number) => model(number)));
+  const shown = state(id(1));
+  const stop = effect(() => void shown.value);
+  remember([model(2, { version: 2 })]);
+  remember(Array.from({ length: 3 }, (_, k) => model(KEPT + 1 + k)));
+  const seeds = [...known()].map(({ seed }) => seed).reverse();
+  assert.deepEqual([seeds.length, ...seeds.slice(0, 3)], [KEPT, 1, 2, 6]);
+  remember([model(1, { version: 2, status: "succeeded" })]);
+  assert.equal(shown.value?.status, "succeeded");
+  // No longer shown, and touched longer ago than the others.
+  stop();
+  remember([...known()].filter(({ seed }) => seed !== 1));
+  remember([model(KEPT + 4)]);
+  assert(![...known()].some(({ seed }) => seed === 1));
+  // It can be read again.
+  remember([model(1)]);
+  assert.equal([...known()].at(-1)?.seed, 1);
 });
 
 test("another key begins with nothing, even of events that wait", async () => {

@@ -8,39 +8,32 @@ export const SPEEDS = [0.5, 1, 2, 4] as const;
 /** Millimetres that a key moves. */
 const STEP = 0.1;
 const BIG_STEP = 1;
-const CONTROLS_MS = 100;
+/** Milliseconds between the positions that are told to controls and link while playing. */
+const TOLD = 100;
 
 export class Flight {
   readonly playing = signal(false);
   readonly speed = signal<number>(1);
-  /** Position for the controls: that of the view, but only ten times a second while playing. */
+  /** Position for the controls. */
   readonly shown = signal(0);
   readonly #view: View;
   /** Length of the tube, millimetres. */
   readonly #length: number;
-  #pending = 0;
   #last = 0;
+  #told = 0;
   readonly #leave: (() => void)[];
 
   constructor(view: View, length: number) {
     this.#view = view;
     this.#length = length;
+    const follow = effect(() => {
+      this.shown.value = view.flown = view.flight.value ?? 0;
+    });
     const play = effect(() => {
-      cancelAnimationFrame(this.#pending);
-      if (this.playing.value && view.flight.value === undefined) this.playing.value = false;
-      if (!this.playing.value) return;
       this.#last = 0;
-      this.#pending = requestAnimationFrame(this.#advance);
+      if (this.playing.value && !view.flying.value) this.playing.value = false;
     });
-    let updated = 0;
-    const show = effect(() => {
-      const at = view.flight.value ?? 0;
-      const now = performance.now();
-      if (this.playing.value && now - updated < CONTROLS_MS) return;
-      updated = now;
-      this.shown.value = at;
-    });
-    this.#leave = [play, show];
+    this.#leave = [follow, play];
   }
 
   /** Enters the lumen at the isthmus end, or where the flight was; moves unless the user asks for less motion. */
@@ -54,13 +47,14 @@ export class Flight {
   }
 
   toggle(): void {
-    if (this.#view.flight.peek() === 1) this.#view.flight.value = 0;
+    const { flight, flown } = this.#view;
+    flight.value = flown === 1 ? 0 : flown;
     this.playing.value = !this.playing.peek();
   }
 
   move(millimetres: number): void {
-    const at = this.#view.flight.peek();
-    if (at !== undefined) this.#view.flight.value = Math.max(0, Math.min(1, at + millimetres / this.#length));
+    const { flight, flown } = this.#view;
+    if (flight.peek() !== undefined) flight.value = Math.max(0, Math.min(1, flown + millimetres / this.#length));
   }
 
   /** Whether the key was used. */
@@ -77,14 +71,20 @@ export class Flight {
 
   dispose(): void {
     for (const leave of this.#leave) leave();
-    cancelAnimationFrame(this.#pending);
   }
 
-  readonly #advance = (now: number): void => {
-    this.#pending = requestAnimationFrame(this.#advance);
-    const seconds = this.#last === 0 ? 0 : Math.min(0.1, (now - this.#last) / 1000);
+  /** Moves on to the time of a frame, outside effects; whether it goes on. */
+  advance = (now: number): boolean => {
+    if (!this.playing.value) return false;
+    const view = this.#view;
+    if (this.#last > 0) view.flown = Math.min(1, view.flown + (Math.min(100, now - this.#last) * this.speed.value) / (1000 * this.#length));
     this.#last = now;
-    this.move(seconds * this.speed.peek());
-    if (this.#view.flight.peek() === 1) this.playing.value = false;
+    const ended = view.flown === 1;
+    if (ended || now - this.#told > TOLD) {
+      this.#told = now;
+      view.flight.value = view.flown;
+    }
+    if (ended) this.playing.value = false;
+    return !ended;
   };
 }

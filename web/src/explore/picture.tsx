@@ -85,6 +85,7 @@ function connect(stage: Stage, exploration: Exploration, flight: Flight, overlay
   const { measurement } = exploration;
   void exploration.loadSurface();
   stage.onKey = flight.key;
+  stage.onAdvance = flight.advance;
   stage.onPick = (spot) => measurement.picking.peek() && measurement.pick(spot);
   const ruler = new Ruler(overlay);
   stage.onFrame = () => ruler.draw(measurement, stage);
@@ -94,6 +95,9 @@ function connect(stage: Stage, exploration: Exploration, flight: Flight, overlay
     }),
     effect(() => {
       stage.way = exploration.survey.value?.way;
+    }),
+    effect(() => {
+      if (flight.playing.value) stage.invalidate();
     }),
     effect(() => {
       void measurement.a.value;

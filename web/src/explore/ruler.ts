@@ -21,10 +21,10 @@ export class Ruler {
     this.#label = overlay.querySelector("text")!;
   }
 
-  /** Moves line, ends and label to where they are in the picture; to be called after each frame. */
+  /** Moves line, ends and label to where they are in the picture; to be called after each frame, outside effects. */
   draw({ a: from, b: to, distance }: Measurement, stage: Stage): void {
-    const start = from.peek();
-    const end = to.peek() ?? start;
+    const start = from.value;
+    const end = to.value ?? start;
     const a = this.#a;
     const b = this.#b;
     const seen = start !== undefined && end !== undefined && stage.project(start, a) && stage.project(end, b);
@@ -45,8 +45,8 @@ export class Ruler {
     }
     this.#label.x.baseVal.getItem(0).value = (a.x + b.x) / 2;
     this.#label.y.baseVal.getItem(0).value = (a.y + b.y) / 2 - 10;
-    if (distance.peek() === this.#distance) return;
-    this.#distance = distance.peek();
+    if (distance.value === this.#distance) return;
+    this.#distance = distance.value;
     this.#label.textContent = this.#distance === undefined ? "" : micrometres(this.#distance);
   }
 }

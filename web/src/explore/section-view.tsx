@@ -1,6 +1,6 @@
 // One cross section as it is stored: contours, scale, and distances between its points.
 import { useSignal } from "@preact/signals";
-import type { Section, Sections } from "oviduct-client";
+import { OviductError, type Section, type Sections } from "oviduct-client";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { ask, explain } from "../service.ts";
 import { bytes, micrometres, short } from "../ui/format.ts";
@@ -73,22 +73,52 @@ function Loaded({ exploration, view, sections, index }: Props & { sections: Sect
       </dl>
       <div class="row">
         <button type="button" class="button" onClick={cutHere}><Icon name="cut" /> Cut the model here</button>
-        <button type="button" class="button" onClick={() => openDrawing(exploration.model.id, index)}><Icon name="download" /> SVG</button>
+        {(["svg", "png"] as const).map((kind) => (
+          <button key={kind} type="button" class="button" onClick={() => save(exploration.model.id, index, kind)}>
+            <Icon name="download" /> {kind.toUpperCase()}
+          </button>
+        ))}
       </div>
     </>
   );
 }
 
+/** Longest side of a drawing as PNG, pixels. */
+const PIXELS = 2048;
+
 /** Links need a ticket of their own each time, so the address is asked for when it is wanted. */
-async function openDrawing(id: string, index: number): Promise<void> {
+async function save(id: string, index: number, kind: "svg" | "png"): Promise<void> {
   try {
+    const url = await ask((service) => service.sectionUrl(id, index));
     const link = document.createElement("a");
-    link.href = await ask((service) => service.sectionUrl(id, index));
-    link.download = `section-${index}.svg`;
+    link.href = kind === "svg" ? url : await pngOf(url);
+    link.download = `section-${index}.${kind}`;
     link.click();
+    if (kind === "png") URL.revokeObjectURL(link.href);
   } catch (error) {
     toast(explain(error), "error");
   }
+}
+
+/** The address of a drawing as PNG. */
+async function pngOf(drawing: string): Promise<string> {
+  const response = await fetch(drawing);
+  if (!response.ok) throw await OviductError.of(response);
+  const svg = await response.text();
+  const [width, height] = /viewBox="\S+ \S+ (\S+) (\S+)"/.exec(svg)!.slice(1).map(Number) as [number, number];
+  const scale = PIXELS / Math.max(width, height);
+  const canvas = document.createElement("canvas");
+  canvas.width = Math.round(width * scale);
+  canvas.height = Math.round(height * scale);
+  const image = new Image();
+  // Not all browsers draw an image without a size.
+  const sized = svg.replace("<svg ", `<svg width="${canvas.width}" height="${canvas.height}" `);
+  image.src = URL.createObjectURL(new Blob([sized], { type: "image/svg+xml" }));
+  await image.decode();
+  URL.revokeObjectURL(image.src);
+  canvas.getContext("2d")!.drawImage(image, 0, 0);
+  const png = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve));
+  return URL.createObjectURL(png!);
 }
 
 const ZOOM = 1.4;

@@ -26,8 +26,10 @@ export class View {
   /** The section beside the model. */
   readonly section = signal(0.8);
   readonly plane = signal(false);
-  /** Position of the flight; undefined while the model is seen from outside. */
+  /** Position of the flight, told a few times a second while it is played; undefined while the model is seen from outside. */
   readonly flight = signal<number | undefined>(undefined);
+  /** Position of the flight in the present frame. A signal that changes with each frame would allocate in each. */
+  flown = 0;
   readonly flying = computed(() => this.flight.value !== undefined);
 
   readonly #linked: readonly Signal[] = [

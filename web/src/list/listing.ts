@@ -2,7 +2,7 @@
 import { computed, signal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { OviductError, type ModelFilter, type ModelState } from "oviduct-client";
-import { forget, known, remember } from "../models.ts";
+import { drops, forget, known, remember } from "../models.ts";
 import { ask, explain, session } from "../service.ts";
 import { reconnections } from "../stream.ts";
 import { now } from "../ui/widgets.tsx";
@@ -22,6 +22,8 @@ interface Reach {
   oldest: string;
   cursor: string | undefined;
   rows: number;
+  /** Value of `drops` when reading began: if it has grown, models may be missing within the reach. */
+  drops: number;
 }
 /** Before anything is read: an id that is newer than all. */
 const NOTHING = "~";
@@ -71,7 +73,7 @@ export function useListing(filter: Filter): Listing {
   };
   // What was read may be outdated once the stream was lost.
   useEffect(() => {
-    void read((signal) => readNewest(which, present?.rows ?? PAGE, signal));
+    void read((signal) => readNewest(which, Math.min(present?.rows ?? PAGE, READ_AGAIN), signal));
     return () => abort.current.abort();
   }, [list, reconnections.value, retries]);
 
@@ -79,13 +81,14 @@ export function useListing(filter: Filter): Listing {
   const found = present && newest(present, which, present.rows + PAGE);
   const more = (reach: Reach) => {
     const longer = { ...reach, rows: reach.rows + PAGE };
-    if (reach.cursor === undefined || found?.length === longer.rows) setReach(list, longer);
+    if (reach.drops !== drops) void read((signal) => readNewest(which, longer.rows, signal));
+    else if (reach.cursor === undefined || found?.length === longer.rows) setReach(list, longer);
     else void read((signal) => readPage(which, longer, PAGE, signal));
   };
   return {
     which,
     models: found?.slice(0, present?.rows),
-    more: present && (present.cursor !== undefined || found!.length > present.rows) ? () => more(present) : undefined,
+    more: present && (present.cursor !== undefined || present.drops !== drops || found!.length > present.rows) ? () => more(present) : undefined,
     reading,
     fault,
     retry: () => setRetries(retries + 1),
@@ -106,10 +109,10 @@ function newest({ oldest }: Reach, which: ModelFilter, count: number): ModelStat
   return found;
 }
 
-/** Reads a list from its beginning, for so many rows if they are not too many. */
+/** Reads a list from its beginning, for so many rows. */
 async function readNewest(which: ModelFilter, rows: number, signal: AbortSignal): Promise<Reach> {
-  let reach: Reach = { oldest: NOTHING, cursor: undefined, rows: Math.min(rows, READ_AGAIN) };
-  for (let left = reach.rows; left > 0; left -= LARGEST_PAGE) {
+  let reach: Reach = { oldest: NOTHING, cursor: undefined, rows, drops };
+  for (let left = rows; left > 0; left -= LARGEST_PAGE) {
     reach = await readPage(which, reach, Math.min(left, LARGEST_PAGE), signal);
     if (reach.cursor === undefined) break;
   }
@@ -117,7 +120,7 @@ async function readNewest(which: ModelFilter, rows: number, signal: AbortSignal)
 }
 
 /** Reads on from a reach, and drops models that are known there but no longer listed. */
-async function readPage(which: ModelFilter, { oldest: from, cursor, rows }: Reach, pageSize: number, signal: AbortSignal): Promise<Reach> {
+async function readPage(which: ModelFilter, { oldest: from, cursor, ...reach }: Reach, pageSize: number, signal: AbortSignal): Promise<Reach> {
   const before = [...known()].filter((model) => model.id < from && matches(model, which));
   const { models, next } = await ask((service) => service.listPage(which, { cursor, pageSize, view: "summary", signal }));
   signal.throwIfAborted();
@@ -132,7 +135,7 @@ async function readPage(which: ModelFilter, { oldest: from, cursor, rows }: Reac
   } else {
     for (const { id } of unlisted) forget(id);
   }
-  return { oldest, cursor: next ?? undefined, rows };
+  return { ...reach, oldest, cursor: next ?? undefined };
 }
 
 async function check(id: string, signal: AbortSignal): Promise<void> {

@@ -3,7 +3,7 @@ import type { ComponentChildren } from "preact";
 import { useEffect, useState } from "preact/hooks";
 import { watchWorkers } from "../growing/workers.tsx";
 import { connection } from "../stream.ts";
-import { href, route, setQuery } from "../router.ts";
+import { href, route, setQuery, setTitle } from "../router.ts";
 import { explain } from "../service.ts";
 import { Icon, Notice } from "../ui/widgets.tsx";
 import { checkWhileTyping, faults } from "./check.ts";
@@ -66,12 +66,14 @@ function Form() {
   useEffect(checkWhileTyping, []);
   useEffect(watchWorkers, []);
   const study = form.value.purpose === "study";
+  const title = study ? "New study" : "New model";
+  useEffect(() => setTitle(title), [title]);
   const first = FIRST.flatMap((pointer) => parameters.value.find((parameter) => parameter.pointer === pointer) ?? []);
   const others = parameters.value.filter((parameter) => !first.includes(parameter));
   return (
     <div class="request-page">
       <div class="page-head">
-        <h1>{study ? "New study" : "New model"}</h1>
+        <h1>{title}</h1>
         <Segments label="What to request" value={form.value.purpose} choices={[["model", "One model"], ["study", "Study"]]} onChange={(purpose) => change({ purpose })} />
         <div class="actions">
           <button type="button" class="button" onClick={startOver}>

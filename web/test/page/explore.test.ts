@@ -4,7 +4,7 @@ import { createHash } from "node:crypto";
 import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 import type { Page } from "playwright-core";
-import type { PNG } from "pngjs";
+import { PNG } from "pngjs";
 import { Oviduct, type Model, type SectionJson } from "../../../clients/typescript/src/index.ts";
 import { Service } from "../../../clients/typescript/test/service.ts";
 import { boundsOf, contains, type Outline } from "../../src/explore/contours.ts";
@@ -273,6 +273,26 @@ test("a download has the bytes of its hash", async () => {
   await visit.close();
 });
 
+test("a section is saved as SVG and as PNG", async () => {
+  const visit = await open();
+  const { page } = visit;
+  const save = async (kind: string) => {
+    const downloaded = page.waitForEvent("download");
+    await page.getByRole("button", { name: kind, exact: true }).click();
+    const download = await downloaded;
+    return { name: download.suggestedFilename(), data: readFileSync(await download.path()) };
+  };
+  const svg = await save("SVG");
+  assert.match(svg.name, /^section-\d+\.svg$/);
+  assert.match(svg.data.toString(), /<svg /);
+  const png = await save("PNG");
+  assert.match(png.name, /^section-\d+\.png$/);
+  const drawing = PNG.sync.read(png.data);
+  assert.equal(Math.max(drawing.width, drawing.height), 2048);
+  assert(colours(drawing) > 20, `${colours(drawing)} colours`);
+  await visit.close();
+});
+
 test("two models are compared with one camera", async () => {
   const visit = await Visit.open(`${service.url}/#/compare/${models[0].id}/${models[1].id}`);
   const { page } = visit;
@@ -390,11 +410,15 @@ test("ten models opened and closed leave nothing behind", async () => {
   const { page } = visit;
   const debug = await page.context().newCDPSession(page);
   const held = async () => {
-    await debug.send("HeapProfiler.collectGarbage");
-    // Array buffers are freed in the background.
-    await page.waitForTimeout(500);
-    await debug.send("HeapProfiler.collectGarbage");
-    const { usedSize, backingStorageSize } = await debug.send("Runtime.getHeapUsage");
+    let [usedSize, backingStorageSize] = [Infinity, Infinity];
+    // Array buffers are freed in the background: on a busy machine, late.
+    for (let round = 0; round < 6; round++) {
+      await debug.send("HeapProfiler.collectGarbage");
+      await page.waitForTimeout(500);
+      const usage = await debug.send("Runtime.getHeapUsage");
+      usedSize = Math.min(usedSize, usage.usedSize);
+      backingStorageSize = Math.min(backingStorageSize, usage.backingStorageSize);
+    }
     const { nodes, jsEventListeners: listeners } = await debug.send("Memory.getDOMCounters");
     return { usedSize, backingStorageSize, nodes, listeners };
   };
@@ -419,7 +443,7 @@ test("ten models opened and closed leave nothing behind", async () => {
 
 test("a frame of a flight allocates next to nothing", async () => {
   // A small picture, so that the code of the loop is soon compiled: before, V8 keeps intermediate numbers on the heap. It always
-  // does so with numbers that are members of objects, and frames have callbacks: some kilobytes. A mistake costs a multiple.
+  // does so with numbers that are handed to the browser, such as the uniforms of three.js. A mistake costs a multiple.
   const viewport = { width: 390, height: 500 };
   const visit = await Visit.open(`${service.url}/#/models/${models[0].id}`, { reducedMotion: "no-preference", viewport });
   const { page } = visit;
@@ -448,9 +472,10 @@ test("a frame of a flight allocates next to nothing", async () => {
     node.children.forEach(count);
   };
   count(profile.head);
-  const perFrame = [...places].reduce((sum, [, size]) => sum + size, 0) / drawn;
-  console.log(`${rate.toFixed(1)} frames a second, ${perFrame.toFixed(0)} bytes allocated in each`);
-  const most = [...places].sort((a, b) => b[1] - a[1]).slice(0, 10);
-  assert(perFrame < 8192, `${perFrame} bytes a frame, most by ${JSON.stringify(most)}`);
+  const most = [...places].sort((a, b) => b[1] - a[1]);
+  const perFrame = (of: typeof most) => of.reduce((sum, [, size]) => sum + size, 0) / drawn;
+  const [all, ours] = [perFrame(most), perFrame(most.filter(([place]) => !place.includes("three.module")))];
+  console.log(`${rate.toFixed(1)} frames a second, ${all.toFixed(0)} bytes allocated in each, ${ours.toFixed(0)} of them not by three.js`);
+  assert(all < 6000 && ours < 2500, `most by ${JSON.stringify(most.slice(0, 20))}`);
   await visit.close();
 });

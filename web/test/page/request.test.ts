@@ -94,6 +94,7 @@ test("links open the form that they name, and keep what was filled in", async ()
     const { page } = visit;
     await page.getByRole("link", { name: "New study" }).click();
     await page.getByRole("heading", { level: 1, name: "New study" }).waitFor();
+    await page.waitForFunction(() => document.title.startsWith("New study"));
     // Typed as it may be: a reload must bear it.
     await page.getByRole("combobox", { name: "Seeds", exact: true }).selectOption({ label: "These" });
     const seeds = page.getByRole("textbox", { name: "Seeds", exact: true });

@@ -3,9 +3,9 @@
 // A face is drawn where an odd number of triangles of the closed surface lies along the line of sight behind the plane: each
 // triangle inverts the plane's bit of the stencil. This is exact for a surface that does not intersect itself.
 //
-// Coarse pictures get by without counting: with one plane, a back face of the closed surface is seen only where the line of
-// sight enters tissue through the cut, so the walls draw their back faces in the colour of the cut. Slivers of triangles leave
-// a few wrong pixels.
+// Coarse pictures get by without counting: a back face of the closed surface is seen only where the line of sight enters tissue
+// through a cut, so the walls draw their back faces in the colour of the cut. Slivers of triangles leave a few wrong pixels, and
+// tissue where two cuts meet may be seen through from behind one of them.
 import {
   AlwaysStencilFunc,
   BufferGeometry,
@@ -26,6 +26,7 @@ import type { Tube } from "../framing.ts";
 import type { View } from "../view.ts";
 import { addOutline, type CutPlane } from "./outline.ts";
 import { Ribbons } from "./ribbons.ts";
+import type { Stretch } from "./sight.ts";
 import type { Surface } from "./surface.ts";
 import { TISSUE } from "./tissue.ts";
 
@@ -118,6 +119,11 @@ class Cut {
     this.#edges.clip(others);
   }
 
+  /** Whether the edges of its face are drawn. */
+  set edged(on: boolean) {
+    this.#edges.group.visible = on;
+  }
+
   dispose(): void {
     this.#counting.dispose();
     this.#face.geometry.dispose();
@@ -168,11 +174,17 @@ export class Cuts {
   readonly #tube: Tube;
   /** Planes that are in use. */
   active: Plane[] = [];
-  /** Colour of the back faces of the tissue, where they show the cut. */
-  backs: number | undefined;
+  planes: readonly CutPlane[] = [];
+  /** What the cut across leaves. */
+  readonly kept: Stretch;
+  /** Colours of the cuts in use, where the back faces of the tissue show them. */
+  backs: number[] | undefined;
+  /** Whether rims are shown where they are wide enough. */
+  #rimmed = true;
 
   constructor(tube: Tube) {
     this.#tube = tube;
+    this.kept = { from: 0, to: tube.length };
     this.group.add(this.#lengthwise.group, this.#across.group, this.#rims.group);
   }
 
@@ -189,19 +201,31 @@ export class Cuts {
     const outside = !view.flying.value;
     const [lengthwise, across] = [view.lengthwise.value && outside, view.across.value && outside];
     this.#place(view);
-    this.active = [...(lengthwise ? [this.#lengthwise.plane] : []), ...(across ? [this.#across.plane] : [])];
-    const [only, second] = [...(lengthwise ? [this.#lengthwise] : []), ...(across ? [this.#across] : [])];
+    const cuts = [...(lengthwise ? [this.#lengthwise] : []), ...(across ? [this.#across] : [])];
+    this.active = cuts.map(({ plane }) => plane);
+    this.planes = this.active.map(cutPlane);
+    const at = view.position.value * this.#tube.length;
+    this.kept.from = across && view.flipped.value ? at : 0;
+    this.kept.to = across && !view.flipped.value ? at : this.#tube.length;
     // Without its face, the cut does not hide the plane of a section.
-    const counted = !coarse || second !== undefined || !view.closed || view.plane.value;
-    this.backs = counted ? undefined : only?.color;
+    const counted = !coarse || !view.closed || view.plane.value;
+    this.backs = counted || cuts.length === 0 ? undefined : cuts.map(({ color }) => color);
     this.#rims.clip(this.active);
-    this.#rims.group.visible = outside && view.shown.caps.value;
+    this.#rimmed = outside && view.shown.caps.value;
     this.#lengthwise.update(lengthwise, surface, across ? [this.#across.plane] : [], counted);
     this.#across.update(across, surface, lengthwise ? [this.#lengthwise.plane] : [], counted);
   }
 
-  get planes(): CutPlane[] {
-    return this.active.map(cutPlane);
+  /** Whether edges of faces and rims are drawn: from afar they are too thin. */
+  set edged(on: boolean) {
+    this.#rims.group.visible = on && this.#rimmed;
+    this.#lengthwise.edged = on;
+    this.#across.edged = on;
+  }
+
+  /** Whether the tube is cut lengthwise, and its inside is seen from there. */
+  opensTo(eye: Vector3): boolean {
+    return this.#lengthwise.group.visible && this.#lengthwise.plane.distanceToPoint(eye) < 0;
   }
 
   dispose(): void {

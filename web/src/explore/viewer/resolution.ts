@@ -20,7 +20,7 @@ export class Resolution {
   #last = 0;
   /** Mean of the latest intervals between frames of a movement, milliseconds. */
   #interval = 0;
-  #timer = 0;
+  #timer: ReturnType<typeof setTimeout> | undefined;
 
   /**
    * `software` begins coarsely, and draws a picture at rest larger in place of antialiasing; `settled` is called when a

@@ -14,6 +14,7 @@ import type { Device } from "./device.ts";
 import { firstHit } from "./ray.ts";
 import { Resolution } from "./resolution.ts";
 import { SectionPlane } from "./section-plane.ts";
+import { around, seenThroughEnds, type Stretch } from "./sight.ts";
 import type { Surface } from "./surface.ts";
 import { Tissue } from "./tissue.ts";
 import { FLIGHT_FOG, LUMEN_DARK } from "./tissue-material.ts";
@@ -27,6 +28,8 @@ const KEY_TURN = 6;
 const DRAG_TURN = 0.35;
 const KEY_PAN = 40;
 const KEY_ZOOM = 1.15;
+/** Distance in millimetres at which edges are two thirds of a pixel wide, for each pixel of the height of the picture. */
+const FINEST_EDGE = 0.03;
 const VIEW_KEYS: Record<string, StandardView> = { Home: "whole", "1": "whole", "2": "isthmus", "3": "ampulla", "4": "side" };
 
 export class Stage {
@@ -38,6 +41,8 @@ export class Stage {
   onFrame: (() => void) | undefined;
   /** Called for keys of the flight; whether the key was used. */
   onKey: ((key: string) => boolean) | undefined;
+  /** Called before each frame, to move what moves by itself; whether it goes on. */
+  onAdvance: ((now: number) => boolean) | undefined;
   readonly #view: View;
   readonly #tube: Tube;
   readonly #canvas: HTMLCanvasElement;
@@ -53,10 +58,12 @@ export class Stage {
   readonly #abort = new AbortController();
   readonly #leave: (() => void)[] = [];
   readonly #target = new Vector3();
+  readonly #inside: Stretch = { from: 0, to: 0 };
   #look = { yaw: 0, pitch: 0 };
   #pending = 0;
   #frames = 0;
   #coarse = false;
+  #resized = true;
 
   /** Throws if the browser gives no WebGL2 context. */
   constructor(canvas: HTMLCanvasElement, view: View, tube: Tube, { strength }: Device) {
@@ -192,30 +199,51 @@ export class Stage {
     if (width === 0 || height === 0) return;
     this.#renderer.setSize(width, height, false);
     this.#camera.aspect = width / height;
+    this.#resized = true;
     this.#view.aspect = this.#camera.aspect;
     this.#view.reframe();
     this.invalidate();
   }
 
+  // No effect runs it, so it reads signals by `value`: `peek` allocates a function.
   readonly #draw = (now: number): void => {
     this.#pending = 0;
-    if (this.lost.peek()) return;
+    if (this.lost.value) return;
     this.#view.pose.advance(now);
+    if (this.onAdvance?.(now)) this.invalidate();
     this.#resolution.frame(now);
     if (this.#resolution.ratio !== this.#renderer.getPixelRatio()) this.#renderer.setPixelRatio(this.#resolution.ratio);
     if (this.#resolution.coarse !== this.#coarse) {
       this.#coarse = this.#resolution.coarse;
       this.#apply();
     }
-    const flight = this.#view.flight.peek();
-    const way = this.#way.peek();
-    if (flight !== undefined && way) this.#fly(flight, way);
+    const way = this.#way.value;
+    const flying = this.#view.flying.value && way !== undefined;
+    if (flying) this.#fly(way);
     else this.#orbit();
-    this.#camera.updateProjectionMatrix();
+    this.#limit(flying);
     this.#renderer.render(this.#scene, this.#camera);
     this.#canvas.dataset["frames"] = String(++this.#frames);
     this.onFrame?.();
   };
+
+  /** Leaves out of a coarse picture what it does not show. */
+  #limit(flying: boolean): void {
+    const view = this.#view;
+    const inside = this.#inside;
+    const { position } = this.#camera;
+    this.#cuts.edged = !this.#coarse || FINEST_EDGE * this.#renderer.domElement.height > view.pose.distance;
+    if (!this.#coarse) return this.#tissue.unlimit();
+    if (flying) {
+      around(position.z, FLIGHT_FOG[1], this.#tube, inside);
+    } else if (view.closed && !this.#cuts.opensTo(position)) {
+      seenThroughEnds(position, this.#tube, this.#cuts.kept, inside);
+    } else {
+      inside.from = -Infinity;
+      inside.to = Infinity;
+    }
+    this.#tissue.limit(this.#cuts.planes, inside, flying);
+  }
 
   #orbit(): void {
     const { pose } = this.#view;
@@ -227,14 +255,12 @@ export class Stage {
     position.set(Math.cos(e) * Math.sin(a), Math.sin(e), Math.cos(e) * Math.cos(a));
     position.multiplyScalar(pose.distance).add(target);
     this.#camera.lookAt(target);
-    this.#camera.fov = FIELD;
-    this.#camera.far = pose.distance + 2 * length + 4 * radius;
-    this.#camera.near = Math.max(pose.distance / 100, 0.01);
+    this.#project(FIELD, Math.max(pose.distance / 100, 0.01), pose.distance + 2 * length + 4 * radius);
   }
 
-  #fly(flight: number, way: Centreline): void {
+  #fly(way: Centreline): void {
     const { position } = this.#camera;
-    const z = flight * this.#tube.length;
+    const z = this.#view.flown * this.#tube.length;
     positionAt(way, z, position);
     positionAt(way, z + AHEAD, this.#target);
     // At the end of the way the last direction is that of the tube.
@@ -242,9 +268,17 @@ export class Stage {
     this.#camera.lookAt(this.#target);
     this.#camera.rotateY((this.#look.yaw * Math.PI) / 180);
     this.#camera.rotateX((this.#look.pitch * Math.PI) / 180);
-    this.#camera.fov = FLIGHT_FIELD;
-    this.#camera.near = 0.004;
-    this.#camera.far = 2 * FLIGHT_FOG[1];
+    this.#project(FLIGHT_FIELD, 0.004, 2 * FLIGHT_FOG[1]);
+  }
+
+  #project(fov: number, near: number, far: number): void {
+    const camera = this.#camera;
+    if (camera.fov === fov && camera.near === near && camera.far === far && !this.#resized) return;
+    this.#resized = false;
+    camera.fov = fov;
+    camera.near = near;
+    camera.far = far;
+    camera.updateProjectionMatrix();
   }
 
   /** Degrees; positive as the hand moves right and down. */
@@ -265,7 +299,7 @@ export class Stage {
   #zoom(factor: number): void {
     const { flight } = this.#view;
     // In flight, towards the picture is forward.
-    if (flight.peek() !== undefined) flight.value = Math.max(0, Math.min(1, flight.peek()! - Math.log(factor) * 0.02));
+    if (flight.peek() !== undefined) flight.value = Math.max(0, Math.min(1, this.#view.flown - Math.log(factor) * 0.02));
     else this.#view.pose.zoom(factor);
   }
 

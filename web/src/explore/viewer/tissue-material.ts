@@ -55,7 +55,9 @@ uniform float opacity;
 uniform vec3 lamp;
 uniform vec3 sky;
 uniform vec3 ground;
-uniform vec3 cut;
+#ifdef CUT_OPEN
+  uniform vec3 cuts[2];
+#endif
 uniform vec3 dark;
 varying vec2 cosines;
 #ifdef OCCLUDED
@@ -93,8 +95,16 @@ void main() {
     #endif
     vec3 shown = displayed(scattered * (lamp * max(facing.x, 0.0) + mix(ground, sky, 0.5 * facing.y + 0.5)));
   #endif
-  #ifdef CUT_OPEN
-    if (!gl_FrontFacing) shown = cut;
+  #if defined(CUT_OPEN) && NUM_CLIPPING_PLANES > 0
+    if (!gl_FrontFacing) {
+      shown = cuts[0];
+      #if NUM_CLIPPING_PLANES > 1
+        // The line of sight enters what is kept through the plane that it meets last, if it comes from behind it.
+        vec2 away = vec2(clippingPlanes[0].w, clippingPlanes[1].w);
+        vec2 entry = min(away, 0.0) / vec2(dot(vClipPosition, clippingPlanes[0].xyz), dot(vClipPosition, clippingPlanes[1].xyz));
+        if (entry.y > entry.x) shown = cuts[1];
+      #endif
+    }
   #endif
   #ifdef FLIGHT
     shown = mix(shown, dark, smoothstep(${FLIGHT_FOG[0].toFixed(2)}, ${FLIGHT_FOG[1].toFixed(2)}, away));
@@ -114,7 +124,7 @@ export class TissueMaterial extends ShaderMaterial {
         ...SHARED,
         color: { value: lit ? new Color(color) : displayed(color) },
         opacity: { value: 1 },
-        cut: { value: new Color() },
+        cuts: { value: [new Color(), new Color()] },
       },
     });
   }
@@ -124,10 +134,10 @@ export class TissueMaterial extends ShaderMaterial {
     this.#define("FLIGHT", on);
   }
 
-  /** Colour of back faces: those of a closed body that is cut open are seen through the cut, as its face. */
-  set cut(color: number | undefined) {
-    this.#define("CUT_OPEN", color !== undefined);
-    if (color !== undefined) (this.uniforms["cut"]!.value as Color).copy(displayed(color));
+  /** Colours of back faces: those of a closed body that is cut open are seen through the cuts, as their faces. */
+  set cuts(colors: readonly number[] | undefined) {
+    this.#define("CUT_OPEN", colors !== undefined);
+    colors?.forEach((color, k) => (this.uniforms["cuts"]!.value as Color[])[k]!.copy(displayed(color)));
   }
 
   set glass(opacity: number) {

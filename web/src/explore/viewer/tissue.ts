@@ -1,7 +1,9 @@
 // The walls and caps of a tube as three.js meshes.
-import { BufferAttribute, BufferGeometry, DoubleSide, FrontSide, Group, Mesh, type Plane } from "three";
+import { BufferAttribute, BufferGeometry, DoubleSide, DynamicDrawUsage, FrontSide, Group, Mesh, type Plane } from "three";
 import type { PatchGroup, View } from "../view.ts";
 import { mucosaLight } from "./occlusion.ts";
+import type { CutPlane } from "./outline.ts";
+import { select, type Stretch } from "./sight.ts";
 import { PATCH_NAMES, type Patch, type PatchName, type Surface } from "./surface.ts";
 import { TissueMaterial } from "./tissue-material.ts";
 
@@ -13,10 +15,21 @@ const COLORS: Record<PatchName, number> = { inner_wall: 0xd0718a, outer_wall: 0x
 const GROUPS: Record<PatchName, PatchGroup> = { inner_wall: "inner", outer_wall: "outer", cap_isthmus: "caps", cap_ampulla: "caps" };
 const GLASS = 0.28;
 
+interface Drawn {
+  patch: Patch;
+  geometry: BufferGeometry;
+  /** Its triangles: all, and those that were drawn last of a limited picture. */
+  all: BufferAttribute;
+  part: BufferAttribute | undefined;
+}
+
 export class Tissue {
   readonly group = new Group();
   surface: Surface | undefined;
   readonly #materials = new Map<PatchName, TissueMaterial>();
+  #drawn: Drawn[] = [];
+  /** Within which the patches are drawn, if not wholly. */
+  #limits: (Stretch & { planes: readonly CutPlane[]; everywhere: boolean }) | undefined;
   #visible: Record<PatchGroup, boolean> = { inner: true, outer: true, caps: true };
 
   /** Takes over a surface in place of the present one; returns its geometries. */
@@ -27,7 +40,9 @@ export class Tissue {
       const geometry = new BufferGeometry();
       geometry.setAttribute("position", new BufferAttribute(patch.positions, 3));
       geometry.setAttribute("normal", new BufferAttribute(patch.normals, 3, true));
-      geometry.setIndex(new BufferAttribute(patch.index, 1));
+      const all = new BufferAttribute(patch.index, 1);
+      geometry.setIndex(all);
+      this.#drawn.push({ patch, geometry, all, part: undefined });
       if (patch.name === "inner_wall") geometry.setAttribute("openness", new BufferAttribute(mucosaLight(patch, length), 1, true));
       const mesh = new Mesh(geometry, this.#material(patch.name));
       mesh.name = patch.name;
@@ -45,20 +60,51 @@ export class Tissue {
     return this.#visible[GROUPS[patch.name]];
   }
 
-  /** Applies what is shown, with back faces of the colour of a cut if there is one; subscribes the effect that calls it. */
-  apply(view: View, planes: Plane[], cut: number | undefined): void {
+  /** Applies what is shown, with back faces of the colours of cuts if there are any; subscribes the effect that calls it. */
+  apply(view: View, planes: Plane[], cuts: readonly number[] | undefined): void {
     this.#visible = { inner: view.shown.inner.value, outer: view.shown.outer.value, caps: view.shown.caps.value };
     for (const mesh of this.group.children) mesh.visible = this.#visible[GROUPS[mesh.name as PatchName]];
     // Nothing is seen from within the tissue while it is closed.
-    const side = view.closed && cut === undefined ? FrontSide : DoubleSide;
+    const side = view.closed && cuts === undefined ? FrontSide : DoubleSide;
     for (const name of PATCH_NAMES) {
       const material = this.#material(name);
-      material.cut = cut;
+      material.cuts = cuts;
       material.clippingPlanes = planes;
       if (material.side !== side) material.needsUpdate = true;
       material.side = side;
     }
     this.#material("outer_wall").glass = view.translucent.value ? GLASS : 1;
+  }
+
+  /**
+   * Draws only triangles that are not wholly behind a plane nor beside a stretch of the tube; of the outer wall also those beside
+   * it, unless `everywhere`.
+   */
+  limit(planes: readonly CutPlane[], { from, to }: Stretch, everywhere: boolean): void {
+    const limits = this.#limits;
+    if (limits?.planes === planes && limits.from === from && limits.to === to && limits.everywhere === everywhere) return;
+    this.#limits = { planes, from, to, everywhere };
+    const within = [...planes, { nx: 0, ny: 0, nz: 1, d: -from }, { nx: 0, ny: 0, nz: -1, d: to }];
+    for (const drawn of this.#drawn) {
+      const { patch, geometry } = drawn;
+      const part = (drawn.part ??= new BufferAttribute(patch.index.slice(), 1).setUsage(DynamicDrawUsage));
+      const count = select(patch, patch.name === "outer_wall" && !everywhere ? planes : within, part.array as typeof patch.index);
+      part.clearUpdateRanges();
+      part.addUpdateRange(0, count);
+      part.needsUpdate = true;
+      geometry.setIndex(part);
+      geometry.setDrawRange(0, count);
+    }
+  }
+
+  /** Draws all triangles. */
+  unlimit(): void {
+    if (!this.#limits) return;
+    this.#limits = undefined;
+    for (const { geometry, all } of this.#drawn) {
+      geometry.setIndex(all);
+      geometry.setDrawRange(0, Infinity);
+    }
   }
 
   set flight(on: boolean) {
@@ -73,7 +119,8 @@ export class Tissue {
   #clear(): void {
     for (const mesh of this.group.children) (mesh as Mesh).geometry.dispose();
     this.group.clear();
-    this.surface = undefined;
+    this.surface = this.#limits = undefined;
+    this.#drawn = [];
   }
 
   #material(name: PatchName): TissueMaterial {
