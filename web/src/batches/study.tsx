@@ -119,7 +119,7 @@ function Varied({ varied, table }: { varied: Column[]; table: Table }) {
   return (
     <section class="card" aria-label="Varied parameters">
       <h2>What was varied</h2>
-      <dl class="varied num">
+      <dl class="study-varied num">
         {varied.map(({ key, at, title, unit }) => (
           <div key={key}><dt>{title}</dt><dd>{values(table.rows.map((row) => row[at]))}{unit && ` ${unit}`}</dd></div>
         ))}

@@ -40,7 +40,7 @@ export function Picture({ exploration, view, flight }: Props) {
     );
   }
   return (
-    <div class="stage">
+    <div class="picture">
       <canvas
         ref={canvas}
         tabIndex={0}
@@ -120,14 +120,14 @@ function Loading({ exploration }: { exploration: Exploration }) {
     );
     if (surface.value) {
       return (
-        <div class="stage-progress small" role="alert">
+        <div class="picture-progress small" role="alert">
           <p>{left[0]!.title} detail could not be loaded. {reason}</p>
           {again}
         </div>
       );
     }
     return (
-      <div class="stage-message">
+      <div class="picture-message">
         <Notice title="The 3D file could not be loaded" kind="error">
           <p>{reason}</p>
           {again}
@@ -139,7 +139,7 @@ function Loading({ exploration }: { exploration: Exploration }) {
   const { level, received } = loading.value;
   const text = `Loading ${level.title.toLowerCase()} detail: ${bytes(received)} of ${bytes(level.file.bytes)}`;
   return (
-    <div class={surface.value ? "stage-progress small" : "stage-progress stage-progress-first"}>
+    <div class={surface.value ? "picture-progress small" : "picture-progress picture-progress-first"}>
       <span class="num">{text}</span>
       <ProgressBar fraction={received / level.file.bytes} label={`Loading ${level.title.toLowerCase()} detail`} />
     </div>
