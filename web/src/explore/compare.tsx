@@ -89,9 +89,9 @@ function Comparison({ models }: { models: readonly [Model, Model] }) {
           </section>
         ))}
         <div class="compare-controls card">
-          <CutPanel view={view} length={view.tube.length} />
+          <CutPanel view={view} lengths={explorations.map(({ tube }) => tube.length)} />
           <PartsPanel view={view} />
-          <FlightPanel exploration={explorations[0]!} view={view} flight={flight} />
+          <FlightPanel explorations={explorations} view={view} flight={flight} />
         </div>
         {explorations.map((exploration, k) => {
           const { tube, model } = exploration;

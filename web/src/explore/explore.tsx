@@ -51,9 +51,9 @@ function Explorer({ model }: { model: Model }) {
         </div>
       </section>
       <div class="explore-controls card">
-        <CutPanel view={view} length={tube.length} />
+        <CutPanel view={view} lengths={[tube.length]} />
         <PartsPanel view={view} />
-        <FlightPanel exploration={exploration} view={view} flight={flight} />
+        <FlightPanel explorations={[exploration]} view={view} flight={flight} />
         <MeasurePanel measurement={measurement} middle={{ x: tube.x, y: tube.y, z: tube.length / 2 }} />
         <DetailPanel exploration={exploration} />
       </div>

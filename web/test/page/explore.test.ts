@@ -6,7 +6,7 @@ import { after, before, test } from "node:test";
 import type { Page } from "playwright-core";
 import type { PNG } from "pngjs";
 import { Oviduct, type Model, type SectionJson } from "../../../clients/typescript/src/index.ts";
-import { Service } from "../../../clients/typescript/test/service.ts";
+import { Service, SMALL } from "../../../clients/typescript/test/service.ts";
 import { boundsOf, contains, type Outline } from "../../src/explore/contours.ts";
 import { FIELD } from "../../src/explore/framing.ts";
 import { closeBrowser, colours, difference, picture, Visit } from "./browser.ts";
@@ -287,6 +287,42 @@ test("two models are compared with one camera", async () => {
   for (const k of [0, 1] as const) assert(difference(before[k], after[k]) > 0.05, `picture ${k}`);
   assert(difference(after[0], after[1]) > 0.01, "the models differ");
   await visit.accessible();
+  await visit.close();
+});
+
+test("positions in two tubes of different length are those of each", async () => {
+  const { spec } = SMALL;
+  const short = await client.submit({ preset: "pig", seed: 3, spec: { ...spec, length_mm: 40 } }, { wait: 60 });
+  const visit = await Visit.open(`${service.url}/#/`);
+  const { page } = visit;
+  let answer = () => {};
+  const held = new Promise<void>((resolve) => (answer = resolve));
+  await page.route(`**/models/${models[0].id}/files/sections.bin*`, async (route) => {
+    await held;
+    await route.continue();
+  });
+  await page.goto(`${service.url}/#/compare/${short.id}/${models[0].id}?cut=0.5`);
+  await page.getByRole("img", { name: /^Cross section at/ }).waitFor();
+  const fly = page.getByRole("button", { name: "Fly from the isthmus" });
+  await page.waitForTimeout(1000);
+  assert(await fly.isDisabled(), "one of the ways is not known yet");
+  answer();
+  const cut = page.getByRole("slider", { name: "Position" });
+  assert.equal(await cut.getAttribute("aria-valuetext"), "20 and 30 mm");
+  await fly.click();
+  const along = page.getByRole("slider", { name: "Along the tube" });
+  for (let i = 0; i < 30; i++) {
+    await canvasOf(page).first().press("PageUp");
+  }
+  assert.equal(await along.getAttribute("aria-valuetext"), "20 and 30 mm");
+  await page.getByText("The speed is that in the longer tube.").waitFor();
+
+  // What was shown before has left styles behind that must not apply to what comes.
+  await page.getByRole("heading", { name: "pig, seed 7" }).getByRole("link").click();
+  const frame = page.getByRole("region", { name: "Model in 3D" });
+  await frame.waitFor();
+  const [outer, inner] = [(await frame.boundingBox())!, (await canvasOf(page).boundingBox())!];
+  assert(inner.y >= outer.y && inner.y + inner.height <= outer.y + outer.height, "the picture leaves its frame");
   await visit.close();
 });
 
