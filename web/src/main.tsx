@@ -2,7 +2,9 @@
 import "./ui/theme.css";
 import { render } from "preact";
 import { App } from "./app.tsx";
+import { keepOutlines } from "./growing/outlines.ts";
 import { watch } from "./stream.ts";
 
 render(<App />, document.getElementById("app")!);
+keepOutlines();
 watch();

@@ -66,9 +66,13 @@ test("a page that is loaded again in the middle goes on", async () => {
     const visit = await Visit.open(`${service.url}/#/models/${id}`);
     await grows(visit);
     const before = await place(visit);
+    const tube = visit.page.getByRole("img", { name: /^The growing tube in 3D/ });
+    const seen = async () => Number(/\d+(?= sections seen)/.exec((await tube.getAttribute("aria-label"))!)![0]);
+    while ((await seen()) < 10) await visit.page.waitForTimeout(100);
     await visit.page.reload();
     await grows(visit);
     assert((await place(visit)) > before);
+    assert((await seen()) > 10, "the tube began anew");
     await visit.close();
   });
 });
