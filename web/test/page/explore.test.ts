@@ -224,6 +224,37 @@ test("distances in 3D are picked, and entered as coordinates", async () => {
   await visit.close();
 });
 
+test("the ends are named, and a scale bar holds where the picture turns", async () => {
+  const visit = await open();
+  const { page } = visit;
+  const [isthmus, ampulla] = ["isthmus", "ampulla"].map((name) => page.locator(".picture-names text", { hasText: name }));
+  const bar = page.locator(".picture-scale b");
+  await settled(page);
+  const frame = (await canvasOf(page).boundingBox())!;
+  for (const name of [isthmus!, ampulla!]) {
+    const box = (await name.boundingBox())!;
+    assert(box.x >= frame.x && box.x + box.width <= frame.x + frame.width && box.y + box.height <= frame.y + frame.height, JSON.stringify(box));
+  }
+  // The end behind, and one that is cut off, are not named.
+  await page.getByRole("button", { name: "Ampulla" }).click();
+  await settled(page);
+  assert.deepEqual([await isthmus!.isVisible(), await ampulla!.isVisible()], [false, true]);
+  await page.getByRole("checkbox", { name: "Across" }).check();
+  await settled(page);
+  assert.deepEqual([await isthmus!.isVisible(), await ampulla!.isVisible()], [false, false]);
+  await page.goto(`${service.url}/#/models/${models[0].id}?cam=-90_0_2_0_0_0.5`);
+  await settled(page);
+  const text = (await bar.textContent())!;
+  const millimetres = Number(/[\d.]+/.exec(text)![0]) * (text.includes("mm") ? 1 : 0.001);
+  const height = 2 * 2 * Math.tan(((FIELD / 2) * Math.PI) / 180);
+  const { width } = (await bar.boundingBox())!;
+  assert(Math.abs(width - (millimetres / height) * frame.height) < 0.5, `${width} pixels for ${text}`);
+  await page.getByRole("button", { name: "Fly from the isthmus" }).click();
+  await bar.waitFor({ state: "hidden" });
+  await isthmus!.waitFor({ state: "hidden" });
+  await visit.close();
+});
+
 test("little is loaded before the first picture, which comes soon", async () => {
   const begin = Date.now();
   const visit = await Visit.open(`${service.url}/#/models/${models[0].id}`);
