@@ -70,6 +70,7 @@ export function PartsPanel({ view }: { view: View }) {
 export function DetailPanel({ exploration }: { exploration: Exploration }) {
   const { levels, level, loading, surface } = exploration;
   if (levels.length === 0) return null;
+  const difference = surface.value?.difference;
   const chosen = loading.value?.level ?? level.value;
   return (
     <Panel title="Detail">
@@ -83,7 +84,8 @@ export function DetailPanel({ exploration }: { exploration: Exploration }) {
       {surface.value && (
         <p class="soft small num">
           {short(surface.value.triangles)} triangles are shown.
-          {surface.value.distance !== undefined && <> They lie within {micrometres(surface.value.distance)} of the certified surface.</>}
+          {difference && <> Largest measured distance from the certified surface: {micrometres(difference.distance)}.</>}
+          {difference && difference.precision.length > 0 && <> Positions are rounded to {difference.precision.map(short).join(", ")} µm along x, y, z.</>}
         </p>
       )}
     </Panel>

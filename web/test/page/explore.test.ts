@@ -95,6 +95,7 @@ test("cuts, parts, level and flight change the picture", async () => {
   const light = await shown(page);
   await level.getByRole("button", { name: /^Full/ }).click();
   await page.getByText("1,596,630 triangles are shown.").waitFor();
+  await page.getByText(/Largest measured distance from the certified surface: \d+ nm\. Positions are rounded to 0\.\d+, 0\.\d+, 0\.\d+ µm/).waitFor();
   await differs("full detail", 0.0005, light);
   await level.getByRole("button", { name: /^Light/ }).click();
 
