@@ -58,7 +58,7 @@ export function Study({ id }: { id: string }) {
       {batch.counts.queued > 0 && <WorkersNotice />}
       <section class="card" aria-label="Progress"><Counts counts={batch.counts} /></section>
       {varied.length > 0 && <Varied varied={varied} table={table} />}
-      <Plot table={table} xs={[...varied, seed]} ys={figures} />
+      <Plot table={table} xs={[...varied, seed, ...figures]} ys={figures} />
       <Models table={table} columns={[seed, ...varied, ...figures]} />
     </div>
   );

@@ -263,6 +263,9 @@ test("a study is followed to its table", async () => {
     await mark(visit);
     await page.getByText(/4 succeeded|4 of 4/).first().waitFor({ timeout: 180_000 });
     assert.equal(await page.getByRole("table").getByRole("row").count(), 5);
+    await page.getByRole("img", { name: /^Tissue volume, mm³ against Lumen gap, µm, 4 models/ }).waitFor();
+    await page.getByRole("combobox", { name: "against" }).selectOption({ label: "Surface" });
+    await page.getByRole("img", { name: /^Tissue volume, mm³ against Surface, mm², 4 models/ }).waitFor();
     assert(await isMarked(visit), "the page was loaded again");
     await visit.accessible();
     await visit.close();
