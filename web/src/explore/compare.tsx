@@ -22,8 +22,8 @@ export default function Compare() {
   const [models, setModels] = useState<readonly [Model, Model]>();
   const [fault, setFault] = useState<string>();
   const [attempts, setAttempts] = useState(0);
-  const unfinished = models?.filter((model) => !model.summary?.certificate) ?? [];
-  const comparable = models !== undefined && unfinished.length === 0;
+  const lacking = models?.filter((model) => !model.summary?.certificate) ?? [];
+  const comparable = models !== undefined && lacking.length === 0;
   useEffect(() => {
     // Models that have succeeded change no more.
     if (comparable) return;
@@ -49,10 +49,11 @@ export default function Compare() {
   }
   if (!models) return <p class="soft" aria-busy="true">Loading …</p>;
   return (
-    <Notice title="Only finished models can be compared">
-      {unfinished.map((model) => (
-        <p key={model.id}><a href={href(["models", model.id])}>{nameOf(model)}</a> is {model.status}.</p>
-      ))}
+    <Notice title={lacking.every(hasSucceeded) ? "There is nothing to compare" : "Only finished models can be compared"}>
+      {lacking.map((model) => {
+        const name = <a href={href(["models", model.id])}>{nameOf(model)}</a>;
+        return <p key={model.id}>{hasSucceeded(model) ? <>The service keeps no figures of {name}.</> : <>{name} is {model.status}.</>}</p>;
+      })}
     </Notice>
   );
 }
@@ -106,6 +107,10 @@ function Comparison({ models }: { models: readonly [Model, Model] }) {
       </div>
     </>
   );
+}
+
+function hasSucceeded({ status }: Model): boolean {
+  return status === "succeeded";
 }
 
 function nameOf({ preset, seed }: Model): string {

@@ -366,6 +366,17 @@ test("models that still grow are compared once they have finished", async () => 
   await visit.close();
 });
 
+test("of a model without figures it is said that there are none", async () => {
+  const visit = await Visit.open(service.url);
+  const { page } = visit;
+  // As of a model from before the service kept them.
+  await page.route(`**/models/${models[0].id}`, (route) => route.fulfill({ json: { ...models[0], summary: undefined } }));
+  await page.goto(`${service.url}/#/compare/${models[0].id}/${models[1].id}`);
+  await page.getByRole("heading", { name: "There is nothing to compare" }).waitFor();
+  await page.getByText("The service keeps no figures of pig, seed 7.").waitFor();
+  await visit.close();
+});
+
 test("what does not come leaves the rest, and comes later", async () => {
   const visit = await Visit.open(service.url);
   const { page } = visit;
