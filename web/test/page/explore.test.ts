@@ -124,8 +124,8 @@ function distanceTo({ x, y }: Outline, px: number, py: number): number {
   return least;
 }
 
-test("cut faces are closed: tissue where the section has tissue, and nowhere else", async () => {
-  // Seen along the tube, cut at a section of the ampulla, which fills the height of the picture.
+/** A view along the tube, cut at a section of the ampulla, which fills the height of the picture. Lengths in micrometres. */
+async function cutAcross() {
   const sections = await client.sections(models[0].id);
   const { entries } = sections;
   const k = entries.findIndex(({ z_um }) => z_um > 0.85 * entries.at(-1)!.z_um);
@@ -135,7 +135,13 @@ test("cut faces are closed: tissue where the section has tissue, and nowhere els
   const [x, y] = [(x0 + x1) / 2, (y0 + y1) / 2];
   const slope = Math.tan(((FIELD / 2) * Math.PI) / 180);
   const distance = (0.55 * Math.max(x1 - x0, y1 - y0)) / slope;
-  const visit = await open(`?cam=0_0_${distance / 1000}_${x / 1000}_${y / 1000}_${at}&cut=${at}`);
+  const query = `?cam=0_0_${distance / 1000}_${x / 1000}_${y / 1000}_${at}&cut=${at}`;
+  return { section, query, x, y, distance, slope };
+}
+
+test("cut faces are closed: tissue where the section has tissue, and nowhere else", async () => {
+  const { section, query, x, y, distance, slope } = await cutAcross();
+  const visit = await open(query);
   await visit.page.getByRole("button", { name: /^Full/ }).click();
   await visit.page.getByText("1,596,630 triangles are shown.").waitFor();
   const { width, height, data } = await shown(visit.page);
@@ -193,8 +199,9 @@ test("distances in a section are those of its data", async () => {
   await visit.close();
 });
 
-test("distances in 3D are picked, and entered as coordinates", async () => {
-  const visit = await open("?cam=ampulla");
+test("distances in 3D are those of points entered, or picked within a pixel", async () => {
+  const { section, query, x, y, distance, slope } = await cutAcross();
+  const visit = await open(query);
   const { page } = visit;
   await settled(page);
   await page.getByText("Enter coordinates").click();
@@ -206,22 +213,35 @@ test("distances in 3D are picked, and entered as coordinates", async () => {
   assert.equal(await status.textContent(), "Distance 500 µm");
   await page.getByRole("button", { name: "Clear" }).click();
 
-  // From one side of the ampulla's end to the other: as far as its outer contour is wide there.
+  // Two points of the cut face, far from each other: the picture shows where in the section they are.
   await page.getByRole("button", { name: "Pick two points" }).click();
-  const { outer } = await client.section(models[0].id, 200);
-  const xs = outer.points.map((point) => (point as number[])[0]!);
-  const width = Math.max(...xs) - Math.min(...xs);
-  const image = await shown(page);
-  const y = image.height >> 1;
-  const covered = (x: number) => Math.abs(image.data[(y * image.width + x) * 4]! - image.data[(y * image.width + x) * 4 + 1]!) > 40;
-  const row = [...Array(image.width).keys()].filter(covered);
-  const box = (await canvasOf(page).boundingBox())!;
-  const [first, end] = [row[2]!, row.at(-3)!];
-  await page.mouse.click(box.x + first, box.y + y);
-  await page.mouse.click(box.x + end, box.y + y);
-  const text = (await status.textContent())!;
-  const millimetres = Number(/[\d.]+/.exec(text)![0]) * (text.includes("mm") ? 1 : 0.001);
-  assert(millimetres > (width / 1000) * 0.6 && millimetres < (width / 1000) * 1.2, `${text}; the end is ${width} µm wide`);
+  const canvas = canvasOf(page);
+  await canvas.scrollIntoViewIfNeeded();
+  const box = (await canvas.boundingBox())!;
+  const pixel = (2 * distance * slope) / box.height;
+  const at = (column: number, row: number) => [x + (column - box.width / 2) * pixel, y - (row - box.height / 2) * pixel] as const;
+  const tissue: (readonly [number, number])[] = [];
+  for (let column = 0; column < box.width; column += 8) {
+    for (let row = 8; row < box.height; row += 8) {
+      const [px, py] = at(column, row);
+      const margin = Math.min(distanceTo(section.inner, px, py), distanceTo(section.outer, px, py));
+      if (margin > 20 && contains(section.outer, px, py) && !contains(section.inner, px, py)) tissue.push([column, row]);
+    }
+  }
+  const ends = [tissue[0]!, tissue.at(-1)!];
+  for (const [column, row] of ends) await canvas.click({ position: { x: column, y: row } });
+  const picked = await Promise.all(
+    ["A", "B"].map((name) => Promise.all(["x", "y", "z"].map(async (axis) => 1000 * Number(await page.getByRole("spinbutton", { name: `${name} ${axis}, mm` }).inputValue())))),
+  );
+  const wanted = ends.map(([column, row]) => [...at(column, row), section.z_um]);
+  const apart = (a: number[], b: number[]) => Math.hypot(...a.map((value, axis) => value - b[axis]!));
+  const text = JSON.stringify({ picked, wanted, pixel });
+  for (const k of [0, 1]) assert(apart(picked[k]!, wanted[k]!) < pixel, text);
+  assert(Math.abs(apart(picked[0]!, picked[1]!) - apart(wanted[0]!, wanted[1]!)) < pixel, text);
+  assert(apart(wanted[0]!, wanted[1]!) > 1000, text);
+  // What the page says has three digits.
+  const said = await status.textContent();
+  assert.equal(said, `Distance ${Number((apart(picked[0]!, picked[1]!) / 1000).toPrecision(3))} mm`);
   await visit.close();
 });
 
