@@ -84,9 +84,9 @@ function Comparison({ models }: { models: readonly [Model, Model] }) {
       </div>
       <div class="compare">
         {explorations.map((exploration, k) => (
-          <section key={k} class="compare-model card" aria-label={nameOf(exploration.model)}>
+          <section key={k} class="compare-model card" aria-label={ordinalName(exploration.model, k)}>
             <Head model={exploration.model} />
-            <Picture exploration={exploration} view={view} flight={flight} />
+            <Picture name={ordinalName(exploration.model, k)} exploration={exploration} view={view} flight={flight} />
           </section>
         ))}
         <div class="compare-controls card">
@@ -97,7 +97,7 @@ function Comparison({ models }: { models: readonly [Model, Model] }) {
         {explorations.map((exploration, k) => {
           const { tube, model } = exploration;
           return (
-            <section key={k} class="compare-section card" aria-label={`Cross section of ${nameOf(model)}`}>
+            <section key={k} class="compare-section card" aria-label={`Cross section of ${ordinalName(model, k)}`}>
               <SectionView exploration={exploration} view={view} />
               <MeasurePanel measurement={exploration.measurement} middle={{ x: tube.x, y: tube.y, z: tube.length / 2 }} />
               <DetailPanel exploration={exploration} />
@@ -115,6 +115,11 @@ function hasSucceeded({ status }: Model): boolean {
 
 function nameOf({ preset, seed }: Model): string {
   return `${preset}, seed ${seed}`;
+}
+
+/** Both may have the same preset and seed. */
+function ordinalName(model: Model, k: number): string {
+  return `the ${k === 0 ? "first" : "second"} model, ${nameOf(model)}`;
 }
 
 function Head({ model }: { model: Model }) {

@@ -45,7 +45,7 @@ function Explorer({ model }: { model: Model }) {
   return (
     <div class="explore">
       <section class="explore-model card" aria-label="Model in 3D">
-        <Picture exploration={exploration} view={view} flight={flight} />
+        <Picture name={`model ${model.seed}`} exploration={exploration} view={view} flight={flight} />
         <div class="explore-bar">
           <ViewButtons view={view} />
         </div>

@@ -13,13 +13,15 @@ import { device } from "./viewer/device.ts";
 import { Stage } from "./viewer/stage.ts";
 
 interface Props {
+  /** What the picture is of, in its label. */
+  name: string;
   exploration: Exploration;
   view: View;
   flight: Flight;
 }
 
 export function Picture(props: Props) {
-  const { exploration, view } = props;
+  const { name, exploration, view } = props;
   const canvas = useRef<HTMLCanvasElement>(null);
   const [ruler, names, scale] = [useRef<SVGSVGElement>(null), useRef<SVGSVGElement>(null), useRef<HTMLParagraphElement>(null)];
   const [stage, setStage] = useState<Stage | "impossible">();
@@ -47,7 +49,7 @@ export function Picture(props: Props) {
         ref={canvas}
         tabIndex={0}
         role="application"
-        aria-label={`3D view of model ${exploration.model.seed}`}
+        aria-label={`3D view of ${name}`}
         aria-describedby={help}
         hidden={stage?.lost.value}
       />

@@ -331,6 +331,7 @@ test("two models are compared with one camera", async () => {
   await canvasOf(page).nth(1).waitFor();
   await settled(page);
   const pictures = async () => [await picture(canvasOf(page).nth(0)), await picture(canvasOf(page).nth(1))] as const;
+  for (const name of ["first model, pig, seed 7", "second model, pig, seed 8"]) assert.equal(await page.getByRole("application", { name }).count(), 1);
   const before = await pictures();
   await page.getByRole("button", { name: "Ampulla" }).click();
   await settled(page);

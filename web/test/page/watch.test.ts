@@ -161,6 +161,24 @@ test("the list is filtered and follows the queue", async () => {
   });
 });
 
+test("models of equal preset and seed have names of their own", async () => {
+  await withService(["--cpu-workers", "0"], async (service) => {
+    const client = new Oviduct(service.url);
+    const ids = await Promise.all([28, 34].map(async (gap_um) => (await client.submit({ seed: 3, spec: { collision: { gap_um } } })).id));
+    await client.submit({ seed: 4 });
+    const visit = await Visit.open(service.url);
+    const { page } = visit;
+    await page.getByRole("button", { name: "Delete Pig oviduct, seed 4", exact: true }).waitFor();
+    for (const id of ids) {
+      const name = `Pig oviduct, seed 3, ${id.slice(-6)}`;
+      await page.getByRole("button", { name: `Delete ${name}`, exact: true }).waitFor();
+      const link = page.getByRole("listitem", { name, exact: true }).getByRole("link", { name: name.replace(",", ""), exact: true });
+      assert.equal(new URL((await link.getAttribute("href"))!, service.url).hash, `#/models/${id}`);
+    }
+    await visit.close();
+  });
+});
+
 test("a long list is drawn in part, and the focus stays in it", async () => {
   await withService(["--cpu-workers", "0"], async (service) => {
     const client = new Oviduct(service.url);
@@ -263,6 +281,8 @@ test("a study is followed to its table", async () => {
     await mark(visit);
     await page.getByText(/4 succeeded|4 of 4/).first().waitFor({ timeout: 180_000 });
     assert.equal(await page.getByRole("table").getByRole("row").count(), 5);
+    const names = await page.getByRole("link", { name: /^Model with seed/ }).evaluateAll((links) => links.map((link) => link.ariaLabel));
+    assert.equal(new Set(names).size, 4);
     await page.getByRole("img", { name: /^Tissue volume, mm³ against Lumen gap, µm, 4 models/ }).waitFor();
     await page.getByRole("combobox", { name: "against" }).selectOption({ label: "Surface" });
     await page.getByRole("img", { name: /^Tissue volume, mm³ against Surface, mm², 4 models/ }).waitFor();
