@@ -11,8 +11,8 @@ import { boundsOf, contains, type Outline } from "../../src/explore/contours.ts"
 import { FIELD } from "../../src/explore/framing.ts";
 import { closeBrowser, colours, difference, picture, Visit } from "./browser.ts";
 
-/** Red, green and blue of cut tissue, as in the service's drawings. */
-const TISSUE = [0xde, 0x95, 0xa9];
+/** Red, green and blue of tissue that is cut across, as in the service's drawings, and lengthwise. */
+const [TISSUE, SHADED_TISSUE] = [[0xde, 0x95, 0xa9], [0xd2, 0x87, 0x9c]] as const;
 
 let service: Service;
 let client: Oviduct;
@@ -163,6 +163,40 @@ test("cut faces are closed: tissue where the section has tissue, and nowhere els
   }
   assert(samples.tissue > 5000 && samples.lumen > 100 && samples.outside > 5000, JSON.stringify(samples));
   assert.deepEqual(wrong.slice(0, 10), []);
+  await visit.close();
+});
+
+test("the face of a lengthwise cut is tissue where the sections have tissue, and nowhere else", async () => {
+  const sections = await client.sections(models[0].id);
+  const [low, high] = models[0].summary!.certificate!.bounds_um;
+  const [x, y, end] = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, high[2]];
+  // Seen from the side that is removed, with the isthmus at the left, in the middle of the ampulla.
+  const slope = Math.tan(((FIELD / 2) * Math.PI) / 180);
+  const distance = (0.55 * (high[1] - low[1])) / slope;
+  const visit = await open(`?cam=-90_0_${distance / 1000}_${x / 1000}_${y / 1000}_0.85&open=0`);
+  await visit.page.getByRole("button", { name: /^Full/ }).click();
+  await visit.page.getByText("1,596,630 triangles are shown.").waitFor();
+  const { width, height, data } = await shown(visit.page);
+  const pixel = (2 * distance * slope) / height;
+  const margin = 6 + 3 * pixel;
+  const samples = { tissue: 0, lumen: 0, outside: 0 };
+  const wrong: string[] = [];
+  for (const [k, { z_um }] of sections.entries.entries()) {
+    const column = Math.floor((z_um - 0.85 * end) / pixel + width / 2);
+    if (column < 0 || column >= width) continue;
+    const { inner, outer } = sections.section(k);
+    for (let row = 0; row < height; row++) {
+      const py = y - (row + 0.5 - height / 2) * pixel;
+      if (Math.min(distanceTo(inner, x, py), distanceTo(outer, x, py)) < margin) continue;
+      const i = 4 * (row * width + column);
+      const painted = SHADED_TISSUE.every((value, channel) => Math.abs(data[i + channel]! - value) <= 2);
+      const place = contains(inner, x, py) ? "lumen" : contains(outer, x, py) ? "tissue" : "outside";
+      samples[place]++;
+      if (painted !== (place === "tissue")) wrong.push(`${place} at (${column}, ${row})`);
+    }
+  }
+  assert(samples.tissue > 500 && samples.lumen > 20 && samples.outside > 100, JSON.stringify(samples));
+  assert.deepEqual(wrong.slice(0, 10), [], `${wrong.length} of ${JSON.stringify(samples)}`);
   await visit.close();
 });
 
@@ -455,6 +489,36 @@ test("two fingers zoom a section about their middle", async () => {
   assert(Math.abs(before.span / after.span - 3) < 0.05, `zoomed ${before.span / after.span} times`);
   const moved = (Math.hypot(after.x - before.x, after.y - before.y) / after.span) * box.width;
   assert(moved < 2, `by ${moved} pixels`);
+  await visit.close();
+});
+
+test("one finger turns the model, two zoom it", async () => {
+  const visit = await Visit.open(`${service.url}/#/models/${models[0].id}`, { hasTouch: true });
+  const { page } = visit;
+  await settled(page);
+  const box = (await canvasOf(page).boundingBox())!;
+  const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+  const debug = await page.context().newCDPSession(page);
+  const touch = (type: "touchStart" | "touchMove" | "touchEnd", ...points: [number, number][]) =>
+    debug.send("Input.dispatchTouchEvent", { type, touchPoints: points.map(([right, down], id) => ({ x: x + right, y: y + down, id })) });
+  const camera = async () => {
+    // The link follows with a delay.
+    await page.waitForTimeout(800);
+    return new URLSearchParams(new URL(page.url()).hash.split("?")[1]).get("cam")!.split("_").map(Number) as number[];
+  };
+  await touch("touchStart", [0, 0]);
+  for (let way = 10; way <= 60; way += 10) await touch("touchMove", [way, way / 3]);
+  await touch("touchEnd");
+  const [azimuth, elevation, distance] = await camera();
+  // From 24° left and 10° above, by 0.35° a pixel.
+  assert(Math.abs(azimuth! + 24 + 21) < 0.5 && Math.abs(elevation! - 10 - 7) < 0.5, `${azimuth}, ${elevation}`);
+  await touch("touchStart", [-30, 0], [30, 0]);
+  for (let half = 36; half <= 90; half += 6) await touch("touchMove", [-half, 0], [half, 0]);
+  await touch("touchEnd");
+  const after = await camera();
+  assert(Math.abs(distance! / after[2]! - 3) < 0.05, `zoomed ${distance! / after[2]!} times`);
+  assert.deepEqual(after.slice(0, 2), [azimuth, elevation]);
+  assert.equal(await page.evaluate(() => scrollY), 0);
   await visit.close();
 });
 

@@ -138,6 +138,23 @@ test("a growing model is cancelled, grown again, and deleted", async () => {
   });
 });
 
+test("a model that has failed is grown again with its seed", async () => {
+  await withService(["--job-timeout", "1s"], async (service) => {
+    const client = new Oviduct(service.url);
+    const id = await submit(service, { ...SLOW, seed: 12 });
+    const visit = await Visit.open(`${service.url}/#/models/${id}`);
+    const { page } = visit;
+    await page.getByText("It needed more time than a worker may spend on one model.").waitFor();
+    await visit.accessible();
+    await page.getByRole("button", { name: "Retry" }).click();
+    await page.getByRole("link", { name: "Retry of a failed model" }).waitFor();
+    const other = new URL(page.url()).hash.split("/")[2]!;
+    const { seed, retry_of } = await client.get(other);
+    assert.deepEqual([seed, retry_of], [12, id]);
+    await visit.close();
+  });
+});
+
 test("the list is filtered and follows the queue", async () => {
   await withService(["--cpu-workers", "0"], async (service) => {
     const client = new Oviduct(service.url);
