@@ -11,7 +11,8 @@ export interface LiveSection {
   index: number;
   step: number;
   z_um: number;
-  inner: Contour;
+  /** Unknown of a section from before the page was loaded again. */
+  inner?: Contour;
   outer: Contour;
 }
 
@@ -61,7 +62,7 @@ function olderThan(id: string): number {
   return from;
 }
 
-/** The sections of a growing model that were seen since this page was opened, from the isthmus. */
+/** The sections of a growing model that were seen, from the isthmus. */
 export function sections(id: string): Signal<readonly LiveSection[]> {
   let seen = growing.get(id);
   if (!seen) growing.set(id, (seen = signal([])));

@@ -6,7 +6,7 @@ import { readSurface } from "../src/explore/viewer/surface.ts";
 /** A file with one triangle, on a grid whose steps differ by axis. */
 function file(name: string, positions: Int16Array, normals: Int8Array, scale: number[]): ArrayBuffer {
   const json = {
-    asset: { version: "2.0", extras: { level: { distance_um: 1.25 } } },
+    asset: { version: "2.0", extras: { level: { distance_um: 1.25, precision_um: [0.05, 0.04, 0.9] } } },
     extensionsUsed: ["KHR_mesh_quantization"],
     extensionsRequired: ["KHR_mesh_quantization"],
     scene: 0,
@@ -51,9 +51,9 @@ test("positions are in millimetres, and normals are perpendicular, whatever the 
   const normal = [60 * scale[0]!, 0, -1 * scale[2]!];
   const length = Math.hypot(...normal);
   const normals = Int8Array.from([0, 1, 2].flatMap(() => normal.map((n) => Math.round((127 * n) / length))));
-  const { patches, triangles, distance } = await readSurface(file("inner_wall", positions, normals, scale));
+  const { patches, triangles, difference } = await readSurface(file("inner_wall", positions, normals, scale));
   assert.equal(triangles, 1);
-  assert.equal(distance, 1.25);
+  assert.deepEqual(difference, { distance: 1.25, precision: [0.05, 0.04, 0.9] });
   const [patch] = patches;
   const expected = [1, 0, 0, 1, 2, 0, 2, 0, 60];
   patch!.positions.forEach((value, i) => assert.ok(Math.abs(value - expected[i]!) < 1e-4, `${i}: ${value}`));

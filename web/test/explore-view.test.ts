@@ -1,7 +1,7 @@
 // Exploring in 3D: standard views, links, cut faces, picking, levels of detail.
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { FIELD, standardView, type Tube } from "../src/explore/framing.ts";
+import { depthOf, FIELD, pixelsPerMillimetre, standardView, type Tube } from "../src/explore/framing.ts";
 import { distanceUm, Measurement, readSpot, writeSpot } from "../src/explore/measure.ts";
 import { STANDARD_VIEWS, type Placement } from "../src/explore/pose.ts";
 import { readView, View, writeView } from "../src/explore/view.ts";
@@ -37,6 +37,19 @@ test("standard views show what is kept of the tube, or its end, and fill the pic
       const most = Math.max(...at.flat().map(Math.abs));
       assert.ok(most <= 1 && most > 0.8, `${view} at ${aspect}: ${most}`);
     }
+  }
+});
+
+test("lengths in the picture are those at a depth", () => {
+  const camera = standardView("whole", tube, { from: 0, to: 1 }, 1.5);
+  const target = { x: camera.x, y: camera.y, z: camera.z * tube.length };
+  assert.ok(Math.abs(depthOf(camera, tube, target) - camera.distance) < 1e-9);
+  for (const z of [0, 60]) {
+    // A millimetre in the direction that is to the right in the picture.
+    const a = (camera.azimuth * Math.PI) / 180;
+    const [left, right] = [seen(camera, 1.5, [0, 0, z]), seen(camera, 1.5, [Math.cos(a), 0, z - Math.sin(a)])];
+    const pixels = ((right[0] - left[0]) / 2) * 1.5 * 600;
+    assert.ok(Math.abs(pixels - pixelsPerMillimetre(depthOf(camera, tube, { x: 0, y: 0, z }), 600)) < 1e-9);
   }
 });
 

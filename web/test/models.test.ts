@@ -73,7 +73,7 @@ test("a model that starts again from a checkpoint repeats its sections", async (
   for (const index of [10, 20, 30, 20]) receive(section(1, index));
   await gathered();
   assert.deepEqual(indices(1), [10, 20]);
-  assert.deepEqual([...sections(id(1)).value[0]!.inner], [0, 0, 1, 0, 1, 1, 0, 1]);
+  assert.deepEqual([...sections(id(1)).value[0]!.inner!], [0, 0, 1, 0, 1, 1, 0, 1]);
   assert.equal(state(id(1)).value && "section" in state(id(1)).value!, false);
 });
 

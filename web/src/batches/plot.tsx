@@ -1,4 +1,4 @@
-// A figure of the models against a varied value.
+// A figure of the models against a varied value, the seed, or another figure.
 import { useId } from "preact/hooks";
 import type { Table } from "oviduct-client";
 import { go, route, setQuery } from "../router.ts";

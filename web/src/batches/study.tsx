@@ -58,7 +58,7 @@ export function Study({ id }: { id: string }) {
       {batch.counts.queued > 0 && <WorkersNotice />}
       <section class="card" aria-label="Progress"><Counts counts={batch.counts} /></section>
       {varied.length > 0 && <Varied varied={varied} table={table} />}
-      <Plot table={table} xs={[...varied, seed]} ys={figures} />
+      <Plot table={table} xs={[...varied, seed, ...figures]} ys={figures} />
       <Models table={table} columns={[seed, ...varied, ...figures]} />
     </div>
   );
@@ -119,7 +119,7 @@ function Varied({ varied, table }: { varied: Column[]; table: Table }) {
   return (
     <section class="card" aria-label="Varied parameters">
       <h2>What was varied</h2>
-      <dl class="varied num">
+      <dl class="study-varied num">
         {varied.map(({ key, at, title, unit }) => (
           <div key={key}><dt>{title}</dt><dd>{values(table.rows.map((row) => row[at]))}{unit && ` ${unit}`}</dd></div>
         ))}

@@ -2,6 +2,7 @@
 import { useState } from "preact/hooks";
 import type { Status, Table } from "oviduct-client";
 import { growth } from "../growing/words.ts";
+import { shortId } from "../list/twins.ts";
 import { state } from "../models.ts";
 import { href, route, setQuery } from "../router.ts";
 import { StatusBadge } from "../ui/widgets.tsx";
@@ -16,6 +17,7 @@ export function Models({ table, columns }: { table: Table; columns: [Column, ...
   const order = readOrder(route.value.query.get("sort"));
   const rows = sorted(table, order);
   const [id, status] = [table.columns.indexOf("id"), table.columns.indexOf("status")];
+  const repeated = new Set(rows.map((row) => text(row[columns[0].at]))).size < rows.length;
   const sortBy = (key: string) => {
     const query = new URLSearchParams(route.peek().query);
     query.set("sort", writeOrder({ key, descending: order?.key === key && !order.descending }));
@@ -42,7 +44,7 @@ export function Models({ table, columns }: { table: Table; columns: [Column, ...
           <tbody>
             {rows.slice(0, all ? undefined : ROWS).map((row) => (
               <tr key={text(row[id])}>
-                <th scope="row"><a href={href(["models", text(row[id])])} aria-label={`Model with seed ${text(row[seed.at])}`}>{text(row[seed.at])}</a></th>
+                <th scope="row"><a href={href(["models", text(row[id])])} aria-label={`Model with seed ${text(row[seed.at])}${repeated ? `, ${shortId(text(row[id]))}` : ""}`}>{text(row[seed.at])}</a></th>
                 <td><LiveStatus id={text(row[id])} read={text(row[status]) as Status} /></td>
                 {others.map(({ key, at }) => <td key={key}>{figure(row[at])}</td>)}
               </tr>

@@ -22,8 +22,8 @@ export default function Compare() {
   const [models, setModels] = useState<readonly [Model, Model]>();
   const [fault, setFault] = useState<string>();
   const [attempts, setAttempts] = useState(0);
-  const unfinished = models?.filter((model) => !model.summary?.certificate) ?? [];
-  const comparable = models !== undefined && unfinished.length === 0;
+  const lacking = models?.filter((model) => !model.summary?.certificate) ?? [];
+  const comparable = models !== undefined && lacking.length === 0;
   useEffect(() => {
     // Models that have succeeded change no more.
     if (comparable) return;
@@ -49,10 +49,11 @@ export default function Compare() {
   }
   if (!models) return <p class="soft" aria-busy="true">Loading …</p>;
   return (
-    <Notice title="Only finished models can be compared">
-      {unfinished.map((model) => (
-        <p key={model.id}><a href={href(["models", model.id])}>{nameOf(model)}</a> is {model.status}.</p>
-      ))}
+    <Notice title={lacking.every(hasSucceeded) ? "There is nothing to compare" : "Only finished models can be compared"}>
+      {lacking.map((model) => {
+        const name = <a href={href(["models", model.id])}>{nameOf(model)}</a>;
+        return <p key={model.id}>{hasSucceeded(model) ? <>The service keeps no figures of {name}.</> : <>{name} is {model.status}.</>}</p>;
+      })}
     </Notice>
   );
 }
@@ -83,20 +84,20 @@ function Comparison({ models }: { models: readonly [Model, Model] }) {
       </div>
       <div class="compare">
         {explorations.map((exploration, k) => (
-          <section key={k} class="compare-model card" aria-label={nameOf(exploration.model)}>
+          <section key={k} class="compare-model card" aria-label={ordinalName(exploration.model, k)}>
             <Head model={exploration.model} />
-            <Picture exploration={exploration} view={view} flight={flight} />
+            <Picture name={ordinalName(exploration.model, k)} exploration={exploration} view={view} flight={flight} />
           </section>
         ))}
         <div class="compare-controls card">
-          <CutPanel view={view} length={view.tube.length} />
+          <CutPanel view={view} lengths={explorations.map(({ tube }) => tube.length)} />
           <PartsPanel view={view} />
-          <FlightPanel exploration={explorations[0]!} view={view} flight={flight} />
+          <FlightPanel explorations={explorations} view={view} flight={flight} />
         </div>
         {explorations.map((exploration, k) => {
           const { tube, model } = exploration;
           return (
-            <section key={k} class="compare-section card" aria-label={`Cross section of ${nameOf(model)}`}>
+            <section key={k} class="compare-section card" aria-label={`Cross section of ${ordinalName(model, k)}`}>
               <SectionView exploration={exploration} view={view} />
               <MeasurePanel measurement={exploration.measurement} middle={{ x: tube.x, y: tube.y, z: tube.length / 2 }} />
               <DetailPanel exploration={exploration} />
@@ -108,8 +109,17 @@ function Comparison({ models }: { models: readonly [Model, Model] }) {
   );
 }
 
+function hasSucceeded({ status }: Model): boolean {
+  return status === "succeeded";
+}
+
 function nameOf({ preset, seed }: Model): string {
   return `${preset}, seed ${seed}`;
+}
+
+/** Both may have the same preset and seed. */
+function ordinalName(model: Model, k: number): string {
+  return `the ${k === 0 ? "first" : "second"} model, ${nameOf(model)}`;
 }
 
 function Head({ model }: { model: Model }) {

@@ -2,7 +2,7 @@
 import { useComputed, type Signal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useId } from "preact/hooks";
-import { bytes, micrometres, short } from "../ui/format.ts";
+import { bytes, micrometres, millimetres, short } from "../ui/format.ts";
 import { stillness } from "../ui/theme.ts";
 import { Icon } from "../ui/widgets.tsx";
 import type { Exploration } from "./exploration.ts";
@@ -35,7 +35,8 @@ export function ViewButtons({ view }: { view: View }) {
   );
 }
 
-export function CutPanel({ view, length }: { view: View; length: number }) {
+/** `lengths` are those of the tubes that are cut, millimetres. */
+export function CutPanel({ view, lengths }: { view: View; lengths: readonly number[] }) {
   const flying = view.flying.value;
   return (
     <Panel title="Cut open">
@@ -46,7 +47,7 @@ export function CutPanel({ view, length }: { view: View; length: number }) {
       <Toggle label="Across" on={view.across} disabled={flying} />
       {view.across.value && (
         <>
-          <Slider label="Position" value={view.position} min={0} max={1} step={0.001} text={(at) => `${short(at * length)} mm`} />
+          <Slider label="Position" value={view.position} min={0} max={1} step={0.001} text={(at) => millimetres(lengths.map((length) => at * length))} />
           <Toggle label="Remove the isthmus side" on={view.flipped} />
         </>
       )}
@@ -69,6 +70,7 @@ export function PartsPanel({ view }: { view: View }) {
 export function DetailPanel({ exploration }: { exploration: Exploration }) {
   const { levels, level, loading, surface } = exploration;
   if (levels.length === 0) return null;
+  const difference = surface.value?.difference;
   const chosen = loading.value?.level ?? level.value;
   return (
     <Panel title="Detail">
@@ -82,23 +84,27 @@ export function DetailPanel({ exploration }: { exploration: Exploration }) {
       {surface.value && (
         <p class="soft small num">
           {short(surface.value.triangles)} triangles are shown.
-          {surface.value.distance !== undefined && <> They lie within {micrometres(surface.value.distance)} of the certified surface.</>}
+          {difference && <> Largest measured distance from the certified surface: {micrometres(difference.distance)}.</>}
+          {difference && difference.precision.length > 0 && <> Positions are rounded to {difference.precision.map(short).join(", ")} µm along x, y, z.</>}
         </p>
       )}
     </Panel>
   );
 }
 
-export function FlightPanel({ exploration, view, flight }: { exploration: Exploration; view: View; flight: Flight }) {
-  const { survey, sectionsFault, tube } = exploration;
+/** Flies through all tubes at once. */
+export function FlightPanel({ explorations, view, flight }: { explorations: readonly Exploration[]; view: View; flight: Flight }) {
+  const ready = explorations.every(({ survey }) => survey.value);
+  const failed = explorations.some(({ sectionsFault }) => sectionsFault.value !== undefined);
+  const lengths = explorations.map(({ tube }) => tube.length);
   const speed = useId();
   if (!view.flying.value) {
     return (
       <Panel title="Fly through the lumen">
-        <button type="button" class="button" disabled={!survey.value} onClick={() => flight.start()}>
+        <button type="button" class="button" disabled={!ready} onClick={() => flight.start()}>
           <Icon name="plane" /> Fly from the isthmus
         </button>
-        {!survey.value && !sectionsFault.value && <p class="soft small">Looking for the way through the folds …</p>}
+        {!ready && !failed && <p class="soft small">Looking for the way through the folds …</p>}
       </Panel>
     );
   }
@@ -117,8 +123,12 @@ export function FlightPanel({ exploration, view, flight }: { exploration: Explor
         </select>
         <button type="button" class="button" onClick={() => flight.leave()}>Leave</button>
       </div>
-      <Slider label="Along the tube" value={flight.shown} onInput={(at) => (view.flight.value = at)} min={0} max={1} step={0.0005} text={(value) => `${short(value * tube.length)} mm`} />
-      <p class="soft small">Drag the picture to look around. Rings mark every 0.1 mm, dark ones every millimetre.{stillness.value && " Play moves the camera; it does not start by itself."}</p>
+      <Slider label="Along the tube" value={flight.shown} onInput={(at) => (view.flight.value = at)} min={0} max={1} step={0.0005} text={(at) => millimetres(lengths.map((length) => at * length))} />
+      <p class="soft small">
+        Drag the picture to look around. Rings mark every 0.1 mm, dark ones every millimetre.
+        {stillness.value && " Play moves the camera; it does not start by itself."}
+        {Math.min(...lengths) < view.tube.length && " The speed is that in the longer tube."}
+      </p>
     </Panel>
   );
 }

@@ -45,15 +45,15 @@ function Explorer({ model }: { model: Model }) {
   return (
     <div class="explore">
       <section class="explore-model card" aria-label="Model in 3D">
-        <Picture exploration={exploration} view={view} flight={flight} />
+        <Picture name={`model ${model.seed}`} exploration={exploration} view={view} flight={flight} />
         <div class="explore-bar">
           <ViewButtons view={view} />
         </div>
       </section>
       <div class="explore-controls card">
-        <CutPanel view={view} length={tube.length} />
+        <CutPanel view={view} lengths={[tube.length]} />
         <PartsPanel view={view} />
-        <FlightPanel exploration={exploration} view={view} flight={flight} />
+        <FlightPanel explorations={[exploration]} view={view} flight={flight} />
         <MeasurePanel measurement={measurement} middle={{ x: tube.x, y: tube.y, z: tube.length / 2 }} />
         <DetailPanel exploration={exploration} />
       </div>

@@ -39,6 +39,18 @@ export function standardView(view: StandardView, tube: Tube, kept: Kept, aspect:
   }
 }
 
+/** Pixels of a millimetre at a distance from the camera, in a picture of so many pixels height. */
+export function pixelsPerMillimetre(distance: number, height: number): number {
+  return height / (2 * distance * Math.tan(((FIELD / 2) * Math.PI) / 180));
+}
+
+/** How far before the camera a point is, along the line of sight; millimetres. */
+export function depthOf(camera: Placement, { length }: Pick<Tube, "length">, point: { x: number; y: number; z: number }): number {
+  const [a, e] = [(camera.azimuth * Math.PI) / 180, (camera.elevation * Math.PI) / 180];
+  const [dx, dy, dz] = [point.x - camera.x, point.y - camera.y, point.z - camera.z * length];
+  return camera.distance - (dx * Math.cos(e) * Math.sin(a) + dy * Math.sin(e) + dz * Math.cos(e) * Math.cos(a));
+}
+
 function endDistance({ radius }: Tube, aspect: number): number {
   return radius / (Math.tan(((FIELD / 2) * Math.PI) / 180) * Math.min(aspect, 1) * FILLED);
 }

@@ -6,27 +6,31 @@ import { Notice, ProgressBar } from "../ui/widgets.tsx";
 import type { Exploration } from "./exploration.ts";
 import type { Flight } from "./flight.ts";
 import { Ruler } from "./ruler.ts";
+import { Signs } from "./signs.ts";
 import { Still } from "./still.tsx";
 import type { View } from "./view.ts";
 import { device } from "./viewer/device.ts";
 import { Stage } from "./viewer/stage.ts";
 
 interface Props {
+  /** What the picture is of, in its label. */
+  name: string;
   exploration: Exploration;
   view: View;
   flight: Flight;
 }
 
-export function Picture({ exploration, view, flight }: Props) {
+export function Picture(props: Props) {
+  const { name, exploration, view } = props;
   const canvas = useRef<HTMLCanvasElement>(null);
-  const overlay = useRef<SVGSVGElement>(null);
+  const [ruler, names, scale] = [useRef<SVGSVGElement>(null), useRef<SVGSVGElement>(null), useRef<HTMLParagraphElement>(null)];
   const [stage, setStage] = useState<Stage | "impossible">();
   const help = useId();
   useEffect(() => {
     const stage = newStage(canvas.current!, view, exploration);
     setStage(stage ?? "impossible");
     if (!stage) return;
-    const leave = connect(stage, exploration, flight, overlay.current!);
+    const leave = connect(stage, props, new Ruler(ruler.current!), new Signs(names.current!, scale.current!, exploration.tube));
     return () => {
       leave();
       stage.dispose();
@@ -40,12 +44,12 @@ export function Picture({ exploration, view, flight }: Props) {
     );
   }
   return (
-    <div class="stage">
+    <div class="picture">
       <canvas
         ref={canvas}
         tabIndex={0}
         role="application"
-        aria-label={`3D view of model ${exploration.model.seed}`}
+        aria-label={`3D view of ${name}`}
         aria-describedby={help}
         hidden={stage?.lost.value}
       />
@@ -53,13 +57,20 @@ export function Picture({ exploration, view, flight }: Props) {
         Arrow keys turn the model, with Shift they move it, plus and minus zoom. Home or 1 shows the whole tube, 2 the isthmus end, 3 the
         ampulla end, 4 the side. In flight, arrow keys move, Space plays and pauses, Escape leaves.
       </p>
-      <svg ref={overlay} class="ruler num" style={{ display: "none" }} aria-hidden="true">
+      <svg ref={names} class="picture-names small" style={{ display: "none" }} aria-hidden="true">
+        <text x="0" y="0">isthmus</text>
+        <text x="0" y="0">ampulla</text>
+      </svg>
+      <svg ref={ruler} class="ruler num" style={{ display: "none" }} aria-hidden="true">
         <line class="ruler-edge" />
         <line />
         <circle r="5" />
         <circle r="5" />
         <text x="0" y="0" />
       </svg>
+      <p ref={scale} class="picture-scale small num" hidden title="At the depth of the point about which the picture turns; what is nearer looks larger">
+        <span class="visually-hidden">Scale bar: </span><b />
+      </p>
       <Loading exploration={exploration} />
       {stage?.lost.value && (
         <Still exploration={exploration}>
@@ -81,17 +92,22 @@ function newStage(canvas: HTMLCanvasElement, view: View, exploration: Exploratio
 }
 
 /** Passes on to the picture what is loaded, and measures with it. */
-function connect(stage: Stage, exploration: Exploration, flight: Flight, overlay: SVGSVGElement): () => void {
+function connect(stage: Stage, { exploration, view, flight }: Props, ruler: Ruler, signs: Signs): () => void {
   const { measurement } = exploration;
   void exploration.loadSurface();
   stage.onKey = flight.key;
   stage.onAdvance = flight.advance;
   stage.onPick = (spot) => measurement.picking.peek() && measurement.pick(spot);
-  const ruler = new Ruler(overlay);
-  stage.onFrame = () => ruler.draw(measurement, stage);
+  stage.onFrame = () => {
+    ruler.draw(measurement, stage);
+    signs.draw(view, stage);
+  };
   const leave = [
     effect(() => {
-      if (exploration.surface.value) stage.show(exploration.surface.value);
+      const surface = exploration.surface.value;
+      if (!surface) return;
+      stage.show(surface);
+      signs.show(surface);
     }),
     effect(() => {
       stage.way = exploration.survey.value?.way;
@@ -124,14 +140,14 @@ function Loading({ exploration }: { exploration: Exploration }) {
     );
     if (surface.value) {
       return (
-        <div class="stage-progress small" role="alert">
+        <div class="picture-progress small" role="alert">
           <p>{left[0]!.title} detail could not be loaded. {reason}</p>
           {again}
         </div>
       );
     }
     return (
-      <div class="stage-message">
+      <div class="picture-message">
         <Notice title="The 3D file could not be loaded" kind="error">
           <p>{reason}</p>
           {again}
@@ -143,7 +159,7 @@ function Loading({ exploration }: { exploration: Exploration }) {
   const { level, received } = loading.value;
   const text = `Loading ${level.title.toLowerCase()} detail: ${bytes(received)} of ${bytes(level.file.bytes)}`;
   return (
-    <div class={surface.value ? "stage-progress small" : "stage-progress stage-progress-first"}>
+    <div class={surface.value ? "picture-progress small" : "picture-progress picture-progress-first"}>
       <span class="num">{text}</span>
       <ProgressBar fraction={received / level.file.bytes} label={`Loading ${level.title.toLowerCase()} detail`} />
     </div>

@@ -37,7 +37,7 @@ export function Growing({ model, length }: { model: ModelState; length: number }
         <section class="card growing-section" aria-label="Newest section">
           <h2>{last ? `Section at ${(last.z_um / 1000).toFixed(1)} mm` : "Section"}</h2>
           <div class="growing-drawing">
-            {last && (
+            {last?.inner && (
               <SectionDrawing
                 inner={last.inner} outer={last.outer} scaleBar box={bounds(seen.map(({ outer }) => outer))}
                 label={`Cross section ${short(last.z_um / 1000)} mm from the isthmus: tissue around the folded lumen`}

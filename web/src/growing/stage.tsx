@@ -82,14 +82,14 @@ export function Stage({ sections, length, onTrouble }: Props) {
     scene?.turn(...turn);
   };
   return (
-    <figure class="stage">
+    <figure class="growing-canvas">
       <canvas
         ref={canvas} role="img" tabIndex={0} onPointerMove={drag} onKeyDown={press}
         onPointerDown={(event) => canvas.current?.setPointerCapture(event.pointerId)}
         aria-label={`The growing tube in 3D, ${sections.length} sections seen. Arrow keys turn it.`}
       />
-      <span ref={isthmus} class="stage-end">isthmus</span>
-      <span ref={ampulla} class="stage-end">ampulla</span>
+      <span ref={isthmus} class="growing-end">isthmus</span>
+      <span ref={ampulla} class="growing-end">ampulla</span>
       {scene && sections.length > 0 && scene.compression > 1.5 && (
         <figcaption class="small soft">The length is drawn {short(Math.round(scene.compression))} times shorter than it is.</figcaption>
       )}

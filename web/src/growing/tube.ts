@@ -96,9 +96,10 @@ export class Tube {
     }
     const last = sections.at(-1);
     for (const section of sections) {
+      if (!section.inner) continue;
       let slice = this.#slices.get(section);
       if (!slice) {
-        slice = this.#slice(section);
+        slice = this.#slice(section.inner, section);
         this.#slices.set(section, slice);
         this.#tube.add(slice.cut, slice.edge);
       }
@@ -108,12 +109,12 @@ export class Tube {
     this.#wall.geometry.dispose();
     this.#wall.geometry = wall(sections);
     this.#lumen.geometry.dispose();
-    this.#lumen.geometry = last ? filled(thinned(last.inner, POINTS), last.z_um) : new BufferGeometry();
+    this.#lumen.geometry = last?.inner ? filled(thinned(last.inner, POINTS), last.z_um) : new BufferGeometry();
     if (this.#radius > 0) this.#tube.scale.z = Math.min(1, (SLENDERNESS * this.#radius) / this.#length);
     this.render();
   }
 
-  #slice({ inner, outer, z_um: z }: LiveSection): Slice {
+  #slice(inner: Contour, { outer, z_um: z }: LiveSection): Slice {
     const [hole, rim] = [thinned(inner, POINTS), thinned(outer, AROUND)];
     const triangles = ShapeUtils.triangulateShape(vectors(rim), [vectors(hole)]).flat();
     const cut = new BufferGeometry();

@@ -9,6 +9,7 @@ import { Filters } from "./filters.tsx";
 import { useKeptFocus } from "./focus.ts";
 import { useListing } from "./listing.ts";
 import { Row } from "./row.tsx";
+import { twins } from "./twins.ts";
 import { Welcome } from "./welcome.tsx";
 import "./list.css";
 
@@ -28,6 +29,7 @@ export function Models() {
   }, []);
   const [heading, list] = [useRef<HTMLHeadingElement>(null), useRef<HTMLUListElement>(null)];
   const noteFocus = useKeptFocus(heading, list);
+  const alike = twins(models ?? []);
   const newcomer = models?.length === 0 && isEmpty(filter);
   return (
     <div onFocusIn={noteFocus}>
@@ -50,7 +52,7 @@ export function Models() {
       {models?.length === 0 && !newcomer && <p class="soft models-none">No model matches the filter.</p>}
       {chosen.length > 0 && <Selection models={chosen} onSelect={(ids) => setSelected(new Set(ids))} />}
       <ul ref={list} class="models" aria-busy={reading}>
-        {models?.map(({ id }) => <Row key={id} id={id} selected={selected.has(id)} onSelect={select} />)}
+        {models?.map(({ id }) => <Row key={id} id={id} selected={selected.has(id)} twin={alike.has(id)} onSelect={select} />)}
       </ul>
       {!models && reading && <p class="soft">Loading …</p>}
       {models && models.length > 0 && (

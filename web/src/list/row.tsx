@@ -9,19 +9,23 @@ import { href } from "../router.ts";
 import { micrometres, short } from "../ui/format.ts";
 import { Ago, ProgressBar, StatusBadge, toast } from "../ui/widgets.tsx";
 import { Thumbnail } from "./thumbnail.tsx";
+import { shortId } from "./twins.ts";
 
 interface Props {
   id: string;
   selected: boolean;
+  /** Whether another row has the same preset and seed. */
+  twin: boolean;
   /** Always the same function: otherwise every row is drawn again with the list. */
   onSelect: (id: string, selected: boolean) => void;
 }
 
-export function Row({ id, selected, onSelect }: Props) {
+export function Row({ id, selected, twin, onSelect }: Props) {
   const model = state(id).value;
   if (!model) return null;
   const title = presetTitle(model.preset);
-  const name = `${title}, seed ${model.seed}`;
+  const seed = `seed ${model.seed}${twin ? `, ${shortId(id)}` : ""}`;
+  const name = `${title}, ${seed}`;
   const target = href(["models", id]);
   return (
     <li class="model-row card" aria-label={name}>
@@ -29,7 +33,7 @@ export function Row({ id, selected, onSelect }: Props) {
       <a href={target} tabIndex={-1} aria-hidden="true"><Thumbnail model={model} /></a>
       <div class="model-text">
         <h2>
-          <a href={target}>{title}</a> <span class="seed num">seed {model.seed}</span> <StatusBadge status={model.status} />
+          <a href={target}>{title} <span class="seed num">{seed}</span></a> <StatusBadge status={model.status} />
         </h2>
         <Doing model={model} name={name} />
         <div class="model-meta small soft">

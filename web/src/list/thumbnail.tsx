@@ -45,7 +45,7 @@ export function Thumbnail({ model }: { model: ModelState }) {
   }, [id, succeeded]);
   return (
     <div ref={frame} class="thumbnail">
-      {url ? <img src={url} alt="" /> : live ? <SectionDrawing inner={thinned(live.inner, POINTS)} outer={thinned(live.outer, POINTS)} /> : <Placeholder />}
+      {url ? <img src={url} alt="" /> : live?.inner ? <SectionDrawing inner={thinned(live.inner, POINTS)} outer={thinned(live.outer, POINTS)} /> : <Placeholder />}
     </div>
   );
 }

@@ -35,7 +35,7 @@ export function Ended({ model }: { model: ModelState }) {
           </p>
         </Notice>
       )}
-      {last && (
+      {last?.inner && (
         <figure class="card model-last">
           <SectionDrawing inner={last.inner} outer={last.outer} scaleBar label="The last section that was seen" />
           <figcaption class="small soft">The last section that was seen, {(last.z_um / 1000).toFixed(1)} mm from the isthmus</figcaption>

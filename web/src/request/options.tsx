@@ -80,7 +80,7 @@ function Labels() {
   const set = (index: number, part: { name?: string; value?: string }) =>
     change({ labels: labels.map((label, i) => (i === index ? { ...label, ...part } : label)) });
   return (
-    <fieldset class="field labels">
+    <fieldset class="field label-rows">
       <legend>Labels</legend>
       {labels.map(({ name, value }, i) => (
         <div key={i} class="row label-row">

@@ -36,6 +36,11 @@ export function ago(time: string, now: number): string {
   return new Date(time).toLocaleDateString(undefined, { dateStyle: "medium" });
 }
 
+/** Lengths in models side by side: `12.3 mm`, or `12.3 and 9.8 mm` where they differ. */
+export function millimetres(lengths: readonly number[]): string {
+  return `${[...new Set(lengths.map(short))].join(" and ")} mm`;
+}
+
 /** A length from micrometres: `820 nm`, `35.2 µm`, `1.25 mm`. */
 export function micrometres(length: number): string {
   if (length < 1) return `${short(length * 1000)} nm`;

@@ -6,13 +6,13 @@ import { after, before, test } from "node:test";
 import type { Page } from "playwright-core";
 import { PNG } from "pngjs";
 import { Oviduct, type Model, type SectionJson } from "../../../clients/typescript/src/index.ts";
-import { Service } from "../../../clients/typescript/test/service.ts";
+import { Service, SMALL } from "../../../clients/typescript/test/service.ts";
 import { boundsOf, contains, type Outline } from "../../src/explore/contours.ts";
 import { FIELD } from "../../src/explore/framing.ts";
 import { closeBrowser, colours, difference, picture, Visit } from "./browser.ts";
 
-/** Red, green and blue of cut tissue, as in the service's drawings. */
-const TISSUE = [0xde, 0x95, 0xa9];
+/** Red, green and blue of tissue that is cut across, as in the service's drawings, and lengthwise. */
+const [TISSUE, SHADED_TISSUE] = [[0xde, 0x95, 0xa9], [0xd2, 0x87, 0x9c]] as const;
 
 let service: Service;
 let client: Oviduct;
@@ -95,6 +95,7 @@ test("cuts, parts, level and flight change the picture", async () => {
   const light = await shown(page);
   await level.getByRole("button", { name: /^Full/ }).click();
   await page.getByText("1,596,630 triangles are shown.").waitFor();
+  await page.getByText(/Largest measured distance from the certified surface: \d+ nm\. Positions are rounded to 0\.\d+, 0\.\d+, 0\.\d+ µm/).waitFor();
   await differs("full detail", 0.0005, light);
   await level.getByRole("button", { name: /^Light/ }).click();
 
@@ -123,8 +124,8 @@ function distanceTo({ x, y }: Outline, px: number, py: number): number {
   return least;
 }
 
-test("cut faces are closed: tissue where the section has tissue, and nowhere else", async () => {
-  // Seen along the tube, cut at a section of the ampulla, which fills the height of the picture.
+/** A view along the tube, cut at a section of the ampulla, which fills the height of the picture. Lengths in micrometres. */
+async function cutAcross() {
   const sections = await client.sections(models[0].id);
   const { entries } = sections;
   const k = entries.findIndex(({ z_um }) => z_um > 0.85 * entries.at(-1)!.z_um);
@@ -134,7 +135,13 @@ test("cut faces are closed: tissue where the section has tissue, and nowhere els
   const [x, y] = [(x0 + x1) / 2, (y0 + y1) / 2];
   const slope = Math.tan(((FIELD / 2) * Math.PI) / 180);
   const distance = (0.55 * Math.max(x1 - x0, y1 - y0)) / slope;
-  const visit = await open(`?cam=0_0_${distance / 1000}_${x / 1000}_${y / 1000}_${at}&cut=${at}`);
+  const query = `?cam=0_0_${distance / 1000}_${x / 1000}_${y / 1000}_${at}&cut=${at}`;
+  return { section, query, x, y, distance, slope };
+}
+
+test("cut faces are closed: tissue where the section has tissue, and nowhere else", async () => {
+  const { section, query, x, y, distance, slope } = await cutAcross();
+  const visit = await open(query);
   await visit.page.getByRole("button", { name: /^Full/ }).click();
   await visit.page.getByText("1,596,630 triangles are shown.").waitFor();
   const { width, height, data } = await shown(visit.page);
@@ -156,6 +163,40 @@ test("cut faces are closed: tissue where the section has tissue, and nowhere els
   }
   assert(samples.tissue > 5000 && samples.lumen > 100 && samples.outside > 5000, JSON.stringify(samples));
   assert.deepEqual(wrong.slice(0, 10), []);
+  await visit.close();
+});
+
+test("the face of a lengthwise cut is tissue where the sections have tissue, and nowhere else", async () => {
+  const sections = await client.sections(models[0].id);
+  const [low, high] = models[0].summary!.certificate!.bounds_um;
+  const [x, y, end] = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, high[2]];
+  // Seen from the side that is removed, with the isthmus at the left, in the middle of the ampulla.
+  const slope = Math.tan(((FIELD / 2) * Math.PI) / 180);
+  const distance = (0.55 * (high[1] - low[1])) / slope;
+  const visit = await open(`?cam=-90_0_${distance / 1000}_${x / 1000}_${y / 1000}_0.85&open=0`);
+  await visit.page.getByRole("button", { name: /^Full/ }).click();
+  await visit.page.getByText("1,596,630 triangles are shown.").waitFor();
+  const { width, height, data } = await shown(visit.page);
+  const pixel = (2 * distance * slope) / height;
+  const margin = 6 + 3 * pixel;
+  const samples = { tissue: 0, lumen: 0, outside: 0 };
+  const wrong: string[] = [];
+  for (const [k, { z_um }] of sections.entries.entries()) {
+    const column = Math.floor((z_um - 0.85 * end) / pixel + width / 2);
+    if (column < 0 || column >= width) continue;
+    const { inner, outer } = sections.section(k);
+    for (let row = 0; row < height; row++) {
+      const py = y - (row + 0.5 - height / 2) * pixel;
+      if (Math.min(distanceTo(inner, x, py), distanceTo(outer, x, py)) < margin) continue;
+      const i = 4 * (row * width + column);
+      const painted = SHADED_TISSUE.every((value, channel) => Math.abs(data[i + channel]! - value) <= 2);
+      const place = contains(inner, x, py) ? "lumen" : contains(outer, x, py) ? "tissue" : "outside";
+      samples[place]++;
+      if (painted !== (place === "tissue")) wrong.push(`${place} at (${column}, ${row})`);
+    }
+  }
+  assert(samples.tissue > 500 && samples.lumen > 20 && samples.outside > 100, JSON.stringify(samples));
+  assert.deepEqual(wrong.slice(0, 10), [], `${wrong.length} of ${JSON.stringify(samples)}`);
   await visit.close();
 });
 
@@ -192,8 +233,9 @@ test("distances in a section are those of its data", async () => {
   await visit.close();
 });
 
-test("distances in 3D are picked, and entered as coordinates", async () => {
-  const visit = await open("?cam=ampulla");
+test("distances in 3D are those of points entered, or picked within a pixel", async () => {
+  const { section, query, x, y, distance, slope } = await cutAcross();
+  const visit = await open(query);
   const { page } = visit;
   await settled(page);
   await page.getByText("Enter coordinates").click();
@@ -205,22 +247,66 @@ test("distances in 3D are picked, and entered as coordinates", async () => {
   assert.equal(await status.textContent(), "Distance 500 µm");
   await page.getByRole("button", { name: "Clear" }).click();
 
-  // From one side of the ampulla's end to the other: as far as its outer contour is wide there.
+  // Two points of the cut face, far from each other: the picture shows where in the section they are.
   await page.getByRole("button", { name: "Pick two points" }).click();
-  const { outer } = await client.section(models[0].id, 200);
-  const xs = outer.points.map((point) => (point as number[])[0]!);
-  const width = Math.max(...xs) - Math.min(...xs);
-  const image = await shown(page);
-  const y = image.height >> 1;
-  const covered = (x: number) => Math.abs(image.data[(y * image.width + x) * 4]! - image.data[(y * image.width + x) * 4 + 1]!) > 40;
-  const row = [...Array(image.width).keys()].filter(covered);
-  const box = (await canvasOf(page).boundingBox())!;
-  const [first, end] = [row[2]!, row.at(-3)!];
-  await page.mouse.click(box.x + first, box.y + y);
-  await page.mouse.click(box.x + end, box.y + y);
-  const text = (await status.textContent())!;
+  const canvas = canvasOf(page);
+  await canvas.scrollIntoViewIfNeeded();
+  const box = (await canvas.boundingBox())!;
+  const pixel = (2 * distance * slope) / box.height;
+  const at = (column: number, row: number) => [x + (column - box.width / 2) * pixel, y - (row - box.height / 2) * pixel] as const;
+  const tissue: (readonly [number, number])[] = [];
+  for (let column = 0; column < box.width; column += 8) {
+    for (let row = 8; row < box.height; row += 8) {
+      const [px, py] = at(column, row);
+      const margin = Math.min(distanceTo(section.inner, px, py), distanceTo(section.outer, px, py));
+      if (margin > 20 && contains(section.outer, px, py) && !contains(section.inner, px, py)) tissue.push([column, row]);
+    }
+  }
+  const ends = [tissue[0]!, tissue.at(-1)!];
+  for (const [column, row] of ends) await canvas.click({ position: { x: column, y: row } });
+  const picked = await Promise.all(
+    ["A", "B"].map((name) => Promise.all(["x", "y", "z"].map(async (axis) => 1000 * Number(await page.getByRole("spinbutton", { name: `${name} ${axis}, mm` }).inputValue())))),
+  );
+  const wanted = ends.map(([column, row]) => [...at(column, row), section.z_um]);
+  const apart = (a: number[], b: number[]) => Math.hypot(...a.map((value, axis) => value - b[axis]!));
+  const text = JSON.stringify({ picked, wanted, pixel });
+  for (const k of [0, 1]) assert(apart(picked[k]!, wanted[k]!) < pixel, text);
+  assert(Math.abs(apart(picked[0]!, picked[1]!) - apart(wanted[0]!, wanted[1]!)) < pixel, text);
+  assert(apart(wanted[0]!, wanted[1]!) > 1000, text);
+  // What the page says has three digits.
+  const said = await status.textContent();
+  assert.equal(said, `Distance ${Number((apart(picked[0]!, picked[1]!) / 1000).toPrecision(3))} mm`);
+  await visit.close();
+});
+
+test("the ends are named, and a scale bar holds where the picture turns", async () => {
+  const visit = await open();
+  const { page } = visit;
+  const [isthmus, ampulla] = ["isthmus", "ampulla"].map((name) => page.locator(".picture-names text", { hasText: name }));
+  const bar = page.locator(".picture-scale b");
+  await settled(page);
+  const frame = (await canvasOf(page).boundingBox())!;
+  for (const name of [isthmus!, ampulla!]) {
+    const box = (await name.boundingBox())!;
+    assert(box.x >= frame.x && box.x + box.width <= frame.x + frame.width && box.y + box.height <= frame.y + frame.height, JSON.stringify(box));
+  }
+  // The end behind, and one that is cut off, are not named.
+  await page.getByRole("button", { name: "Ampulla" }).click();
+  await settled(page);
+  assert.deepEqual([await isthmus!.isVisible(), await ampulla!.isVisible()], [false, true]);
+  await page.getByRole("checkbox", { name: "Across" }).check();
+  await settled(page);
+  assert.deepEqual([await isthmus!.isVisible(), await ampulla!.isVisible()], [false, false]);
+  await page.goto(`${service.url}/#/models/${models[0].id}?cam=-90_0_2_0_0_0.5`);
+  await settled(page);
+  const text = (await bar.textContent())!;
   const millimetres = Number(/[\d.]+/.exec(text)![0]) * (text.includes("mm") ? 1 : 0.001);
-  assert(millimetres > (width / 1000) * 0.6 && millimetres < (width / 1000) * 1.2, `${text}; the end is ${width} µm wide`);
+  const height = 2 * 2 * Math.tan(((FIELD / 2) * Math.PI) / 180);
+  const { width } = (await bar.boundingBox())!;
+  assert(Math.abs(width - (millimetres / height) * frame.height) < 0.5, `${width} pixels for ${text}`);
+  await page.getByRole("button", { name: "Fly from the isthmus" }).click();
+  await bar.waitFor({ state: "hidden" });
+  await isthmus!.waitFor({ state: "hidden" });
   await visit.close();
 });
 
@@ -299,6 +385,7 @@ test("two models are compared with one camera", async () => {
   await canvasOf(page).nth(1).waitFor();
   await settled(page);
   const pictures = async () => [await picture(canvasOf(page).nth(0)), await picture(canvasOf(page).nth(1))] as const;
+  for (const name of ["first model, pig, seed 7", "second model, pig, seed 8"]) assert.equal(await page.getByRole("application", { name }).count(), 1);
   const before = await pictures();
   await page.getByRole("button", { name: "Ampulla" }).click();
   await settled(page);
@@ -310,11 +397,58 @@ test("two models are compared with one camera", async () => {
   await visit.close();
 });
 
+test("positions in two tubes of different length are those of each", async () => {
+  const { spec } = SMALL;
+  const short = await client.submit({ preset: "pig", seed: 3, spec: { ...spec, length_mm: 40 } }, { wait: 60 });
+  const visit = await Visit.open(`${service.url}/#/`);
+  const { page } = visit;
+  let answer = () => {};
+  const held = new Promise<void>((resolve) => (answer = resolve));
+  await page.route(`**/models/${models[0].id}/files/sections.bin*`, async (route) => {
+    await held;
+    await route.continue();
+  });
+  await page.goto(`${service.url}/#/compare/${short.id}/${models[0].id}?cut=0.5`);
+  await page.getByRole("img", { name: /^Cross section at/ }).waitFor();
+  const fly = page.getByRole("button", { name: "Fly from the isthmus" });
+  await page.waitForTimeout(1000);
+  assert(await fly.isDisabled(), "one of the ways is not known yet");
+  answer();
+  const cut = page.getByRole("slider", { name: "Position" });
+  assert.equal(await cut.getAttribute("aria-valuetext"), "20 and 30 mm");
+  await fly.click();
+  const along = page.getByRole("slider", { name: "Along the tube" });
+  for (let i = 0; i < 30; i++) {
+    await canvasOf(page).first().press("PageUp");
+  }
+  assert.equal(await along.getAttribute("aria-valuetext"), "20 and 30 mm");
+  await page.getByText("The speed is that in the longer tube.").waitFor();
+
+  // What was shown before has left styles behind that must not apply to what comes.
+  await page.getByRole("heading", { name: "pig, seed 7" }).getByRole("link").click();
+  const frame = page.getByRole("region", { name: "Model in 3D" });
+  await frame.waitFor();
+  const [outer, inner] = [(await frame.boundingBox())!, (await canvasOf(page).boundingBox())!];
+  assert(inner.y >= outer.y && inner.y + inner.height <= outer.y + outer.height, "the picture leaves its frame");
+  await visit.close();
+});
+
 test("models that still grow are compared once they have finished", async () => {
   const { id } = await client.submit({ preset: "pig", seed: 9, spec: { steps: 1000, solver: { search: "grid" } } });
   const visit = await Visit.open(`${service.url}/#/compare/${models[0].id}/${id}`);
   await visit.page.getByRole("heading", { name: "Only finished models can be compared" }).waitFor();
   await canvasOf(visit.page).nth(1).waitFor({ timeout: 240_000 });
+  await visit.close();
+});
+
+test("of a model without figures it is said that there are none", async () => {
+  const visit = await Visit.open(service.url);
+  const { page } = visit;
+  // As of a model from before the service kept them.
+  await page.route(`**/models/${models[0].id}`, (route) => route.fulfill({ json: { ...models[0], summary: undefined } }));
+  await page.goto(`${service.url}/#/compare/${models[0].id}/${models[1].id}`);
+  await page.getByRole("heading", { name: "There is nothing to compare" }).waitFor();
+  await page.getByText("The service keeps no figures of pig, seed 7.").waitFor();
   await visit.close();
 });
 
@@ -375,6 +509,36 @@ test("two fingers zoom a section about their middle", async () => {
   assert(Math.abs(before.span / after.span - 3) < 0.05, `zoomed ${before.span / after.span} times`);
   const moved = (Math.hypot(after.x - before.x, after.y - before.y) / after.span) * box.width;
   assert(moved < 2, `by ${moved} pixels`);
+  await visit.close();
+});
+
+test("one finger turns the model, two zoom it", async () => {
+  const visit = await Visit.open(`${service.url}/#/models/${models[0].id}`, { hasTouch: true });
+  const { page } = visit;
+  await settled(page);
+  const box = (await canvasOf(page).boundingBox())!;
+  const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
+  const debug = await page.context().newCDPSession(page);
+  const touch = (type: "touchStart" | "touchMove" | "touchEnd", ...points: [number, number][]) =>
+    debug.send("Input.dispatchTouchEvent", { type, touchPoints: points.map(([right, down], id) => ({ x: x + right, y: y + down, id })) });
+  const camera = async () => {
+    // The link follows with a delay.
+    await page.waitForTimeout(800);
+    return new URLSearchParams(new URL(page.url()).hash.split("?")[1]).get("cam")!.split("_").map(Number) as number[];
+  };
+  await touch("touchStart", [0, 0]);
+  for (let way = 10; way <= 60; way += 10) await touch("touchMove", [way, way / 3]);
+  await touch("touchEnd");
+  const [azimuth, elevation, distance] = await camera();
+  // From 24° left and 10° above, by 0.35° a pixel.
+  assert(Math.abs(azimuth! + 24 + 21) < 0.5 && Math.abs(elevation! - 10 - 7) < 0.5, `${azimuth}, ${elevation}`);
+  await touch("touchStart", [-30, 0], [30, 0]);
+  for (let half = 36; half <= 90; half += 6) await touch("touchMove", [-half, 0], [half, 0]);
+  await touch("touchEnd");
+  const after = await camera();
+  assert(Math.abs(distance! / after[2]! - 3) < 0.05, `zoomed ${distance! / after[2]!} times`);
+  assert.deepEqual(after.slice(0, 2), [azimuth, elevation]);
+  assert.equal(await page.evaluate(() => scrollY), 0);
   await visit.close();
 });
 

@@ -38,6 +38,32 @@ test("addresses that are none say so, and a new study is one", async () => {
   });
 });
 
+test("the theme is chosen, and kept", async () => {
+  await withService(["--cpu-workers", "0"], async ({ url }) => {
+    const visit = await Visit.open(url, { colorScheme: "dark" });
+    const { page } = visit;
+    const theme = async (name: string, ground: string) => {
+      await page.getByRole("button", { name: `Theme: ${name}`, exact: true }).waitFor();
+      // Not at once: for people who want less motion, transitions are short rather than none.
+      await page.waitForFunction((ground) => getComputedStyle(document.body).backgroundColor === ground, ground);
+    };
+    const next = () => page.getByRole("button", { name: /^Theme/ }).click();
+    const [light, dark] = ["rgb(251, 248, 247)", "rgb(23, 19, 22)"];
+    await theme("as the system", dark);
+    await next();
+    await theme("light", light);
+    await visit.accessible();
+    await page.reload();
+    await theme("light", light);
+    await next();
+    await theme("dark", dark);
+    await next();
+    await page.emulateMedia({ colorScheme: "light" });
+    await theme("as the system", light);
+    await visit.close();
+  });
+});
+
 test("a hidden page closes its stream, and catches up when it is seen again", async () => {
   await withService(["--cpu-workers", "0"], async (service) => {
     const visit = await Visit.open(service.url);

@@ -57,6 +57,62 @@ test("what the form shows as JSON is what it sends", async () => {
   });
 });
 
+test("a key of a curve is dragged, within the bounds", async () => {
+  await withService(["--cpu-workers", "0"], async ({ url }) => {
+    const visit = await Visit.open(`${url}/#/new?preset=pig`);
+    const { page } = visit;
+    await page.getByRole("button", { name: /curve of Lumen gap$/ }).click();
+    const key = page.getByRole("slider", { name: /^Lumen gap, key 2 of/ });
+    await key.scrollIntoViewIfNeeded();
+    const state = async () => {
+      const { x, y, width, height } = (await key.boundingBox())!;
+      const value = async (name: string) => Number(await key.getAttribute(`aria-value${name}`));
+      return { x: x + width / 2, y: y + height / 2, now: await value("now"), least: await value("min"), text: await key.getAttribute("aria-valuetext") };
+    };
+    const before = await state();
+    await page.mouse.move(before.x, before.y);
+    await page.mouse.down();
+    await page.mouse.move(before.x - 30, before.y + 20, { steps: 4 });
+    const during = await state();
+    // The scale stays while the key is held.
+    assert(Math.hypot(during.x - before.x + 30, during.y - before.y - 20) < 2, JSON.stringify({ before, during }));
+    assert(during.now < before.now && during.text !== before.text, JSON.stringify({ before, during }));
+    await page.mouse.move(before.x - 30, before.y + 2000, { steps: 4 });
+    await page.mouse.up();
+    const after = await state();
+    assert.equal(after.now, after.least);
+    await page.mouse.move(before.x, before.y);
+    assert.equal((await state()).now, after.now, "the key is let go");
+    await visit.close();
+  });
+});
+
+test("two parameters are varied with given seeds", async () => {
+  await withService(["--cpu-workers", "0"], async ({ url }) => {
+    const visit = await Visit.open(`${url}/#/new?purpose=study`);
+    const { page } = visit;
+    for (const [title, list] of [["Friction", "0.2, 0.3"], ["Lumen gap", "26, 30, 34"]] as const) {
+      await page.getByRole("combobox", { name: /^Vary/ }).selectOption({ label: title });
+      await page.getByRole("combobox", { name: `Values of ${title}` }).selectOption("list");
+      await page.getByRole("textbox", { name: `List of values of ${title}` }).fill(list);
+    }
+    await page.getByRole("combobox", { name: "Seeds", exact: true }).selectOption({ label: "These" });
+    await page.getByRole("textbox", { name: /^Seeds of each point/ }).fill("3..4, 9");
+    const sent = page.waitForRequest((request) => request.method() === "POST" && request.url() === `${url}/batches`);
+    await page.getByRole("button", { name: "Grow 18 models" }).click();
+    const { seeds, vary } = (await sent).postDataJSON();
+    assert.deepEqual(seeds, [3, 4, 9]);
+    assert.deepEqual(vary, { design: "grid", values: { "/friction": [0.2, 0.3], "/collision/gap_um": [26, 30, 34] } });
+    await page.waitForURL("**#/batches/*");
+    const service = new Oviduct(url);
+    const { batches } = await service.listBatchesPage();
+    const { columns, rows } = await service.table(batches[0]!.id);
+    const cells = ["seed", "/friction", "/collision/gap_um"].map((name) => columns.indexOf(name));
+    assert.equal(new Set(rows.map((row) => cells.map((at) => row[at]).join())).size, 18);
+    await visit.close();
+  });
+});
+
 test("a study is requested and its models are counted before", async () => {
   await withService(["--cpu-workers", "0"], async ({ url }) => {
     const visit = await Visit.open(`${url}/#/new`);

@@ -66,9 +66,13 @@ test("a page that is loaded again in the middle goes on", async () => {
     const visit = await Visit.open(`${service.url}/#/models/${id}`);
     await grows(visit);
     const before = await place(visit);
+    const tube = visit.page.getByRole("img", { name: /^The growing tube in 3D/ });
+    const seen = async () => Number(/\d+(?= sections seen)/.exec((await tube.getAttribute("aria-label"))!)![0]);
+    while ((await seen()) < 10) await visit.page.waitForTimeout(100);
     await visit.page.reload();
     await grows(visit);
     assert((await place(visit)) > before);
+    assert((await seen()) > 10, "the tube began anew");
     await visit.close();
   });
 });
@@ -134,6 +138,23 @@ test("a growing model is cancelled, grown again, and deleted", async () => {
   });
 });
 
+test("a model that has failed is grown again with its seed", async () => {
+  await withService(["--job-timeout", "1s"], async (service) => {
+    const client = new Oviduct(service.url);
+    const id = await submit(service, { ...SLOW, seed: 12 });
+    const visit = await Visit.open(`${service.url}/#/models/${id}`);
+    const { page } = visit;
+    await page.getByText("It needed more time than a worker may spend on one model.").waitFor();
+    await visit.accessible();
+    await page.getByRole("button", { name: "Retry" }).click();
+    await page.getByRole("link", { name: "Retry of a failed model" }).waitFor();
+    const other = new URL(page.url()).hash.split("/")[2]!;
+    const { seed, retry_of } = await client.get(other);
+    assert.deepEqual([seed, retry_of], [12, id]);
+    await visit.close();
+  });
+});
+
 test("the list is filtered and follows the queue", async () => {
   await withService(["--cpu-workers", "0"], async (service) => {
     const client = new Oviduct(service.url);
@@ -153,6 +174,24 @@ test("the list is filtered and follows the queue", async () => {
     await rows.first().getByText("cancelled").waitFor();
     const { models } = await client.listPage();
     assert.deepEqual(models.map(({ seed, status }) => [seed, status]), [[3, "cancelled"], [2, "queued"], [1, "cancelled"]]);
+    await visit.close();
+  });
+});
+
+test("models of equal preset and seed have names of their own", async () => {
+  await withService(["--cpu-workers", "0"], async (service) => {
+    const client = new Oviduct(service.url);
+    const ids = await Promise.all([28, 34].map(async (gap_um) => (await client.submit({ seed: 3, spec: { collision: { gap_um } } })).id));
+    await client.submit({ seed: 4 });
+    const visit = await Visit.open(service.url);
+    const { page } = visit;
+    await page.getByRole("button", { name: "Delete Pig oviduct, seed 4", exact: true }).waitFor();
+    for (const id of ids) {
+      const name = `Pig oviduct, seed 3, ${id.slice(-6)}`;
+      await page.getByRole("button", { name: `Delete ${name}`, exact: true }).waitFor();
+      const link = page.getByRole("listitem", { name, exact: true }).getByRole("link", { name: name.replace(",", ""), exact: true });
+      assert.equal(new URL((await link.getAttribute("href"))!, service.url).hash, `#/models/${id}`);
+    }
     await visit.close();
   });
 });
@@ -259,6 +298,11 @@ test("a study is followed to its table", async () => {
     await mark(visit);
     await page.getByText(/4 succeeded|4 of 4/).first().waitFor({ timeout: 180_000 });
     assert.equal(await page.getByRole("table").getByRole("row").count(), 5);
+    const names = await page.getByRole("link", { name: /^Model with seed/ }).evaluateAll((links) => links.map((link) => link.ariaLabel));
+    assert.equal(new Set(names).size, 4);
+    await page.getByRole("img", { name: /^Tissue volume, mm³ against Lumen gap, µm, 4 models/ }).waitFor();
+    await page.getByRole("combobox", { name: "against" }).selectOption({ label: "Surface" });
+    await page.getByRole("img", { name: /^Tissue volume, mm³ against Surface, mm², 4 models/ }).waitFor();
     assert(await isMarked(visit), "the page was loaded again");
     await visit.accessible();
     await visit.close();

@@ -1,7 +1,10 @@
 // The surface of a model as arrays in millimetres, read from its glTF files of any level of detail.
 import { Matrix3, Vector3, type Mesh, type Object3D } from "three";
+import type { Report } from "oviduct-client";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { MeshoptDecoder } from "three/addons/libs/meshopt_decoder.module.js";
+
+type DetailLevel = NonNullable<Report["levels"]>[number];
 
 export const PATCH_NAMES = ["inner_wall", "outer_wall", "cap_isthmus", "cap_ampulla"] as const;
 export type PatchName = (typeof PATCH_NAMES)[number];
@@ -19,8 +22,16 @@ export interface Patch {
 export interface Surface {
   patches: readonly Patch[];
   triangles: number;
-  /** Largest distance from the certified surface, micrometres; undefined if the file does not state it. */
-  distance: number | undefined;
+  /** What the file states of its difference from the certified surface, if it does. */
+  difference: Difference | undefined;
+}
+
+/** Micrometres. */
+export interface Difference {
+  /** The largest that was measured between the two surfaces. */
+  distance: number;
+  /** Steps to which positions are rounded, along x, y and z. */
+  precision: readonly number[];
 }
 
 /** Reads a `.glb`. Throws if it is damaged or has no patch of a tissue. */
@@ -34,13 +45,13 @@ export async function readSurface(file: ArrayBuffer): Promise<Surface> {
     if (name && isMesh(node)) patches.push(patch(name, node));
   });
   if (patches.length === 0) throw new Error("The file has no walls of a tube.");
-  return { patches, triangles: patches.reduce((sum, { index }) => sum + index.length / 3, 0), distance: statedDistance(asset.extras) };
+  return { patches, triangles: patches.reduce((sum, { index }) => sum + index.length / 3, 0), difference: statedDifference(asset.extras) };
 }
 
-/** Levels of detail state it in the extras of the asset. */
-function statedDistance(extras: unknown): number | undefined {
-  const distance = (extras as { level?: { distance_um?: unknown } } | undefined)?.level?.distance_um;
-  return typeof distance === "number" ? distance : undefined;
+/** Levels of detail state it in the extras of the asset, in the words of the report. */
+function statedDifference(extras: unknown): Difference | undefined {
+  const { distance_um: distance, precision_um: precision } = (extras as { level?: Partial<DetailLevel> } | undefined)?.level ?? {};
+  return typeof distance === "number" ? { distance, precision: precision ?? [] } : undefined;
 }
 
 function isMesh(node: Object3D): node is Mesh {

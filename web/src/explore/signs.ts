@@ -1,0 +1,126 @@
+// The names of the tube's ends and a scale bar, over the 3D picture.
+import { Vector3 } from "three";
+import { roundLength } from "../growing/contours.ts";
+import { micrometres } from "../ui/format.ts";
+import { depthOf, pixelsPerMillimetre, type Tube } from "./framing.ts";
+import type { Stage } from "./viewer/stage.ts";
+import type { Surface } from "./viewer/surface.ts";
+import type { View } from "./view.ts";
+
+/** Longest scale bar, pixels. */
+const BAR = 110;
+/** Pixels from the rim of an end down or up to the line of its name, and from that to the edges of the picture; half of its width. */
+const [BELOW, ABOVE, EDGE, HALF] = [18, 8, 8, 36];
+
+export class Signs {
+  readonly #overlay: SVGSVGElement;
+  readonly #names: NodeListOf<SVGTextElement>;
+  readonly #scale: HTMLElement;
+  readonly #bar: HTMLElement;
+  readonly #tube: Tube;
+  readonly #ends: readonly [End, End];
+  #shown = false;
+  /** Millimetres, and pixels, that the scale bar shows. */
+  #length = 0;
+  #width = 0;
+
+  /** `overlay` has the names of the isthmus and the ampulla, `scale` an element that is made as wide as the bar. */
+  constructor(overlay: SVGSVGElement, scale: HTMLElement, tube: Tube) {
+    this.#tube = tube;
+    this.#ends = [new End(tube), new End(tube)];
+    this.#overlay = overlay;
+    this.#names = overlay.querySelectorAll("text");
+    this.#scale = scale;
+    this.#bar = scale.querySelector("b")!;
+  }
+
+  /** Names the ends of a surface where they are. */
+  show({ patches }: Surface): void {
+    for (const { name, positions } of patches) {
+      if (name === "cap_isthmus") this.#ends[0].fit(positions);
+      else if (name === "cap_ampulla") this.#ends[1].fit(positions);
+    }
+  }
+
+  /** Moves names and scale bar to where they belong; to be called after each frame. */
+  draw(view: View, stage: Stage): void {
+    const shown = !view.flying.peek();
+    if (shown !== this.#shown) {
+      this.#shown = shown;
+      this.#scale.hidden = !shown;
+      this.#overlay.style.display = shown ? "" : "none";
+    }
+    if (!shown) return;
+    const { clientWidth: width, clientHeight: height } = this.#scale.parentElement!;
+    const perMillimetre = pixelsPerMillimetre(view.pose.distance, height);
+    const [isthmus, ampulla] = this.#ends;
+    const { from, to } = view.kept;
+    isthmus.look(view, this.#tube, from, stage, perMillimetre);
+    ampulla.look(view, this.#tube, to, stage, perMillimetre);
+    const covered = isthmus.covers(ampulla) ? ampulla : ampulla.covers(isthmus) ? isthmus : undefined;
+    for (let i = 0; i < 2; i++) {
+      const end = this.#ends[i]!;
+      const name = this.#names[i]!;
+      const seen = end !== covered && end.before && (i === 0 ? from === 0 : to === 1) && end.x > 0 && end.x < width && end.y > 0 && end.y < height;
+      name.style.display = seen ? "" : "none";
+      // Lengths are set as numbers: attributes would be new strings in each frame.
+      name.x.baseVal.getItem(0).value = Math.max(HALF, Math.min(width - HALF, end.x));
+      // On the side where the tube is not.
+      const other = this.#ends[1 - i]!;
+      const above = other.before && other.y > end.y + end.radius;
+      const y = above ? end.y - end.radius - ABOVE : end.y + end.radius + BELOW;
+      name.y.baseVal.getItem(0).value = Math.max(EDGE + ABOVE, Math.min(height - EDGE, y));
+    }
+    this.#measure(perMillimetre);
+  }
+
+  #measure(perMillimetre: number): void {
+    const length = roundLength(BAR / perMillimetre);
+    const width = length * perMillimetre;
+    if (length !== this.#length) this.#bar.textContent = micrometres(length * 1000);
+    if (width !== this.#width) this.#bar.style.width = `${width.toFixed(1)}px`;
+    [this.#length, this.#width] = [length, width];
+  }
+}
+
+/** An end of what is kept of the tube: the picture of a circle around it, in pixels. */
+class End {
+  x = 0;
+  y = 0;
+  radius = 0;
+  depth = 0;
+  /** Whether it is before the camera. */
+  before = false;
+  readonly #at = new Vector3();
+  /** The circle itself, millimetres. */
+  #circle: { x: number; y: number; radius: number };
+
+  constructor(circle: { x: number; y: number; radius: number }) {
+    this.#circle = circle;
+  }
+
+  /** Takes the circle around points. */
+  fit(positions: Float32Array): void {
+    let [left, right, bottom, top] = [Infinity, -Infinity, Infinity, -Infinity];
+    for (let i = 0; i < positions.length; i += 3) {
+      const [x, y] = [positions[i]!, positions[i + 1]!];
+      [left, right, bottom, top] = [Math.min(left, x), Math.max(right, x), Math.min(bottom, y), Math.max(top, y)];
+    }
+    this.#circle = { x: (left + right) / 2, y: (bottom + top) / 2, radius: Math.max(right - left, top - bottom) / 2 };
+  }
+
+  look(view: View, tube: Tube, at: number, stage: Stage, perMillimetre: number): void {
+    const { x, y, radius } = this.#circle;
+    const spot = this.#at.set(x, y, at * tube.length);
+    this.depth = depthOf(view.pose, tube, spot);
+    this.radius = (radius * perMillimetre * view.pose.distance) / this.depth;
+    this.before = this.depth > 0;
+    stage.project(spot, spot);
+    [this.x, this.y] = [spot.x, spot.y];
+  }
+
+  /** Whether it hides the other end. */
+  covers(other: End): boolean {
+    return this.before && this.depth < other.depth && Math.hypot(this.x - other.x, this.y - other.y) < this.radius;
+  }
+}
