@@ -42,9 +42,9 @@ export class Signs {
     }
   }
 
-  /** Moves names and scale bar to where they belong; to be called after each frame. */
+  /** Moves names and scale bar to where they belong; to be called after each frame, outside effects. */
   draw(view: View, stage: Stage): void {
-    const shown = !view.flying.peek();
+    const shown = !view.flying.value;
     if (shown !== this.#shown) {
       this.#shown = shown;
       this.#scale.hidden = !shown;
