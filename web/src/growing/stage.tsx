@@ -32,20 +32,35 @@ export function Stage({ sections, length, onTrouble }: Props) {
   const [scene, setScene] = useState<Tube>();
 
   useEffect(() => {
+    const element = canvas.current!;
     let made: Tube | undefined;
     let left = false;
     const make = ({ Tube }: typeof import("./tube.ts")) => {
       if (left) return;
       try {
-        made = new Tube(canvas.current!, length, [isthmus.current!, ampulla.current!]);
+        made = new Tube(element, length, [isthmus.current!, ampulla.current!]);
         setScene(made);
+        onTrouble(undefined);
       } catch {
         onTrouble("missing");
       }
     };
-    import("./tube.ts").then(make, () => left || onTrouble("unloaded"));
+    const load = () => void import("./tube.ts").then(make, () => left || onTrouble("unloaded"));
+    // A lost context takes what was made in it along; afterwards, deleting that would be a fault.
+    const lose = (event: Event) => {
+      event.preventDefault();
+      made?.dispose();
+      made = undefined;
+      setScene(undefined);
+      onTrouble("lost");
+    };
+    element.addEventListener("webglcontextlost", lose);
+    element.addEventListener("webglcontextrestored", load);
+    load();
     return () => {
       left = true;
+      element.removeEventListener("webglcontextlost", lose);
+      element.removeEventListener("webglcontextrestored", load);
       made?.dispose();
     };
   }, [length]);
@@ -55,18 +70,7 @@ export function Stage({ sections, length, onTrouble }: Props) {
     const element = canvas.current!;
     const watcher = new ResizeObserver(() => scene.resize(element.clientWidth, element.clientHeight));
     watcher.observe(element);
-    const lost = () => onTrouble("lost");
-    const restored = () => {
-      scene.render();
-      onTrouble(undefined);
-    };
-    element.addEventListener("webglcontextlost", lost);
-    element.addEventListener("webglcontextrestored", restored);
-    return () => {
-      watcher.disconnect();
-      element.removeEventListener("webglcontextlost", lost);
-      element.removeEventListener("webglcontextrestored", restored);
-    };
+    return () => watcher.disconnect();
   }, [scene]);
   useEffect(() => scene?.paint(colours(canvas.current!)), [scene, dark.value]);
   useEffect(() => scene?.sway(!stillness.value), [scene, stillness.value]);

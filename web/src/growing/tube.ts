@@ -209,7 +209,8 @@ export class Tube {
     this.#axis.geometry.dispose();
     for (const material of [this.#tissue, this.#front, this.#ground, this.#mucosa, this.#outside, this.#axisLine]) material.dispose();
     this.#renderer.dispose();
-    this.#renderer.forceContextLoss();
+    // One that is lost may come back.
+    if (!this.#renderer.getContext().isContextLost()) this.#renderer.forceContextLoss();
   }
 }
 
