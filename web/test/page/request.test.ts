@@ -69,17 +69,24 @@ test("a key of a curve is dragged, within the bounds", async () => {
       const value = async (name: string) => Number(await key.getAttribute(`aria-value${name}`));
       return { x: x + width / 2, y: y + height / 2, now: await value("now"), least: await value("min"), text: await key.getAttribute("aria-valuetext") };
     };
+    type State = Awaited<ReturnType<typeof state>>;
+    /** The state once it is as expected; a busy page draws late. */
+    const drawn = async (expected: (state: State) => boolean) => {
+      for (let waited = 0; waited < 5000 && !expected(await state()); waited += 50) await page.waitForTimeout(50);
+      return state();
+    };
     const before = await state();
     await page.mouse.move(before.x, before.y);
     await page.mouse.down();
     await page.mouse.move(before.x - 30, before.y + 20, { steps: 4 });
-    const during = await state();
     // The scale stays while the key is held.
-    assert(Math.hypot(during.x - before.x + 30, during.y - before.y - 20) < 2, JSON.stringify({ before, during }));
+    const follows = ({ x, y }: State) => Math.hypot(x - before.x + 30, y - before.y - 20) < 2;
+    const during = await drawn(follows);
+    assert(follows(during), JSON.stringify({ before, during }));
     assert(during.now < before.now && during.text !== before.text, JSON.stringify({ before, during }));
     await page.mouse.move(before.x - 30, before.y + 2000, { steps: 4 });
     await page.mouse.up();
-    const after = await state();
+    const after = await drawn(({ now, least }) => now === least);
     assert.equal(after.now, after.least);
     await page.mouse.move(before.x, before.y);
     assert.equal((await state()).now, after.now, "the key is let go");
