@@ -132,13 +132,13 @@ async fn draw(
 /// The sections in a picture; no others are read.
 async fn shown(state: &AppState, file: &File, view: NamedView, size: u32) -> Result<Vec<Section>, Problem> {
     let _download = permit(state)?;
-    let entries = sections::index(state, file).await?;
+    let entries = sections::read_index(state, file).await?;
     let end = match end(view, entries.len()) {
-        Some(k) => sections::some(state, file, vec![entries[k]]).await?.pop(),
+        Some(k) => sections::read_entries(state, file, vec![entries[k]]).await?.pop(),
         None => None,
     };
     let chosen = chosen(&entries, end.as_ref(), size).into_iter().map(|k| entries[k]).collect();
-    sections::some(state, file, chosen).await
+    sections::read_entries(state, file, chosen).await
 }
 
 /// Room for one more picture that is drawn.

@@ -158,17 +158,17 @@ fn no_section(detail: &str) -> Problem {
 
 /// The number of sections in `file`, and the one of index `k`.
 async fn read(state: &AppState, file: &File, k: u64) -> Result<(u64, Section), Problem> {
-    let entries = index(state, file).await?;
+    let entries = read_index(state, file).await?;
     let entry = usize::try_from(k).ok().and_then(|k| entries.get(k).copied());
     let entry =
         entry.ok_or_else(|| no_section(&format!("The model has {} sections; indices start at 0.", entries.len())))?;
-    let mut sections = some(state, file, vec![entry]).await?;
+    let mut sections = read_entries(state, file, vec![entry]).await?;
     let section = sections.pop().ok_or_else(|| damaged(&SectionsError::Corrupt("a section")))?;
     Ok((entries.len() as u64, section))
 }
 
 /// The index of a `sections.bin`; its sections are not read.
-pub(super) async fn index(state: &AppState, file: &File) -> Result<Vec<SectionEntry>, Problem> {
+pub(super) async fn read_index(state: &AppState, file: &File) -> Result<Vec<SectionEntry>, Problem> {
     let end = file.bytes.checked_sub(TRAILER_LEN as u64).ok_or_else(|| damaged(&SectionsError::NotSections))?;
     let tail = part(state, file, end..file.bytes).await?;
     let tail = tail[..].try_into().map_err(|_| damaged(&SectionsError::NotSections))?;
@@ -181,7 +181,11 @@ pub(super) async fn index(state: &AppState, file: &File) -> Result<Vec<SectionEn
 }
 
 /// Sections of a `sections.bin` by their entries in its index; no others are read.
-pub(super) async fn some(state: &AppState, file: &File, entries: Vec<SectionEntry>) -> Result<Vec<Section>, Problem> {
+pub(super) async fn read_entries(
+    state: &AppState,
+    file: &File,
+    entries: Vec<SectionEntry>,
+) -> Result<Vec<Section>, Problem> {
     let range = |entry: &SectionEntry| entry.offset..entry.offset + u64::from(entry.length);
     let ranges: Vec<Range<u64>> = entries.iter().map(range).collect();
     let parts = state.artifacts.get_ranges(&file.key, &ranges).await?;
