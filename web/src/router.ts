@@ -7,9 +7,16 @@ export interface Route {
   query: URLSearchParams;
 }
 
-export const route = signal(parse(location.hash));
+/** The part of the address that `route` was read from. */
+let seen = location.hash;
+export const route = signal(parse(seen));
 
-addEventListener("hashchange", () => (route.value = parse(location.hash)));
+addEventListener("hashchange", read);
+
+function read(): void {
+  seen = location.hash;
+  route.value = parse(seen);
+}
 
 function parse(hash: string): Route {
   const [path = "", query = ""] = hash.replace(/^#\/?/, "").split("?", 2);
@@ -41,10 +48,12 @@ export function setTitle(title: string): void {
 
 /** Changes the query of the present page without a new entry in the history, so that its link restores the view. */
 export function setQuery(query: URLSearchParams | Record<string, string>): void {
+  // A link was opened meanwhile, whose event is still to come: the address is no longer that of this page.
+  if (location.hash !== seen) return;
   const target = href(route.value.path, query);
-  if (target === location.hash) return;
+  if (target === seen) return;
   history.replaceState(history.state, "", target);
-  route.value = parse(target);
+  read();
 }
 
 /** Milliseconds without a change after which a query that changes often is written. */
