@@ -36,6 +36,7 @@ pub mod sim;
 pub mod generate;
 pub mod jobs;
 pub mod preview;
+pub mod report;
 
 pub mod http;
 pub mod worker;

@@ -16,7 +16,7 @@ const FLOORS: [&[&str]; 6] = [
     &["clock", "metrics", "status", "availability", "random", "tls", "trace", "model", "geometry"],
     &["spec"],
     &["sim", "mesh", "measure", "export", "render"],
-    &["generate", "jobs", "preview"],
+    &["generate", "jobs", "preview", "report"],
     &["worker", "http"],
     &["cli", "fuzzing"],
 ];
@@ -35,7 +35,7 @@ const NAMES: [(&str, &[&str]); 8] = [
     ("sqlx", &["jobs/sqlite", "jobs/postgres", "jobs/sql"]),
     ("axum", &["http", "cli"]),
     ("wgpu", &["sim/gpu", "render"]),
-    ("plotters", &["cli/plot"]),
+    ("plotters", &["cli/plot", "report/plots"]),
     ("anyhow", &["cli", "main"]),
 ];
 

@@ -17,7 +17,7 @@ pub(super) use limits::LimitArgs;
 pub(super) use load::LoadArgs;
 pub(super) use model::ModelArgs;
 pub(super) use remote::RemoteArgs;
-pub(super) use surfaces::{CheckArgs, RenderArgs};
+pub(super) use surfaces::{CheckArgs, RenderArgs, ReportArgs};
 pub(super) use workers::{WorkersAction, WorkersArgs};
 
 use super::units;
@@ -86,6 +86,8 @@ pub(super) enum Command {
     Check(CheckArgs),
     /// Draw the surface in glb, gltf, obj, stl, ply or sections.bin files as PNG pictures
     Render(RenderArgs),
+    /// Write the report of a model as one HTML page: morphometry beside published anatomy, pictures, certificate, parameters
+    Report(ReportArgs),
     /// Send many requests to a running service and report its throughput, latencies and errors
     Load(LoadArgs),
     /// Measure how fast this machine grows models
@@ -298,6 +300,9 @@ pub(super) struct GenerateArgs {
     /// Memory that the model may use, such as 2GB [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
     pub(super) memory_limit: Option<u64>,
+    /// Also write report.html, the report as a page
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) report: bool,
     /// Print one JSON object
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) json: bool,

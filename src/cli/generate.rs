@@ -4,7 +4,7 @@ use super::args::{GenerateArgs, GpuArgs};
 use super::exit::{Ended, Failure};
 use super::interrupt::Signals;
 use super::scratch::Scratch;
-use super::{gpu, model, term, units};
+use super::{gpu, model, report, term, units};
 use crate::generate::{CancelToken, GenerateError, Outcome, Progress, Request, Sink};
 use crate::model::Section;
 use anyhow::Context;
@@ -27,13 +27,22 @@ pub(super) async fn run(args: GenerateArgs) -> Ended {
     };
     let (outcome, fallback, request) = grow(request, args.gpu, signals).await?;
     let publish = |name: &str| scratch.publish(name).with_context(|| name.to_owned());
+    let page = if args.report {
+        let dir = scratch.dir().to_owned();
+        let html = tokio::task::spawn_blocking(move || report::page(&dir)).await.context("drawing panicked")??;
+        std::fs::write(scratch.dir().join(report::NAME), &html).context(report::NAME)?;
+        Some(html.len())
+    } else {
+        None
+    };
     let paths: Vec<PathBuf> = outcome.files.iter().map(|f| publish(&f.name)).collect::<anyhow::Result<_>>()?;
+    let page = page.map(|bytes| publish(report::NAME).map(|path| (path, bytes as u64))).transpose()?;
     for warning in warnings(&outcome) {
         let detail = warning["detail"].as_str().unwrap_or_default();
         term::note(&format!("warning: {detail}"));
     }
     if args.json {
-        term::print_json(&report(&request, &outcome, fallback.as_deref()))?;
+        term::print_json(&document(&request, &outcome, fallback.as_deref()))?;
         return Ok(());
     }
     for line in summary(&request, &outcome) {
@@ -44,6 +53,9 @@ pub(super) async fn run(args: GenerateArgs) -> Ended {
     }
     for (path, file) in paths.iter().zip(&outcome.files) {
         term::print(&format!("{}  {}", path.display(), units::show_bytes(file.bytes)))?;
+    }
+    if let Some((path, bytes)) = page {
+        term::print(&format!("{}  {}", path.display(), units::show_bytes(bytes)))?;
     }
     Ok(())
 }
@@ -93,12 +105,12 @@ impl Sink for Shown {
 
 /// The warnings about poor growth, as objects with a `code` and a `detail`.
 fn warnings(outcome: &Outcome) -> &[Value] {
-    outcome.summary.get("warnings").and_then(Value::as_array).map_or(&[], Vec::as_slice)
+    outcome.findings.summary.get("warnings").and_then(Value::as_array).map_or(&[], Vec::as_slice)
 }
 
 /// The output with `--json`.
-fn report(request: &Request, outcome: &Outcome, fallback: Option<&str>) -> Value {
-    let count = |name: &str| outcome.summary.get(name).cloned().unwrap_or_default();
+fn document(request: &Request, outcome: &Outcome, fallback: Option<&str>) -> Value {
+    let count = |name: &str| outcome.findings.summary.get(name).cloned().unwrap_or_default();
     let file =
         |file: &crate::generate::FileOutput| json!({ "name": file.name, "bytes": file.bytes, "sha256": file.sha256 });
     json!({
@@ -118,14 +130,14 @@ fn report(request: &Request, outcome: &Outcome, fallback: Option<&str>) -> Value
         "peak_rss_bytes": term::peak_rss_bytes(),
         "files": outcome.files.iter().map(file).collect::<Vec<_>>(),
         "warnings": warnings(outcome),
-        "certificate": outcome.certificate,
-        "summary": outcome.summary,
+        "certificate": outcome.findings.certificate,
+        "summary": outcome.findings.summary,
     })
 }
 
 /// The output without `--json`.
 fn summary(request: &Request, outcome: &Outcome) -> [String; 3] {
-    let (of, proof, seconds) = (&outcome.summary, &outcome.certificate, &outcome.seconds);
+    let (of, proof, seconds) = (&outcome.findings.summary, &outcome.findings.certificate, &outcome.seconds);
     let gap = proof["min_gap_um"].as_f64().map(|gap| format!("; minimum gap {gap:.2} µm")).unwrap_or_default();
     [
         format!(

@@ -22,6 +22,7 @@ mod model;
 mod plot;
 mod print;
 mod render;
+mod report;
 mod restart;
 mod scratch;
 mod secret;
@@ -89,6 +90,7 @@ async fn dispatch(command: Command) -> Ended {
         Command::Load(args) => load::run(args).await,
         Command::Check(args) => check::run(args).await,
         Command::Render(args) => render::run(args).await,
+        Command::Report(args) => report::run(args).await,
         Command::Bench(args) => bench::run(args).await,
         Command::Presets(args) => print::presets(&args),
         Command::Worker(args) => worker::run(args).await,

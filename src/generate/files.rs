@@ -1,6 +1,6 @@
 //! Writes the files of a model into a folder, each hashed while it is written.
 
-use super::types::{CancelToken, FileOutput, GenerateError, Output, Request};
+use super::types::{CancelToken, FileOutput, Findings, GenerateError, Output, Request};
 use crate::ENGINE_VERSION;
 use crate::export::glb::{GlbOptions, write_glb};
 use crate::export::hashing::HashingWriter;
@@ -10,7 +10,7 @@ use crate::export::sections_bin::write_sections;
 use crate::export::{Metadata, glb, lod, obj, sections_bin};
 use crate::model::{Mesh, Section};
 use rayon::prelude::*;
-use serde_json::{Value, json};
+use serde_json::json;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 
@@ -25,8 +25,7 @@ pub(super) fn write(
     request: &Request,
     mesh: &Mesh,
     sections: &[Section],
-    summary: &Value,
-    certificate: &Value,
+    findings: &Findings,
     cancel: &CancelToken,
 ) -> Result<Vec<FileOutput>, GenerateError> {
     let meta = Metadata {
@@ -61,8 +60,10 @@ pub(super) fn write(
         "seed": meta.seed,
         "engine": meta.engine,
         "spec": request.spec.to_json(),
-        "summary": summary,
-        "certificate": certificate,
+        "summary": findings.summary,
+        "certificate": findings.certificate,
+        "morphometry": findings.morphometry,
+        "comparison": findings.comparison,
     });
     if let Some(levels) = &levels {
         report["levels"] = levels.iter().map(|level| json!(level.report)).collect();

@@ -19,11 +19,14 @@ mod warnings;
 pub use batch::{Member, generate_batch};
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub use types::{
-    Backend, CancelToken, FileOutput, GenerateError, Outcome, Output, Progress, Request, Seconds, Sink, Stage,
+    Backend, CancelToken, FileOutput, Findings, GenerateError, Outcome, Output, Progress, Request, Seconds, Sink, Stage,
 };
 
 use crate::clock::Stopwatch;
 use crate::measure;
+use crate::measure::comparison::compare;
+use crate::measure::morphometry::{Regions, morphometry};
+use crate::spec::preset;
 use grow::Grown;
 use pace::Pace;
 use serde_json::json;
@@ -124,6 +127,16 @@ fn finish(
     }
     stop_if_cancelled(cancel)?;
 
+    stage(Stage::Measure);
+    let watch = Stopwatch::start();
+    let spec = &request.spec;
+    let regions =
+        Regions { length_mm: spec.length_mm, junction: [spec.regions.junction_from, spec.regions.junction_to] };
+    let morphometry = morphometry(&grown.sections, &certificate.section_gaps_um, &regions);
+    let comparison = preset(&request.preset).map(|of| compare(&morphometry, &of.organ, &of.species));
+    seconds.measure = watch.seconds();
+    stop_if_cancelled(cancel)?;
+
     stage(Stage::Export);
     let watch = Stopwatch::start();
     let added = grown.sections.iter().filter(|s| s.added).count();
@@ -150,11 +163,12 @@ fn finish(
     });
     let certificate = serde_json::to_value(&certificate)
         .map_err(|e| GenerateError::Io { name: files::REPORT.into(), source: e.into() })?;
-    let files = files::write(request, &mesh, &grown.sections, &summary, &certificate, cancel)?;
+    let findings = Findings { summary, certificate, morphometry, comparison };
+    let files = files::write(request, &mesh, &grown.sections, &findings, cancel)?;
     seconds.export = watch.seconds();
     stop_if_cancelled(cancel)?;
     seconds.total = ran.total.seconds();
-    Ok(Outcome { used: ran.used, device: ran.device, files, summary, certificate, seconds })
+    Ok(Outcome { used: ran.used, device: ran.device, files, findings, seconds })
 }
 
 fn check_memory(request: &Request) -> Result<(), GenerateError> {

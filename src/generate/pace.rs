@@ -11,7 +11,8 @@ fn begins_at(stage: Stage) -> f64 {
         Stage::Simulate => 0.0,
         Stage::Mesh => 0.80,
         Stage::Certify => 0.82,
-        Stage::Export => 0.92,
+        Stage::Measure => 0.90,
+        Stage::Export => 0.93,
         Stage::Store => 0.98,
     }
 }

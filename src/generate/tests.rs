@@ -76,9 +76,9 @@ fn euler_and_strips_end_certified_too() {
         let dir = tempfile::tempdir().unwrap();
         let outcome =
             generate(&request(small(&patch), Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
-        assert_eq!(outcome.certificate["passed"], true);
-        assert_eq!(outcome.certificate["euler"], 0);
-        assert_eq!(outcome.summary["particles"], json!({ "start": 260, "end": 620 }));
+        assert_eq!(outcome.findings.certificate["passed"], true);
+        assert_eq!(outcome.findings.certificate["euler"], 0);
+        assert_eq!(outcome.findings.summary["particles"], json!({ "start": 260, "end": 620 }));
     }
 }
 
@@ -136,7 +136,7 @@ fn progress_only_grows_and_names_every_stage() {
     generate(&request(small(&json!({})), Backend::Cpu, dir.path()), &sink, &CancelToken::default()).unwrap();
     let seen = sink.fractions.into_inner().unwrap();
     assert!(seen.windows(2).all(|w| w[0].1 <= w[1].1 && w[1].1 <= 1.0));
-    for stage in [Stage::Simulate, Stage::Mesh, Stage::Certify, Stage::Export] {
+    for stage in [Stage::Simulate, Stage::Mesh, Stage::Certify, Stage::Measure, Stage::Export] {
         assert!(seen.iter().any(|(s, _)| *s == stage), "{stage:?}");
     }
     assert_eq!((sink.sections.into_inner(), sink.reported.into_inner()), (13, 13));
@@ -183,8 +183,8 @@ fn poor_growth_is_reported_in_the_summary_and_the_report() {
         let outcome = generate(&request, &(), &CancelToken::default()).unwrap();
         let report = std::fs::read_to_string(dir.path().join("report.json")).unwrap();
         let report: serde_json::Value = serde_json::from_str(&report).unwrap();
-        assert_eq!(report["summary"]["warnings"], outcome.summary["warnings"]);
-        let warnings = outcome.summary["warnings"].as_array().unwrap().clone();
+        assert_eq!(report["summary"]["warnings"], outcome.findings.summary["warnings"]);
+        let warnings = outcome.findings.summary["warnings"].as_array().unwrap().clone();
         warnings.iter().map(|w| w["code"].as_str().unwrap().to_owned()).collect::<Vec<_>>()
     };
     assert_eq!(codes(&crowded), ["splits-missing", "small-gap", "particles-short"]);
@@ -196,9 +196,9 @@ fn a_model_of_one_step_has_two_sections() {
     let dir = tempfile::tempdir().unwrap();
     let spec = small(&json!({ "steps": 1, "particles": { "total": 300, "outer": 60 } }));
     let outcome = generate(&request(spec, Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
-    assert_eq!(outcome.summary["sections"], 2);
-    let figures = outcome.figures();
+    assert_eq!(outcome.findings.summary["sections"], 2);
+    let figures = outcome.findings.figures();
     assert_eq!((&figures["sections"], &figures["certificate"]["passed"]), (&json!(2), &json!(true)));
-    assert_eq!(figures["certificate"]["min_angle_deg"], outcome.certificate["min_angle_deg"]);
-    assert_eq!((figures["certificate"].get("bodies"), outcome.summary.get("certificate")), (None, None));
+    assert_eq!(figures["certificate"]["min_angle_deg"], outcome.findings.certificate["min_angle_deg"]);
+    assert_eq!((figures["certificate"].get("bodies"), outcome.findings.summary.get("certificate")), (None, None));
 }

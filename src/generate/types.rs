@@ -1,6 +1,8 @@
 //! Inputs and results of a generation.
 
 use crate::export::lod::FILES;
+use crate::measure::comparison::Comparison;
+use crate::measure::morphometry::Morphometry;
 use crate::model::Section;
 use crate::sim::gpu::GpuError;
 use crate::spec::ModelSpec;
@@ -93,6 +95,8 @@ pub enum Stage {
     Mesh,
     /// Computing the certificate.
     Certify,
+    /// Measuring the sections and comparing them with anatomy.
+    Measure,
     /// Writing files.
     Export,
     /// Moving files to the artifact store.
@@ -196,6 +200,9 @@ pub struct Seconds {
     pub mesh: f64,
     /// Certificate.
     pub certify: f64,
+    /// Morphometry.
+    #[serde(default)]
+    pub measure: f64,
     /// Writing files.
     pub export: f64,
     /// Total.
@@ -211,19 +218,30 @@ pub struct Outcome {
     pub device: String,
     /// Files in [`Request::dir`].
     pub files: Vec<FileOutput>,
+    /// What was found out about it.
+    pub findings: Findings,
+    /// Timing.
+    pub seconds: Seconds,
+}
+
+/// What is found out about a finished model; all of it is in `report.json`.
+#[derive(Clone, Debug)]
+pub struct Findings {
     /// Counts and measures: `sections`, `sections_added`, `particles`, `vertices`, `triangles`, …, and `warnings` about poor
     /// growth: a list, empty if there are none, of objects with `code` (`splits-missing`, `small-gap`, `particles-short`) and
     /// `detail`.
     pub summary: serde_json::Value,
     /// The certificate as JSON.
     pub certificate: serde_json::Value,
-    /// Timing.
-    pub seconds: Seconds,
+    /// What its sections measure.
+    pub morphometry: Morphometry,
+    /// The measures beside published ones; none if the model is of no known preset.
+    pub comparison: Option<Comparison>,
 }
 
-impl Outcome {
-    /// What the record of a job keeps: the summary, and as its member `certificate` the figures of the certificate, without
-    /// the lists of bodies and failures.
+impl Findings {
+    /// What the record of a job keeps: the summary; as its member `certificate` the figures of the certificate, without
+    /// the lists of bodies and failures; and as `morphometry` the means by region.
     #[must_use]
     pub fn figures(&self) -> serde_json::Value {
         let mut figures = self.summary.clone();
@@ -232,6 +250,7 @@ impl Outcome {
             members.retain(|name, _| !["bodies", "failures"].contains(&name.as_str()));
         }
         figures["certificate"] = certificate;
+        figures["morphometry"] = self.morphometry.means();
         figures
     }
 }

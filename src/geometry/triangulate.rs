@@ -33,6 +33,18 @@ pub enum TriangulateError {
 
 type Cdt = ConstrainedDelaunayTriangulation<Point2<f64>>;
 
+/// A triangulated region with the neighbours of each triangle.
+#[derive(Clone, Debug)]
+pub struct Linked {
+    /// Counter-clockwise triangles.
+    pub triangles: Vec<[u32; 3]>,
+    /// The triangles on the other side of the edges 0–1, 1–2 and 2–0; [`NO_NEIGHBOUR`] at a contour.
+    pub neighbours: Vec<[u32; 3]>,
+}
+
+/// Stands for the outside of the region in [`Linked::neighbours`].
+pub const NO_NEIGHBOUR: u32 = u32::MAX;
+
 /// Triangulates the inside of a simple, counter-clockwise contour of n points into n − 2 triangles.
 ///
 /// # Errors
@@ -51,9 +63,46 @@ pub fn annulus(inner: &[[f32; 2]], outer: &[[f32; 2]]) -> Result<Vec<[u32; 3]>, 
     region(&[inner, outer], &[false, true], inner.len() + outer.len())
 }
 
+/// Triangulates the inside of `outer` without the inside of `holes`, all simple, counter-clockwise and apart from each other.
+/// Indices count the points of the holes first, in order, then those of `outer`.
+///
+/// # Errors
+/// [`TriangulateError`] if the contours do not meet these conditions.
+pub fn perforated(holes: &[&[[f32; 2]]], outer: &[[f32; 2]]) -> Result<Linked, TriangulateError> {
+    let contours: Vec<&[[f32; 2]]> = holes.iter().copied().chain([outer]).collect();
+    let mut left = vec![false; holes.len()];
+    left.push(true);
+    let points: usize = contours.iter().map(|contour| contour.len()).sum();
+    let (cdt, inside) = cover(&contours, &left)?;
+    let linked = linked(&cdt, &inside);
+    let expected = (points + 2 * holes.len()).saturating_sub(2);
+    let found = linked.triangles.len();
+    if found == expected { Ok(linked) } else { Err(TriangulateError::Count { found, expected }) }
+}
+
 /// Triangulates the region that lies left of the edges of every contour marked `left` and right of the
 /// others.
 fn region(contours: &[&[[f32; 2]]], left: &[bool], expected: usize) -> Result<Vec<[u32; 3]>, TriangulateError> {
+    let (cdt, inside) = cover(contours, left)?;
+    let triangles: Vec<[u32; 3]> = cdt
+        .inner_faces()
+        .filter(|face| inside[face.index()])
+        .map(|face| face.vertices().map(|v| v.index() as u32))
+        .collect();
+    let points: Vec<[f64; 2]> = contours.iter().copied().flatten().copied().map(widen2).collect();
+    let sound = triangles.iter().all(|t| {
+        let [a, b, c] = t.map(|i| points[i as usize]);
+        orient2d(a, b, c) > 0.0
+    });
+    if triangles.len() == expected && sound {
+        Ok(triangles)
+    } else {
+        Err(TriangulateError::Count { found: triangles.len(), expected })
+    }
+}
+
+/// A triangulation of the convex hull in which all edges of the contours are edges, and which of its faces are in the region.
+fn cover(contours: &[&[[f32; 2]]], left: &[bool]) -> Result<(Cdt, Vec<bool>), TriangulateError> {
     let points: Vec<[f64; 2]> = contours.iter().copied().flatten().copied().map(widen2).collect();
     let mut edges = Vec::with_capacity(points.len());
     let mut inside_left = Vec::with_capacity(points.len());
@@ -73,21 +122,12 @@ fn region(contours: &[&[[f32; 2]]], left: &[bool], expected: usize) -> Result<Ve
     if conflict || cdt.num_constraints() != edges.len() {
         return Err(TriangulateError::Crossing);
     }
-    let triangles = flood(&cdt, &edges, &inside_left)?;
-    let sound = triangles.iter().all(|t| {
-        let [a, b, c] = t.map(|i| points[i as usize]);
-        orient2d(a, b, c) > 0.0
-    });
-    if triangles.len() == expected && sound {
-        Ok(triangles)
-    } else {
-        Err(TriangulateError::Count { found: triangles.len(), expected })
-    }
+    let inside = flood(&cdt, &edges, &inside_left)?;
+    Ok((cdt, inside))
 }
 
-/// Collects the faces reached from the inner side of the contour edges without crossing one, in the
-/// order of the triangulation.
-fn flood(cdt: &Cdt, edges: &[[usize; 2]], inside_left: &[bool]) -> Result<Vec<[u32; 3]>, TriangulateError> {
+/// Marks the faces reached from the inner side of the contour edges without crossing one.
+fn flood(cdt: &Cdt, edges: &[[usize; 2]], inside_left: &[bool]) -> Result<Vec<bool>, TriangulateError> {
     let handle = FixedVertexHandle::from_index;
     let mut inside = vec![false; cdt.num_all_faces()];
     let mut queue = Vec::new();
@@ -116,11 +156,27 @@ fn flood(cdt: &Cdt, edges: &[[usize; 2]], inside_left: &[bool]) -> Result<Vec<[u
             }
         }
     }
-    Ok(cdt
-        .inner_faces()
-        .filter(|face| inside[face.index()])
-        .map(|face| face.vertices().map(|v| v.index() as u32))
-        .collect())
+    Ok(inside)
+}
+
+/// The faces of the region, in the order of the triangulation, with their neighbours.
+fn linked(cdt: &Cdt, inside: &[bool]) -> Linked {
+    let mut number = vec![NO_NEIGHBOUR; inside.len()];
+    let mut count = 0;
+    for face in cdt.inner_faces().filter(|face| inside[face.index()]) {
+        number[face.index()] = count;
+        count += 1;
+    }
+    let mut linked = Linked { triangles: Vec::new(), neighbours: Vec::new() };
+    for face in cdt.inner_faces().filter(|face| inside[face.index()]) {
+        let edges = face.adjacent_edges();
+        linked.triangles.push(edges.map(|edge| edge.from().index() as u32));
+        linked.neighbours.push(edges.map(|edge| {
+            let beyond = edge.rev().face().as_inner().filter(|_| !edge.is_constraint_edge());
+            beyond.map_or(NO_NEIGHBOUR, |face| number[face.index()])
+        }));
+    }
+    linked
 }
 
 #[cfg(test)]
@@ -170,6 +226,27 @@ mod tests {
         let all: Vec<[f32; 2]> = inner.iter().chain(&outer).copied().collect();
         let expected = super::super::polygon::signed_area(&outer) - super::super::polygon::signed_area(&inner);
         assert!((area(&all, &triangles) / expected - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn neighbours_share_an_edge() {
+        let shifted = |x: f32| circle(40, 200.0, 0.0).iter().map(|p| [p[0] + x, p[1]]).collect::<Vec<_>>();
+        let (holes, outer) = ([shifted(-4e-4), shifted(4e-4)], circle(60, 1200.0, 0.0));
+        let found = perforated(&[&holes[0], &holes[1]], &outer).unwrap();
+        assert_eq!(found.triangles.len(), 140 + 2);
+        let mut contour = 0;
+        for (t, neighbours) in found.triangles.iter().zip(&found.neighbours) {
+            for k in 0..3 {
+                let (a, b) = (t[k], t[(k + 1) % 3]);
+                let Some(n) = found.triangles.get(neighbours[k] as usize) else {
+                    contour += 1;
+                    continue;
+                };
+                assert!((0..3).any(|j| n[j] == b && n[(j + 1) % 3] == a));
+            }
+        }
+        assert_eq!(contour, 140);
+        assert!(perforated(&[&holes[0], &holes[0]], &outer).is_err());
     }
 
     #[test]

@@ -165,7 +165,7 @@ impl Model {
             finished_at: job.finished_at,
             expires_at: job.finished_at.zip(keep).and_then(|(end, keep)| end.checked_add(keep).ok()),
             files: job.files.iter().map(file).collect(),
-            summary: job.summary.clone(),
+            summary: job.summary.clone().map(without_means),
             warnings: warnings(job),
             problem: job.problem.as_ref().map(problem),
             digest: job.digest.clone(),
@@ -174,6 +174,14 @@ impl Model {
             spec: (detail == Detail::Full).then(|| job.spec.clone()),
         }
     }
+}
+
+/// A summary without the means by region, 150 numbers for tables of batches; the report of a model has them.
+fn without_means(mut summary: Value) -> Value {
+    if let Some(members) = summary.as_object_mut() {
+        members.remove("morphometry");
+    }
+    summary
 }
 
 /// The warnings in the summary of a job. A summary of an older version has none.

@@ -3,6 +3,8 @@
 
 use super::responses::{CertificateFigures, ParameterValue, SpecPatch};
 use crate::measure::Certificate;
+use crate::measure::comparison::Comparison;
+use crate::measure::morphometry::Morphometry;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -84,6 +86,12 @@ pub(super) struct StoredReport {
     summary: Summary,
     /// The certificate of the surface as exported.
     certificate: Certificate,
+    /// What its sections measure. Models of version 0.2 and earlier have none.
+    #[schema(required = false)]
+    morphometry: Morphometry,
+    /// The measures beside published ones of the organ and species of the preset.
+    #[schema(required = false)]
+    comparison: Comparison,
     /// The levels of detail, the finest first; only if the model was grown with `lod`. A model that reuses it has the same
     /// report, and the files that it asked for.
     #[schema(required = false)]

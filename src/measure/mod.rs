@@ -1,6 +1,8 @@
-//! Measures of sections and surfaces, and the certificate of a surface (see [`certify`]).
+//! The certificate of a surface (see [`certify`]), and the [`morphometry`] of sections.
 
 mod certificate;
+pub mod comparison;
+pub mod morphometry;
 
 pub use certificate::{
     Certificate, CheckOptions, Component, Failure, FailureKind, Place, certify, certify_soup, check_surface,

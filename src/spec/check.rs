@@ -30,6 +30,7 @@ pub(super) fn faults(p: &Parameters, bad: &[String]) -> Vec<Fault> {
     checks.growth(p);
     checks.solver(p);
     checks.room(p);
+    checks.regions(p);
     checks.faults
 }
 
@@ -80,6 +81,14 @@ impl Checks<'_> {
                 )
             });
         }
+    }
+
+    fn regions(&mut self, p: &Parameters) {
+        let (from, to) = (p.regions.junction_from, p.regions.junction_to);
+        let pointers = ["/regions/junction_to", "/regions/junction_from"];
+        self.require(from <= to, pointers[0], &pointers, || {
+            format!("is {to}, before the junction's start at {from} (/regions/junction_from)")
+        });
     }
 
     fn growth(&mut self, p: &Parameters) {

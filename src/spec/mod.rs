@@ -47,7 +47,7 @@ pub use fault::Fault;
 pub use limits::{Limits, OverLimit};
 pub use parameters::{
     Collision, Containment, Contortion, Integrator, MAX_PARTICLES, MAX_STEPS, MeshOptions, Parameters, Particles,
-    Regulatory, Search, Solver, Spring, Variation, Wall,
+    Regions, Regulatory, Search, Solver, Spring, Variation, Wall,
 };
 pub use preset::{DEFAULT_PRESET, Preset, preset, presets};
 pub use schedule::{Ease, Fluctuation, Schedule};

@@ -62,6 +62,8 @@ group! {
         pub solver: Solver = "Solver" [""] ();
         /// Options of the exported surface.
         pub mesh: MeshOptions = "Surface" [""] ();
+        /// Regions of the tube, for measures.
+        pub regions: Regions = "Regions" [""] ();
     }
 }
 
@@ -207,6 +209,17 @@ group! {
     pub struct MeshOptions {
         /// Write the walls as triangle strips, as in the paper, instead of separate triangles.
         pub strips: bool = "Triangle strips" [""] ();
+    }
+}
+
+group! {
+    /// Where measures divide the tube: isthmus, ampullary–isthmic junction, ampulla. The surface does not depend on it.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Regions {
+        /// Where the junction begins.
+        pub junction_from: f64 = "Start of the junction" ["of the length"] Range::of(0.0, 1.0);
+        /// Where the junction ends.
+        pub junction_to: f64 = "End of the junction" ["of the length"] Range::of(0.0, 1.0);
     }
 }
 

@@ -13,7 +13,12 @@ use std::sync::LazyLock;
 pub const DEFAULT_PRESET: &str = "pig";
 
 /// The texts of the files, the default first.
-const FILES: [&str; 2] = [include_str!("../../presets/pig.json"), include_str!("../../presets/paper.json")];
+const FILES: [&str; 4] = [
+    include_str!("../../presets/pig.json"),
+    include_str!("../../presets/human.json"),
+    include_str!("../../presets/cow.json"),
+    include_str!("../../presets/paper.json"),
+];
 
 /// A complete set of parameters for an organ of a species.
 #[derive(Clone, Debug, PartialEq, Deserialize)]

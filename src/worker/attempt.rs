@@ -182,7 +182,7 @@ impl<'a> Attempt<'a> {
             upload::remove(self.context, &files).await;
             return Err(ending);
         }
-        let summary = outcome.figures();
+        let summary = outcome.findings.figures();
         self.claim.report.used = Some(outcome.used);
         self.claim.report.device = Some(outcome.device);
         let (backend, engine) = (self.claim.report.clone(), crate::ENGINE_VERSION.to_owned());

@@ -206,6 +206,7 @@ fn name(stage: Stage) -> &'static str {
         Stage::Simulate => "simulate",
         Stage::Mesh => "mesh",
         Stage::Certify => "certify",
+        Stage::Measure => "measure",
         Stage::Export => "export",
         Stage::Store => "store",
     }
@@ -216,6 +217,7 @@ fn span(stage: Stage, attempt: &Span) -> Span {
         Stage::Simulate => tracing::info_span!(parent: attempt, "simulate"),
         Stage::Mesh => tracing::info_span!(parent: attempt, "mesh"),
         Stage::Certify => tracing::info_span!(parent: attempt, "certify"),
+        Stage::Measure => tracing::info_span!(parent: attempt, "measure"),
         Stage::Export => tracing::info_span!(parent: attempt, "export"),
         Stage::Store => tracing::info_span!(parent: attempt, "store"),
     }

@@ -53,9 +53,9 @@ fn a_batch_gives_certified_models_with_the_same_bytes_alone_or_together() {
     let together = grow(&[1, 2]);
     for outcome in &together {
         assert_eq!((outcome.used, outcome.device.as_str()), (Backend::Gpu, device().name()));
-        assert_eq!(outcome.certificate["passed"], true);
-        assert_eq!(outcome.summary["sections"], 7);
-        assert_eq!(outcome.summary["particles"], json!({ "start": 180, "end": 400 }));
+        assert_eq!(outcome.findings.certificate["passed"], true);
+        assert_eq!(outcome.findings.summary["sections"], 7);
+        assert_eq!(outcome.findings.summary["particles"], json!({ "start": 180, "end": 400 }));
     }
     assert_eq!(grow(&[2])[0].files, together[1].files);
 }

@@ -20,6 +20,17 @@ pub(in crate::cli) struct CheckArgs {
     pub(in crate::cli) json: bool,
 }
 
+/// Options of `report`.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct ReportArgs {
+    /// Directory with the report.json and the sections.bin of a model
+    #[arg(value_name = "DIR")]
+    pub(in crate::cli) dir: PathBuf,
+    /// The page [default: report.html in DIR]
+    #[arg(long, value_name = "FILE")]
+    pub(in crate::cli) out: Option<PathBuf>,
+}
+
 /// Options of `render`.
 #[derive(Clone, Debug, Args)]
 pub(in crate::cli) struct RenderArgs {

@@ -27,7 +27,8 @@ pub fn certify(mesh: &Mesh, sections: &[Section]) -> Certificate {
     let contours = sections::examine(sections, &mut failures);
     let mut certificate = surface(&mesh.positions, &mesh.triangles, METRE_UM, failures);
     certificate.section_crossings = contours.crossings;
-    certificate.min_gap_um = contours.min_gap_um;
+    certificate.min_gap_um = contours.gaps_um.iter().copied().flatten().reduce(f64::min);
+    certificate.section_gaps_um = contours.gaps_um;
     let mut failures = Failures(std::mem::take(&mut certificate.failures));
     if certificate.components > 1 {
         let detail = format!("the body consists of {} parts instead of one", certificate.components);
@@ -123,6 +124,7 @@ fn surface<C: Coordinate>(
         section_crossings: 0,
         triangle_intersections: meetings.count,
         min_gap_um: None,
+        section_gaps_um: Vec::new(),
         min_edge_um: shape.min_edge * unit_um,
         min_angle_deg: shape.min_angle_deg,
         volume_mm3: volume * unit_mm.powi(3),

@@ -15,7 +15,7 @@ type P2 = [f64; 2];
 /// Findings on all sections.
 pub(super) struct Contours {
     pub(super) crossings: u64,
-    pub(super) min_gap_um: Option<f64>,
+    pub(super) gaps_um: Vec<Option<f64>>,
 }
 
 #[derive(Default)]
@@ -48,8 +48,7 @@ pub(super) fn examine(sections: &[Section], failures: &mut Failures) -> Contours
     let places = places.take(PLACES).map(|(i, p)| place(i, p)).collect();
     let detail = format!("{crossings} pairs of edges of a section cross or touch");
     failures.add(FailureKind::SectionCrossing, crossings, detail, places);
-    let min_gap_um = found.iter().filter_map(|f| f.gap).reduce(f64::min);
-    Contours { crossings: crossings + outside, min_gap_um }
+    Contours { crossings: crossings + outside, gaps_um: found.iter().map(|f| f.gap).collect() }
 }
 
 /// The edges of both rings: edge `i` goes from point `i` to point `next(i)`.

@@ -53,6 +53,9 @@ pub struct Certificate {
     /// Least distance between a vertex and an edge of the same section that does not end there, over both rings;
     /// null without sections.
     pub min_gap_um: Option<f64>,
+    /// This distance in each section.
+    #[serde(skip)]
+    pub section_gaps_um: Vec<Option<f64>>,
     /// Shortest edge of the surface.
     pub min_edge_um: f64,
     /// Smallest angle of a triangle.
@@ -101,6 +104,7 @@ impl Certificate {
             section_crossings: 0,
             triangle_intersections: 0,
             min_gap_um: None,
+            section_gaps_um: Vec::new(),
             min_edge_um: 0.0,
             min_angle_deg: 0.0,
             volume_mm3: 0.0,

@@ -104,7 +104,9 @@ struct CertificateWatch<'a> {
 
 impl Sink for CertificateWatch<'_> {
     fn progress(&self, progress: &Progress) {
-        if matches!(progress.stage, Stage::Certify | Stage::Export) && !self.begun.swap(true, Ordering::Relaxed) {
+        if matches!(progress.stage, Stage::Certify | Stage::Measure | Stage::Export)
+            && !self.begun.swap(true, Ordering::Relaxed)
+        {
             self.nearly_free.send_replace(true);
         }
         self.sink.progress(progress);

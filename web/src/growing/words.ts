@@ -7,6 +7,7 @@ export const STAGES: readonly { stage: Progress["stage"]; name: string; meaning:
   { stage: "simulate", name: "Growth", meaning: "The folds grow, section by section, from the isthmus to the ampulla." },
   { stage: "mesh", name: "Surface", meaning: "The sections are joined to one closed surface." },
   { stage: "certify", name: "Certificate", meaning: "The surface is tested: closed, oriented, free of intersections." },
+  { stage: "measure", name: "Morphometry", meaning: "The sections are measured and compared with published anatomy." },
   { stage: "export", name: "Files", meaning: "The files are written." },
   { stage: "store", name: "Storage", meaning: "The files are stored." },
 ];

@@ -78,7 +78,7 @@ class Progress:
     """Progress of a model that runs."""
 
     stage: str
-    """`simulate`, `mesh`, `certify`, `export` or `store`."""
+    """`simulate`, `mesh`, `certify`, `measure`, `export` or `store`."""
     fraction: float
     """Fraction of the whole, 0 to 1, never decreasing within an attempt."""
     step: int = 0

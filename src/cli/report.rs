@@ -1,0 +1,48 @@
+//! `oviduct report`: the report of a model as one HTML page, from its `report.json` and `sections.bin`.
+
+use super::args::ReportArgs;
+use super::exit::Ended;
+use super::scratch::Scratch;
+use super::{interrupt, term};
+use crate::export::sections_bin::SectionsReader;
+use crate::model::Section;
+use crate::{preview, report};
+use anyhow::Context;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+/// Name of the page.
+pub(super) const NAME: &str = "report.html";
+
+pub(super) async fn run(args: ReportArgs) -> Ended {
+    let dir = args.dir.clone();
+    // Nothing is written meanwhile, so an interrupt need not wait for the threads that draw.
+    let html = tokio::select! {
+        done = tokio::task::spawn_blocking(move || page(&dir)) => done.context("drawing panicked")??,
+        () = interrupt::asked_to_stop() => return Err(super::exit::Failure::Interrupted),
+    };
+    let to = args.out.unwrap_or_else(|| args.dir.join(NAME));
+    let folder = to.parent().filter(|dir| !dir.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let name = to.file_name().and_then(|name| name.to_str()).context("--out: not the name of a file")?;
+    let save = || {
+        let scratch = Scratch::new(folder)?;
+        std::fs::write(scratch.dir().join(name), html)?;
+        scratch.publish(name)
+    };
+    let path = save().with_context(|| format!("writing {} failed", to.display()))?;
+    term::print(&path.display().to_string())?;
+    Ok(())
+}
+
+/// The page of the model in a directory.
+pub(super) fn page(dir: &Path) -> anyhow::Result<String> {
+    let (json, bin) = (dir.join("report.json"), dir.join("sections.bin"));
+    let stored = std::fs::read(&json).with_context(|| json.display().to_string())?;
+    let open = || File::open(&bin).map(BufReader::new).with_context(|| bin.display().to_string());
+    let mut reader = SectionsReader::open(open()?).with_context(|| bin.display().to_string())?;
+    let z: Vec<f64> = reader.entries().iter().map(|entry| entry.z_um).collect();
+    let strip = report::strip(&z).into_iter().map(|k| reader.section(k)).collect::<Result<Vec<Section>, _>>()?;
+    let tube = preview::surface(open()?, report::VIEW, report::PICTURE)?;
+    Ok(report::html(&stored, &strip, &tube)?)
+}

@@ -1,0 +1,147 @@
+//! The lumen as a bit mask, and its boundary.
+
+use super::shape::Shape;
+use crate::geometry::predicates::widen2;
+
+/// Bits in rows of whole words. The last bit of each row is clear.
+#[derive(Clone, Debug)]
+pub(super) struct Bits {
+    /// Words of a row.
+    pub(super) words: usize,
+    pub(super) data: Vec<u64>,
+    /// Width and height of the part in which bits may be set.
+    pub(super) extent: [usize; 2],
+}
+
+/// Most pixels along a side of a mask.
+const MAX_SIDE: f64 = 8192.0;
+
+/// Side of the pixels for a section: `wanted`, or more if the lumen is very large, µm.
+pub(super) fn pixel(shape: &Shape<'_>, wanted: f64) -> f64 {
+    let [low, high] = bounds(shape);
+    let side = (high[0] - low[0]).max(high[1] - low[1]);
+    wanted * (side / wanted / MAX_SIDE).max(1.0).ceil()
+}
+
+fn bounds(shape: &Shape<'_>) -> [[f64; 2]; 2] {
+    let mut bounds = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
+    for point in shape.lumen.iter().copied().flatten().map(|&p| widen2(p)) {
+        for k in 0..2 {
+            bounds[0][k] = bounds[0][k].min(point[k]);
+            bounds[1][k] = bounds[1][k].max(point[k]);
+        }
+    }
+    bounds
+}
+
+/// The pixels whose centres lie in the lumen; pixel (0, 0) is the corner of its bounds.
+pub(super) fn lumen(shape: &Shape<'_>, pixel: f64) -> Bits {
+    let [low, high] = bounds(shape);
+    if !(low[0] < high[0] && low[1] < high[1]) {
+        return Bits { words: 1, data: Vec::new(), extent: [0; 2] };
+    }
+    let extent = [0, 1].map(|k| (((high[k] - low[k]) / pixel).ceil() as usize).max(1));
+    let (words, height) = (extent[0] / 64 + 1, extent[1]);
+    // Places in units of pixels at which edges pass the centre line of each row.
+    let crossings = |visit: &mut dyn FnMut(usize, f32)| {
+        for ring in &shape.lumen {
+            for (a, b) in super::shape::edges(ring) {
+                let [a, b] = [a, b].map(|p| [(p[0] - low[0]) / pixel - 0.5, (p[1] - low[1]) / pixel - 0.5]);
+                let (lower, upper) = if a[1] < b[1] { (a, b) } else { (b, a) };
+                let rows = lower[1].ceil().max(0.0) as usize..(upper[1].ceil().max(0.0) as usize).min(height);
+                for row in rows {
+                    let share = (row as f64 - lower[1]) / (upper[1] - lower[1]);
+                    visit(row, (lower[0] + share * (upper[0] - lower[0])) as f32);
+                }
+            }
+        }
+    };
+    let mut starts = vec![0_usize; height + 1];
+    crossings(&mut |row, _| starts[row + 1] += 1);
+    for row in 0..height {
+        starts[row + 1] += starts[row];
+    }
+    let mut places = vec![0.0_f32; starts[height]];
+    let mut next = starts.clone();
+    crossings(&mut |row, place| {
+        places[next[row]] = place;
+        next[row] += 1;
+    });
+    let mut data = vec![0; words * height];
+    for (row, out) in data.chunks_exact_mut(words).enumerate() {
+        let places = &mut places[starts[row]..starts[row + 1]];
+        places.sort_unstable_by(f32::total_cmp);
+        for pair in places.chunks_exact(2) {
+            fill(out, pair[0].ceil().max(0.0) as usize, (pair[1].ceil().max(0.0) as usize).min(extent[0]));
+        }
+    }
+    Bits { words, data, extent }
+}
+
+/// Sets the bits from `from` to before `to`.
+fn fill(row: &mut [u64], from: usize, to: usize) {
+    if from >= to {
+        return;
+    }
+    let (first, last) = (from / 64, (to - 1) / 64);
+    let (head, tail) = (!0 << (from % 64), !0 >> (63 - (to - 1) % 64));
+    if first == last {
+        row[first] |= head & tail;
+    } else {
+        row[first] |= head;
+        row[first + 1..last].fill(!0);
+        row[last] |= tail;
+    }
+}
+
+impl Bits {
+    pub(super) fn rows(&self) -> usize {
+        self.data.len() / self.words
+    }
+
+    pub(super) fn row(&self, row: usize) -> &[u64] {
+        &self.data[row * self.words..(row + 1) * self.words]
+    }
+
+    /// The set pixels that touch a clear one by a side.
+    pub(super) fn outline(&self) -> Self {
+        let empty = vec![0; self.words];
+        let rows = self.rows();
+        let mut data = Vec::with_capacity(self.data.len());
+        for row in 0..rows {
+            let here = self.row(row);
+            let below = if row > 0 { self.row(row - 1) } else { &empty };
+            let above = if row + 1 < rows { self.row(row + 1) } else { &empty };
+            for (w, &word) in here.iter().enumerate() {
+                let left = word << 1 | if w > 0 { here[w - 1] >> 63 } else { 0 };
+                let right = word >> 1 | here.get(w + 1).map_or(0, |next| next << 63);
+                data.push(word & !(left & right & below[w] & above[w]));
+            }
+        }
+        Self { data, ..*self }
+    }
+
+    /// Each bit of the result covers two by two bits.
+    pub(super) fn halved(&self) -> Self {
+        let words = self.words.div_ceil(2);
+        let rows = self.rows();
+        let mut data = vec![0; words * rows.div_ceil(2)];
+        for row in 0..rows {
+            let out = &mut data[row / 2 * words..][..words];
+            for (w, &word) in self.row(row).iter().enumerate() {
+                out[w / 2] |= packed(word | word >> 1) << (32 * (w % 2));
+            }
+        }
+        Self { words, data, extent: self.extent.map(|side| side.div_ceil(2)) }
+    }
+}
+
+/// The even bits of a word, next to each other.
+fn packed(word: u64) -> u64 {
+    let mut x = word & 0x5555_5555_5555_5555;
+    x = (x | x >> 1) & 0x3333_3333_3333_3333;
+    x = (x | x >> 2) & 0x0F0F_0F0F_0F0F_0F0F;
+    x = (x | x >> 4) & 0x00FF_00FF_00FF_00FF;
+    x = (x | x >> 8) & 0x0000_FFFF_0000_FFFF;
+    (x | x >> 16) & 0x0000_0000_FFFF_FFFF
+}

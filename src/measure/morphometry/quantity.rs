@@ -1,0 +1,77 @@
+//! The quantities of a section by name: the single list that reports, comparisons and plots use.
+
+use super::section::Measures;
+use super::tree::GENERATIONS;
+
+/// A quantity that has a value in each section.
+pub struct Quantity {
+    /// Name in reports.
+    pub name: &'static str,
+    /// Name for people.
+    pub title: &'static str,
+    /// Unit; empty for a number without one.
+    pub unit: &'static str,
+    of: fn(&Measures) -> Option<f64>,
+}
+
+impl Quantity {
+    /// The value in a section.
+    #[must_use]
+    pub fn of(&self, measures: &Measures) -> Option<f64> {
+        (self.of)(measures).filter(|value| value.is_finite())
+    }
+
+    /// The quantity of a name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<&'static Self> {
+        QUANTITIES.iter().find(|quantity| quantity.name == name)
+    }
+}
+
+macro_rules! quantities {
+    ($($name:literal, $title:literal, $unit:literal, $of:expr;)*) => {
+        /// All quantities of a section; `docs/morphometry.md` defines them.
+        pub const QUANTITIES: &[Quantity] = &[$(Quantity { name: $name, title: $title, unit: $unit, of: $of }),*];
+    };
+}
+
+quantities! {
+    "lumen_area_mm2", "Lumen area", "mm²", |m| Some(m.lumen_area_mm2);
+    "tissue_area_mm2", "Tissue area", "mm²", |m| Some(m.tissue_area_mm2);
+    "tissue_diameter_mm", "Diameter of the circle of the tissue area", "mm", |m| {
+        Some(2.0 * (m.tissue_area_mm2 / std::f64::consts::PI).sqrt())
+    };
+    "outer_diameter_mm", "Outer diameter", "mm", |m| Some(m.outer_diameter_mm);
+    "wall_share", "Wall share", "", |m| Some(m.wall_share);
+    "fill", "Fill", "", |m| Some(m.fill);
+    "lumen_perimeter_mm", "Lumen perimeter", "mm", |m| Some(m.lumen_perimeter_mm);
+    "perimeter_ratio", "Perimeter ratio", "", |m| Some(m.perimeter_ratio);
+    "hydraulic_diameter_um", "Hydraulic diameter", "µm", |m| Some(m.hydraulic_diameter_um);
+    "islands", "Islands", "", |m| Some(m.islands.into());
+    "folds_on_ring", "Folds on the ring", "", |m| Some(m.folds_on_ring.into());
+    "primary_folds", "Primary folds", "", |m| branches(m, 0);
+    "secondary_folds", "Secondary folds", "", |m| branches(m, 1);
+    "tertiary_folds", "Tertiary folds", "", |m| Some(branches(m, 2)? + branches(m, GENERATIONS - 1)?);
+    "branching_order", "Branching order, median", "", |m| m.folds.as_ref()?.median_order();
+    "branching_order_mean", "Branching order, mean", "", |m| m.folds.as_ref()?.mean_order();
+    "fold_height_p5_um", "Fold height, 5th percentile", "µm", |m| Some(m.folds.as_ref()?.height_um?.p5);
+    "fold_height_p50_um", "Fold height, median", "µm", |m| Some(m.folds.as_ref()?.height_um?.p50);
+    "fold_height_p95_um", "Fold height, 95th percentile", "µm", |m| Some(m.folds.as_ref()?.height_um?.p95);
+    "tissue_thickness_p5_um", "Tissue thickness, 5th percentile", "µm", |m| Some(m.thickness_um?.p5);
+    "tissue_thickness_p50_um", "Tissue thickness, median", "µm", |m| Some(m.thickness_um?.p50);
+    "tissue_thickness_p95_um", "Tissue thickness, 95th percentile", "µm", |m| Some(m.thickness_um?.p95);
+    "tissue_thickness_cv", "Tissue thickness, coefficient of variation", "", |m| Some(m.thickness_um?.cv);
+    "lumen_gap_p5_um", "Lumen gap, 5th percentile", "µm", |m| Some(m.gap_um?.p5);
+    "lumen_gap_p50_um", "Lumen gap, median", "µm", |m| Some(m.gap_um?.p50);
+    "lumen_gap_p95_um", "Lumen gap, 95th percentile", "µm", |m| Some(m.gap_um?.p95);
+    "lumen_gap_cv", "Lumen gap, coefficient of variation", "", |m| Some(m.gap_um?.cv);
+    "fractal_dimension", "Fractal dimension of the lumen area", "", |m| Some(m.area_dimension?.value);
+    "fractal_dimension_error", "Its standard error", "", |m| Some(m.area_dimension?.error);
+    "outline_dimension", "Fractal dimension of the lumen outline", "", |m| Some(m.outline_dimension?.value);
+    "outline_dimension_error", "Its standard error", "", |m| Some(m.outline_dimension?.error);
+    "lacunarity", "Lacunarity of the lumen area", "", |m| m.lacunarity;
+}
+
+fn branches(measures: &Measures, generation: usize) -> Option<f64> {
+    measures.folds.as_ref().map(|folds| folds.branches[generation].into())
+}

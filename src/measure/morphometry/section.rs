@@ -1,0 +1,82 @@
+//! The measures of one section.
+
+use super::fractal::{Dimension, dimension, lacunarity};
+use super::mask;
+use super::rays::distances;
+use super::ring;
+use super::shape::{Ellipse, Shape};
+use super::spread::Spread;
+use super::tree::{self, Folds};
+
+/// Side of the pixels of masks, µm; larger if the lumen is wider than 8192 of them.
+pub(super) const PIXEL_UM: f64 = 4.0;
+
+/// Square micrometres in a square millimetre.
+const MM2_UM2: f64 = 1e6;
+
+/// Measures of a section. Those that do not exist for it, such as the height of folds if there are none, are none.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measures {
+    /// Area of the lumen.
+    pub lumen_area_mm2: f64,
+    /// Area of the tissue, islands included.
+    pub tissue_area_mm2: f64,
+    /// Diameter of the circle with the area within the outer contour.
+    pub outer_diameter_mm: f64,
+    /// Part of the area within the outer contour that lies outside the base ellipse.
+    pub wall_share: f64,
+    /// Part of the area of the base ellipse that is tissue.
+    pub fill: f64,
+    /// Length of the boundary of the lumen.
+    pub lumen_perimeter_mm: f64,
+    /// The same over the circumference of the base ellipse.
+    pub perimeter_ratio: f64,
+    /// Four times the area of the lumen over its perimeter.
+    pub hydraulic_diameter_um: f64,
+    /// Islands: pieces of tissue surrounded by lumen.
+    pub islands: u32,
+    /// Folds that cross the ring, 0.75 of the base ellipse.
+    pub folds_on_ring: u32,
+    /// Folds by the shape tree; none if it was not made for this section.
+    pub folds: Option<Folds>,
+    /// Distances from the boundary of the lumen along its normals through tissue to the next wall, µm.
+    pub thickness_um: Option<Spread>,
+    /// Distances from the boundary of the lumen along its normals through the lumen to the next wall, µm.
+    pub gap_um: Option<Spread>,
+    /// Box-counting dimension of the area of the lumen.
+    pub area_dimension: Option<Dimension>,
+    /// Box-counting dimension of the outline of the lumen.
+    pub outline_dimension: Option<Dimension>,
+    /// Lacunarity of the area of the lumen.
+    pub lacunarity: Option<f64>,
+}
+
+/// Measures a section; its shape tree only if `trees`, as it takes longer than all the rest.
+#[must_use]
+pub fn measure(shape: &Shape<'_>, trees: bool) -> Measures {
+    measure_with(shape, &shape.base_ellipse(), trees)
+}
+
+pub(super) fn measure_with(shape: &Shape<'_>, base: &Ellipse, trees: bool) -> Measures {
+    let (lumen, outer, perimeter) = (shape.lumen_area(), shape.outer_area(), shape.perimeter());
+    let along = distances(shape);
+    let bits = mask::lumen(shape, mask::pixel(shape, PIXEL_UM));
+    Measures {
+        lumen_area_mm2: lumen / MM2_UM2,
+        tissue_area_mm2: (outer - lumen) / MM2_UM2,
+        outer_diameter_mm: 2.0 * (outer / std::f64::consts::PI).sqrt() / 1e3,
+        wall_share: 1.0 - base.area() / outer,
+        fill: 1.0 - lumen / base.area(),
+        lumen_perimeter_mm: perimeter / 1e3,
+        perimeter_ratio: perimeter / base.circumference(),
+        hydraulic_diameter_um: 4.0 * lumen / perimeter,
+        islands: shape.islands(),
+        folds_on_ring: ring::count(shape, base),
+        folds: if trees { tree::folds(shape) } else { None },
+        thickness_um: along.thickness,
+        gap_um: along.gap,
+        area_dimension: dimension(&bits),
+        outline_dimension: dimension(&bits.outline()),
+        lacunarity: lacunarity(&bits),
+    }
+}

@@ -1,0 +1,185 @@
+//! A section as the measures see it, and its base ellipse.
+
+use crate::geometry::polygon::signed_area;
+use crate::geometry::predicates::widen2;
+use crate::model::Section;
+use std::f64::consts::{PI, TAU};
+
+type P2 = [f64; 2];
+
+/// A section of a tube, in micrometres: tissue within `outer` and outside of the lumen.
+///
+/// All contours are simple and do not meet. Contours of the lumen lie within `outer` and are counter-clockwise; those of islands
+/// in it are clockwise, so that the lumen is always to the left.
+#[derive(Clone, Debug)]
+pub struct Shape<'a> {
+    /// Outside of the tissue, counter-clockwise.
+    pub outer: &'a [[f32; 2]],
+    /// Boundary of the lumen.
+    pub lumen: Vec<&'a [[f32; 2]]>,
+}
+
+impl<'a> From<&'a Section> for Shape<'a> {
+    fn from(section: &'a Section) -> Self {
+        Self { outer: &section.outer.points, lumen: vec![&section.inner.points] }
+    }
+}
+
+impl Shape<'_> {
+    /// Area of the lumen, µm².
+    pub(super) fn lumen_area(&self) -> f64 {
+        self.lumen.iter().map(|ring| signed_area(ring)).sum()
+    }
+
+    /// Area within the outer contour, µm².
+    pub(super) fn outer_area(&self) -> f64 {
+        signed_area(self.outer)
+    }
+
+    pub(super) fn islands(&self) -> u32 {
+        self.lumen.iter().filter(|ring| signed_area(ring) < 0.0).count() as u32
+    }
+
+    /// Length of the boundary of the lumen, µm.
+    pub(super) fn perimeter(&self) -> f64 {
+        let length = |ring: &&[[f32; 2]]| -> f64 { edges(ring).map(|(a, b)| distance(a, b)).sum() };
+        self.lumen.iter().map(length).sum()
+    }
+
+    /// The least ellipse around the lumen that has the centre, the axes and the ratio of axes of the outer contour.
+    pub(super) fn base_ellipse(&self) -> Ellipse {
+        let unit = Ellipse::of_moments(self.outer);
+        let radius = self.lumen.iter().copied().flatten().map(|&p| unit.radius(p)).fold(0.0, f64::max);
+        Ellipse { semi_major: radius, ..unit }
+    }
+}
+
+/// The edges of a closed contour.
+pub(super) fn edges(ring: &[[f32; 2]]) -> impl Iterator<Item = (P2, P2)> {
+    let ends = ring.iter().cycle().skip(1);
+    ring.iter().zip(ends).map(|(&a, &b)| (widen2(a), widen2(b)))
+}
+
+/// Distance of two points; coordinates are micrometres, so that squares neither overflow nor vanish.
+#[inline]
+pub(super) fn distance(a: P2, b: P2) -> f64 {
+    let [x, y] = [b[0] - a[0], b[1] - a[1]];
+    (x * x + y * y).sqrt()
+}
+
+/// An ellipse.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Ellipse {
+    centre: P2,
+    /// Direction of the major axis.
+    axis: P2,
+    /// Minor over major axis.
+    pub(super) ratio: f64,
+    pub(super) semi_major: f64,
+}
+
+impl Ellipse {
+    /// The ellipse with the second moments of the area within a contour, of semi-major axis 1.
+    fn of_moments(ring: &[[f32; 2]]) -> Self {
+        let origin = ring.first().map_or([0.0; 2], |&p| widen2(p));
+        let (mut area, mut first, mut second) = (0.0, [0.0; 2], [0.0; 3]);
+        for (a, b) in edges(ring) {
+            let [a, b] = [a, b].map(|p| [p[0] - origin[0], p[1] - origin[1]]);
+            let cross = a[0] * b[1] - a[1] * b[0];
+            area += cross / 2.0;
+            for k in 0..2 {
+                first[k] += cross * (a[k] + b[k]) / 6.0;
+                second[k] += cross * (a[k] * a[k] + a[k] * b[k] + b[k] * b[k]) / 12.0;
+            }
+            second[2] += cross * (2.0 * a[0] * a[1] + a[0] * b[1] + b[0] * a[1] + 2.0 * b[0] * b[1]) / 24.0;
+        }
+        if area <= 0.0 {
+            return Self { centre: origin, axis: [1.0, 0.0], ratio: 1.0, semi_major: 1.0 };
+        }
+        let mean = first.map(|m| m / area);
+        let xx = second[0] / area - mean[0] * mean[0];
+        let yy = second[1] / area - mean[1] * mean[1];
+        let xy = second[2] / area - mean[0] * mean[1];
+        let (middle, half) = ((xx + yy) / 2.0, ((xx - yy) / 2.0).hypot(xy));
+        let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
+        let ratio = ((middle - half) / (middle + half)).max(0.0).sqrt().max(1e-3);
+        Self {
+            centre: [origin[0] + mean[0], origin[1] + mean[1]],
+            axis: [angle.cos(), angle.sin()],
+            ratio,
+            semi_major: 1.0,
+        }
+    }
+
+    /// Elliptic radius of a point: the semi-major axis of the ellipse of this centre, axes and ratio through it.
+    #[inline]
+    pub(super) fn radius(&self, point: [f32; 2]) -> f64 {
+        let [u, v] = self.flattened(point);
+        (u * u + v * v).sqrt()
+    }
+
+    /// The point in the plane in which the ellipse is a circle around the origin.
+    #[inline]
+    pub(super) fn flattened(&self, point: [f32; 2]) -> P2 {
+        let p = widen2(point);
+        let [x, y] = [p[0] - self.centre[0], p[1] - self.centre[1]];
+        let [c, s] = self.axis;
+        [x * c + y * s, (y * c - x * s) / self.ratio]
+    }
+
+    pub(super) fn area(&self) -> f64 {
+        PI * self.semi_major * self.semi_major * self.ratio
+    }
+
+    /// Circumference by the arithmetic–geometric mean, to rounding.
+    pub(super) fn circumference(&self) -> f64 {
+        let (mut a, mut b) = (1.0, self.ratio);
+        let (mut sum, mut power) = (0.5 * (a * a + b * b), 0.5);
+        for _ in 0..32 {
+            let (mean, c) = ((a + b) / 2.0, (a - b) / 2.0);
+            b = (a * b).sqrt();
+            a = mean;
+            power *= 2.0;
+            sum -= power * c * c;
+            if c < 1e-17 {
+                break;
+            }
+        }
+        TAU * self.semi_major * sum / a
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ellipse(a: f32, b: f32, turn: f32) -> Vec<[f32; 2]> {
+        (0..720)
+            .map(|i| {
+                let t = std::f32::consts::TAU * i as f32 / 720.0;
+                let (x, y) = (a * t.cos(), b * t.sin());
+                [70.0 + x * turn.cos() - y * turn.sin(), -20.0 + x * turn.sin() + y * turn.cos()]
+            })
+            .collect()
+    }
+
+    #[test]
+    fn an_ellipse_is_its_own() {
+        let points = ellipse(900.0, 600.0, 0.4);
+        let shape = Shape { outer: &points, lumen: vec![&points] };
+        let base = shape.base_ellipse();
+        assert!((base.semi_major - 900.0).abs() < 0.2, "{base:?}");
+        assert!((base.ratio - 2.0 / 3.0).abs() < 1e-4, "{base:?}");
+        assert!((base.centre[0] - 70.0).abs() < 1e-2 && (base.centre[1] + 20.0).abs() < 1e-2, "{base:?}");
+        assert!((shape.perimeter() / base.circumference() - 1.0).abs() < 2e-4);
+        assert!((shape.lumen_area() / base.area() - 1.0).abs() < 2e-4);
+    }
+
+    #[test]
+    fn circumferences() {
+        let ellipse = |semi_major, ratio| Ellipse { centre: [0.0; 2], axis: [1.0, 0.0], ratio, semi_major };
+        assert!((ellipse(2.0, 1.0).circumference() - 2.0 * TAU).abs() < 1e-12);
+        // Complete elliptic integral of the second kind for k² = 3/4.
+        assert!((ellipse(1.0, 0.5).circumference() - 4.0 * 1.211_056_027_568_459_5).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,274 @@
+//! The page.
+
+use super::Stored;
+use super::plots::Plot;
+use crate::measure::comparison::{Compared, Comparison, Verdict};
+use crate::measure::morphometry::{Morphometry, QUANTITIES};
+use crate::spec::{DEFAULT_PRESET, ModelSpec, Preset, preset};
+use base64::Engine as _;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+use serde_json::{Value, json};
+
+/// Title of the paper whose method grows the models.
+const PAPER: &str = "Burkitt, Romano, Walker, Fazeli: 3D Modelling of Complex Biological Structures: The Oviduct";
+
+pub(super) struct Pictures {
+    /// PNG of the tube.
+    pub(super) tube: Vec<u8>,
+    /// PNG of sections.
+    pub(super) strip: Vec<u8>,
+    /// Where these are.
+    pub(super) places_mm: Vec<f64>,
+}
+
+pub(super) fn page(stored: &Stored, pictures: &Pictures, plots: &[Plot]) -> Markup {
+    let of = preset(&stored.preset);
+    let name = of.map_or(stored.preset.as_str(), |preset| preset.title.as_str());
+    html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                title { (name) ", seed " (stored.seed) " · oviduct" }
+                style { (PreEscaped(include_str!("style.css"))) }
+            }
+            body {
+                h1 { (name) ", seed " (stored.seed) }
+                p.soft { "Grown by oviduct " (stored.engine) " from the preset " (stored.preset) ". Digest " code { (stored.digest) } }
+                h2 { "The model" }
+                figure {
+                    img.tube alt="The tube with a quarter cut away along it" src=(data(&pictures.tube));
+                    figcaption { "The tube with a quarter cut away along it." }
+                }
+                figure {
+                    img alt="Sections along the tube" src=(data(&pictures.strip));
+                    figcaption { "Sections at " (places(&pictures.places_mm)) " mm from the isthmus end, to one scale; the bar is 500 µm." }
+                }
+                @match (&stored.morphometry, &stored.comparison) {
+                    (Some(morphometry), comparison) => {
+                        @if let Some(comparison) = comparison { (anatomy(comparison)) }
+                        (along(plots))
+                        (regions(morphometry))
+                    }
+                    (None, _) => {
+                        h2 { "Morphometry" }
+                        p { "This model was grown by a version that did not measure its sections." }
+                    }
+                }
+                (certificate(&stored.certificate, &stored.summary))
+                (parameters(stored))
+                (citation(stored))
+            }
+        }
+    }
+}
+
+fn data(png: &[u8]) -> String {
+    format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png))
+}
+
+fn places(places_mm: &[f64]) -> String {
+    places_mm.iter().map(|z| number(*z)).collect::<Vec<_>>().join(", ")
+}
+
+/// Three digits or more, no exponent.
+fn number(value: f64) -> String {
+    let digits = if value == 0.0 { 0 } else { (2 - value.abs().log10().floor() as i32).clamp(0, 6) };
+    let text = format!("{value:.*}", digits as usize);
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+fn optional(value: Option<f64>) -> String {
+    value.map_or_else(|| "–".to_owned(), number)
+}
+
+fn unit(quantity: &str) -> (&str, &str) {
+    let known = QUANTITIES.iter().find(|q| q.name == quantity);
+    known.map_or_else(
+        || match quantity {
+            "length_mm" => ("Length", "mm"),
+            "isthmus_length_mm" => ("Length of the isthmus", "mm"),
+            "ampulla_length_mm" => ("Length of the ampulla", "mm"),
+            "fold_ratio" => ("Folds, ampulla over isthmus", ""),
+            other => (other, ""),
+        },
+        |q| (q.title, q.unit),
+    )
+}
+
+fn anatomy(comparison: &Comparison) -> Markup {
+    let titles: Vec<&str> = comparison.no_reference.iter().map(|name| unit(name).0).collect();
+    html! {
+        h2 { "Beside published anatomy" }
+        p {
+            (comparison.inside) " of " (comparison.inside + comparison.outside) " measures with a published range (" (comparison.organ) ", "
+            (comparison.species) ") are inside it."
+        }
+        div.scroll { table {
+            thead { tr {
+                th { "Measure" } th { "Region" } th.n { "Model" } th.n { "Published" } th.n { "Range" } th { "" } th { "Source" }
+            } }
+            tbody { @for one in &comparison.compared { (compared(one)) } }
+        } }
+        p.small.soft { "Model: mean over the region. Nothing was found to compare these with: " (titles.join(", ")) "." }
+    }
+}
+
+fn compared(one: &Compared) -> Markup {
+    let (title, unit) = unit(&one.quantity);
+    let range = match (one.low, one.high) {
+        (None, None) => "–".to_owned(),
+        (low, high) => format!("{} to {}", optional(low), optional(high)),
+    };
+    let n = one.n.map(|n| format!(" (n = {n})")).unwrap_or_default();
+    html! {
+        tr {
+            td { (title) @if !unit.is_empty() { ", " (unit) } }
+            td { (one.region) }
+            td.n { (optional(one.measured)) }
+            td.n { (optional(one.value)) @if let Some(sd) = one.sd { ", SD " (number(sd)) } (n) }
+            td.n { (range) }
+            td {
+                @match one.verdict {
+                    Verdict::Inside => span.inside { "inside" },
+                    Verdict::Outside => span.outside { "outside" },
+                    Verdict::NoRange => span.soft { "no range" },
+                    Verdict::NotMeasured => span.soft { "not measured" },
+                }
+                @if let Some(sd) = one.deviation_sd { " (" (format!("{sd:+.1}")) " SD)" }
+            }
+            td.source { (one.published) ". " (one.source) " [" (one.confidence) "]" }
+        }
+    }
+}
+
+fn along(plots: &[Plot]) -> Markup {
+    html! {
+        h2 { "Along the tube" }
+        p.soft { "Vertical lines: the ampullary–isthmic junction. Green: the published range." }
+        div.plots {
+            @for plot in plots {
+                figure {
+                    h3 { (plot.title) @if plot.published { span.inside { " · published range" } } }
+                    (PreEscaped(&plot.svg))
+                }
+            }
+        }
+    }
+}
+
+fn regions(morphometry: &Morphometry) -> Markup {
+    let names = ["isthmus", "junction", "ampulla", "whole"].map(|name| (name, morphometry.regions.get(name)));
+    let tube = &morphometry.tube;
+    let whole = [
+        ("Length, mm", Some(tube.length_mm)),
+        ("Volume of the lumen, mm³", Some(tube.lumen_volume_mm3)),
+        ("Volume of the tissue, mm³", Some(tube.tissue_volume_mm3)),
+        ("Surface of the mucosa, mm²", Some(tube.lumen_surface_mm2)),
+        ("Surface over volume of the lumen, 1/mm", Some(tube.surface_over_volume_per_mm)),
+        ("Hydraulic diameter, µm", Some(tube.hydraulic_diameter_um)),
+        ("Fold continuity", tube.fold_continuity),
+        ("Twist from end to end, degrees", Some(tube.twist_deg)),
+        ("Folds, ampulla over isthmus", tube.fold_ratio),
+    ];
+    html! {
+        h2 { "By region" }
+        p.soft { "Mean ± standard deviation along the region." }
+        div.scroll { table {
+            thead { tr { th { "Measure" } @for (name, _) in names { th.n { (name) } } } }
+            tbody { @for quantity in QUANTITIES {
+                tr {
+                    td { (quantity.title) @if !quantity.unit.is_empty() { ", " (quantity.unit) } }
+                    @for (_, region) in names {
+                        td.n {
+                            @match region.and_then(|region| region.quantities.get(quantity.name)) {
+                                Some(along) => { (number(along.mean)) " ± " (number(along.sd)) }
+                                None => "–",
+                            }
+                        }
+                    }
+                }
+            } }
+        } }
+        h2 { "The whole tube" }
+        table { tbody { @for (title, value) in whole { tr { td { (title) } td.n { (optional(value)) } } } } }
+    }
+}
+
+fn certificate(certificate: &Value, summary: &Value) -> Markup {
+    let is = |name: &str| certificate[name].as_bool().unwrap_or(false);
+    let count = |name: &str| certificate[name].to_string();
+    let measure = |name: &str| optional(certificate[name].as_f64());
+    html! {
+        h2 { "Certificate" }
+        p {
+            @if is("passed") { span.inside { "Passed" } } @else { span.outside { "Failed" } }
+            " by exact tests of the surface as exported."
+        }
+        table { tbody {
+            @for (title, holds) in [
+                ("Closed: no open edge", is("closed")),
+                ("Manifold: every edge has two triangles, every vertex one fan", is("manifold")),
+                ("Oriented: all triangles face outwards", is("oriented")),
+                ("No two triangles intersect", certificate["triangle_intersections"] == 0),
+                ("No contour of a section crosses itself or another", certificate["section_crossings"] == 0),
+            ] {
+                tr { td { (title) } td.n { @if holds { span.inside { "yes" } } @else { span.outside { "no" } } } }
+            }
+            @for (title, value) in [
+                ("Euler number", count("euler")),
+                ("Vertices", count("vertices")),
+                ("Triangles", count("triangles")),
+                ("Sections", summary["sections"].to_string()),
+                ("Least gap between walls, µm", measure("min_gap_um")),
+                ("Volume, mm³", measure("volume_mm3")),
+                ("Surface, mm²", measure("area_mm2")),
+            ] {
+                tr { td { (title) } td.n { (value) } }
+            }
+        } }
+        @for warning in summary["warnings"].as_array().into_iter().flatten() {
+            p.outside { (warning["detail"].as_str().unwrap_or_default()) }
+        }
+    }
+}
+
+fn parameters(stored: &Stored) -> Markup {
+    let of = preset(&stored.preset);
+    let own = of.and_then(|of| ModelSpec::resolve(of, &json!({})).ok()).map(|spec| spec.to_json());
+    let table = of.or_else(|| preset(DEFAULT_PRESET)).map(Preset::to_json).unwrap_or_default();
+    let text = |parameter: &Value, name: &str| parameter[name].as_str().unwrap_or_default().to_owned();
+    html! {
+        h2 { "Parameters" }
+        p.soft { "A value of the request is marked; all others are those of the preset, with its sources." }
+        div.scroll { table {
+            thead { tr { th { "Parameter" } th { "Value" } th { "Source" } } }
+            tbody { @for parameter in table["parameters"].as_array().into_iter().flatten() {
+                @let pointer = text(parameter, "pointer");
+                @let value = stored.spec.pointer(&pointer);
+                tr {
+                    td { (text(parameter, "title")) br; code { (pointer) } }
+                    td { code { (value.map_or_else(|| "–".to_owned(), Value::to_string)) } " " (text(parameter, "unit")) }
+                    td.source {
+                        @if value.is_some() && value == own.as_ref().and_then(|own| own.pointer(&pointer)) {
+                            (text(parameter, "source"))
+                        } @else { strong { "the request" } }
+                    }
+                }
+            } }
+        } }
+    }
+}
+
+fn citation(stored: &Stored) -> Markup {
+    html! {
+        h2 { "How to cite" }
+        p {
+            "The model: oviduct " (stored.engine) ", preset " (stored.preset) ", seed " (stored.seed) ", digest " code { (stored.digest) }
+            ". The same specification, seed and version give the same model."
+        }
+        p { "The method: " (PAPER) "." }
+        p { "Published values: each with its source in the table above." }
+    }
+}
