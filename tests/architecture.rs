@@ -13,7 +13,7 @@ use std::collections::BTreeSet;
 
 /// Modules of the library by floor, lowest first. A module imports from floors below its own.
 const FLOORS: [&[&str]; 6] = [
-    &["clock", "metrics", "status", "availability", "random", "tls", "trace", "model", "geometry"],
+    &["clock", "metrics", "status", "availability", "random", "tls", "trace", "model", "geometry", "tissue"],
     &["spec"],
     &["sim", "mesh", "measure", "export", "render"],
     &["generate", "jobs", "preview"],

@@ -17,7 +17,7 @@ pub(super) use limits::LimitArgs;
 pub(super) use load::LoadArgs;
 pub(super) use model::ModelArgs;
 pub(super) use remote::RemoteArgs;
-pub(super) use surfaces::{CheckArgs, RenderArgs};
+pub(super) use surfaces::{CheckArgs, RenderArgs, SectionArgs};
 pub(super) use workers::{WorkersAction, WorkersArgs};
 
 use super::units;
@@ -86,6 +86,8 @@ pub(super) enum Command {
     Check(CheckArgs),
     /// Draw the surface in glb, gltf, obj, stl, ply or sections.bin files as PNG pictures
     Render(RenderArgs),
+    /// Draw a section of a sections.bin file as a stained slide, or as a label image
+    Section(SectionArgs),
     /// Send many requests to a running service and report its throughput, latencies and errors
     Load(LoadArgs),
     /// Measure how fast this machine grows models

@@ -25,6 +25,7 @@ mod render;
 mod restart;
 mod scratch;
 mod secret;
+mod section;
 mod serve;
 mod service;
 mod sse;
@@ -89,6 +90,7 @@ async fn dispatch(command: Command) -> Ended {
         Command::Load(args) => load::run(args).await,
         Command::Check(args) => check::run(args).await,
         Command::Render(args) => render::run(args).await,
+        Command::Section(args) => section::run(args).await,
         Command::Bench(args) => bench::run(args).await,
         Command::Presets(args) => print::presets(&args),
         Command::Worker(args) => worker::run(args).await,

@@ -1,6 +1,6 @@
 //! Inputs and results of a generation.
 
-use crate::export::lod::FILES;
+use crate::export::{labels, lod};
 use crate::model::Section;
 use crate::sim::gpu::GpuError;
 use crate::spec::ModelSpec;
@@ -48,11 +48,13 @@ pub enum Output {
     /// Levels of detail for viewers: three binary glTF files with all, about 300,000 and about 60,000 triangles, quantized
     /// and compressed.
     Lod,
+    /// The tissue of every voxel of a piece of the tube (`/labels` of the spec) as OME-TIFF and NIfTI-1.
+    Labels,
 }
 
 impl Output {
     /// All formats.
-    pub const ALL: [Self; 3] = [Self::Glb, Self::Obj, Self::Lod];
+    pub const ALL: [Self; 4] = [Self::Glb, Self::Obj, Self::Lod, Self::Labels];
     /// What is written if a request does not say.
     pub const DEFAULT: [Self; 2] = [Self::Glb, Self::Lod];
 
@@ -63,6 +65,7 @@ impl Output {
             Self::Glb => "glb",
             Self::Obj => "obj",
             Self::Lod => "lod",
+            Self::Labels => "labels",
         }
     }
 
@@ -72,7 +75,8 @@ impl Output {
         match self {
             Self::Glb => &["model.glb"],
             Self::Obj => &["model.obj"],
-            Self::Lod => &FILES,
+            Self::Lod => &lod::FILES,
+            Self::Labels => &labels::FILES,
         }
     }
 

@@ -72,8 +72,7 @@ fn span(from: f64, to: f64, count: u32) -> std::ops::Range<usize> {
 }
 
 /// Least and greatest x, and y, of the finite points; `None` if there are none.
-#[must_use]
-pub fn extent(points: &[[f32; 2]]) -> Option<[[f64; 2]; 2]> {
+fn extent(points: &[[f32; 2]]) -> Option<[[f64; 2]; 2]> {
     let mut range = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
     for point in points.iter().filter(|p| p.iter().all(|c| c.is_finite())) {
         for axis in 0..2 {

@@ -47,8 +47,14 @@ fn a_frond_thinner_than_two_heights_is_epithelium_and_a_thicker_one_has_a_core()
     for (width, core) in [(50.0_f32, 0.0), (100.0, 40.0)] {
         let half = width / 2.0;
         let inner = [
-            [-1000.0, -500.0], [-half, -500.0], [-half, 0.0], [half, 0.0], [half, -500.0], [1000.0, -500.0],
-            [1000.0, 500.0], [-1000.0, 500.0],
+            [-1000.0, -500.0],
+            [-half, -500.0],
+            [-half, 0.0],
+            [half, 0.0],
+            [half, -500.0],
+            [1000.0, -500.0],
+            [1000.0, 500.0],
+            [-1000.0, 500.0],
         ];
         let outer = [[-1400.0, -900.0], [1400.0, -900.0], [1400.0, 900.0], [-1400.0, 900.0]];
         let grid = Grid::around(&outer, 1400);

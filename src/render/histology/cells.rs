@@ -28,11 +28,7 @@ impl Nucleus {
     /// The share of a pixel that it covers. What is smaller than a pixel covers it faintly.
     pub(super) fn cover(&self, p: [f32; 2], um_per_pixel: f32) -> f32 {
         let (dx, dy) = (p[0] - self.middle[0], p[1] - self.middle[1]);
-        cover(
-            [dx * self.axis[0] + dy * self.axis[1], dy * self.axis[0] - dx * self.axis[1]],
-            self.half,
-            um_per_pixel,
-        )
+        cover([dx * self.axis[0] + dy * self.axis[1], dy * self.axis[0] - dx * self.axis[1]], self.half, um_per_pixel)
     }
 }
 
@@ -150,8 +146,7 @@ impl Scatter {
                 continue;
             }
             let place = |word: u32| 0.12 + 0.76 * unit(word);
-            let (dx, dy) =
-                ((u - i - place(random[1])) * self.cell[0], (v - j - place(random[2])) * self.cell[1]);
+            let (dx, dy) = ((u - i - place(random[1])) * self.cell[0], (v - j - place(random[2])) * self.cell[1]);
             let size = 0.8 + 0.3 * unit(random[3]);
             let turn = unit(random[3].rotate_left(13)) - 0.5;
             let (sin, cos) = libm::sincosf(turn * if self.turned { 3.1 } else { 0.3 });

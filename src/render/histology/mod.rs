@@ -25,6 +25,7 @@ use crate::model::Section;
 use crate::tissue::{Grid, Layers, TissueMap, bands};
 use dye::Colors;
 use rayon::prelude::*;
+use std::io::Cursor;
 use texture::Texture;
 use tiny_skia::Pixmap;
 
@@ -41,27 +42,18 @@ pub struct Slide<'a> {
     pub index: u32,
 }
 
-/// An encoded picture of known scale.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ScaledPng {
-    /// The file. Its `pHYs` chunk has the pixels per metre.
-    pub png: Vec<u8>,
-    /// Side of a pixel, µm.
-    pub um_per_pixel: f64,
-}
-
 impl Slide<'_> {
     /// The stained section, its longer side `size` pixels long, with a scale bar.
     ///
     /// # Errors
     /// [`RenderError::Size`] if `size` is 0 or over [`MAX_SIZE`].
-    pub fn stained(&self, size: u32) -> Result<ScaledPng, RenderError> {
+    pub fn stained(&self, size: u32) -> Result<Vec<u8>, RenderError> {
         let (grid, map) = self.prepare(size)?;
         let texture = Texture::new(self.seed, self.index, &map, &grid);
         let colors = Colors::new();
         let width = grid.width as usize;
-        let (full, unsized_error) = (grid.width, RenderError::Size { width: grid.width, height: grid.height });
-        let mut pixmap = Pixmap::new(full, grid.height).ok_or(unsized_error)?;
+        let mut pixmap =
+            Pixmap::new(grid.width, grid.height).ok_or(RenderError::Size { width: grid.width, height: grid.height })?;
         let bands: Vec<_> = bands(&grid).collect();
         let bytes = bands.first().map_or(1, |band| band.len() * width * 4);
         pixmap.data_mut().par_chunks_mut(bytes).zip(bands).for_each(|(pixels, rows)| {
@@ -84,7 +76,7 @@ impl Slide<'_> {
     ///
     /// # Errors
     /// [`RenderError::Size`] if `size` is 0 or over [`MAX_SIZE`].
-    pub fn labels(&self, size: u32) -> Result<ScaledPng, RenderError> {
+    pub fn labels(&self, size: u32) -> Result<Vec<u8>, RenderError> {
         let (grid, map) = self.prepare(size)?;
         let rows: Vec<Vec<u8>> = bands(&grid)
             .collect::<Vec<_>>()
@@ -103,8 +95,8 @@ impl Slide<'_> {
     }
 }
 
-/// Encodes rows of pixels of eight bits a channel, with their size.
-fn encode(grid: &Grid, color: png::ColorType, pixels: &[u8]) -> Result<ScaledPng, RenderError> {
+/// Encodes rows of pixels of eight bits a channel; the `pHYs` chunk has the pixels per metre.
+fn encode(grid: &Grid, color: png::ColorType, pixels: &[u8]) -> Result<Vec<u8>, RenderError> {
     let failed = |error: png::EncodingError| RenderError::Encode(error.to_string());
     let mut file = Vec::new();
     let mut encoder = png::Encoder::new(&mut file, grid.width, grid.height);
@@ -117,5 +109,13 @@ fn encode(grid: &Grid, color: png::ColorType, pixels: &[u8]) -> Result<ScaledPng
     let mut writer = encoder.write_header().map_err(failed)?;
     writer.write_image_data(pixels).map_err(failed)?;
     writer.finish().map_err(failed)?;
-    Ok(ScaledPng { png: file, um_per_pixel: grid.um_per_pixel })
+    Ok(file)
+}
+
+/// Side of a pixel of an encoded picture, µm, from its `pHYs` chunk; `None` if it has none.
+#[must_use]
+pub fn um_per_pixel(png: &[u8]) -> Option<f64> {
+    let reader = png::Decoder::new(Cursor::new(png)).read_info().ok()?;
+    let dimensions = reader.info().pixel_dims?;
+    (dimensions.xppu > 0).then(|| 1e6 / f64::from(dimensions.xppu))
 }

@@ -15,12 +15,9 @@ const CILIA_UM: f32 = 4.0;
 /// Connective tissue, small vessels, muscle cut along and across its fibres, flat cells of the serosa.
 const CONNECTIVE: Scatter =
     Scatter { kind: 1, cell: [9.0, 9.0], share: 0.3, half: [3.0, 1.3], turned: true, period: 0 };
-const VESSEL: Scatter =
-    Scatter { kind: 2, cell: [62.0, 62.0], share: 0.3, half: [9.0, 5.5], turned: true, period: 0 };
-const ALONG: Scatter =
-    Scatter { kind: 3, cell: [22.0, 6.5], share: 0.42, half: [7.5, 1.15], turned: false, period: 0 };
-const ACROSS: Scatter =
-    Scatter { kind: 4, cell: [7.5, 7.5], share: 0.36, half: [1.6, 1.5], turned: true, period: 0 };
+const VESSEL: Scatter = Scatter { kind: 2, cell: [62.0, 62.0], share: 0.3, half: [9.0, 5.5], turned: true, period: 0 };
+const ALONG: Scatter = Scatter { kind: 3, cell: [22.0, 6.5], share: 0.42, half: [7.5, 1.15], turned: false, period: 0 };
+const ACROSS: Scatter = Scatter { kind: 4, cell: [7.5, 7.5], share: 0.36, half: [1.6, 1.5], turned: true, period: 0 };
 const FLAT: Scatter = Scatter { kind: 5, cell: [16.0, 7.0], share: 0.4, half: [5.0, 0.9], turned: false, period: 0 };
 
 /// The texture of a section.
@@ -108,7 +105,8 @@ impl Texture {
         // Wavy fibres, finer and looser here and there.
         let (wx, wy) = (noise.at(p[0] / 31.0, p[1] / 31.0), noise.at(p[1] / 31.0 + 50.0, p[0] / 31.0));
         let (x, y) = (p[0] + 46.0 * wx, p[1] + 46.0 * wy);
-        let fibres = 0.45 * noise.at(x / 7.5, y / 2.6) + 0.35 * noise.at(x / 2.9, y / 1.5) + 0.2 * noise.at(y / 5.0, x / 2.2);
+        let fibres =
+            0.45 * noise.at(x / 7.5, y / 2.6) + 0.35 * noise.at(x / 2.9, y / 1.5) + 0.2 * noise.at(y / 5.0, x / 2.2);
         let dense = noise.at(p[0] / 55.0 + 20.0, p[1] / 55.0);
         let mut dyes = Dyes::of(0.05 + 0.08 * fibres, 0.1 + 0.42 * fibres + 0.1 * dense);
         let cleft = 1.0 - ramp(0.27 - 0.1 * dense, 0.4 - 0.1 * dense, fibres);
@@ -132,13 +130,15 @@ impl Texture {
 
     fn circular(&self, place: &Place, p: [f32; 2]) -> Dyes {
         let noise = &self.noise;
-        let wave = 14.0 * (noise.at(p[0] / 110.0, p[1] / 110.0) - 0.5) + 4.0 * (noise.at(p[0] / 33.0, p[1] / 33.0) - 0.5);
+        let wave =
+            14.0 * (noise.at(p[0] / 110.0, p[1] / 110.0) - 0.5) + 4.0 * (noise.at(p[0] / 33.0, p[1] / 33.0) - 0.5);
         let deep = place.depth_um + wave;
         let streak = |long: f32, wide: f32, row: f32| {
             let (u, period) = self.turn(p, long);
             noise.around(u, deep / wide + row, period)
         };
-        let fibres = 0.4 * streak(48.0, 4.6, 0.0) + 0.35 * streak(19.0, 2.1, 91.0) + 0.25 * noise.at(p[0] / 2.0, p[1] / 2.0);
+        let fibres =
+            0.4 * streak(48.0, 4.6, 0.0) + 0.35 * streak(19.0, 2.1, 91.0) + 0.25 * noise.at(p[0] / 2.0, p[1] / 2.0);
         let mut dyes = Dyes::of(0.11 + 0.1 * (fibres - 0.5), 0.56 + 0.42 * (fibres - 0.5));
         // Connective tissue between bundles, and clefts.
         let septum = ramp(0.7, 0.84, streak(170.0, 19.0, 30.0));
