@@ -28,9 +28,10 @@ const ALLOWED: [(&str, &str); 1] = [("jobs", "generate")];
 const FORBIDDEN: [(&str, &str); 4] = [("jobs", "sim"), ("jobs", "mesh"), ("jobs", "measure"), ("jobs", "export")];
 
 /// Crates that only some places may name.
-const NAMES: [(&str, &[&str]); 8] = [
+const NAMES: [(&str, &[&str]); 9] = [
     ("meshopt", &["export/lod", "export/read/level"]),
     ("spade", &["geometry/triangulate"]),
+    ("tiff", &["export/labels"]),
     ("object_store", &["jobs/artifacts"]),
     ("sqlx", &["jobs/sqlite", "jobs/postgres", "jobs/sql"]),
     ("axum", &["http", "cli"]),

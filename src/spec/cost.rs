@@ -297,6 +297,22 @@ mod tests {
     }
 
     #[test]
+    fn a_finer_label_volume_costs_more_up_to_the_limits() {
+        let cost = |patch: &Value| spec(patch).cost(&["labels"]);
+        let (coarse, fine) = (cost(&json!({})), cost(&json!({ "labels": { "voxel_um": 5, "slice_um": 25 } })));
+        assert!(fine.bytes["labels"] > 6 * coarse.bytes["labels"], "{coarse:?} {fine:?}");
+        assert!(fine.memory_bytes > coarse.memory_bytes && fine.seconds["cpu"].seconds > coarse.seconds["cpu"].seconds);
+        assert!(!spec(&json!({})).cost(&["glb"]).bytes.contains_key("labels"));
+        let piece = cost(&json!({ "labels": { "from": 0.9 } }));
+        assert!(piece.bytes["labels"] < coarse.bytes["labels"] / 4, "{piece:?}");
+        let over =
+            Limits::default().check(&cost(&json!({ "labels": { "voxel_um": 0.5, "slice_um": 3 } }))).unwrap_err();
+        let quantities: Vec<&str> = over.iter().map(|o| o.quantity.as_str()).collect();
+        assert!(quantities.contains(&"seconds") && quantities.contains(&"output"), "{over:?}");
+        assert!(over.iter().all(|o| o.to_string().contains("/labels")), "{over:?}");
+    }
+
+    #[test]
     fn strips_make_smaller_files_and_euler_less_work() {
         let full = spec(&json!({}));
         let strips = spec(&json!({ "mesh": { "strips": true } }));

@@ -63,7 +63,8 @@ impl Texture {
         let cut = self.noise.at(p[0] / 420.0, p[1] / 420.0) + 0.4 * self.noise.at(p[0] / 90.0, p[1] / 90.0);
         let tissue = tissue.scaled(0.86 + 0.2 * cut);
         // A pixel at the border shows both sides; more than half of it is what its middle is.
-        let within = (place.lumen_um / self.um_per_pixel).min(0.5);
+        let edge_um = if place.tissue == Tissue::Serosa { place.depth_um } else { place.lumen_um };
+        let within = (edge_um / self.um_per_pixel).min(0.5);
         let share = if place.tissue == Tissue::Lumen { 0.5 - within } else { 0.5 + within };
         GLASS.mixed(tissue, share)
     }
