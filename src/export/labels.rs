@@ -68,8 +68,8 @@ struct Slice {
 ///
 /// # Errors
 /// Errors of the writers; [`io::ErrorKind::InvalidData`] if a cut is not one closed line a wall, which a certified surface
-/// excludes; [`io::ErrorKind::Interrupted`] if it was cancelled; [`io::ErrorKind::InvalidInput`] if a side has more than
-/// 32,767 voxels.
+/// excludes; [`io::ErrorKind::Interrupted`] if it was cancelled; [`io::ErrorKind::InvalidInput`] if the piece is not of the
+/// tube, or a side of it has more than 32,767 voxels.
 pub fn write_labels(
     surface: &Mesh,
     layers: &Layers,
@@ -142,8 +142,9 @@ impl<'a> Walls<'a> {
         let [[left, right], [bottom, top]] = range.map(|of| of.map(|um| (um / volume.voxel_um).floor()));
         let count = |least: f64, most: f64| most - least + 3.0;
         let (width, height) = (count(left, right), count(bottom, top));
-        if !(width.max(height) <= f64::from(i16::MAX)) {
-            let text = format!("a slice of {width} × {height} voxels: more than {} a side", i16::MAX);
+        let sides = 1.0..=f64::from(i16::MAX);
+        if !sides.contains(&width) || !sides.contains(&height) {
+            let text = format!("a slice of {width} × {height} voxels; a side has from 1 to {}", i16::MAX);
             return Err(io::Error::new(io::ErrorKind::InvalidInput, text));
         }
         Ok(Grid {

@@ -125,7 +125,6 @@ fn xml(report: &LabelReport, meta: &Metadata) -> String {
     )
 }
 
-#[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
 fn failed(error: TiffError) -> io::Error {
     match error {
         TiffError::IoError(error) => error,

@@ -119,5 +119,5 @@ fn it_stops_when_it_is_cancelled_and_refuses_what_does_not_fit() {
     };
     assert_eq!(write(&VOLUME, true), io::ErrorKind::Interrupted);
     assert_eq!(write(&LabelVolume { voxel_um: 0.05, ..VOLUME }, false), io::ErrorKind::InvalidInput);
-    assert_eq!(write(&LabelVolume { from_um: 9000.0, ..VOLUME }, false), io::ErrorKind::InvalidData);
+    assert_eq!(write(&LabelVolume { from_um: 9000.0, ..VOLUME }, false), io::ErrorKind::InvalidInput);
 }
