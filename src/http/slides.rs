@@ -84,7 +84,9 @@ pub(super) async fn respond(
     let Place { job, file, k } = place;
     let Style { size, labels } = style;
     let what = if labels { "labels" } else { "he" };
-    let tag = ETag::strong(format_args!("{}-{k}-{what}-{size}-{}", file.sha256, env!("CARGO_PKG_VERSION")));
+    // Seed and layers are those of the record, which its digest covers.
+    let version = env!("CARGO_PKG_VERSION");
+    let tag = ETag::strong(format_args!("{}-{}-{k}-{what}-{size}-{version}", job.digest, file.sha256));
     if tag.matches_none(headers) {
         return tag.not_modified(A_DAY);
     }

@@ -48,7 +48,7 @@ fn both_files_hold_the_same_voxels_with_the_areas_of_the_layers() {
     // Regular polygons of 96 corners; 500 µm of wall.
     let polygon = |radius: f64| 48.0 * (std::f64::consts::TAU / 96.0).sin() * radius * radius;
     for page in &pages {
-        let area = |tissue: Tissue| 100.0 * page.iter().filter(|&&label| label == tissue as u8).count() as f64;
+        let area = |tissue: Tissue| 16.0 * page.iter().filter(|&&label| label == tissue as u8).count() as f64;
         for (tissue, from, to) in [
             (Tissue::Lumen, 0.0, 500.0),
             (Tissue::LaminaPropria, 530.0, 570.0),
