@@ -8,7 +8,7 @@
 //!
 //! | floor | modules |
 //! |---|---|
-//! | 0 | [`clock`], [`metrics`], [`status`], [`availability`], [`random`], [`tls`], [`model`], [`geometry`] |
+//! | 0 | [`clock`], [`metrics`], [`status`], [`availability`], [`random`], [`tls`], [`model`], [`geometry`], [`tissue`] |
 //! | 1 | [`spec`] |
 //! | 2 | [`sim`], [`mesh`], [`measure`], [`export`], [`render`] |
 //! | 3 | [`generate`], [`jobs`], [`preview`] |
@@ -22,6 +22,7 @@ pub mod metrics;
 pub mod model;
 pub mod random;
 pub mod status;
+pub mod tissue;
 pub mod tls;
 pub mod trace;
 

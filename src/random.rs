@@ -24,6 +24,8 @@ pub enum Stream {
     Load = 8,
     /// Latin hypercubes; index: sample and dimension.
     Study = 7,
+    /// Cells and fibres of stained sections; index: section, and cell or point of a lattice.
+    Histology = 9,
 }
 
 fn pcg4d(mut v: [u32; 4]) -> [u32; 4] {

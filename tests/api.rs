@@ -28,6 +28,7 @@ mod api {
     mod rfc;
     mod sections;
     mod service;
+    mod slides;
     mod studies;
     mod waiting;
     mod wire;

@@ -13,7 +13,7 @@ use std::collections::BTreeSet;
 
 /// Modules of the library by floor, lowest first. A module imports from floors below its own.
 const FLOORS: [&[&str]; 6] = [
-    &["clock", "metrics", "status", "availability", "random", "tls", "trace", "model", "geometry"],
+    &["clock", "metrics", "status", "availability", "random", "tls", "trace", "model", "geometry", "tissue"],
     &["spec"],
     &["sim", "mesh", "measure", "export", "render"],
     &["generate", "jobs", "preview", "report"],
@@ -28,9 +28,10 @@ const ALLOWED: [(&str, &str); 1] = [("jobs", "generate")];
 const FORBIDDEN: [(&str, &str); 4] = [("jobs", "sim"), ("jobs", "mesh"), ("jobs", "measure"), ("jobs", "export")];
 
 /// Crates that only some places may name.
-const NAMES: [(&str, &[&str]); 8] = [
+const NAMES: [(&str, &[&str]); 9] = [
     ("meshopt", &["export/lod", "export/read/level"]),
     ("spade", &["geometry/triangulate"]),
+    ("tiff", &["export/labels"]),
     ("object_store", &["jobs/artifacts"]),
     ("sqlx", &["jobs/sqlite", "jobs/postgres", "jobs/sql"]),
     ("axum", &["http", "cli"]),

@@ -17,7 +17,7 @@ pub(super) use limits::LimitArgs;
 pub(super) use load::LoadArgs;
 pub(super) use model::ModelArgs;
 pub(super) use remote::RemoteArgs;
-pub(super) use surfaces::{CheckArgs, RenderArgs, ReportArgs};
+pub(super) use surfaces::{CheckArgs, RenderArgs, ReportArgs, SectionArgs};
 pub(super) use workers::{WorkersAction, WorkersArgs};
 
 use super::units;
@@ -88,6 +88,8 @@ pub(super) enum Command {
     Render(RenderArgs),
     /// Write the report of a model as one HTML page: morphometry beside published anatomy, pictures, certificate, parameters
     Report(ReportArgs),
+    /// Draw a section of a sections.bin file as a stained slide, or as a label image
+    Section(SectionArgs),
     /// Send many requests to a running service and report its throughput, latencies and errors
     Load(LoadArgs),
     /// Measure how fast this machine grows models

@@ -26,6 +26,7 @@ mod report;
 mod restart;
 mod scratch;
 mod secret;
+mod section;
 mod serve;
 mod service;
 mod sse;
@@ -91,6 +92,7 @@ async fn dispatch(command: Command) -> Ended {
         Command::Check(args) => check::run(args).await,
         Command::Render(args) => render::run(args).await,
         Command::Report(args) => report::run(args).await,
+        Command::Section(args) => section::run(args).await,
         Command::Bench(args) => bench::run(args).await,
         Command::Presets(args) => print::presets(&args),
         Command::Worker(args) => worker::run(args).await,

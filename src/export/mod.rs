@@ -7,6 +7,7 @@
 pub mod fuzzing;
 pub mod glb;
 pub mod hashing;
+pub mod labels;
 pub mod lod;
 pub mod obj;
 pub mod read;

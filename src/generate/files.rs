@@ -1,5 +1,6 @@
 //! Writes the files of a model into a folder, each hashed while it is written.
 
+use super::labels;
 use super::types::{CancelToken, FileOutput, Findings, GenerateError, Output, Request};
 use crate::ENGINE_VERSION;
 use crate::export::glb::{GlbOptions, write_glb};
@@ -53,6 +54,7 @@ pub(super) fn write(
     if cancel.is_cancelled() {
         return Err(GenerateError::Cancelled);
     }
+    let labels = wants(Output::Labels).then(|| labels::write(request, mesh, &meta, cancel)).transpose()?;
     let levels = levels.map_err(|source| GenerateError::Io { name: lod::FILES[0].into(), source })?;
     let mut report = json!({
         "digest": meta.digest,
@@ -68,12 +70,16 @@ pub(super) fn write(
     if let Some(levels) = &levels {
         report["levels"] = levels.iter().map(|level| json!(level.report)).collect();
     }
+    if let Some((_, volume)) = &labels {
+        report["labels"] = json!(volume);
+    }
     let mut tasks: Vec<(&str, &str, Task<'_>)> = Vec::new();
     for level in levels.iter().flatten() {
         tasks.push((level.report.file, glb::MEDIA_TYPE, Box::new(|out| level.write(&meta, out))));
     }
     tasks.push((REPORT, "application/json", Box::new(|out| Ok(serde_json::to_writer_pretty(out, &report)?))));
     let mut files = files?;
+    files.extend(labels.into_iter().flat_map(|(files, _)| files));
     files.extend(write_all(request, tasks)?);
     Ok(files)
 }

@@ -12,6 +12,7 @@ mod files;
 #[doc(hidden)]
 pub mod fuzzing;
 mod grow;
+mod labels;
 mod pace;
 mod types;
 mod warnings;

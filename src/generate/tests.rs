@@ -14,6 +14,7 @@ pub(super) fn small(patch: &serde_json::Value) -> ModelSpec {
     let mut whole = json!({
         "steps": 120, "burn_in": 40,
         "particles": { "total": { "keys": [[0, 260], [1, 620]] }, "outer": { "keys": [[0, 60], [1, 90]] } },
+        "labels": { "slice_um": 1000, "voxel_um": 20 },
     });
     json_patch::merge(&mut whole, patch);
     ModelSpec::resolve(preset("pig").unwrap(), &whole).unwrap()
@@ -41,7 +42,7 @@ fn hashes(spec: ModelSpec, backend: Backend, threads: usize) -> BTreeMap<String,
 #[test]
 fn bytes_do_not_depend_on_threads_or_backend() {
     let one = hashes(small(&json!({})), Backend::CpuSingle, 1);
-    assert_eq!(one.len(), 7, "glb, obj, three levels, sections.bin, report.json: {one:?}");
+    assert_eq!(one.len(), 9, "glb, obj, three levels, two label volumes, sections.bin, report.json: {one:?}");
     assert_eq!(one, hashes(small(&json!({})), Backend::Cpu, 1));
     assert_eq!(one, hashes(small(&json!({})), Backend::Auto, 2));
     assert_eq!(one, hashes(small(&json!({})), Backend::Cpu, 5));
@@ -127,6 +128,24 @@ fn the_report_states_the_levels_if_they_were_asked_for() {
     assert!(written.abs_diff(predicted) < written / 3, "{written} bytes, predicted {predicted}");
     let (without, written, _) = report(&[Output::Glb]);
     assert_eq!((without.get("levels"), written), (None, 0));
+}
+
+#[test]
+fn a_label_volume_has_the_piece_that_was_asked_for_and_about_the_predicted_size() {
+    let dir = tempfile::tempdir().unwrap();
+    let labels = json!({ "labels": { "from": 0.25, "to": 0.75, "slice_um": 500, "voxel_um": 8 } });
+    let mut request = request(small(&labels), Backend::Cpu, dir.path());
+    request.outputs = vec![Output::Labels];
+    let outcome = generate(&request, &(), &CancelToken::default()).unwrap();
+    let report: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(dir.path().join("report.json")).unwrap()).unwrap();
+    assert_eq!(report["labels"]["voxel_um"], json!([8.0, 8.0, 500.0]));
+    let length_um = request.spec.length_mm * 1000.0;
+    assert_eq!(report["labels"]["size"][2], json!((length_um / 1000.0) as u32), "half of the tube");
+    assert_eq!(report["labels"]["first_um"][2], json!(0.25 * length_um + 250.0));
+    let written: u64 = outcome.files.iter().filter(|f| f.name.starts_with("labels.")).map(|f| f.bytes).sum();
+    let predicted = request.spec.cost(&["labels"]).bytes["labels"];
+    assert!(written < 2 * predicted && predicted < 3 * written, "{written} bytes, predicted {predicted}");
 }
 
 #[test]

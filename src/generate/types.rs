@@ -1,6 +1,6 @@
 //! Inputs and results of a generation.
 
-use crate::export::lod::FILES;
+use crate::export::{labels, lod};
 use crate::measure::comparison::Comparison;
 use crate::measure::morphometry::Morphometry;
 use crate::model::Section;
@@ -50,11 +50,13 @@ pub enum Output {
     /// Levels of detail for viewers: three binary glTF files with all, about 300,000 and about 60,000 triangles, quantized
     /// and compressed.
     Lod,
+    /// The tissue of every voxel of a piece of the tube (`/labels` of the spec) as OME-TIFF and NIfTI-1.
+    Labels,
 }
 
 impl Output {
     /// All formats.
-    pub const ALL: [Self; 3] = [Self::Glb, Self::Obj, Self::Lod];
+    pub const ALL: [Self; 4] = [Self::Glb, Self::Obj, Self::Lod, Self::Labels];
     /// What is written if a request does not say.
     pub const DEFAULT: [Self; 2] = [Self::Glb, Self::Lod];
 
@@ -65,6 +67,7 @@ impl Output {
             Self::Glb => "glb",
             Self::Obj => "obj",
             Self::Lod => "lod",
+            Self::Labels => "labels",
         }
     }
 
@@ -74,7 +77,8 @@ impl Output {
         match self {
             Self::Glb => &["model.glb"],
             Self::Obj => &["model.obj"],
-            Self::Lod => &FILES,
+            Self::Lod => &lod::FILES,
+            Self::Labels => &labels::FILES,
         }
     }
 
@@ -225,7 +229,7 @@ pub struct Outcome {
 }
 
 /// What is found out about a finished model; all of it is in `report.json`.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Findings {
     /// Counts and measures: `sections`, `sections_added`, `particles`, `vertices`, `triangles`, …, and `warnings` about poor
     /// growth: a list, empty if there are none, of objects with `code` (`splits-missing`, `small-gap`, `particles-short`) and

@@ -1,6 +1,7 @@
 //! Which pages of other origins may call the service (the CORS protocol of the Fetch standard). None, unless it is set so.
 
 use super::headers::{IDEMPOTENCY_KEY, IDEMPOTENCY_REPLAYED, LAST_EVENT_ID, PREFER, PREFERENCE_APPLIED, REQUEST_ID};
+use super::slides::UM_PER_PIXEL;
 use axum::Router;
 use axum::extract::Request;
 use axum::http::{HeaderName, HeaderValue, Method, Uri, header};
@@ -100,7 +101,7 @@ fn requested() -> Vec<HeaderName> {
 
 /// Headers of answers that a page may read, besides those that it always may.
 fn exposed() -> Vec<HeaderName> {
-    let own = [IDEMPOTENCY_REPLAYED, PREFERENCE_APPLIED, REQUEST_ID];
+    let own = [IDEMPOTENCY_REPLAYED, PREFERENCE_APPLIED, REQUEST_ID, UM_PER_PIXEL];
     let limits = [HeaderName::from_static("ratelimit"), HeaderName::from_static("ratelimit-policy")];
     let common = [
         header::ACCEPT_RANGES,

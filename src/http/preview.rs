@@ -1,39 +1,25 @@
 //! `GET /models/{id}/preview.png`: a picture of a model, drawn on request.
 //!
-//! A picture is drawn on blocking threads, a few at a time; a request waits for its turn, for a bounded time, and leaves the
-//! queue when its client goes. Pictures that were asked for lately are kept in memory: clients cache them, but many clients
-//! show the same ones.
+//! [`super::draw`] says how requests for pictures share the threads.
 
 use super::AppState;
 use super::access::Caller;
 use super::conditional::ETag;
+use super::draw::{A_DAY, SIZE, answer, picture, size};
 use super::extract::{ModelId, Parameters};
 use super::faults::Fault;
 use super::files::{find, permit};
-use super::pictures::Turn;
-use super::problem::{Kind, Problem};
+use super::problem::Problem;
 use super::responses::{BadParameters, FileMissing, PictureAway};
 use super::sections;
-use crate::clock::Stopwatch;
 use crate::jobs::File;
-use crate::mesh::{LoftError, draft};
+use crate::mesh::draft;
 use crate::model::Section;
 use crate::preview::{chosen, end};
-use crate::render::{MEDIA_TYPE, NamedView, RenderError, mesh_png};
+use crate::render::{NamedView, mesh_png};
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, Method, header};
-use axum::response::{IntoResponse, Response};
-use bytes::Bytes;
-use std::ops::RangeInclusive;
-use std::sync::Arc;
-
-/// Longest side of a picture, pixels.
-const SIZES: RangeInclusive<u32> = 32..=2048;
-/// Longest side if none is asked for.
-const SIZE: u32 = 1024;
-
-/// A model never changes, but another version of the service may draw it in another way.
-const A_DAY: HeaderValue = HeaderValue::from_static("private, max-age=86400");
+use axum::http::{HeaderMap, Method};
+use axum::response::Response;
 
 /// Draw a picture of a finished model.
 ///
@@ -68,19 +54,13 @@ pub(super) async fn preview(
     if tag.matches_none(&headers) {
         return tag.not_modified(A_DAY);
     }
-    let png = match state.pictures.kept(&tag) {
-        Some(png) => {
-            state.metrics.picture("kept");
-            png
-        }
-        None => draw(&state, &caller, &file, view, size, &tag).await?,
-    };
-    if method == Method::GET {
-        state.metrics.bytes_out(png.len() as u64);
-    }
-    let kind = HeaderValue::from_static(MEDIA_TYPE);
-    let headers = [(header::CONTENT_TYPE, kind), (header::ETAG, tag.header()?), (header::CACHE_CONTROL, A_DAY)];
-    Ok((headers, png).into_response())
+    let png = picture(&state, &caller, &tag, shown(&state, &file, view, size), move |sections| {
+        let mesh = draft(&sections)?;
+        drop(sections);
+        Ok(mesh_png(&mesh, &view.of(&mesh, size))?)
+    })
+    .await?;
+    answer(&state, &method, &tag, png)
 }
 
 fn options(parameters: &Parameters) -> Result<(NamedView, u32), Problem> {
@@ -89,44 +69,12 @@ fn options(parameters: &Parameters) -> Result<(NamedView, u32), Problem> {
         faults.push(Fault::parameter("view", error.to_string()));
         NamedView::default()
     });
-    let size = parameters.get("size").map_or(Some(SIZE), |text| text.parse().ok().filter(|size| SIZES.contains(size)));
-    if size.is_none() {
-        let detail = format!("must be a whole number from {} to {}", SIZES.start(), SIZES.end());
+    let size = size(parameters.get("size")).unwrap_or_else(|detail| {
         faults.push(Fault::parameter("size", detail));
-    }
-    Problem::check(faults)?;
-    Ok((view, size.unwrap_or(SIZE)))
-}
-
-/// Draws a picture, when it is its turn, and keeps it.
-async fn draw(
-    state: &AppState,
-    caller: &Caller,
-    file: &File,
-    view: NamedView,
-    size: u32,
-    tag: &ETag,
-) -> Result<Bytes, Problem> {
-    let turn = turn(state, caller).await?;
-    // Another request may have drawn it while this one waited.
-    if let Some(png) = state.pictures.kept(tag) {
-        state.metrics.picture("kept");
-        return Ok(png);
-    }
-    let sections = shown(state, file, view, size).await?;
-    let (pictures, metrics, tag) = (Arc::clone(&state.pictures), state.metrics.clone(), tag.clone());
-    let drawn = tokio::task::spawn_blocking(move || {
-        // The turn is over when the threads are free, and the picture is kept, even if the client has gone.
-        let _turn = turn;
-        let begun = Stopwatch::start();
-        let mesh = draft(&sections)?;
-        drop(sections);
-        let png = Bytes::from(mesh_png(&mesh, &view.of(&mesh, size))?);
-        metrics.picture_drawn(begun.elapsed());
-        pictures.keep(tag, png.clone());
-        Ok::<_, DrawError>(png)
+        SIZE
     });
-    drawn.await.map_err(|error| failed(&error))?.map_err(|error| failed(&error))
+    Problem::check(faults)?;
+    Ok((view, size))
 }
 
 /// The sections in a picture; no others are read.
@@ -139,26 +87,4 @@ async fn shown(state: &AppState, file: &File, view: NamedView, size: u32) -> Res
     };
     let chosen = chosen(&entries, end.as_ref(), size).into_iter().map(|k| entries[k]).collect();
     sections::read_entries(state, file, chosen).await
-}
-
-/// Room for one more picture that is drawn.
-async fn turn(state: &AppState, caller: &Caller) -> Result<Turn, Problem> {
-    state.pictures.turn(caller.owner(), state.limits.picture_wait).await.ok_or_else(|| {
-        state.metrics.picture("refused");
-        let problem = Problem::new(Kind::TooManyPictures, "Many pictures are being drawn. Try again later.");
-        problem.with_header(header::RETRY_AFTER, HeaderValue::from_static("5"))
-    })
-}
-
-#[derive(Debug, thiserror::Error)]
-enum DrawError {
-    #[error("the sections cannot be lofted")]
-    Surface(#[from] LoftError),
-    #[error(transparent)]
-    Render(#[from] RenderError),
-}
-
-fn failed(error: &(dyn std::error::Error + 'static)) -> Problem {
-    tracing::error!(error, "a picture could not be drawn");
-    Problem::new(Kind::Internal, "The picture could not be drawn.")
 }

@@ -1,4 +1,4 @@
-//! `GET /models/{id}/sections/{k}`: one cross section, as JSON or as a drawing.
+//! `GET /models/{id}/sections/{k}`: one cross section, as JSON, as a drawing, or as a stained or labelled picture.
 //!
 //! Reads only the trailer, the index and this section from the artifact store, never the whole file.
 
@@ -10,14 +10,15 @@ use super::faults::Fault;
 use super::files::{IMMUTABLE, find, permit};
 use super::headers::accept;
 use super::problem::{Kind, Problem};
-use super::responses::{BadParameters, DownloadAway, Inacceptable, SectionMissing};
+use super::responses::{BadParameters, Inacceptable, PictureAway, SectionMissing};
+use super::slides::{PARAMETERS, Place, Stain, Style, respond};
 use crate::export::sections_bin::{SectionEntry, SectionsError, TRAILER_LEN, Trailer, read_section_from_bytes};
 use crate::export::svg::section_svg;
 use crate::jobs::File;
 use crate::model::{Ring, Section};
 use axum::Json;
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, header};
+use axum::http::{HeaderMap, HeaderValue, Method, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
 use serde::Serialize;
@@ -27,6 +28,7 @@ use uuid::Uuid;
 
 const JSON: &str = "application/json";
 const SVG: &str = "image/svg+xml";
+const PNG: &str = crate::render::MEDIA_TYPE;
 
 /// Representations of a section.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ToSchema)]
@@ -36,6 +38,8 @@ pub(super) enum Format {
     Json,
     /// `image/svg+xml`.
     Svg,
+    /// `image/png`.
+    Png,
 }
 
 /// A cross section; lengths in micrometres.
@@ -63,6 +67,12 @@ pub(super) struct SectionAnswer {
     outer: RingAnswer,
 }
 
+/// Stands for a PNG picture.
+#[derive(Debug, ToSchema)]
+#[schema(value_type = String, format = Binary)]
+#[expect(dead_code, reason = "for the description only")]
+pub(super) struct Png(Vec<u8>);
+
 /// A closed contour, counter-clockwise.
 #[derive(Debug, Serialize, ToSchema)]
 pub(super) struct RingAnswer {
@@ -80,21 +90,29 @@ impl From<Ring> for RingAnswer {
 
 /// Read a cross section of a finished model.
 ///
-/// As points with the ids of particles, or as a drawing.
+/// As points with the ids of particles, as a drawing, or as a picture: stained with haematoxylin and eosin, or with the tissue
+/// of each pixel as its value (0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal muscle,
+/// 6 serosa). Both pictures have the same pixels. Heights of the layers are those of `histology` in the spec.
 #[utoipa::path(
     get, path = "/models/{id}/sections/{k}", operation_id = "get_section", tag = "files",
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
         ("k" = u32, Path, minimum = 0, description = "Index of the section, from 0 at the isthmus end"),
-        ("format" = Option<Format>, Query, description = "`json` or `svg`; takes precedence over `Accept`"),
+        ("format" = Option<Format>, Query, description = "`json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` ask for `png`"),
+        ("size" = Option<u32>, Query, minimum = 32, maximum = 2048, description = "Longer side of a PNG picture, pixels; 1024 by default"),
+        ("stain" = Option<Stain>, Query, description = "Stain of a PNG picture: `he`, haematoxylin and eosin, the default"),
+        ("labels" = Option<bool>, Query, description = "`true`: the tissue of each pixel as an 8-bit grey value, without a scale bar, instead of a stain"),
         ("if-none-match" = Option<String>, Header, description = "Entity tags that the client has"),
     ),
     responses(
         (status = 200, description = "The section", content(
             (SectionAnswer = "application/json"),
-            (String = "image/svg+xml"))),
+            (String = "image/svg+xml"),
+            (Png = "image/png")), headers(
+            ("etag" = String, description = "Entity tag of this representation"),
+            ("um-per-pixel" = f64, description = "Of a PNG picture: side of a pixel, µm. Its `pHYs` chunk has the pixels per metre"))),
         (status = 304, description = "The client has this section"),
-        SectionMissing, Inacceptable, BadParameters, DownloadAway,
+        SectionMissing, Inacceptable, BadParameters, PictureAway,
     )
 )]
 pub(super) async fn section(
@@ -103,13 +121,24 @@ pub(super) async fn section(
     ModelId(id): ModelId,
     path: PathTexts,
     parameters: Parameters,
+    method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let format = format(&parameters, &headers)?;
-    let (_, file) = find(&state, &caller, id, "sections.bin").await?;
-    let _permit = permit(&state)?;
+    let (format, style) = format(&parameters, &headers)?;
+    let (job, file) = find(&state, &caller, id, "sections.bin").await?;
     let k = path.get("k");
     let k = k.parse::<u64>().map_err(|_| no_section(&format!("`{k}` is not the index of a section.")))?;
+    if format == Format::Png {
+        let place = Place { job: &job, file: &file, k };
+        let read = async {
+            let _permit = permit(&state)?;
+            Ok(read(&state, &file, k).await?.1)
+        };
+        let mut response = respond(&state, &caller, place, style, &method, &headers, read).await?;
+        response.headers_mut().insert(header::VARY, HeaderValue::from_static("accept"));
+        return Ok(response);
+    }
+    let _permit = permit(&state)?;
     let tag = ETag::strong(format_args!("{}-{k}-{}", file.sha256, if format == Format::Svg { "svg" } else { "json" }));
     let (count, section) = read(&state, &file, k).await?;
     let vary = (header::VARY, HeaderValue::from_static("accept"));
@@ -135,21 +164,36 @@ pub(super) async fn section(
     Ok((headers, Json(answer)).into_response())
 }
 
-fn format(parameters: &Parameters, headers: &HeaderMap) -> Result<Format, Problem> {
-    let mut faults = parameters.faults(&["format"], &[]);
+/// The representation, and what it shows if it is a picture.
+fn format(parameters: &Parameters, headers: &HeaderMap) -> Result<(Format, Style), Problem> {
+    let [size, stain, labels] = PARAMETERS;
+    let mut faults = parameters.faults(&["format", size, stain, labels], &[]);
+    let of_pictures = PARAMETERS.into_iter().find(|name| parameters.get(name).is_some());
+    let offers: &[&str] = if of_pictures.is_some() { &[PNG] } else { &[JSON, SVG, PNG] };
     let format = match parameters.get("format") {
         Some("json") => Some(Format::Json),
         Some("svg") => Some(Format::Svg),
+        Some("png") => Some(Format::Png),
         Some(_) => {
-            faults.push(Fault::parameter("format", "must be json or svg"));
+            faults.push(Fault::parameter("format", "must be json, svg or png"));
             None
         }
-        None => accept(headers, &[JSON, SVG]).map(|best| if best == SVG { Format::Svg } else { Format::Json }),
+        None => accept(headers, offers).map(|best| match best {
+            SVG => Format::Svg,
+            PNG => Format::Png,
+            _ => Format::Json,
+        }),
     };
+    if let (Some(name), Some(Format::Json | Format::Svg)) = (of_pictures, format) {
+        faults.push(Fault::parameter(name, "is for pictures only (format=png)"));
+    }
+    let style = Style::read(parameters, &mut faults);
     if !faults.is_empty() {
         return Err(Problem::invalid(faults));
     }
-    format.ok_or_else(|| Problem::new(Kind::NotAcceptable, format!("The representations are {JSON} and {SVG}.")))
+    let offers = offers.join(", ");
+    let format = format.ok_or_else(|| Problem::new(Kind::NotAcceptable, format!("It is served as {offers}.")))?;
+    Ok((format, style))
 }
 
 fn no_section(detail: &str) -> Problem {

@@ -4,6 +4,7 @@
 
 mod bar;
 mod glyphs;
+mod histology;
 mod mesh;
 mod named;
 mod occlusion;
@@ -12,6 +13,7 @@ mod raster;
 mod section;
 mod view;
 
+pub use histology::{Slide, um_per_pixel};
 pub use mesh::mesh_png;
 pub use named::{END_WIDTHS, NamedView, UnknownView};
 pub use picture::{MAX_SIZE, RenderError};

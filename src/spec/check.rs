@@ -3,6 +3,7 @@
 
 use super::canonical::number;
 use super::fault::Fault;
+use super::layers::{MOST_SIDE, MOST_SLICES};
 use super::parameters::Parameters;
 use super::schedule::Schedule;
 use std::f64::consts::PI;
@@ -31,6 +32,8 @@ pub(super) fn faults(p: &Parameters, bad: &[String]) -> Vec<Fault> {
     checks.solver(p);
     checks.room(p);
     checks.regions(p);
+    checks.layers(p);
+    checks.labels(p);
     checks.faults
 }
 
@@ -171,6 +174,57 @@ impl Checks<'_> {
                 )
             });
         }
+    }
+}
+
+impl Checks<'_> {
+    fn layers(&mut self, p: &Parameters) {
+        let wall = &p.containment.wall_um;
+        let thinnest = places(&[wall]).into_iter().map(|u| wall.at(u)).fold(f64::INFINITY, f64::min);
+        let both = p.histology.epithelium_um + p.histology.serosa_um;
+        let at = "/histology/epithelium_um";
+        self.require(both < thinnest, at, &[at, "/histology/serosa_um", "/containment/wall_um"], || {
+            format!(
+                "is {} µm, with /histology/serosa_um {} µm, as much as the wall where it is thinnest, {} µm \
+                 (/containment/wall_um)",
+                number(p.histology.epithelium_um),
+                number(both),
+                number(thinnest)
+            )
+        });
+    }
+
+    fn labels(&mut self, p: &Parameters) {
+        let (from, to) = ("/labels/from", "/labels/to");
+        let labels = &p.labels;
+        self.require(labels.from < labels.to, to, &[from, to], || {
+            format!("is {}, not above /labels/from {}", number(labels.to), number(labels.from))
+        });
+        let slices = p.slices();
+        let at = "/labels/slice_um";
+        self.require(slices <= MOST_SLICES, at, &[at, from, to, "/length_mm"], || {
+            format!("makes {slices} slices of the piece; a NIfTI file has at most {MOST_SLICES}")
+        });
+        let at = "/labels/voxel_um";
+        let (side, _) = p.label_voxels();
+        self.require(
+            side <= MOST_SIDE,
+            at,
+            &[
+                at,
+                from,
+                to,
+                "/z",
+                "/particles/total",
+                "/particles/outer",
+                "/particles/edge_um",
+                "/containment/squash",
+                "/containment/spacing_um",
+                "/containment/wall_um",
+                "/wall/lobing",
+            ],
+            || format!("makes slices about {side:.0} voxels wide; the most is {MOST_SIDE}"),
+        );
     }
 }
 

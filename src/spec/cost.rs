@@ -80,6 +80,16 @@ const LEVEL_TRIANGLE_BYTES: [f64; 2] = [3.5, 4.7];
 /// Bytes of the document of a level.
 const LEVEL_FIXED: f64 = 4096.0;
 
+/// Label volumes: bytes of both files and seconds of one core per voxel, seconds per slice, and slices in memory at a time
+/// (`export::labels::SLICES_AT_A_TIME`); measured on the default model.
+const LABEL_VOXEL_BYTES: f64 = 0.06;
+const LABEL_VOXEL_SECONDS: f64 = 50e-9;
+const LABEL_SLICE_SECONDS: f64 = 8e-3;
+const LABEL_SLICES: f64 = 16.0;
+/// Bytes of the header of both files, and of the directories of a slice.
+const LABEL_FIXED: f64 = 4096.0;
+const LABEL_SLICE_BYTES: f64 = 300.0;
+
 /// Predicted cost of growing a specification.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Cost {
@@ -130,6 +140,10 @@ impl ModelSpec {
         if outputs.contains(&"lod") {
             bytes.insert("lod".to_owned(), count(levels_bytes(triangles)));
         }
+        let labels = outputs.contains(&"labels").then(|| self.label_cost(triangles));
+        if let Some(labels) = &labels {
+            bytes.insert("labels".to_owned(), count(labels.bytes));
+        }
         let (vertices, triangles) = (count(vertices), count(triangles));
         let particles_end = u32::try_from(count(particles(self.steps))).unwrap_or(u32::MAX);
         let simplification = if outputs.contains(&"lod") { triangles * SIMPLIFICATION_BYTES } else { 0 };
@@ -141,14 +155,31 @@ impl ModelSpec {
             vertices,
             triangles,
             bytes,
-            memory_bytes: BASE_BYTES + vertices * VERTEX_BYTES + triangles * TRIANGLE_BYTES + history + simplification,
-            seconds: self.seconds(triangles, outputs.contains(&"lod")),
+            memory_bytes: BASE_BYTES
+                + vertices * VERTEX_BYTES
+                + triangles * TRIANGLE_BYTES
+                + history
+                + simplification
+                + labels.as_ref().map_or(0, |labels| count(labels.memory)),
+            seconds: self.seconds(triangles, outputs.contains(&"lod"), labels.map_or(0.0, |labels| labels.seconds)),
         }
     }
 
-    fn seconds(&self, triangles: u64, levels: bool) -> BTreeMap<String, Estimate> {
+    /// Bytes, memory and seconds of a label volume.
+    fn label_cost(&self, triangles: f64) -> LabelCost {
+        let (slices, (_, voxels)) = (self.slices().max(1.0), self.label_voxels());
+        let all = slices * voxels;
+        LabelCost {
+            bytes: LABEL_FIXED + slices * LABEL_SLICE_BYTES + all * LABEL_VOXEL_BYTES,
+            // The triangles of both walls are sorted.
+            memory: slices.min(LABEL_SLICES) * voxels * 1.25 + triangles * 16.0,
+            seconds: slices * LABEL_SLICE_SECONDS + all * LABEL_VOXEL_SECONDS,
+        }
+    }
+
+    fn seconds(&self, triangles: u64, levels: bool, labels: f64) -> BTreeMap<String, Estimate> {
         #[expect(clippy::cast_precision_loss, reason = "an estimate")]
-        let surface = triangles as f64 * (TRIANGLE_SECONDS + if levels { LEVELS_SECONDS } else { 0.0 });
+        let surface = labels + triangles as f64 * (TRIANGLE_SECONDS + if levels { LEVELS_SECONDS } else { 0.0 });
         let one = self.simulation_seconds() + surface;
         let work = match self.solver.search {
             Search::Lists => "pairs within reach of neighbour lists",
@@ -189,6 +220,13 @@ impl ModelSpec {
         };
         stages * inner * (pairs + PARTICLE_SECONDS)
     }
+}
+
+/// What a label volume costs.
+struct LabelCost {
+    bytes: f64,
+    memory: f64,
+    seconds: f64,
 }
 
 /// Size of the files of all levels of detail of a model with a number of triangles.
@@ -256,6 +294,22 @@ mod tests {
         });
         let over = Limits::default().check(&spec(&sparse).cost(&[])).unwrap_err();
         assert!(over.iter().any(|o| o.quantity == "memory"), "{over:?}");
+    }
+
+    #[test]
+    fn a_finer_label_volume_costs_more_up_to_the_limits() {
+        let cost = |patch: &Value| spec(patch).cost(&["labels"]);
+        let (coarse, fine) = (cost(&json!({})), cost(&json!({ "labels": { "voxel_um": 5, "slice_um": 25 } })));
+        assert!(fine.bytes["labels"] > 6 * coarse.bytes["labels"], "{coarse:?} {fine:?}");
+        assert!(fine.memory_bytes > coarse.memory_bytes && fine.seconds["cpu"].seconds > coarse.seconds["cpu"].seconds);
+        assert!(!spec(&json!({})).cost(&["glb"]).bytes.contains_key("labels"));
+        let piece = cost(&json!({ "labels": { "from": 0.9 } }));
+        assert!(piece.bytes["labels"] < coarse.bytes["labels"] / 4, "{piece:?}");
+        let over =
+            Limits::default().check(&cost(&json!({ "labels": { "voxel_um": 0.5, "slice_um": 3 } }))).unwrap_err();
+        let quantities: Vec<&str> = over.iter().map(|o| o.quantity.as_str()).collect();
+        assert!(quantities.contains(&"seconds") && quantities.contains(&"output"), "{over:?}");
+        assert!(over.iter().all(|o| o.to_string().contains("/labels")), "{over:?}");
     }
 
     #[test]

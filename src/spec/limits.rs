@@ -41,8 +41,14 @@ pub struct OverLimit {
 /// What to change to stay within a limit. A greater recording interval makes a smaller surface but keeps more steps in memory.
 fn levers(quantity: &str) -> &'static str {
     match quantity {
-        "memory" => "reduce /steps or /particles/total, or change /solver/record_every",
-        _ => "reduce /steps or /particles/total, or raise /solver/record_every",
+        "memory" => {
+            "reduce /steps or /particles/total, change /solver/record_every, or, for output labels, raise /labels/voxel_um"
+        }
+        "vertices" => "reduce /steps or /particles/total, or raise /solver/record_every",
+        _ => {
+            "reduce /steps or /particles/total, raise /solver/record_every, or, for output labels, raise /labels/voxel_um or \
+             /labels/slice_um"
+        }
     }
 }
 

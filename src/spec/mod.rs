@@ -12,6 +12,7 @@
 //! | `check`, `stability` | rules between parameters |
 //! | `preset`, `schema` | data files with sources, JSON Schema |
 //! | `canonical` | a unique text of a specification, for the digest |
+//! | `layers` | the layers of a section, the size of a label volume |
 //! | `batch_key` | which models a GPU may grow together |
 //! | `cost`, `limits` | the predicted cost of a model, and its limits |
 //! | `study` | parameter studies: designs and their points |
@@ -25,6 +26,7 @@ mod fault;
 #[cfg(feature = "fuzzing")]
 #[doc(hidden)]
 pub mod fuzzing;
+mod layers;
 mod limits;
 mod merge;
 mod parameters;
@@ -46,8 +48,8 @@ pub use cost::{Cost, Estimate, LEVEL_TRIANGLES};
 pub use fault::Fault;
 pub use limits::{Limits, OverLimit};
 pub use parameters::{
-    Collision, Containment, Contortion, Integrator, MAX_PARTICLES, MAX_STEPS, MeshOptions, Parameters, Particles,
-    Regions, Regulatory, Search, Solver, Spring, Variation, Wall,
+    Collision, Containment, Contortion, Histology, Integrator, Labels, MAX_PARTICLES, MAX_STEPS, MeshOptions,
+    Parameters, Particles, Regions, Regulatory, Search, Solver, Spring, Variation, Wall,
 };
 pub use preset::{DEFAULT_PRESET, Preset, preset, presets};
 pub use schedule::{Ease, Fluctuation, Schedule};

@@ -64,6 +64,10 @@ group! {
         pub mesh: MeshOptions = "Surface" [""] ();
         /// Regions of the tube, for measures.
         pub regions: Regions = "Regions" [""] ();
+        /// Layers of the wall in stained sections and labels; they do not affect the surface.
+        pub histology: Histology = "Histology" [""] ();
+        /// The volume of output `labels`.
+        pub labels: Labels = "Label volume" [""] ();
     }
 }
 
@@ -220,6 +224,36 @@ group! {
         pub junction_from: f64 = "Start of the junction" ["of the length"] Range::of(0.0, 1.0);
         /// Where the junction ends.
         pub junction_to: f64 = "End of the junction" ["of the length"] Range::of(0.0, 1.0);
+    }
+}
+
+group! {
+    /// Heights of the layers between the lumen and the outside, drawn in stained sections and written as labels.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Histology {
+        /// Height of the epithelium along the lumen; it fills folds that are thinner than two heights.
+        pub epithelium_um: f64 = "Epithelium height" ["µm"] Range::of(1.0, 200.0);
+        /// Least thickness of the lamina propria between epithelium and muscle.
+        pub lamina_um: f64 = "Lamina propria under the epithelium" ["µm"] Range::of(0.0, 1000.0);
+        /// Share of the longitudinal layer in the thickness of the muscle; the circular layer has the rest.
+        pub longitudinal_share: f64 = "Longitudinal share of the muscle" [""] Range::of(0.0, 1.0);
+        /// Thickness of the serosa.
+        pub serosa_um: f64 = "Serosa thickness" ["µm"] Range::of(0.0, 1000.0);
+    }
+}
+
+group! {
+    /// The piece of the tube that output `labels` covers, and its voxels.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Labels {
+        /// Side of a voxel in the plane of a section.
+        pub voxel_um: f64 = "Voxel side" ["µm"] Range::of(0.5, 100.0);
+        /// Side of a voxel along the tube: the distance of slices.
+        pub slice_um: f64 = "Slice distance" ["µm"] Range::of(0.5, 1000.0);
+        /// Where the piece begins, as a fraction of the length from the isthmus end.
+        pub from: f64 = "Begin" ["of the length"] Range::of(0.0, 1.0);
+        /// Where it ends; greater than `from`.
+        pub to: f64 = "End" ["of the length"] Range::of(0.0, 1.0);
     }
 }
 

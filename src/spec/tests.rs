@@ -439,3 +439,30 @@ fn the_schema_without_defaults_is_as_published() {
     without_defaults(&mut schema);
     insta::assert_json_snapshot!("schema", schema);
 }
+
+#[test]
+fn layers_that_do_not_fit_into_the_wall_are_refused() {
+    assert_eq!(
+        pointers(&json!({ "histology": { "epithelium_um": 120, "serosa_um": 140 } })),
+        ["/histology/epithelium_um"]
+    );
+    assert_eq!(pointers(&json!({ "histology": { "epithelium_um": 120, "serosa_um": 130 } })), [""; 0]);
+    assert_eq!(pointers(&json!({ "histology": { "epithelium_um": 0.5 } })), ["/histology/epithelium_um"]);
+    let layers = resolved(&json!({ "histology": { "lamina_um": 55, "longitudinal_share": 0.25 } })).histology.layers();
+    assert_eq!((layers.lamina_um, layers.longitudinal_share, layers.epithelium_um), (55.0, 0.25, 30.0));
+}
+
+#[test]
+fn a_label_volume_is_a_piece_of_the_tube_within_the_bounds_of_its_formats() {
+    let spec = resolved(&json!({}));
+    assert_eq!((spec.label_slices(), spec.label_from_um()), (1200, 0.0));
+    let piece = resolved(&json!({ "labels": { "from": 0.4, "to": 0.5, "slice_um": 70 } }));
+    assert_eq!((piece.label_slices(), piece.label_from_um()), (85, 24_000.0));
+    let thin = resolved(&json!({ "labels": { "from": 0.5, "to": 0.5001 } }));
+    assert_eq!(thin.label_slices(), 1);
+    assert!(fault(&json!({ "labels": { "from": 0.5, "to": 0.5 } })).detail.contains("not above /labels/from 0.5"));
+    assert_eq!(fault(&json!({ "labels": { "slice_um": 1 } })).pointer, "/labels/slice_um");
+    assert_eq!(pointers(&json!({ "labels": { "slice_um": 1, "to": 0.5 } })), [""; 0]);
+    let wide = json!({ "labels": { "voxel_um": 0.5 }, "containment": { "wall_um": 3000 } });
+    assert_eq!(fault(&wide).pointer, "/labels/voxel_um");
+}

@@ -143,7 +143,9 @@ async fn the_accepted_representation_is_sent() {
         assert_eq!((reply.status.as_u16(), reply.header(header::CONTENT_TYPE)), (200, kind), "{accept}");
         assert_eq!(reply.header(header::VARY), Some("accept"));
     }
-    for accept in ["application/json;q=0", "*/*;q=0", "text/html", "application/json;q=0, image/svg+xml;q=0, */*"] {
+    for accept in
+        ["application/json;q=0", "*/*;q=0", "text/html", "application/json;q=0, image/svg+xml;q=0, image/png;q=0, */*"]
+    {
         assert_eq!(app.get_with(path, &[("accept", accept)]).await.slug(), "not-acceptable", "{accept}");
     }
 }

@@ -73,7 +73,7 @@ async fn a_section_is_drawn_on_request() {
     assert_eq!(by_json.json()["index"], 1);
     let refused = app.get_with(&path, &[("accept", "text/html")]).await;
     assert_eq!((refused.status.as_u16(), refused.slug().as_str()), (406, "not-acceptable"));
-    for (query, name) in [("format=png", "format"), ("fromat=svg", "fromat")] {
+    for (query, name) in [("format=gif", "format"), ("fromat=svg", "fromat")] {
         assert_eq!(app.get(&format!("{path}?{query}")).await.places(), [name]);
     }
 }

@@ -5,7 +5,9 @@ use crate::gate::{self, Busy};
 use crate::suite::new_job;
 use jiff::Timestamp;
 use oviduct::clock::{Clock, Stopwatch};
-use oviduct::generate::{Backend, CancelToken, FileOutput, GenerateError, Outcome, Progress, Seconds, Sink, Stage};
+use oviduct::generate::{
+    Backend, CancelToken, FileOutput, Findings, GenerateError, Outcome, Progress, Seconds, Sink, Stage,
+};
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::sqlite::SqliteStore;
 use oviduct::jobs::sweep::{Retention, Sweeper, Swept};
@@ -100,8 +102,7 @@ pub fn generate(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result
         used: if rayon::current_num_threads() == 1 { Backend::CpuSingle } else { Backend::Cpu },
         device: format!("scripted, {} threads", rayon::current_num_threads()),
         files: files.into(),
-        summary: serde_json::json!({ "vertices": 8 }),
-        certificate: serde_json::json!({}),
+        findings: Findings { summary: serde_json::json!({ "vertices": 8 }), ..Findings::default() },
         seconds: Seconds::default(),
     })
 }

@@ -40,6 +40,8 @@ def test_a_model_is_drawn(client, grown):
         assert png.startswith(b"\x89PNG\r\n\x1a\n")
         return struct.unpack_from(">II", png, 16)
 
+    assert size(client.section_png(grown, 3, size=64)) == size(client.section_png(grown, 3, size=64, labels=True))
+    assert max(size(client.section_png(grown, 3))) == 1024
     assert size(client.preview(grown)) == (1024, 683)
     end = client.preview(grown, view="ampulla", size=48)
     assert size(end) == (48, 48) and end != client.preview(grown, view="isthmus", size=48)

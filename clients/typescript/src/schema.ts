@@ -497,7 +497,9 @@ export interface paths {
         };
         /**
          * Read a cross section of a finished model.
-         * @description As points with the ids of particles, or as a drawing.
+         * @description As points with the ids of particles, as a drawing, or as a picture: stained with haematoxylin and eosin, or with the tissue
+         *     of each pixel as its value (0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal muscle,
+         *     6 serosa). Both pictures have the same pixels. Heights of the layers are those of `histology` in the spec.
          *
          *     Needs a key with the scope `read`.
          */
@@ -1283,13 +1285,39 @@ export interface components {
          * @description Representations of a section.
          * @enum {string}
          */
-        Format: "json" | "svg";
+        Format: "json" | "svg" | "png";
         /** @description The state of the service. */
         Health: {
             /** @description `ok`. */
             status: string;
             /** @description Version of the service. */
             version: string;
+        };
+        /**
+         * Histology
+         * @description Layers of the wall in stained sections and labels; they do not affect the surface.
+         */
+        HistologyPatch: {
+            /**
+             * Epithelium height
+             * @description Height of the epithelium along the lumen; it fills folds that are thinner than two heights.
+             */
+            epithelium_um?: number | null;
+            /**
+             * Lamina propria under the epithelium
+             * @description Least thickness of the lamina propria between epithelium and muscle.
+             */
+            lamina_um?: number | null;
+            /**
+             * Longitudinal share of the muscle
+             * @description Share of the longitudinal layer in the thickness of the muscle; the circular layer has the rest.
+             */
+            longitudinal_share?: number | null;
+            /**
+             * Serosa thickness
+             * @description Thickness of the serosa.
+             */
+            serosa_um?: number | null;
         };
         /** @description A JSON Schema (draft 2020-12) of a spec or of a part of it. */
         JsonSchema: {
@@ -1320,6 +1348,32 @@ export interface components {
             "x-maximum-reason"?: string;
             /** @description Unit of the value. */
             "x-unit"?: string;
+        };
+        /**
+         * Label volume
+         * @description The volume of output `labels`.
+         */
+        LabelsPatch: {
+            /**
+             * Begin
+             * @description Where the piece begins, as a fraction of the length from the isthmus end.
+             */
+            from?: number | null;
+            /**
+             * Slice distance
+             * @description Side of a voxel along the tube: the distance of slices.
+             */
+            slice_um?: number | null;
+            /**
+             * End
+             * @description Where it ends; greater than `from`.
+             */
+            to?: number | null;
+            /**
+             * Voxel side
+             * @description Side of a voxel in the plane of a section.
+             */
+            voxel_um?: number | null;
         };
         /** @description The last section, thinned to at most 512 points per ring, so that a page can draw the growing tube. */
         LiveSection: {
@@ -1576,7 +1630,7 @@ export interface components {
          * @description A format of the model: one file, or several.
          * @enum {string}
          */
-        Output: "glb" | "obj" | "lod";
+        Output: "glb" | "obj" | "lod" | "labels";
         /** @description A value of a parameter or of a part of a schedule; null leaves that of `spec`. */
         ParameterValue: null | boolean | number | string | components["schemas"]["ScheduleKey"][] | components["schemas"]["Schedule"] | components["schemas"]["Fluctuation"];
         /** @description Numbers of particles at the two ends of the tube. */
@@ -1641,6 +1695,11 @@ export interface components {
             /** @description Triangles concerned, by index. */
             triangles: number[];
         };
+        /**
+         * Format: binary
+         * @description Stands for a PNG picture.
+         */
+        Png: string;
         /** @description x and y, micrometres. */
         Point: [
             number,
@@ -1966,6 +2025,8 @@ export interface components {
              * @description Friction strength: the force is −k·v.
              */
             friction?: number | components["schemas"]["Schedule"] | null;
+            histology?: components["schemas"]["HistologyPatch"] | null;
+            labels?: components["schemas"]["LabelsPatch"] | null;
             /**
              * Length
              * @description Length of the tube in millimetres.
@@ -2015,6 +2076,11 @@ export interface components {
          * @enum {string}
          */
         Stage: "simulate" | "mesh" | "certify" | "export" | "store";
+        /**
+         * @description Stains.
+         * @enum {string}
+         */
+        Stain: "he";
         /**
          * @description The state of a job.
          * @enum {string}
@@ -5283,8 +5349,14 @@ export interface operations {
     get_section: {
         parameters: {
             query?: {
-                /** @description `json` or `svg`; takes precedence over `Accept` */
+                /** @description `json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` ask for `png` */
                 format?: components["schemas"]["Format"];
+                /** @description Longer side of a PNG picture, pixels; 1024 by default */
+                size?: number;
+                /** @description Stain of a PNG picture: `he`, haematoxylin and eosin, the default */
+                stain?: components["schemas"]["Stain"];
+                /** @description `true`: the tissue of each pixel as an 8-bit grey value, without a scale bar, instead of a stain */
+                labels?: boolean;
             };
             header?: {
                 /** @description Entity tags that the client has */
@@ -5303,10 +5375,15 @@ export interface operations {
             /** @description The section */
             200: {
                 headers: {
+                    /** @description Entity tag of this representation */
+                    etag?: string;
+                    /** @description Of a PNG picture: side of a pixel, µm. Its `pHYs` chunk has the pixels per metre */
+                    "um-per-pixel"?: number;
                     [name: string]: unknown;
                 };
                 content: {
                     "application/json": components["schemas"]["SectionAnswer"];
+                    "image/png": components["schemas"]["Png"];
                     "image/svg+xml": string;
                 };
             };
@@ -5408,7 +5485,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["Problem"];
                 };
             };
-            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); Too many downloads are running (`too-many-downloads`) */
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); Too many downloads are running (`too-many-downloads`); Too many pictures are being drawn (`too-many-pictures`) */
             503: {
                 headers: {
                     /** @description Seconds to wait before the next attempt */

@@ -23,7 +23,7 @@ pub(in crate::cli) struct ModelArgs {
     /// Backend that computes the model: auto, gpu, cpu or cpu-single
     #[arg(long, value_parser = units::named::<Backend>, default_value = "auto")]
     pub(in crate::cli) backend: Backend,
-    /// Formats of the model, separated by commas: glb, obj, lod. sections.bin and report.json are always written
+    /// Formats of the model, separated by commas: glb, obj, lod, labels. sections.bin and report.json are always written
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = units::named::<Output>, default_value = "glb,lod")]
     pub(in crate::cli) outputs: Vec<Output>,
 }

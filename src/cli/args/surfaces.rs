@@ -58,3 +58,37 @@ pub(in crate::cli) struct RenderArgs {
     #[arg(long, value_name = "PLANE", value_parser = units::plane, value_delimiter = ';', allow_hyphen_values = true)]
     pub(in crate::cli) cut: Vec<Plane>,
 }
+
+/// Options of `section`.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct SectionArgs {
+    /// The sections.bin of a model
+    #[arg(value_name = "FILE")]
+    pub(in crate::cli) file: PathBuf,
+    /// Index of the section, from 0 at the isthmus end
+    #[arg(long, value_name = "K")]
+    pub(in crate::cli) index: u32,
+    /// Directory for the picture, which is named section-K.png or section-K-labels.png; or the picture itself, if PATH ends
+    /// in .png
+    #[arg(long, value_name = "PATH", default_value = ".")]
+    pub(in crate::cli) out: PathBuf,
+    /// Longer side, pixels
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(32..=i64::from(MAX_SIZE)), default_value_t = 1024)]
+    pub(in crate::cli) size: u32,
+    /// Write the tissue of each pixel as a grey value instead of a stain: 0 outside, 1 lumen, 2 epithelium, 3 lamina propria,
+    /// 4 circular muscle, 5 longitudinal muscle, 6 serosa
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) labels: bool,
+    /// Height of the epithelium, µm [default: that of the model's preset]
+    #[arg(long, value_name = "UM")]
+    pub(in crate::cli) epithelium_um: Option<f64>,
+    /// Least thickness of the lamina propria under the epithelium, µm [default: that of the model's preset]
+    #[arg(long, value_name = "UM")]
+    pub(in crate::cli) lamina_um: Option<f64>,
+    /// Share of the longitudinal layer in the muscle, 0 to 1 [default: that of the model's preset]
+    #[arg(long, value_name = "SHARE")]
+    pub(in crate::cli) longitudinal_share: Option<f64>,
+    /// Thickness of the serosa, µm [default: that of the model's preset]
+    #[arg(long, value_name = "UM")]
+    pub(in crate::cli) serosa_um: Option<f64>,
+}

@@ -91,9 +91,9 @@ fn mended_slabs_are_mended_again_in_the_same_way() {
         "particles": { "total": { "keys": [[0, 260], [1, 1500]] }, "outer": { "keys": [[0, 60], [1, 90]] } } });
     let dir = tempfile::tempdir().unwrap();
     let whole = generate(&request(small(&spec), Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
-    let mended =
-        whole.summary["sections_added"].as_u64().unwrap() + whole.summary["diagonals_flipped"].as_u64().unwrap();
-    assert!(mended > 0, "the test needs a model that is mended: {}", whole.summary);
+    let mended = whole.findings.summary["sections_added"].as_u64().unwrap()
+        + whole.findings.summary["diagonals_flipped"].as_u64().unwrap();
+    assert!(mended > 0, "the test needs a model that is mended: {}", whole.findings.summary);
     assert_eq!(hashes(whole), interrupted(&spec, &[(90, 1), (165, 2), (199, 1)], 2));
 }
 

@@ -29,7 +29,7 @@ use utoipa::OpenApi;
 
 #[derive(OpenApi)]
 #[openapi(
-    components(schemas(super::detail::Detail, ProblemBody, Fault, Backend, Output, super::sections::Format, crate::render::NamedView, super::batches::table::TableFormat,
+    components(schemas(super::detail::Detail, ProblemBody, Fault, Backend, Output, super::sections::Format, super::slides::Stain, crate::render::NamedView, super::batches::table::TableFormat,
         super::batches::archive::ArchiveFormat, ModelEvent, DeletedEvent, Certificate)),
     tags(
         (name = "models", description = "Request, find, cancel and delete models"),

@@ -303,7 +303,11 @@ fn section(inner: &[[f32; 2]], outer: &[[f32; 2]]) -> Section {
 fn judge_section(inner: &[[f32; 2]], outer: &[[f32; 2]]) -> (u64, Vec<FailureKind>, Option<f64>) {
     let mut failures = Failures::default();
     let found = sections::examine(&[section(inner, outer)], &mut failures);
-    (found.crossings, failures.0.iter().map(|f| f.kind).collect(), found.min_gap_um)
+    (
+        found.crossings,
+        failures.0.iter().map(|f| f.kind).collect(),
+        found.gaps_um.iter().copied().flatten().reduce(f64::min),
+    )
 }
 
 const WALL: [[f32; 2]; 4] = [[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]];

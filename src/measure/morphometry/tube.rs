@@ -15,7 +15,7 @@ use utoipa::ToSchema;
 const TREES: usize = 31;
 
 /// The measures of a model. `docs/morphometry.md` defines them.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Morphometry {
     /// Of the whole tube.
     pub tube: Tube,
@@ -28,7 +28,7 @@ pub struct Morphometry {
 }
 
 /// Measures of the whole tube.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Tube {
     /// Length.
     pub length_mm: f64,
@@ -84,7 +84,7 @@ pub struct Along {
 }
 
 /// How a model was measured.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Settings {
     /// Side of the pixels of masks; larger if the lumen is wider than 8192 of them.
     pub pixel_um: f64,

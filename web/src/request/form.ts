@@ -18,6 +18,7 @@ export const OUTPUTS: Record<Output, string> = {
   glb: "glTF, the certified surface (.glb)",
   lod: "Three levels of detail, for this page and other viewers",
   obj: "Wavefront (.obj)",
+  labels: "Tissue of every voxel (.ome.tif, .nii.gz)",
 };
 /** What a request without `outputs` gets. */
 const DEFAULT_OUTPUTS: readonly Output[] = ["glb", "lod"];

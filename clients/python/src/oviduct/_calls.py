@@ -228,6 +228,16 @@ def section_svg(ref: ModelRef, index: int) -> Call[str]:
     return request, lambda response: response.text
 
 
+def section_png(ref: ModelRef, index: int, size: int | None, labels: bool) -> Call[bytes]:
+    params = [("format", "png")]
+    if labels:
+        params.append(("labels", "true"))
+    if size is not None:
+        params.append(("size", str(size)))
+    request = Request("GET", f"models/{key(ref)}/sections/{index}", params=tuple(params))
+    return request, lambda response: response.content
+
+
 def preview(ref: ModelRef, view: str | None, size: int | None) -> Call[bytes]:
     params = tuple((name, str(value)) for name, value in (("view", view), ("size", size)) if value is not None)
     return Request("GET", f"models/{key(ref)}/preview.png", params=params), lambda response: response.content

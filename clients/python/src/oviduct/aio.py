@@ -149,6 +149,9 @@ class AsyncClient(AsyncDriver):
     async def section_svg(self, model: ModelRef, index: int) -> str:
         return await self._call(_calls.section_svg(model, index))
 
+    async def section_png(self, model: ModelRef, index: int, *, size: int | None = None, labels: bool = False) -> bytes:
+        return await self._call(_calls.section_png(model, index, size, labels))
+
     async def preview(self, model: ModelRef, *, view: str | None = None, size: int | None = None) -> bytes:
         return await self._call(_calls.preview(model, view, size))
 

@@ -100,7 +100,7 @@ class Client(Driver):
             idempotency_key: The same key with the same request returns the same model; by default a new one is made.
             preset: Name of a preset; `pig` by default.
             spec: Changes of the preset, as a merge patch: `{"collision": {"gap_um": 30}}`.
-            outputs: `glb` and `lod` (the default), `obj`.
+            outputs: `glb` and `lod` (the default), `obj`, `labels`.
             labels: Names and values of your own, to find models by.
             backend: `auto` (the default), `gpu`, `cpu` or `cpu-single`.
             priority: -100 to 100.
@@ -244,6 +244,16 @@ class Client(Driver):
     def section_svg(self, model: ModelRef, index: int) -> str:
         """One cross section of a model as a picture in SVG."""
         return self._call(_calls.section_svg(model, index))
+
+    def section_png(self, model: ModelRef, index: int, *, size: int | None = None, labels: bool = False) -> bytes:
+        """One cross section of a model as PNG, stained with haematoxylin and eosin, or its labels.
+
+        Args:
+            size: The longer side in pixels, 32 to 2048; 1024 by default.
+            labels: The tissue of each pixel as a grey value instead: 0 outside, 1 lumen, 2 epithelium, 3 lamina propria,
+                4 circular muscle, 5 longitudinal muscle, 6 serosa.
+        """
+        return self._call(_calls.section_png(model, index, size, labels))
 
     def preview(self, model: ModelRef, *, view: str | None = None, size: int | None = None) -> bytes:
         """A picture of a model as PNG.

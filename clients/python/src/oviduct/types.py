@@ -489,7 +489,7 @@ class ModelOptions(TypedDict, total=False):
     spec: Mapping[str, Any]
     """Changes of the preset, as a merge patch (RFC 7396): `{"collision": {"gap_um": 30}}`."""
     outputs: Sequence[str]
-    """`glb` and `lod` (the default), `obj`. `sections.bin` and `report.json` are always written."""
+    """`glb` and `lod` (the default), `obj`, `labels`. `sections.bin` and `report.json` are always written."""
     labels: Labels
     """Names and values of your own, to find models by."""
     backend: str

@@ -1,0 +1,175 @@
+//! Label volumes: the tissue of every voxel of a piece of the tube, as OME-TIFF and as NIfTI-1.
+//!
+//! A slice is an exact cut of the finished surface by the plane through its middle. Slices are cut, classified and compressed
+//! in parallel, a few at a time, and written in order, so that neither the memory nor the bytes depend on the number of
+//! threads. Both files hold the same array: column x, row y with row 0 at the greatest y, slice z from the isthmus end.
+
+mod nifti;
+mod ome;
+#[cfg(test)]
+mod tests;
+
+use super::Metadata;
+use crate::geometry::cut::Slicer;
+use crate::model::{Mesh, PatchKind};
+use crate::tissue::{Grid, Layers, TissueMap};
+use flate2::Compression;
+use flate2::write::ZlibEncoder;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::io::{self, Seek, Write};
+
+/// Names of the files.
+pub const FILES: [&str; 2] = ["labels.ome.tif", "labels.nii.gz"];
+/// Their media types.
+pub const MEDIA_TYPES: [&str; 2] = ["image/tiff", "application/gzip"];
+/// Slices in memory at a time.
+pub const SLICES_AT_A_TIME: u32 = 16;
+
+/// Which piece of the tube is labelled, and how finely.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LabelVolume {
+    /// Side of a voxel in the plane of a section, µm.
+    pub voxel_um: f64,
+    /// Distance of slices, µm.
+    pub slice_um: f64,
+    /// Beginning of the first slice, µm from the isthmus end.
+    pub from_um: f64,
+    /// Number of slices.
+    pub slices: u32,
+}
+
+impl LabelVolume {
+    /// z of the middle of a slice, µm.
+    #[must_use]
+    pub fn z_um(&self, slice: u32) -> f64 {
+        self.from_um + (f64::from(slice) + 0.5) * self.slice_um
+    }
+}
+
+/// What a report says of the volume.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LabelReport {
+    /// Voxels along x, y and z.
+    pub size: [u32; 3],
+    /// Sides of a voxel along x, y and z, µm.
+    pub voxel_um: [f64; 3],
+    /// Middle of the voxel of column 0, row 0 and slice 0, µm; the next row has a lesser y.
+    pub first_um: [f64; 3],
+}
+
+/// A classified slice, as it is and compressed.
+struct Slice {
+    labels: Vec<u8>,
+    deflated: Vec<u8>,
+}
+
+/// Writes both files. `cancelled` is asked between slices.
+///
+/// # Errors
+/// Errors of the writers; [`io::ErrorKind::InvalidData`] if a cut is not one closed line a wall, which a certified surface
+/// excludes; [`io::ErrorKind::Interrupted`] if it was cancelled; [`io::ErrorKind::InvalidInput`] if the piece is not of the
+/// tube, or a side of it has more than 32,767 voxels.
+pub fn write_labels(
+    surface: &Mesh,
+    layers: &Layers,
+    volume: &LabelVolume,
+    meta: &Metadata,
+    outputs: (impl Write + Seek + Send, impl Write + Send),
+    cancelled: &(dyn Fn() -> bool + Sync),
+) -> io::Result<LabelReport> {
+    let walls = Walls::new(surface)?;
+    let grid = walls.grid(volume)?;
+    let report = LabelReport {
+        size: [grid.width, grid.height, volume.slices],
+        voxel_um: [volume.voxel_um, volume.voxel_um, volume.slice_um],
+        first_um: [grid.x(0), grid.y(0), volume.z_um(0)],
+    };
+    let mut tiff = ome::OmeTiff::new(outputs.0, &report, meta)?;
+    let mut nifti = nifti::Nifti::new(outputs.1, &report, meta)?;
+    let all: Vec<u32> = (0..volume.slices).collect();
+    for some in all.chunks(SLICES_AT_A_TIME as usize) {
+        let slices = some
+            .par_iter()
+            .map(|&slice| {
+                if cancelled() {
+                    return Err(io::ErrorKind::Interrupted.into());
+                }
+                walls.slice(volume.z_um(slice), &grid, layers)
+            })
+            .collect::<io::Result<Vec<Slice>>>()?;
+        let (tiff, nifti) = rayon::join(
+            || slices.iter().try_for_each(|slice| tiff.write(&slice.deflated)),
+            || slices.iter().try_for_each(|slice| nifti.write(&slice.labels)),
+        );
+        tiff.and(nifti)?;
+    }
+    tiff.finish()?;
+    nifti.finish()?;
+    Ok(report)
+}
+
+/// Both walls of a surface.
+struct Walls<'a> {
+    surface: &'a Mesh,
+    inner: Slicer<'a>,
+    outer: Slicer<'a>,
+}
+
+impl<'a> Walls<'a> {
+    fn new(surface: &'a Mesh) -> io::Result<Self> {
+        let wall = |kind: PatchKind| {
+            let patch = surface.patches.iter().find(|patch| patch.kind == kind);
+            let patch = patch.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidData, "a wall is missing"))?;
+            Ok::<_, io::Error>(Slicer::new(&surface.positions, &surface.triangles[patch.triangles.clone()]))
+        };
+        Ok(Self { surface, inner: wall(PatchKind::InnerWall)?, outer: wall(PatchKind::OuterWall)? })
+    }
+
+    /// Voxels over the whole piece, with at least one of the outside on each side. They lie on the multiples of their side, so
+    /// that two pieces fit together.
+    fn grid(&self, volume: &LabelVolume) -> io::Result<Grid> {
+        // The corners of a slab that begins before the piece belong to it too.
+        let slab_um = f64::from(self.outer.height()) * 1e6;
+        let piece = volume.from_um - slab_um..=volume.from_um + f64::from(volume.slices) * volume.slice_um + slab_um;
+        let mut range = [[f64::INFINITY, f64::NEG_INFINITY]; 2];
+        for p in self.surface.positions.iter().map(|p| p.map(|c| f64::from(c) * 1e6)).filter(|p| piece.contains(&p[2]))
+        {
+            for axis in 0..2 {
+                range[axis] = [range[axis][0].min(p[axis]), range[axis][1].max(p[axis])];
+            }
+        }
+        let [[left, right], [bottom, top]] = range.map(|of| of.map(|um| (um / volume.voxel_um).floor()));
+        let count = |least: f64, most: f64| most - least + 3.0;
+        let (width, height) = (count(left, right), count(bottom, top));
+        let sides = 1.0..=f64::from(i16::MAX);
+        if !sides.contains(&width) || !sides.contains(&height) {
+            let text = format!("a slice of {width} × {height} voxels; a side has from 1 to {}", i16::MAX);
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, text));
+        }
+        Ok(Grid {
+            width: width as u32,
+            height: height as u32,
+            um_per_pixel: volume.voxel_um,
+            left_um: (left - 1.0) * volume.voxel_um,
+            top_um: (top + 2.0) * volume.voxel_um,
+        })
+    }
+
+    fn slice(&self, z_um: f64, grid: &Grid, layers: &Layers) -> io::Result<Slice> {
+        let line = |wall: &Slicer<'_>| {
+            let mut lines = wall.cut(z_um * 1e-6, 1e6);
+            match (lines.pop(), lines.len()) {
+                (Some(line), 0) => Ok(line),
+                (_, more) => {
+                    let text = format!("the cut at {z_um} µm has {} lines in a wall, not one", more + 1);
+                    Err(io::Error::new(io::ErrorKind::InvalidData, text))
+                }
+            }
+        };
+        let labels = TissueMap::new(&line(&self.inner)?, &line(&self.outer)?, layers).labels(grid);
+        let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
+        encoder.write_all(&labels)?;
+        Ok(Slice { labels, deflated: encoder.finish()? })
+    }
+}

@@ -1,0 +1,116 @@
+//! Sections as PNG: stained, or as label images; see docs/histology.md.
+
+use super::AppState;
+use super::access::Caller;
+use super::conditional::ETag;
+use super::draw::{A_DAY, DrawError, SIZE, answer, picture, size};
+use super::extract::Parameters;
+use super::faults::{Fault, Faults};
+use super::problem::{Kind, Problem};
+use crate::jobs::{File, Job};
+use crate::model::Section;
+use crate::render::{Slide, um_per_pixel};
+use crate::spec::{ModelSpec, preset, presets};
+use crate::tissue::Layers;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method};
+use axum::response::Response;
+use serde_json::{Value, json};
+use utoipa::ToSchema;
+
+/// Side of a pixel, µm.
+pub(super) const UM_PER_PIXEL: HeaderName = HeaderName::from_static("um-per-pixel");
+
+/// The parameters of pictures of sections.
+pub(super) const PARAMETERS: [&str; 3] = ["size", "stain", "labels"];
+
+/// Stains.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ToSchema)]
+#[schema(rename_all = "lowercase")]
+#[expect(dead_code, reason = "names the only stain in the description")]
+pub(super) enum Stain {
+    /// Haematoxylin and eosin.
+    He,
+}
+
+/// What a picture shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Style {
+    size: u32,
+    labels: bool,
+}
+
+impl Style {
+    /// Reads the parameters of a picture.
+    pub(super) fn read(parameters: &Parameters, faults: &mut Faults) -> Self {
+        let labels = match parameters.get("labels") {
+            Some("true") => true,
+            None | Some("false") => false,
+            Some(_) => {
+                faults.push(Fault::parameter("labels", "must be true or false"));
+                false
+            }
+        };
+        match parameters.get("stain") {
+            Some("he") if labels => faults.push(Fault::parameter("stain", "must be absent: labels are not stained")),
+            None | Some("he") => {}
+            Some(_) => faults.push(Fault::parameter("stain", "must be he")),
+        }
+        let size = size(parameters.get("size")).unwrap_or_else(|detail| {
+            faults.push(Fault::parameter("size", detail));
+            SIZE
+        });
+        Self { size, labels }
+    }
+}
+
+/// A section of a model.
+pub(super) struct Place<'a> {
+    pub(super) job: &'a Job,
+    pub(super) file: &'a File,
+    /// Its index.
+    pub(super) k: u64,
+}
+
+/// The picture of a section, which `read` reads.
+pub(super) async fn respond(
+    state: &AppState,
+    caller: &Caller,
+    place: Place<'_>,
+    style: Style,
+    method: &Method,
+    headers: &HeaderMap,
+    read: impl Future<Output = Result<Section, Problem>>,
+) -> Result<Response, Problem> {
+    let Place { job, file, k } = place;
+    let Style { size, labels } = style;
+    let what = if labels { "labels" } else { "he" };
+    // Seed and layers are those of the record, which its digest covers.
+    let version = env!("CARGO_PKG_VERSION");
+    let tag = ETag::strong(format_args!("{}-{}-{k}-{what}-{size}-{version}", job.digest, file.sha256));
+    if tag.matches_none(headers) {
+        return tag.not_modified(A_DAY);
+    }
+    let (layers, seed) = (layers(job)?, job.seed);
+    let index = u32::try_from(k).unwrap_or(u32::MAX);
+    let png = picture(state, caller, &tag, read, move |section| {
+        let slide = Slide { section: &section, layers, seed, index };
+        let drawn = if labels { slide.labels(size) } else { slide.stained(size) };
+        drawn.map_err(DrawError::from)
+    })
+    .await?;
+    let scale = um_per_pixel(&png).and_then(|um| HeaderValue::try_from(format!("{um:.6}")).ok());
+    let mut response = answer(state, method, &tag, png)?;
+    if let Some(scale) = scale {
+        response.headers_mut().insert(UM_PER_PIXEL, scale);
+    }
+    Ok(response)
+}
+
+/// The layers of a model. One that was requested before layers were parameters has those of its preset.
+fn layers(job: &Job) -> Result<Layers, Problem> {
+    let preset = preset(&job.preset).unwrap_or(&presets()[0]);
+    let of = |patch: &Value| ModelSpec::resolve(preset, patch).ok().map(|spec| spec.histology.layers());
+    let layers =
+        of(&job.spec).or_else(|| of(&json!({ "histology": job.spec["histology"] }))).or_else(|| of(&json!({})));
+    layers.ok_or_else(|| Problem::new(Kind::Internal, "The layers of the section are unknown."))
+}

@@ -1,0 +1,67 @@
+//! What `histology` and `labels` of a specification mean: the layers of a section, and the size of the label volume.
+
+use super::parameters::{Histology, Parameters};
+use crate::tissue::Layers;
+use std::f64::consts::PI;
+
+/// Most slices of a label volume, and most voxels along the side of one: sizes of NIfTI-1 are 16-bit numbers. A predicted
+/// side keeps away from it, since the tube may be wider than predicted.
+pub(super) const MOST_SLICES: f64 = 32_767.0;
+pub(super) const MOST_SIDE: f64 = 16_384.0;
+/// Places at which the width is sampled.
+const PLACES: u32 = 64;
+
+impl Histology {
+    /// The layers of a section.
+    #[must_use]
+    pub fn layers(&self) -> Layers {
+        Layers {
+            epithelium_um: self.epithelium_um,
+            lamina_um: self.lamina_um,
+            longitudinal_share: self.longitudinal_share,
+            serosa_um: self.serosa_um,
+        }
+    }
+}
+
+impl Parameters {
+    /// Number of slices of the label volume: as many as fill the piece, at least one.
+    #[must_use]
+    pub fn label_slices(&self) -> u32 {
+        self.slices().clamp(1.0, MOST_SLICES) as u32
+    }
+
+    /// Where the piece of the label volume begins, µm from the isthmus end.
+    #[must_use]
+    pub fn label_from_um(&self) -> f64 {
+        self.labels.from * self.length_mm * 1000.0
+    }
+
+    /// Slices that fit into the piece.
+    pub(super) fn slices(&self) -> f64 {
+        // A thousandth of a slice is forgiven, since the ends of the piece are products of rounded numbers.
+        ((self.labels.to - self.labels.from) * self.length_mm * 1000.0 / self.labels.slice_um + 1e-3).floor()
+    }
+
+    /// Predicted voxels along the longer side of a slice of the label volume, and in a slice: those over the widest place of
+    /// the piece.
+    pub(super) fn label_voxels(&self) -> (f64, f64) {
+        let c = &self.containment;
+        let mut half = [0.0_f64; 2];
+        for u in (0..=PLACES).map(|k| f64::from(k) / f64::from(PLACES)) {
+            let place = self.z.at(u);
+            // A place before and after the piece is within reach of its first and last slab.
+            if place < self.labels.from - 1.0 / f64::from(PLACES) || place > self.labels.to + 1.0 / f64::from(PLACES) {
+                continue;
+            }
+            let inner = (self.particles.total.at(u) - self.particles.outer.at(u)).max(0.0);
+            let squash = c.squash.at(u);
+            let radius = (inner * self.particles.edge_um.at(u) * c.spacing_um.at(u) / (PI * squash)).sqrt();
+            let lobes = 1.0 + self.wall.lobing.at(u);
+            half[0] = half[0].max((radius + c.wall_um.at(u)) * lobes);
+            half[1] = half[1].max((radius * squash + c.wall_um.at(u)) * lobes);
+        }
+        let sides = half.map(|half| 2.0 * half / self.labels.voxel_um + 3.0);
+        (sides[0].max(sides[1]), sides[0] * sides[1])
+    }
+}
