@@ -25,6 +25,7 @@ mod api {
     mod prefix;
     mod preview;
     mod replays;
+    mod report;
     mod rfc;
     mod sections;
     mod service;

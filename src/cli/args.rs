@@ -86,6 +86,8 @@ pub(super) enum Command {
     Check(CheckArgs),
     /// Draw the surface in glb, gltf, obj, stl, ply or sections.bin files as PNG pictures
     Render(RenderArgs),
+    /// Grow models of several seeds and compare what they measure with published anatomy
+    Compare(CompareArgs),
     /// Write the report of a model as one HTML page: morphometry beside published anatomy, pictures, certificate, parameters
     Report(ReportArgs),
     /// Draw a section of a sections.bin file as a stained slide, or as a label image
@@ -306,6 +308,20 @@ pub(super) struct GenerateArgs {
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) report: bool,
     /// Print one JSON object
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(super) json: bool,
+}
+
+/// Options of `compare`.
+#[derive(Clone, Debug, Args)]
+pub(super) struct CompareArgs {
+    /// Presets, separated by commas
+    #[arg(long = "preset", value_name = "LIST", value_delimiter = ',', default_value = "pig,human,cow")]
+    pub(super) presets: Vec<String>,
+    /// First and last seed, such as 1..20
+    #[arg(long, value_name = "FIRST..LAST", value_parser = units::seeds, default_value = "1..20")]
+    pub(super) seeds: std::ops::RangeInclusive<u64>,
+    /// Print JSON with the means of every model instead of tables
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) json: bool,
 }

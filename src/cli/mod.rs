@@ -7,6 +7,7 @@ mod args;
 mod bench;
 mod check;
 mod client;
+mod compare;
 mod config;
 mod connections;
 mod demo;
@@ -92,6 +93,7 @@ async fn dispatch(command: Command) -> Ended {
         Command::Check(args) => check::run(args).await,
         Command::Render(args) => render::run(args).await,
         Command::Report(args) => report::run(args).await,
+        Command::Compare(args) => compare::run(args).await,
         Command::Section(args) => section::run(args).await,
         Command::Bench(args) => bench::run(args).await,
         Command::Presets(args) => print::presets(&args),

@@ -2,6 +2,7 @@
 //! and names of what the HTTP interface names too.
 
 use crate::render::Plane;
+use std::ops::RangeInclusive;
 use std::time::Duration;
 
 /// Splits `"12.5ms"` into `12.5` and `"ms"`.
@@ -150,6 +151,16 @@ pub(super) fn plane(text: &str) -> Result<Plane, String> {
     }
 }
 
+/// First and last seed: `1..20`.
+pub(super) fn seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
+    let read = || {
+        let (first, last) = text.split_once("..")?;
+        let (first, last) = (first.trim().parse().ok()?, last.trim().parse().ok()?);
+        (first <= last && last < 1 << 53).then_some(first..=last)
+    };
+    read().ok_or_else(|| "must be a first and a last seed below 2^53, such as 1..20".to_owned())
+}
+
 /// A size in decimal units with one digit after the point: `12.3 MB`.
 pub(super) fn show_bytes(bytes: u64) -> String {
     let value = bytes as f64;
@@ -211,6 +222,15 @@ mod tests {
             assert!(plane(wrong).is_err(), "{wrong}");
         }
         assert!(plane("z=12").unwrap_err().contains("um, mm, cm or m"));
+    }
+
+    #[test]
+    fn seeds_are_a_range() {
+        assert_eq!(seeds("1..20"), Ok(1..=20));
+        assert_eq!(seeds("7..7"), Ok(7..=7));
+        for text in ["7", "2..1", "1..9007199254740992", "a..b", "1...3", ""] {
+            assert!(seeds(text).is_err(), "{text}");
+        }
     }
 
     #[test]

@@ -9,6 +9,7 @@ use super::problem::{Kind, Problem};
 use crate::clock::Stopwatch;
 use crate::mesh::LoftError;
 use crate::render::{MEDIA_TYPE, RenderError};
+use crate::report::ReportError;
 use axum::http::{HeaderValue, Method, header};
 use axum::response::{IntoResponse, Response};
 use bytes::Bytes;
@@ -30,6 +31,8 @@ pub(super) enum DrawError {
     Surface(#[from] LoftError),
     #[error(transparent)]
     Render(#[from] RenderError),
+    #[error("the report cannot be shown as a page")]
+    Page(#[source] ReportError),
 }
 
 /// The size that a parameter asks for; `Err` with a sentence if it is none.

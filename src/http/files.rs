@@ -18,6 +18,7 @@ use axum::body::Body;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use bytes::Bytes;
 use futures_util::{StreamExt, TryStreamExt};
 use serde_json::{Map, Value};
 use sha2::{Digest, Sha256};
@@ -144,8 +145,7 @@ pub(super) async fn report(
 ) -> Result<Response, Problem> {
     let (job, file) = find(&state, &caller, id, "report.json").await?;
     let _permit = permit(&state)?;
-    let chunks: Vec<_> = state.artifacts.get_range(&file.key, None).await?.stream.try_collect().await?;
-    let mut stored: Map<String, Value> = serde_json::from_slice(&chunks.concat()).map_err(|error| {
+    let mut stored: Map<String, Value> = serde_json::from_slice(&whole(&state, &file).await?).map_err(|error| {
         tracing::error!(%error, "a stored report is damaged");
         Problem::new(Kind::Internal, "The stored report is damaged.")
     })?;
@@ -161,6 +161,12 @@ pub(super) async fn report(
     let kind = HeaderValue::from_static("application/json");
     let headers = [(header::CONTENT_TYPE, kind), (header::ETAG, tag.header()?), (header::CACHE_CONTROL, IMMUTABLE)];
     Ok((headers, body).into_response())
+}
+
+/// A file in memory.
+pub(super) async fn whole(state: &AppState, file: &File) -> Result<Bytes, Problem> {
+    let chunks: Vec<Bytes> = state.artifacts.get_range(&file.key, None).await?.stream.try_collect().await?;
+    Ok(chunks.concat().into())
 }
 
 /// Room for one more reader of the artifact store.

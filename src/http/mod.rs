@@ -40,6 +40,7 @@ mod presets;
 mod preview;
 pub mod problem;
 mod range;
+mod report_page;
 mod request;
 mod responses;
 mod retry;

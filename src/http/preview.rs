@@ -78,7 +78,7 @@ fn options(parameters: &Parameters) -> Result<(NamedView, u32), Problem> {
 }
 
 /// The sections in a picture; no others are read.
-async fn shown(state: &AppState, file: &File, view: NamedView, size: u32) -> Result<Vec<Section>, Problem> {
+pub(super) async fn shown(state: &AppState, file: &File, view: NamedView, size: u32) -> Result<Vec<Section>, Problem> {
     let _download = permit(state)?;
     let entries = sections::read_index(state, file).await?;
     let end = match end(view, entries.len()) {

@@ -6,7 +6,7 @@ use super::envelope::enclose;
 use super::openapi::Description;
 use super::{
     AppState, batches, bulk, console, create, docs, events, files, health, metrics, models, openapi, presets, preview,
-    retry, sections, tickets, workers,
+    report_page, retry, sections, tickets, workers,
 };
 use axum::{Extension, Router};
 use serde_json::Value;
@@ -37,6 +37,7 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(events::of_all))
         .routes(routes!(files::download))
         .routes(routes!(files::report))
+        .routes(routes!(report_page::page))
         .routes(routes!(sections::section))
         .routes(routes!(preview::preview))
         .routes(routes!(workers::list))

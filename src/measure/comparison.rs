@@ -170,3 +170,75 @@ fn beside(morphometry: &Morphometry, reference: &Reference) -> Compared {
         confidence: reference.confidence.clone(),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measure::morphometry::{Along, Region, Tube};
+
+    #[test]
+    fn every_row_is_consistent() {
+        let tube = serde_json::json!(Tube::default());
+        for r in references() {
+            let numbers = [r.low, r.value, r.high];
+            let known: Vec<f64> = numbers.into_iter().flatten().collect();
+            assert!(!known.is_empty() && known.is_sorted(), "{r:?}");
+            assert!(!r.source.is_empty() && !r.confidence.is_empty() && !r.unit.is_empty(), "{r:?}");
+            if let (Some(sd), Some(value), Some(high)) = (r.sd, r.value, r.high) {
+                assert!((value + sd - high).abs() < 0.011, "{r:?}");
+            }
+            let named = Quantity::named(&r.measure).is_some();
+            match r.model_region.as_str() {
+                "" => assert!(r.measure.is_empty() && r.factor.is_none(), "{r:?}"),
+                "tube" => assert!(tube.get(&r.measure).is_some() && r.factor.is_some(), "{r:?}"),
+                "isthmus" | "junction" | "ampulla" | "whole" => assert!(named && r.factor.is_some(), "{r:?}"),
+                other => panic!("{other}"),
+            }
+        }
+    }
+
+    #[test]
+    fn every_preset_has_something_to_be_compared_with() {
+        for preset in crate::spec::presets() {
+            let found = compare(&Morphometry::default(), &preset.organ, &preset.species);
+            assert!(!found.compared.is_empty(), "{}", preset.name);
+            assert!(found.compared.iter().all(|c| c.measured.is_none() || c.region == "tube"));
+        }
+    }
+
+    fn human(folds: f64) -> Comparison {
+        let along = Along { mean: folds, median: folds, sd: 0.0, min: folds, max: folds };
+        let quantities = [("folds_on_ring".to_owned(), along)].into();
+        let isthmus = Region { from_mm: 0.0, to_mm: 30.0, sections: 5, quantities };
+        let morphometry = Morphometry {
+            regions: [("isthmus".to_owned(), isthmus)].into(),
+            tube: Tube { length_mm: 100.0, ..Tube::default() },
+            ..Morphometry::default()
+        };
+        compare(&morphometry, "oviduct", "human")
+    }
+
+    #[test]
+    fn inside_outside_and_how_far() {
+        let folds = |n: f64| {
+            let found = human(n).compared.into_iter().find(|c| c.n == Some(100) && c.region == "isthmus").unwrap();
+            (found.verdict, found.deviation_sd.unwrap())
+        };
+        let (verdict, sd) = folds(8.31);
+        assert!(verdict == Verdict::Inside && sd.abs() < 1e-9);
+        let (verdict, sd) = folds(11.01);
+        assert!(verdict == Verdict::Outside && (sd - 3.0).abs() < 1e-9);
+        assert_eq!(folds(7.41).0, Verdict::Inside);
+        let found = human(8.0);
+        // Centimetres become millimetres.
+        let length = found.compared.iter().find(|c| c.quantity == "length_mm").unwrap();
+        assert_eq!((length.low, length.high, length.verdict), (Some(70.0), Some(140.0), Verdict::Inside));
+        let of = |quantity: &str| found.compared.iter().find(|c| c.quantity == quantity).unwrap().verdict;
+        assert_eq!(of("outer_diameter_mm"), Verdict::NotMeasured);
+        assert_eq!(of("fold_ratio"), Verdict::NotMeasured);
+        assert!(found.no_reference.iter().any(|name| name == "lacunarity"));
+        assert!(!found.no_reference.iter().any(|name| name == "folds_on_ring"));
+        let count = |verdict| found.compared.iter().filter(|c| c.verdict == verdict).count();
+        assert_eq!((found.inside, found.outside), (count(Verdict::Inside), count(Verdict::Outside)));
+    }
+}

@@ -82,3 +82,88 @@ pub fn html(report: &[u8], sections: &[Section], tube: &Mesh) -> Result<String, 
     let plots = stored.morphometry.as_ref().map(|m| plots::plots(m, stored.comparison.as_ref())).transpose()?;
     Ok(page::page(&stored, &pictures, &plots.unwrap_or_default()).into_string())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measure::comparison::compare;
+    use crate::measure::morphometry::{Regions, morphometry};
+    use crate::mesh::draft;
+    use crate::model::sample::section;
+    use serde_json::json;
+
+    fn sections() -> Vec<Section> {
+        (0..13).map(|k| section(120, f64::from(k), 500.0 * f64::from(k))).collect()
+    }
+
+    fn stored() -> Value {
+        let sections = sections();
+        let found = morphometry(&sections, &[Some(4.0); 13], &Regions { length_mm: 6.0, junction: [0.3, 0.4] });
+        let preset = crate::spec::preset("pig").unwrap();
+        let spec = crate::spec::ModelSpec::resolve(preset, &json!({ "friction": 0.25 })).unwrap();
+        json!({
+            "digest": "d1gest", "preset": "pig", "seed": 7, "engine": "9.9.9",
+            "spec": spec.to_json(),
+            "summary": { "sections": 13, "warnings": [{ "code": "small-gap", "detail": "A <gap> is small." }] },
+            "certificate": { "passed": true, "closed": true, "triangle_intersections": 0, "euler": 0, "min_gap_um": 4.0 },
+            "comparison": compare(&found, "oviduct", "pig"),
+            "morphometry": found,
+        })
+    }
+
+    fn page(stored: &Value) -> String {
+        let sections = sections();
+        let z: Vec<f64> = sections.iter().map(|s| s.z_um).collect();
+        let shown: Vec<Section> = strip(&z).into_iter().map(|k| sections[k].clone()).collect();
+        html(&serde_json::to_vec(stored).unwrap(), &shown, &draft(&sections).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn the_page_shows_what_the_report_says_and_needs_nothing_else() {
+        let html = page(&stored());
+        for text in [
+            "Pig oviduct, seed 7",
+            "d1gest",
+            "A &lt;gap&gt; is small.",
+            "Fractal dimension of the lumen area",
+            "Belda-Perez et al. 2024",
+            "outside",
+            "/collision/gap_um",
+            "<strong>the request</strong>",
+            "Burkitt, Romano, Walker, Fazeli",
+        ] {
+            assert!(html.contains(text), "{text}");
+        }
+        assert_eq!(html.matches("the request").count(), 1, "one value differs from the preset");
+        assert_eq!(html.matches("data:image/png;base64,").count(), 2);
+        assert_eq!(html.matches("<svg").count(), 10);
+        for outside in ["<script", "http:", "https:", "url(", "@import"] {
+            let found = html.replace("http://www.w3.org/2000/svg", "").contains(outside);
+            assert!(!found, "{outside}");
+        }
+        assert_eq!(page(&stored()), html);
+    }
+
+    #[test]
+    fn the_page_of_an_older_model_has_no_morphometry() {
+        let mut stored = stored();
+        for name in ["morphometry", "comparison"] {
+            stored.as_object_mut().unwrap().remove(name);
+        }
+        let html = page(&stored);
+        assert!(html.contains("did not measure its sections") && html.contains("Certificate"));
+        assert!(matches!(html_of_garbage(), Err(ReportError::Json(_))));
+    }
+
+    fn html_of_garbage() -> Result<String, ReportError> {
+        html(b"{}", &sections(), &draft(&sections()).unwrap())
+    }
+
+    #[test]
+    fn the_strip_is_evenly_spread() {
+        let z: Vec<f64> = (0..201).map(f64::from).collect();
+        assert_eq!(strip(&z), [0, 29, 57, 86, 114, 143, 171, 200]);
+        assert_eq!(strip(&[0.0, 1.0, 100.0]), [0, 1, 2]);
+        assert_eq!(strip(&[]), [0; 0]);
+    }
+}

@@ -1,0 +1,43 @@
+//! The report of a model as a page.
+
+use super::app::App;
+use super::sections::stored;
+use axum::http::header;
+use oviduct::export::sections_bin::MEDIA_TYPE;
+use serde_json::json;
+
+fn report() -> Vec<u8> {
+    let spec = oviduct::spec::ModelSpec::resolve(oviduct::spec::preset("pig").unwrap(), &json!({})).unwrap();
+    let report = json!({
+        "digest": "d1gest", "preset": "pig", "seed": 7, "engine": "0.1.0", "spec": spec.to_json(),
+        "summary": { "sections": 3 }, "certificate": { "passed": true, "closed": true },
+    });
+    serde_json::to_vec(&report).unwrap()
+}
+
+#[tokio::test]
+async fn a_page_that_loads_nothing_and_is_kept() {
+    let app = App::new().await;
+    let files = [("report.json", "application/json", report()), ("sections.bin", MEDIA_TYPE, stored(3))];
+    let path = format!("{}/report.html", app.finished(7, &files).await);
+    let page = app.get(&path).await;
+    assert_eq!((page.status.as_u16(), page.header(header::CONTENT_TYPE)), (200, Some("text/html; charset=utf-8")));
+    assert!(page.header(header::CONTENT_SECURITY_POLICY).unwrap().starts_with("default-src 'none'"));
+    let html = String::from_utf8(page.body.to_vec()).unwrap();
+    assert!(html.contains("Pig oviduct, seed 7") && html.contains("d1gest"));
+    let tag = page.header(header::ETAG).unwrap();
+    assert_eq!(app.get_with(&path, &[("if-none-match", tag)]).await.status, 304);
+    assert_eq!(app.get(&path).await.body, page.body);
+}
+
+#[tokio::test]
+async fn what_has_no_report_has_no_page() {
+    let app = App::new().await;
+    let path = app.finished(7, &[("sections.bin", MEDIA_TYPE, stored(3))]).await;
+    let missing = app.get(&format!("{path}/report.html")).await;
+    assert_eq!(missing.status, 404);
+    let damaged = [("report.json", "application/json", b"{}".to_vec()), ("sections.bin", MEDIA_TYPE, stored(3))];
+    let path = app.finished(8, &damaged).await;
+    assert_eq!(app.get(&format!("{path}/report.html")).await.status, 500);
+    assert_eq!(app.get("/models/0197a000-0000-7000-8000-000000000000/report.html").await.status, 404);
+}
