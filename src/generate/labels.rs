@@ -23,17 +23,17 @@ pub(super) fn write(
         from_um: spec.label_from_um(),
         slices: spec.label_slices(),
     };
-    let [tiff_path, nifti_path] = FILES.map(|name| request.dir.join(name));
+    let [ome_path, nifti_path] = FILES.map(|name| request.dir.join(name));
     let write = || {
-        let mut tiff = buffered(&tiff_path)?;
+        let mut ome = buffered(&ome_path)?;
         let mut nifti = HashingWriter::new(buffered(&nifti_path)?);
         let cancelled = || cancel.is_cancelled();
-        let report = write_labels(mesh, &spec.histology.layers(), &volume, meta, (&mut tiff, &mut nifti), &cancelled)?;
-        tiff.flush()?;
-        drop(tiff);
+        let report = write_labels(mesh, &spec.histology.layers(), &volume, meta, (&mut ome, &mut nifti), &cancelled)?;
+        ome.flush()?;
+        drop(ome);
         let (mut file, nifti) = nifti.finish();
         file.flush()?;
-        Ok(([hash(&tiff_path)?, nifti], report))
+        Ok(([hash(&ome_path)?, nifti], report))
     };
     let (digests, report) = write().map_err(|source: io::Error| {
         if cancel.is_cancelled() {

@@ -3,7 +3,7 @@
 //! Written here because the crate `nifti` writes whole arrays only. Bytes are little-endian; the standard is
 //! nifti1.h of the NIfTI Data Format Working Group.
 
-use super::LabelReport;
+use super::volume::LabelReport;
 use crate::export::Metadata;
 use flate2::Compression;
 use flate2::write::GzEncoder;

@@ -1,7 +1,7 @@
 //! OME-TIFF: one page a slice, deflated; sizes in micrometres in the OME-XML of the first page. BigTIFF if it might not fit
 //! into 4 GiB.
 
-use super::{FILES, LabelReport};
+use super::volume::{FILES, LabelReport};
 use crate::export::Metadata;
 use crate::tissue::Tissue;
 use std::fmt::Write as _;

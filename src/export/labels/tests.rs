@@ -56,7 +56,7 @@ fn both_files_hold_the_same_voxels_with_the_areas_of_the_layers() {
             (Tissue::LongitudinalMuscle, 853.5, 975.0),
         ] {
             let expected = polygon(to) - polygon(from);
-            assert!((area(tissue) / expected - 1.0).abs() < 0.01, "{tissue:?}: {} and {expected}", area(tissue));
+            assert!((area(tissue) / expected - 1.0).abs() < 0.02, "{tissue:?}: {} and {expected}", area(tissue));
         }
     }
 }
