@@ -1,7 +1,8 @@
 //! Which pages of other origins may call the service (the CORS protocol of the Fetch standard). None, unless it is set so.
 
-use super::headers::{IDEMPOTENCY_KEY, IDEMPOTENCY_REPLAYED, LAST_EVENT_ID, PREFER, PREFERENCE_APPLIED, REQUEST_ID};
-use super::slides::UM_PER_PIXEL;
+use super::headers::{
+    IDEMPOTENCY_KEY, IDEMPOTENCY_REPLAYED, LAST_EVENT_ID, PREFER, PREFERENCE_APPLIED, REQUEST_ID, UM_PER_PIXEL,
+};
 use axum::Router;
 use axum::extract::Request;
 use axum::http::{HeaderName, HeaderValue, Method, Uri, header};

@@ -17,6 +17,8 @@ pub(super) const IDEMPOTENCY_KEY: HeaderName = HeaderName::from_static("idempote
 pub(super) const IDEMPOTENCY_REPLAYED: HeaderName = HeaderName::from_static("idempotency-replayed");
 /// `Last-Event-ID`.
 pub(super) const LAST_EVENT_ID: HeaderName = HeaderName::from_static("last-event-id");
+/// Side of a pixel of a picture, µm.
+pub(super) const UM_PER_PIXEL: HeaderName = HeaderName::from_static("um-per-pixel");
 
 /// Longest wait, in seconds.
 const WAIT_MAX: u64 = 60;

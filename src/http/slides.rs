@@ -6,19 +6,17 @@ use super::conditional::ETag;
 use super::draw::{A_DAY, DrawError, SIZE, answer, picture, size};
 use super::extract::Parameters;
 use super::faults::{Fault, Faults};
+use super::headers::UM_PER_PIXEL;
 use super::problem::{Kind, Problem};
 use crate::jobs::{File, Job};
 use crate::model::Section;
 use crate::render::{Slide, um_per_pixel};
 use crate::spec::{ModelSpec, preset, presets};
 use crate::tissue::Layers;
-use axum::http::{HeaderMap, HeaderName, HeaderValue, Method};
+use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::response::Response;
 use serde_json::{Value, json};
 use utoipa::ToSchema;
-
-/// Side of a pixel, µm.
-pub(super) const UM_PER_PIXEL: HeaderName = HeaderName::from_static("um-per-pixel");
 
 /// The parameters of pictures of sections.
 pub(super) const PARAMETERS: [&str; 3] = ["size", "stain", "labels"];
