@@ -134,7 +134,7 @@ mod tests {
         ] {
             assert!(html.contains(text), "{text}");
         }
-        assert_eq!(html.matches("the request").count(), 1, "one value differs from the preset");
+        assert_eq!(html.matches("<strong>the request</strong>").count(), 1, "one value differs from the preset");
         assert_eq!(html.matches("data:image/png;base64,").count(), 2);
         assert_eq!(html.matches("<svg").count(), 10);
         for outside in ["<script", "http:", "https:", "url(", "@import"] {

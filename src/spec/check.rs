@@ -32,7 +32,6 @@ pub(super) fn faults(p: &Parameters, bad: &[String]) -> Vec<Fault> {
     checks.solver(p);
     checks.room(p);
     checks.regions(p);
-    checks.layers(p);
     checks.labels(p);
     checks.faults
 }
@@ -178,22 +177,6 @@ impl Checks<'_> {
 }
 
 impl Checks<'_> {
-    fn layers(&mut self, p: &Parameters) {
-        let wall = &p.containment.wall_um;
-        let thinnest = places(&[wall]).into_iter().map(|u| wall.at(u)).fold(f64::INFINITY, f64::min);
-        let both = p.histology.epithelium_um + p.histology.serosa_um;
-        let at = "/histology/epithelium_um";
-        self.require(both < thinnest, at, &[at, "/histology/serosa_um", "/containment/wall_um"], || {
-            format!(
-                "is {} µm, with /histology/serosa_um {} µm, as much as the wall where it is thinnest, {} µm \
-                 (/containment/wall_um)",
-                number(p.histology.epithelium_um),
-                number(both),
-                number(thinnest)
-            )
-        });
-    }
-
     fn labels(&mut self, p: &Parameters) {
         let (from, to) = ("/labels/from", "/labels/to");
         let labels = &p.labels;

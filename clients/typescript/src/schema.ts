@@ -465,6 +465,30 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/models/{id}/report.html": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read the report of a model as a page to show or to print.
+         * @description One HTML file that needs no other: the cut-open tube, a strip of sections, measures beside published anatomy and along the
+         *     tube, the certificate, all parameters with their sources, and how to cite the model. It is made from `report.json` and
+         *     `sections.bin`; the same version of the service makes the same page.
+         *
+         *     Needs a key with the scope `read`.
+         */
+        get: operations["get_report_page"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/models/{id}/retry": {
         parameters: {
             query?: never;
@@ -783,6 +807,34 @@ export interface paths {
 export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
+        /** @description A quantity along a region; each section counts by the length of tube next to it. */
+        Along: {
+            /**
+             * Format: double
+             * @description Greatest value.
+             */
+            max: number;
+            /**
+             * Format: double
+             * @description Mean.
+             */
+            mean: number;
+            /**
+             * Format: double
+             * @description Median.
+             */
+            median: number;
+            /**
+             * Format: double
+             * @description Least value.
+             */
+            min: number;
+            /**
+             * Format: double
+             * @description Standard deviation between sections.
+             */
+            sd: number;
+        };
         /** @description What a request for many models did. */
         Applied: {
             /** @description Number of models that were cancelled or deleted, or with `dry_run` would be. */
@@ -1072,6 +1124,68 @@ export interface components {
              * @description Range Dt of the force across tissue.
              */
             tissue_um?: number | components["schemas"]["Schedule"] | null;
+        };
+        /** @description A measure beside a published value, in the unit of the measure. */
+        Compared: {
+            /** @description How it was learnt. */
+            confidence: string;
+            /**
+             * Format: double
+             * @description Distance from the published mean in standard deviations, if it has one.
+             */
+            deviation_sd?: number | null;
+            /**
+             * Format: double
+             * @description Upper end of the published range.
+             */
+            high?: number | null;
+            /**
+             * Format: double
+             * @description Lower end of the published range.
+             */
+            low?: number | null;
+            /**
+             * Format: double
+             * @description The model's mean over the region.
+             */
+            measured?: number | null;
+            /** @description Number of individuals in the publication. */
+            n?: number | null;
+            /** @description What was measured, as the source names it. */
+            published: string;
+            /** @description Name of the quantity. */
+            quantity: string;
+            /** @description Region of the model. */
+            region: string;
+            /**
+             * Format: double
+             * @description Published standard deviation.
+             */
+            sd?: number | null;
+            /** @description Where it is published. */
+            source: string;
+            /**
+             * Format: double
+             * @description Published mean or value.
+             */
+            value?: number | null;
+            /** @description Result. */
+            verdict: components["schemas"]["Verdict"];
+        };
+        /** @description A model beside what is published about its organ and species. */
+        Comparison: {
+            /** @description The measures that something is published about. */
+            compared: components["schemas"]["Compared"][];
+            /** @description Number of measures inside the published range. */
+            inside: number;
+            /** @description Quantities that have no published value in any region. */
+            no_reference: string[];
+            /** @description Organ. */
+            organ: string;
+            /** @description Number of measures outside. */
+            outside: number;
+            /** @description Species. */
+            species: string;
         };
         /** @description A connected part of a surface. */
         Component: {
@@ -1600,6 +1714,21 @@ export interface components {
             /** @description A sentence with the numbers. */
             detail: string;
         };
+        /** @description The measures of a model. `docs/morphometry.md` defines them. */
+        Morphometry: {
+            /** @description One value a section, by quantity; null where the section has none. Sections that were added to mend a slab are left out. */
+            along: {
+                [key: string]: (number | null)[];
+            };
+            /** @description By region: `isthmus`, `junction`, `ampulla`, and `whole`; a region without a section is missing. */
+            regions: {
+                [key: string]: components["schemas"]["Region"];
+            };
+            /** @description How it was measured. */
+            settings: components["schemas"]["Settings"];
+            /** @description Of the whole tube. */
+            tube: components["schemas"]["Tube"];
+        };
         /**
          * @description A view by name.
          * @enum {string}
@@ -1845,6 +1974,41 @@ export interface components {
              */
             wait_seconds?: number | null;
         };
+        /** @description Measures of a region. */
+        Region: {
+            /**
+             * Format: double
+             * @description Where it begins, from the isthmus end.
+             */
+            from_mm: number;
+            /** @description Along the region, by quantity; a quantity that no section has is missing. */
+            quantities: {
+                [key: string]: components["schemas"]["Along"];
+            };
+            /** @description Sections in it. */
+            sections: number;
+            /**
+             * Format: double
+             * @description Where it ends.
+             */
+            to_mm: number;
+        };
+        /**
+         * Regions
+         * @description Regions of the tube, for measures.
+         */
+        RegionsPatch: {
+            /**
+             * Start of the junction
+             * @description Where the junction begins.
+             */
+            junction_from?: number | null;
+            /**
+             * End of the junction
+             * @description Where the junction ends.
+             */
+            junction_to?: number | null;
+        };
         /**
          * Regulatory force
          * @description Regulatory force toward the anchor.
@@ -1979,6 +2143,33 @@ export interface components {
             /** @description Value for `Last-Event-ID` when the client reconnects */
             id: string;
         };
+        /** @description How a model was measured. */
+        Settings: {
+            /** @description Least and greatest side of the boxes that are counted, in pixels. */
+            boxes_px: number[];
+            /**
+             * Format: double
+             * @description Least height of a fold or branch.
+             */
+            least_height_um: number;
+            /**
+             * Format: double
+             * @description Least ratio of the height of a fold or branch to the width of its base.
+             */
+            least_slenderness: number;
+            /**
+             * Format: double
+             * @description Side of the pixels of masks; larger if the lumen is wider than 8192 of them.
+             */
+            pixel_um: number;
+            /**
+             * Format: double
+             * @description The ring as a part of the base ellipse.
+             */
+            ring_share: number;
+            /** @description Every how many sections the shape tree is made. */
+            tree_every: number;
+        };
         /**
          * Solver
          * @description Integrator, neighbour search, recording.
@@ -2034,6 +2225,7 @@ export interface components {
             length_mm?: number | null;
             mesh?: components["schemas"]["MeshPatch"] | null;
             particles?: components["schemas"]["ParticlesPatch"] | null;
+            regions?: components["schemas"]["RegionsPatch"] | null;
             regulatory?: components["schemas"]["RegulatoryPatch"] | null;
             solver?: components["schemas"]["SolverPatch"] | null;
             spring?: components["schemas"]["SpringPatch"] | null;
@@ -2075,7 +2267,7 @@ export interface components {
          * @description Stage of a running job.
          * @enum {string}
          */
-        Stage: "simulate" | "mesh" | "certify" | "export" | "store";
+        Stage: "simulate" | "mesh" | "certify" | "measure" | "export" | "store";
         /**
          * @description Stains.
          * @enum {string}
@@ -2090,6 +2282,8 @@ export interface components {
         StoredReport: {
             /** @description The certificate of the surface as exported. */
             certificate: components["schemas"]["Certificate"];
+            /** @description The measures beside published ones of the organ and species of the preset. */
+            comparison?: components["schemas"]["Comparison"];
             /** @description SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as in the model. */
             digest: string;
             /** @description Version of the program that grew it. */
@@ -2099,6 +2293,8 @@ export interface components {
              *     report, and the files that it asked for.
              */
             levels?: components["schemas"]["DetailLevel"][];
+            /** @description What its sections measure. Models of version 0.2 and earlier have none. */
+            morphometry?: components["schemas"]["Morphometry"];
             /** @description Preset that the spec was resolved on. */
             preset: string;
             /** @description Seed. */
@@ -2249,6 +2445,64 @@ export interface components {
             /** @description Greatest value. */
             to: number;
         };
+        /** @description Measures of the whole tube. */
+        Tube: {
+            /**
+             * Format: double
+             * @description Length of the ampulla.
+             */
+            ampulla_length_mm: number;
+            /**
+             * Format: double
+             * @description Mean part of the folds on the ring that continue as one fold each in the next section.
+             */
+            fold_continuity?: number | null;
+            /**
+             * Format: double
+             * @description Folds on the ring in the ampulla over those of the isthmus, means by region.
+             */
+            fold_ratio?: number | null;
+            /**
+             * Format: double
+             * @description Four times the volume of the lumen over the surface of the mucosa.
+             */
+            hydraulic_diameter_um: number;
+            /**
+             * Format: double
+             * @description Length of the isthmus.
+             */
+            isthmus_length_mm: number;
+            /**
+             * Format: double
+             * @description Length.
+             */
+            length_mm: number;
+            /**
+             * Format: double
+             * @description Surface of the mucosa: perimeters of the sections, by the trapezoidal rule.
+             */
+            lumen_surface_mm2: number;
+            /**
+             * Format: double
+             * @description Volume of the lumen: areas of the sections, by the trapezoidal rule.
+             */
+            lumen_volume_mm3: number;
+            /**
+             * Format: double
+             * @description Surface of the mucosa over the volume of the lumen.
+             */
+            surface_over_volume_per_mm: number;
+            /**
+             * Format: double
+             * @description Volume of the tissue, likewise; the certificate has that of the surface.
+             */
+            tissue_volume_mm3: number;
+            /**
+             * Format: double
+             * @description Angle by which the mucosa turns around the axis from end to end, seen from the ampulla, counter-clockwise positive.
+             */
+            twist_deg: number;
+        };
         /**
          * Distribution uniform
          * @description In the designs `grid` and `zip`, the quantiles in the middle of parts of equal probability.
@@ -2369,6 +2623,11 @@ export interface components {
                 [key: string]: components["schemas"]["VariedValues"];
             };
         };
+        /**
+         * @description Outcome of a comparison.
+         * @enum {string}
+         */
+        Verdict: "inside" | "outside" | "no_range" | "not_measured";
         /**
          * @description How much of each model is sent.
          * @enum {string}
@@ -5187,6 +5446,116 @@ export interface operations {
                 };
             };
             /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); Too many downloads are running (`too-many-downloads`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_report_page: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Entity tags that the client has */
+                "if-none-match"?: string;
+            };
+            path: {
+                /** @description Id of the model */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The page */
+            200: {
+                headers: {
+                    /** @description Entity tag of the page */
+                    etag?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/html": string;
+                };
+            };
+            /** @description The client has this page */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description A key is required (`unauthorized`) */
+            401: {
+                headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key does not allow this (`forbidden`) */
+            403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description There is no such model (`model-not-found`); The model has no such file (`file-not-found`) */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests (`rate-limited`) */
+            429: {
+                headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service failed (`internal`) */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); Too many downloads are running (`too-many-downloads`); Too many pictures are being drawn (`too-many-pictures`) */
             503: {
                 headers: {
                     /** @description Seconds to wait before the next attempt */
