@@ -43,7 +43,7 @@ fn said(output: &Output) -> String {
 
 /// The lines on stderr that do not report the progress of a model.
 fn complaints(output: &Output) -> Vec<String> {
-    let stages = ["queued", "running", "simulate", "mesh", "certify", "export", "store"];
+    let stages = ["queued", "running", "simulate", "mesh", "certify", "measure", "export", "store"];
     let is_progress = |line: &str| stages.iter().any(|stage| line.starts_with(stage)) && line.contains(" %");
     said(output).lines().filter(|line| !is_progress(line)).map(str::to_owned).collect()
 }
@@ -163,7 +163,7 @@ fn presets_schema_and_openapi_are_printed() {
     let at = folder();
     let presets = json(&run(at.path(), &["presets", "--json"]));
     let names: Vec<_> = presets.as_array().expect("an array").iter().map(|p| p["name"].clone()).collect();
-    assert_eq!(names, ["pig", "paper"]);
+    assert_eq!(names, ["pig", "human", "cow", "paper"]);
     let listed = run(at.path(), &["presets"]);
     assert!(String::from_utf8_lossy(&listed.stdout).starts_with("pig (default): "));
     let schema = json(&run(at.path(), &["schema"]));
@@ -189,7 +189,7 @@ fn every_fault_of_a_spec_is_named_and_no_file_is_left() {
     assert_eq!(names(at.path()), ["spec.json"]);
     let output = run(at.path(), &["generate", "--out", "out", "--preset", "whale"]);
     assert_eq!(code(&output), 2);
-    assert!(said(&output).contains("pig, paper"), "{}", said(&output));
+    assert!(said(&output).contains("pig, human, cow, paper"), "{}", said(&output));
     for file in ["missing.json", "-"] {
         assert_eq!(code(&run(at.path(), &["generate", "--out", "out", "--spec", file])), 2, "{file}");
     }
@@ -485,7 +485,7 @@ fn traces_go_to_a_collector() {
     assert!(format!("{:?}", job.value).contains(model["id"].as_str().expect("an id")), "{job:?}");
     let parent = arrived.named("request").find(|request| request.span_id == attempts[0].parent_span_id);
     assert_eq!(parent.expect("the request for the model").trace_id, attempts[0].trace_id);
-    for stage in ["simulate", "mesh", "certify", "export", "store"] {
+    for stage in ["simulate", "mesh", "certify", "measure", "export", "store"] {
         let spans: Vec<_> = arrived.named(stage).collect();
         assert_eq!(spans.len(), 1, "{stage}");
         assert_eq!((&spans[0].trace_id, &spans[0].parent_span_id), (&attempts[0].trace_id, &attempts[0].span_id));

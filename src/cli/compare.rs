@@ -45,9 +45,8 @@ pub(super) async fn run(args: CompareArgs) -> Ended {
         let all: Vec<Value> = grown.iter().map(|(preset, models)| document(preset, models)).collect();
         term::print_json(&all)?;
     } else {
-        for (preset, models) in &grown {
-            term::print(&markdown(preset, models))?;
-        }
+        let tables: Vec<String> = grown.iter().map(|(preset, models)| markdown(preset, models)).collect();
+        term::print(tables.join("\n").trim_end())?;
     }
     Ok(())
 }

@@ -2,19 +2,20 @@
 //!
 //! | file | subject |
 //! |---|---|
+//! | `stored` | what `report.json` says |
 //! | `page` | the page |
 //! | `plots` | measures along the tube, with the published ranges |
 //! | `style.css` | its style, on screens and on paper |
 
 mod page;
 mod plots;
+mod stored;
 
-use crate::measure::comparison::Comparison;
-use crate::measure::morphometry::Morphometry;
+pub use stored::ReportError;
+
 use crate::model::{Mesh, Section};
-use crate::render::{NamedView, RenderError, mesh_png, sheet_png};
-use serde::Deserialize;
-use serde_json::Value;
+use crate::render::{NamedView, mesh_png, sheet_png};
+use stored::Stored;
 
 /// Media type of the page.
 pub const MEDIA_TYPE: &str = "text/html; charset=utf-8";
@@ -26,34 +27,6 @@ pub const VIEW: NamedView = NamedView::Opened;
 const STRIP: usize = 8;
 /// Side of each, pixels.
 const CELL: u32 = 300;
-
-/// What `report.json` says, as far as the page shows it. Models of version 0.2 and earlier have no morphometry.
-#[derive(Debug, Deserialize)]
-struct Stored {
-    digest: String,
-    preset: String,
-    seed: u64,
-    engine: String,
-    spec: Value,
-    summary: Value,
-    certificate: Value,
-    morphometry: Option<Morphometry>,
-    comparison: Option<Comparison>,
-}
-
-/// Why a page could not be made.
-#[derive(Debug, thiserror::Error)]
-pub enum ReportError {
-    /// The report is not one that this program writes.
-    #[error("report.json cannot be read")]
-    Json(#[from] serde_json::Error),
-    /// A picture could not be drawn.
-    #[error(transparent)]
-    Render(#[from] RenderError),
-    /// A plot could not be drawn.
-    #[error("a plot could not be drawn: {0}")]
-    Plot(String),
-}
 
 /// The sections, of those at the places `z`, that the strip of a report shows: evenly spread from end to end.
 #[must_use]
@@ -90,7 +63,7 @@ mod tests {
     use crate::measure::morphometry::{Regions, morphometry};
     use crate::mesh::draft;
     use crate::model::sample::section;
-    use serde_json::json;
+    use serde_json::{Value, json};
 
     fn sections() -> Vec<Section> {
         (0..13).map(|k| section(120, f64::from(k), 500.0 * f64::from(k))).collect()

@@ -1,7 +1,7 @@
 //! The page.
 
-use super::Stored;
 use super::plots::Plot;
+use super::stored::Stored;
 use crate::measure::comparison::{Compared, Comparison, Verdict};
 use crate::measure::morphometry::{Morphometry, QUANTITIES};
 use crate::spec::{DEFAULT_PRESET, ModelSpec, Preset, preset};

@@ -1,6 +1,6 @@
 //! Measures along the tube as SVG: curves, regions, and the ranges that are published for them.
 
-use super::ReportError;
+use super::stored::ReportError;
 use crate::measure::comparison::Comparison;
 use crate::measure::morphometry::{Morphometry, Quantity};
 use plotters::prelude::*;

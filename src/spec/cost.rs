@@ -29,6 +29,8 @@ const TWO_CORES: f64 = 0.55;
 const TRIANGLE_SECONDS: f64 = 0.7e-6;
 /// Seconds per triangle for levels of detail, one core; measured on the default model.
 const LEVELS_SECONDS: f64 = 1.3e-6;
+/// Seconds per triangle for morphometry, one core; measured on the default model.
+const MEASURE_SECONDS: f64 = 0.27e-6;
 /// Memory that does not depend on the model; assumed.
 const BASE_BYTES: u64 = 32 << 20;
 /// Memory per vertex: position, normal, section, identity; assumed.
@@ -71,9 +73,11 @@ const SIZES: [Size; 8] = [
     Size::new("ply", 512.0, 24.0, 13.0, 13.0),
     Size::new("vtp", 2048.0, 24.0, 24.0, 24.0),
     Size::new("sections", 4096.0, 9.0, 0.0, 0.0),
-    Size::new("report", 131_072.0, 0.0, 0.0, 0.0),
+    Size::new("report", 65_536.0, 0.0, 0.0, 0.0),
 ];
 
+/// Bytes of the measures of a section in the report; measured on the default model.
+const REPORT_SECTION_BYTES: u64 = 850;
 /// Bytes of a triangle of the finest level of detail and of a simplified one, with its share of the vertices; measured on
 /// the default model.
 const LEVEL_TRIANGLE_BYTES: [f64; 2] = [3.5, 4.7];
@@ -138,6 +142,7 @@ impl ModelSpec {
         };
         let kept = |s: &&Size| outputs.contains(&s.name) || ["sections", "report"].contains(&s.name);
         let mut bytes: BTreeMap<String, u64> = SIZES.iter().filter(kept).map(size).collect();
+        bytes.entry("report".to_owned()).and_modify(|bytes| *bytes += u64::from(sections) * REPORT_SECTION_BYTES);
         if outputs.contains(&"lod") {
             bytes.insert("lod".to_owned(), count(levels_bytes(triangles)));
         }
@@ -180,7 +185,8 @@ impl ModelSpec {
 
     fn seconds(&self, triangles: u64, levels: bool, labels: f64) -> BTreeMap<String, Estimate> {
         #[expect(clippy::cast_precision_loss, reason = "an estimate")]
-        let surface = labels + triangles as f64 * (TRIANGLE_SECONDS + if levels { LEVELS_SECONDS } else { 0.0 });
+        let surface = labels
+            + triangles as f64 * (TRIANGLE_SECONDS + MEASURE_SECONDS + if levels { LEVELS_SECONDS } else { 0.0 });
         let one = self.simulation_seconds() + surface;
         let work = match self.solver.search {
             Search::Lists => "pairs within reach of neighbour lists",

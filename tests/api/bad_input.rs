@@ -38,7 +38,7 @@ async fn single_faults_name_their_place() {
     let many: Value = (0..17).map(|i| (format!("k{i}"), json!("v"))).collect::<serde_json::Map<_, _>>().into();
     let cases = [
         (json!({ "presett": "pig" }), "/presett"),
-        (json!({ "preset": "cow" }), "/preset"),
+        (json!({ "preset": "dragon" }), "/preset"),
         (json!({ "preset": 3 }), "/preset"),
         (json!({ "seed": 9_007_199_254_740_992_u64 }), "/seed"),
         (json!({ "seed": 1.5 }), "/seed"),

@@ -51,7 +51,7 @@ async fn filters_select() {
         ("status=running", &[0]),
         ("status=failed", &[]),
         ("preset=paper", &[1]),
-        ("preset=cow", &[]),
+        ("preset=dragon", &[]),
         ("label=study:A", &[1, 0]),
         ("label=study:B:1", &[2]),
         ("label=all:&label=study%3AA&preset=pig", &[0]),

@@ -1,7 +1,7 @@
 //! RFC 9110 on all paths: `HEAD` is `GET` without its body, 405 lists the allowed methods; and on some of them.
 
 use super::app::App;
-use super::sections;
+use super::{report, sections};
 use axum::body::Body;
 use axum::http::{HeaderMap, Method, Request, header};
 use oviduct::export::sections_bin::MEDIA_TYPE;
@@ -11,9 +11,9 @@ use std::collections::BTreeSet;
 /// A service with a finished model and a batch, and all described paths with their methods.
 async fn app() -> (App, Vec<(String, BTreeSet<String>)>) {
     let app = App::new().await;
-    let report = br#"{"certificate":{"passed":true}}"#.to_vec();
     let glb = ("model.glb", "model/gltf-binary", vec![7; 1000]);
-    let files = [glb, ("report.json", "application/json", report), ("sections.bin", MEDIA_TYPE, sections::stored(3))];
+    let files =
+        [glb, ("report.json", "application/json", report::stored()), ("sections.bin", MEDIA_TYPE, sections::stored(3))];
     let model = app.finished(7, &files).await;
     let batch = app.post("/batches", &json!({ "count": 1 })).await.location();
     let document: Value = yaml_serde::from_slice(&app.get("/openapi.yaml").await.body).unwrap();
@@ -61,7 +61,7 @@ async fn head_is_get_without_its_body() {
         seen += 1;
     }
     assert!(seen > 12, "{seen}");
-    for (path, status) in [("/models/x", 404), ("/models?limit=0", 422), ("/presets/cow", 404)] {
+    for (path, status) in [("/models/x", 404), ("/models?limit=0", 422), ("/presets/dragon", 404)] {
         let head = app.request(Method::HEAD, path, &[], Body::empty()).await;
         assert_eq!((head.status.as_u16(), head.body.len()), (status, 0), "{path}");
         assert_eq!(head.header(header::CONTENT_TYPE), Some("application/problem+json"), "{path}");

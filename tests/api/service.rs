@@ -142,7 +142,7 @@ async fn presets_are_complete_and_valid() {
     let app = App::new().await;
     let list = app.get("/presets").await.json();
     let names: Vec<_> = list["presets"].as_array().unwrap().iter().map(|p| p["name"].as_str().unwrap()).collect();
-    assert_eq!(names, ["pig", "paper"]);
+    assert_eq!(names, ["pig", "human", "cow", "paper"]);
     for name in names {
         let whole = app.post("/models/validate", &json!({ "preset": name })).await.json()["spec"].clone();
         let preset = app.get(&format!("/presets/{name}")).await.json();
@@ -157,7 +157,7 @@ async fn presets_are_complete_and_valid() {
         let body = json!({ "preset": name, "spec": preset["spec"] });
         assert_eq!(app.post("/models/validate", &body).await.json()["spec"], whole, "{name} changes nothing of itself");
     }
-    let reply = app.get("/presets/cow").await;
+    let reply = app.get("/presets/dragon").await;
     assert_eq!((reply.status.as_u16(), reply.slug().as_str()), (404, "preset-not-found"));
 }
 

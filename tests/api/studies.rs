@@ -104,7 +104,7 @@ async fn all_faults_of_a_study_come_at_once() {
             vec!["/vary/values/~1collision~1gap_um/1", "/vary/values/~1collision~1gap_um/2"],
         ),
         (
-            json!({ "preset": "cow", "priority": 1000, "spec": { "steps": -1 }, "vary": { "design": "grid", "values": { "/steps": [1, 1.5] } } }),
+            json!({ "preset": "dragon", "priority": 1000, "spec": { "steps": -1 }, "vary": { "design": "grid", "values": { "/steps": [1, 1.5] } } }),
             vec!["/priority", "/preset"],
         ),
         (
