@@ -162,10 +162,8 @@ fn flood(cdt: &Cdt, edges: &[[usize; 2]], inside_left: &[bool]) -> Result<Vec<bo
 /// The faces of the region, in the order of the triangulation, with their neighbours.
 fn linked(cdt: &Cdt, inside: &[bool]) -> Linked {
     let mut number = vec![NO_NEIGHBOUR; inside.len()];
-    let mut count = 0;
-    for face in cdt.inner_faces().filter(|face| inside[face.index()]) {
-        number[face.index()] = count;
-        count += 1;
+    for (k, face) in cdt.inner_faces().filter(|face| inside[face.index()]).enumerate() {
+        number[face.index()] = k as u32;
     }
     let mut linked = Linked { triangles: Vec::new(), neighbours: Vec::new() };
     for face in cdt.inner_faces().filter(|face| inside[face.index()]) {

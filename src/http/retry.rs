@@ -11,7 +11,7 @@ use super::problem::{Kind, Problem};
 use super::request::ModelRequest;
 use super::responses::{ModelMissing, NotFailed, QueueFull, RetryProblems, StoreAwayOrOpening};
 use crate::jobs::{Job, NewJob, Quota, Status, Submitted};
-use crate::spec::ModelSpec;
+use crate::spec::{ModelSpec, preset};
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
@@ -71,7 +71,12 @@ pub(super) async fn retry(
 /// The request of a failed model, checked as a new one is: limits may have changed since.
 async fn again(state: &AppState, failed: &Job) -> Result<Accepted, Problem> {
     let fault = |f: &crate::spec::Fault| Fault::at(format!("/spec{}", f.pointer), &f.detail);
-    let spec = ModelSpec::from_json(&failed.spec).map_err(|faults| {
+    // On its preset, which has values for parameters that are newer than the model.
+    let spec = match preset(&failed.preset) {
+        Some(preset) => ModelSpec::resolve(preset, &failed.spec),
+        None => ModelSpec::from_json(&failed.spec),
+    };
+    let spec = spec.map_err(|faults| {
         let detail = "The spec of the model is not valid in this version of the service; see errors.";
         Problem::new(Kind::InvalidRequest, detail).with_errors(faults.iter().map(fault).collect())
     })?;
