@@ -23,8 +23,8 @@ export function deviation(sd: number | null | undefined): string | undefined {
 }
 
 const VERDICTS: Record<Compared["verdict"], string> = { inside: "inside", outside: "outside", no_range: "no range", not_measured: "not measured" };
-/** Of the whole tube are means over its sections, and its own measures. */
-const REGIONS: Record<string, string> = { whole: "whole tube", tube: "whole tube" };
+/** A measure of the tube itself says of what it is. */
+const REGIONS: Record<string, string> = { whole: "whole tube", tube: "" };
 
 export function ComparisonTable({ comparison }: { comparison: Comparison }) {
   const { compared, inside, outside, organ, species } = comparison;
@@ -44,7 +44,7 @@ export function ComparisonTable({ comparison }: { comparison: Comparison }) {
               <th scope="col">Measure and region</th>
               <th scope="col">Model</th>
               <th scope="col">Published</th>
-              <th scope="col"><span class="visually-hidden">Verdict</span></th>
+              <th scope="col">Verdict</th>
             </tr>
           </thead>
           <tbody>{compared.map((one, k) => <Row key={k} one={one} />)}</tbody>
@@ -54,22 +54,27 @@ export function ComparisonTable({ comparison }: { comparison: Comparison }) {
   );
 }
 
+/** ` (mean 8.31, SD 0.9, n = 100)`: what is published beside the range. */
+function figures({ value, sd, n }: Compared): string {
+  const parts = [value != null && `${sd == null ? "value" : "mean"} ${short(value)}`, sd != null && `SD ${short(sd)}`, n != null && `n = ${n}`];
+  const known = parts.filter((part) => part !== false);
+  return known.length > 0 ? ` (${known.join(", ")})` : "";
+}
+
 /** A measure; its name opens what is known of the source. */
 function Row({ one }: { one: Compared }) {
   const open = useSignal(false);
   const id = useId();
   const { title, unit } = quantity(one.quantity);
   const far = deviation(one.deviation_sd);
-  const mean = [one.value == null ? "" : `mean or value ${short(one.value)}`, one.sd == null ? "" : `SD ${short(one.sd)}`, one.n == null ? "" : `n = ${one.n}`];
-  const figures = mean.filter(Boolean).join(", ");
   return (
     <>
       <tr>
         <th scope="row">
           <button type="button" aria-expanded={open.value} aria-controls={id} title={`${one.source} [${one.confidence}]`} onClick={() => (open.value = !open.value)}>
-            {unit ? `${title}, ${unit}` : title}
+            {title}
           </button>
-          <span class="compared-region soft">{REGIONS[one.region] ?? one.region}</span>
+          <span class="compared-region soft">{[REGIONS[one.region] ?? one.region, unit].filter(Boolean).join(", ")}</span>
         </th>
         <td>{one.measured == null ? "–" : short(one.measured)}</td>
         <td>{range(one)}</td>
@@ -80,7 +85,7 @@ function Row({ one }: { one: Compared }) {
       </tr>
       <tr id={id} class="compared-source" hidden={!open.value}>
         <td colSpan={4}>
-          <p>{one.published}{figures && `: ${figures}`}.</p>
+          <p>{one.published}{figures(one)}</p>
           <p>{one.source}</p>
           <p class="soft">How it was learnt: {one.confidence}.</p>
         </td>

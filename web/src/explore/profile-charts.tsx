@@ -160,9 +160,9 @@ function drawing(series: Series, length: number) {
   });
   return {
     line: runs.map((run) => run.line).join(""),
-    // An area says that the axis begins at 0.
-    area: bottom === 0 ? runs.map((run) => run.area).join("") : undefined,
-    marks: ticks(bottom, top, 3),
+    // An area says that the axis begins at 0. Ranges are seen better without one.
+    area: bottom === 0 && series.bands.length === 0 ? runs.map((run) => run.area).join("") : undefined,
+    marks: ticks(bottom, top, 5),
     x,
     y,
   };

@@ -53,30 +53,32 @@ export function ReportPanel({ exploration }: { exploration: Exploration }) {
   if (!report.value) return <p class="soft" aria-busy="true">Loading the report …</p>;
   const { certificate, summary, comparison } = report.value;
   return (
-    <>
-      <p>
-        <strong class={certificate.passed ? "holds" : "fails"}>{certificate.passed ? "Certified" : "Not certified"}</strong>
-        <span class="soft"> by exact tests of the surface as exported</span>
-      </p>
-      <ul class="statements">
-        {statements(certificate).map(({ text, holds }) => (
-          <li key={text} class={holds ? "holds" : "fails"}>
-            <span class="visually-hidden">{holds ? "Proven: " : "Does not hold: "}</span>
-            <span class="statement">{text}</span>
-          </li>
+    <div class="report">
+      <div>
+        <p>
+          <strong class={certificate.passed ? "holds" : "fails"}>{certificate.passed ? "Certified" : "Not certified"}</strong>
+          <span class="soft"> by exact tests of the surface as exported</span>
+        </p>
+        <ul class="statements">
+          {statements(certificate).map(({ text, holds }) => (
+            <li key={text} class={holds ? "holds" : "fails"}>
+              <span class="visually-hidden">{holds ? "Proven: " : "Does not hold: "}</span>
+              <span class="statement">{text}</span>
+            </li>
+          ))}
+        </ul>
+        {(summary.warnings ?? []).map(({ code, detail }) => (
+          <p key={code} class="warning">{detail}</p>
         ))}
-      </ul>
-      {(summary.warnings ?? []).map(({ code, detail }) => (
-        <p key={code} class="warning">{detail}</p>
-      ))}
-      <dl class="figures num">
-        {figures(report.value).map(([name, value]) => (
-          <div key={name}><dt>{name}</dt><dd>{value}</dd></div>
-        ))}
-      </dl>
+        <dl class="figures num">
+          {figures(report.value).map(([name, value]) => (
+            <div key={name}><dt>{name}</dt><dd>{value}</dd></div>
+          ))}
+        </dl>
+        <p class="report-page"><ReportPage id={exploration.model.id} /></p>
+      </div>
       {comparison && <ComparisonTable comparison={comparison} />}
-      <p class="report-page"><ReportPage id={exploration.model.id} /></p>
-    </>
+    </div>
   );
 }
 

@@ -94,9 +94,12 @@ export function extent({ values, bands }: Pick<Series, "values" | "bands">): { b
 
 const REGIONS: Record<string, string> = { isthmus: "in the isthmus", junction: "in the junction", ampulla: "in the ampulla", whole: "over the whole tube" };
 
-/** `published 7.41 to 9.21 in the isthmus, 28.9 to 37.9 in the ampulla`; empty without any. */
+/** `published 7.41 to 9.21 or 1 to 2 in the isthmus, 28.9 to 37.9 in the ampulla`; empty without any. */
 export function published({ bands, unit }: Pick<Series, "bands" | "unit">): string {
-  if (bands.length === 0) return "";
-  const ranges = bands.map(({ region, low, high }) => `${short(low)} to ${short(high)}${unit && ` ${unit}`} ${REGIONS[region] ?? region}`);
-  return `published ${[...new Set(ranges)].join(", ")}`;
+  const ranges = Array.from(new Set(bands.map(({ region }) => region)), (region) => {
+    const own = bands.filter((band) => band.region === region);
+    const texts = new Set(own.map(({ low, high }) => `${short(low)} to ${short(high)}`));
+    return `${[...texts].join(" or ")}${unit && ` ${unit}`} ${REGIONS[region] ?? region}`;
+  });
+  return ranges.length > 0 ? `published ${ranges.join(", ")}` : "";
 }
