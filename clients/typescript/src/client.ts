@@ -415,6 +415,11 @@ export class Oviduct {
     return this.#get(`models/${segment(id)}/report`, options);
   }
 
+  /** The URL of the report as a page to show or to print, for a link; see {@link downloadUrl}. */
+  reportPageUrl(id: string, options: CallOptions = {}): Promise<string> {
+    return this.#link(`models/${segment(id)}/report.html`, {}, options);
+  }
+
   // The service.
 
   /** Name, title and subject of each preset, the default one first. */

@@ -265,6 +265,7 @@ test("with keys, each call has the rights of the key, and links have tickets", a
     assert.equal((await first.arrayBuffer()).byteLength, (await own.bytes(id, "model.glb")).byteLength);
     assert.equal((await fetch(url)).status, 401, "a ticket is good for one request");
     assert((await fetch(await own.sectionUrl(id, 0))).headers.get("content-type")?.startsWith("image/svg+xml"));
+    assert((await fetch(await own.reportPageUrl(id))).headers.get("content-type")?.startsWith("text/html"));
     await withServer(proxy("/p", closed.url), async (url) => {
       const link = await new Oviduct(`${url}/p`, { key }).downloadUrl(id, "model.glb");
       assert(link.startsWith(`${url}/p/models/`) && (await fetch(link)).ok);

@@ -12,7 +12,9 @@ const SUBJECTS: [RegExp, string][] = [
   [/\.glb$/, "Surface, glTF binary"],
   [/\.obj$/, "Surface, Wavefront OBJ"],
   [/^sections\.bin$/, "All cross sections"],
-  [/^report\.json$/, "Certificate, figures and spec"],
+  [/^labels\.ome\.tif$/, "Tissue of every voxel, OME-TIFF"],
+  [/^labels\.nii\.gz$/, "Tissue of every voxel, NIfTI, compressed"],
+  [/^report\.json$/, "Certificate, measures and spec"],
 ];
 
 export function Downloads({ model }: { model: Model }) {

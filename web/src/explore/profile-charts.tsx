@@ -1,88 +1,169 @@
 // Figures along the tube.
-import { useSignal } from "@preact/signals";
+import { useSignal, type Signal } from "@preact/signals";
 import { useMemo } from "preact/hooks";
+import { ticks } from "../batches/columns.ts";
 import { short } from "../ui/format.ts";
 import { nearestIndex } from "./ascending.ts";
 import type { Exploration } from "./exploration.ts";
+import { extent, published, seriesOf, type Series } from "./series.ts";
+import type { Profile } from "./survey.ts";
 import type { View } from "./view.ts";
 
-/** A figure of every section. */
-interface Series {
-  title: string;
-  unit: string;
-  /** Millimetres from the isthmus end. */
-  z: ArrayLike<number>;
-  values: ArrayLike<number>;
+/** The measures of the report; of a model that has none, what the page measures in its sections. */
+export function ProfileCharts({ exploration, view }: { exploration: Exploration; view: View }) {
+  const { survey, report, reportFault, sectionsFault } = exploration;
+  const { morphometry, comparison } = report.value ?? {};
+  const measured = useMemo(() => (morphometry ? seriesOf(morphometry, comparison) : []), [morphometry]);
+  const profile = survey.value?.profile;
+  const own = useMemo(() => (profile ? ownSeries(profile) : []), [profile]);
+  if (measured.length > 0) {
+    const { from_mm, to_mm } = morphometry!.regions["junction"] ?? {};
+    const junction = from_mm === undefined || to_mm === undefined ? undefined : ([from_mm, to_mm] as const);
+    return <Charts all={measured} junction={junction} exploration={exploration} view={view} />;
+  }
+  if (!report.value && reportFault.value === undefined) return <p class="soft" aria-busy="true">Loading the measures …</p>;
+  if (sectionsFault.value !== undefined) return null;
+  if (own.length === 0) return <p class="soft" aria-busy="true">Measuring the sections …</p>;
+  return <Charts all={own} exploration={exploration} view={view} />;
 }
 
-export function ProfileCharts({ exploration, view }: { exploration: Exploration; view: View }) {
-  const { survey, fractions, sectionsFault, tube } = exploration;
-  if (sectionsFault.value !== undefined) return null;
-  if (!survey.value) return <p class="soft" aria-busy="true">Measuring the sections …</p>;
-  const { z, lumen, tissue, mucosa } = survey.value.profile;
-  const series: Series[] = [
-    { title: "Area of the lumen", unit: "mm²", z, values: lumen },
-    { title: "Area of the tissue", unit: "mm²", z, values: tissue },
-    { title: "Length of the mucosa in the section", unit: "mm", z, values: mucosa },
+function ownSeries({ z, lumen, tissue, mucosa }: Profile): Series[] {
+  const common = { z, starts: [0], bands: [] };
+  return [
+    { title: "Area of the lumen", unit: "mm²", values: lumen, ...common },
+    { title: "Area of the tissue", unit: "mm²", values: tissue, ...common },
+    { title: "Length of the mucosa in the section", unit: "mm", values: mucosa, ...common },
   ];
-  const present = nearestIndex(fractions.value, view.section.value);
+}
+
+interface ChartsProps {
+  all: readonly Series[];
+  /** Where the junction of isthmus and ampulla begins and ends, millimetres. */
+  junction?: readonly [number, number] | undefined;
+  exploration: Exploration;
+  view: View;
+}
+
+function Charts({ all, junction, exploration: { fractions, tube }, view }: ChartsProps) {
+  // What is pointed at in one chart is shown in all of them.
+  const hovered = useSignal<number | undefined>(undefined);
+  const section = (fraction: number) => {
+    const known = fractions.value;
+    return known.length > 0 ? known[nearestIndex(known, fraction)]! : fraction;
+  };
+  const axis = <><span>0 mm, isthmus</span><span>{short(tube.length)} mm, ampulla</span></>;
+  const many = all.length > 4;
   return (
-    <div class="charts">
-      {series.map((one) => (
-        <Chart key={one.title} series={one} length={tube.length} present={present} onChoose={(k) => (view.section.value = fractions.peek()[k]!)} />
-      ))}
-      <div class="chart-axis small soft num"><span>0 mm, isthmus</span><span>{short(tube.length)} mm, ampulla</span></div>
-    </div>
+    <>
+      <div class={`charts${many ? " charts-many" : ""}`}>
+        {all.map((one) => (
+          <Chart
+            key={one.title}
+            series={one}
+            junction={junction}
+            length={tube.length}
+            present={section(view.section.value) * tube.length}
+            hovered={hovered}
+            onChoose={(z) => (view.section.value = section(z / tube.length))}
+          />
+        ))}
+      </div>
+      <div class={`chart-axes small soft num${many ? " charts-many" : ""}`}>
+        <div class="chart-axis">{axis}</div>
+        {/* Of the second column, if there is room for one. */}
+        {many && <div class="chart-axis chart-axis-second" aria-hidden="true">{axis}</div>}
+      </div>
+      <p class="chart-legend small soft num">
+        {all.some(({ bands }) => bands.length > 0) && <span><i class="chart-key chart-key-band" /> published range</span>}
+        {junction && <span><i class="chart-key chart-key-rule" /> junction, {short(junction[0])} to {short(junction[1])} mm</span>}
+      </p>
+    </>
   );
 }
 
 interface ChartProps {
   series: Series;
+  junction?: readonly [number, number] | undefined;
   /** Of the tube, millimetres. */
   length: number;
-  /** Index of the section that is shown. */
+  /** Where the section is that is shown, millimetres. */
   present: number;
-  onChoose: (index: number) => void;
+  /** Where is pointed at, millimetres. */
+  hovered: Signal<number | undefined>;
+  onChoose: (z: number) => void;
 }
 
 const [WIDTH, HEIGHT] = [600, 100];
 
 /** A line over the length of the tube; pointing at it shows a value, clicking chooses the section. */
-function Chart({ series: { title, unit, z, values }, length, present, onChoose }: ChartProps) {
-  const hovered = useSignal<number | undefined>(undefined);
-  const { path, top } = useMemo(() => {
-    const top = Math.max(...Array.from(values), 0) * 1.05 || 1;
-    const points = Array.from(values, (value, i) => `${((z[i]! / length) * WIDTH).toFixed(1)} ${(HEIGHT * (1 - value / top)).toFixed(1)}`);
-    return { path: `M${points.join("L")}`, top };
-  }, [values]);
-  const at = hovered.value ?? present;
-  const indexAt = (event: MouseEvent) => {
+function Chart({ series, junction, length, present, hovered, onChoose }: ChartProps) {
+  const { title, unit, z, values, bands } = series;
+  const { line, area, marks, x, y } = useMemo(() => drawing(series, length), [series, length]);
+  const at = nearestIndex(z, hovered.value ?? present);
+  const placeAt = (event: MouseEvent) => {
     const box = (event.currentTarget as Element).getBoundingClientRect();
-    return nearestIndex(z, ((event.clientX - box.left) / box.width) * length);
+    return z[nearestIndex(z, ((event.clientX - box.left) / box.width) * length)]!;
   };
-  const x = (z[at]! / length) * WIDTH;
+  const value = (k: number) => `${short(values[k]!)}${unit && ` ${unit}`}`;
+  const ranges = published(series);
+  const label = `${title} along the tube: ${value(0)} at the isthmus, ${value(values.length - 1)} at the ampulla`;
   return (
     <figure class="chart">
       <figcaption>
         {title}
         <output class="num">
-          <strong>{short(values[at]!)} {unit}</strong> <span class="soft">at {short(z[at]!)} mm</span>
+          <strong>{value(at)}</strong> <span class="soft">at {short(z[at]!)} mm</span>
         </output>
       </figcaption>
-      <svg
-        viewBox={`0 0 ${WIDTH} ${HEIGHT}`}
-        preserveAspectRatio="none"
-        role="img"
-        aria-label={`${title} along the tube: ${short(values[0]!)} ${unit} at the isthmus, ${short(values[values.length - 1]!)} ${unit} at the ampulla`}
-        onPointerMove={(event) => (hovered.value = indexAt(event))}
-        onPointerLeave={() => (hovered.value = undefined)}
-        onClick={(event) => onChoose(indexAt(event))}
-      >
-        <path class="chart-area" d={`${path}L${WIDTH} ${HEIGHT}L0 ${HEIGHT}Z`} />
-        <path class="chart-line" d={path} />
-        <line class="chart-marker" x1={x} x2={x} y1={0} y2={HEIGHT} />
-        <line class="chart-level" x1={0} x2={WIDTH} y1={HEIGHT * (1 - values[at]! / top)} y2={HEIGHT * (1 - values[at]! / top)} />
-      </svg>
+      <div class="chart-frame">
+        <div class="chart-ticks num" aria-hidden="true">
+          {marks.map((mark) => <span key={mark} style={{ top: `${(100 * y(mark)) / HEIGHT}%` }}>{short(mark)}</span>)}
+        </div>
+        <svg
+          viewBox={`0 0 ${WIDTH} ${HEIGHT}`}
+          preserveAspectRatio="none"
+          role="img"
+          aria-label={ranges ? `${label}; ${ranges}` : label}
+          onPointerMove={(event) => (hovered.value = placeAt(event))}
+          onPointerLeave={() => (hovered.value = undefined)}
+          onClick={(event) => onChoose(placeAt(event))}
+        >
+          {marks.map((mark) => <line key={mark} class="chart-grid" x1={0} x2={WIDTH} y1={y(mark)} y2={y(mark)} />)}
+          {area && <path class="chart-area" d={area} />}
+          {bands.map(({ from, to, low, high }, k) => (
+            <rect key={k} class="chart-band" x={x(from)} width={x(to) - x(from)} y={y(high)} height={y(low) - y(high)} />
+          ))}
+          {junction?.map((at) => <line key={at} class="chart-rule" x1={x(at)} x2={x(at)} y1={0} y2={HEIGHT} />)}
+          <path class="chart-line" d={line} />
+          <line class="chart-marker" x1={x(z[at]!)} x2={x(z[at]!)} y1={0} y2={HEIGHT} />
+          <line class="chart-level" x1={0} x2={WIDTH} y1={y(values[at]!)} y2={y(values[at]!)} />
+        </svg>
+      </div>
+      {/* The picture is named so, too. */}
+      {ranges && <p class="chart-published small num" aria-hidden="true">{ranges}</p>}
     </figure>
   );
+}
+
+/** Paths of a series, marks of its axis, and the place of a length and of a value in the picture. */
+function drawing(series: Series, length: number) {
+  const { z, values, starts } = series;
+  const { bottom, top } = extent(series);
+  const x = (at: number) => (at / length) * WIDTH;
+  const y = (value: number) => HEIGHT * (1 - (value - bottom) / (top - bottom));
+  const runs = starts.map((start, k) => {
+    const end = starts[k + 1] ?? z.length;
+    const points = Array.from({ length: end - start }, (_, i) => `${x(z[start + i]!).toFixed(1)} ${y(values[start + i]!).toFixed(1)}`);
+    // A point alone is a line to itself, whose round ends are seen.
+    const line = `M${points.length > 1 ? points.join("L") : `${points[0]}L${points[0]}`}`;
+    return { line, area: `${line}V${HEIGHT}H${x(z[start]!).toFixed(1)}Z` };
+  });
+  return {
+    line: runs.map((run) => run.line).join(""),
+    // An area says that the axis begins at 0. Ranges are seen better without one.
+    area: bottom === 0 && series.bands.length === 0 ? runs.map((run) => run.area).join("") : undefined,
+    marks: ticks(bottom, top, 5),
+    x,
+    y,
+  };
 }

@@ -1,7 +1,9 @@
 // What the service has proven and measured of a model.
 import type { Report } from "oviduct-client";
+import { ask, base, explain, key } from "../service.ts";
 import { micrometres, short } from "../ui/format.ts";
-import { Notice } from "../ui/widgets.tsx";
+import { Notice, toast } from "../ui/widgets.tsx";
+import { ComparisonTable } from "./comparison.tsx";
 import type { Exploration } from "./exploration.ts";
 
 type Certificate = Report["certificate"];
@@ -49,29 +51,55 @@ export function ReportPanel({ exploration }: { exploration: Exploration }) {
     );
   }
   if (!report.value) return <p class="soft" aria-busy="true">Loading the report …</p>;
-  const { certificate, summary } = report.value;
+  const { certificate, summary, comparison } = report.value;
   return (
-    <>
-      <p>
-        <strong class={certificate.passed ? "holds" : "fails"}>{certificate.passed ? "Certified" : "Not certified"}</strong>
-        <span class="soft"> by exact tests of the surface as exported</span>
-      </p>
-      <ul class="statements">
-        {statements(certificate).map(({ text, holds }) => (
-          <li key={text} class={holds ? "holds" : "fails"}>
-            <span class="visually-hidden">{holds ? "Proven: " : "Does not hold: "}</span>
-            <span class="statement">{text}</span>
-          </li>
+    <div class="report">
+      <div>
+        <p>
+          <strong class={certificate.passed ? "holds" : "fails"}>{certificate.passed ? "Certified" : "Not certified"}</strong>
+          <span class="soft"> by exact tests of the surface as exported</span>
+        </p>
+        <ul class="statements">
+          {statements(certificate).map(({ text, holds }) => (
+            <li key={text} class={holds ? "holds" : "fails"}>
+              <span class="visually-hidden">{holds ? "Proven: " : "Does not hold: "}</span>
+              <span class="statement">{text}</span>
+            </li>
+          ))}
+        </ul>
+        {(summary.warnings ?? []).map(({ code, detail }) => (
+          <p key={code} class="warning">{detail}</p>
         ))}
-      </ul>
-      {(summary.warnings ?? []).map(({ code, detail }) => (
-        <p key={code} class="warning">{detail}</p>
-      ))}
-      <dl class="figures num">
-        {figures(report.value).map(([name, value]) => (
-          <div key={name}><dt>{name}</dt><dd>{value}</dd></div>
-        ))}
-      </dl>
-    </>
+        <dl class="figures num">
+          {figures(report.value).map(([name, value]) => (
+            <div key={name}><dt>{name}</dt><dd>{value}</dd></div>
+          ))}
+        </dl>
+        <p class="report-page"><ReportPage id={exploration.model.id} /></p>
+      </div>
+      {comparison && <ComparisonTable comparison={comparison} />}
+    </div>
   );
+}
+
+const PAGE = "Report as a page";
+
+/** Opens the report as a page to show or to print. With a key its address has a ticket, which is made when it is asked for. */
+function ReportPage({ id }: { id: string }) {
+  if (key.value === undefined) {
+    return <a class="button" href={new URL(`models/${id}/report.html`, base).href} target="_blank" rel="noopener">{PAGE}</a>;
+  }
+  const open = async () => {
+    // At once: browsers keep a page from opening windows later.
+    const page = window.open("", "_blank");
+    if (page) page.opener = null;
+    try {
+      const url = await ask((service) => service.reportPageUrl(id));
+      (page ?? window).location.assign(url);
+    } catch (error) {
+      page?.close();
+      toast(explain(error), "error");
+    }
+  };
+  return <button type="button" class="button" onClick={open}>{PAGE}</button>;
 }

@@ -38,6 +38,14 @@ test("a key is asked for once, kept in the tab, and opens everything", async () 
     await page.getByRole("button", { name: "Download report.json" }).or(page.getByRole("link", { name: "Download report.json" })).click();
     assert.equal(await (await downloaded).failure(), null);
 
+    // The address of a page to show to others has a ticket.
+    const opened = page.waitForEvent("popup");
+    await page.getByRole("button", { name: "Report as a page" }).click();
+    const report = await opened;
+    await report.getByRole("heading", { name: /^Pig oviduct, seed 3/ }).waitFor();
+    assert.match(report.url(), /\/models\/[\da-f-]+\/report\.html\?ticket=/);
+    await report.close();
+
     // Another tab knows nothing of it.
     const other = await Visit.open(service.url, {}, [401]);
     await other.page.getByRole("dialog", { name: "Key" }).waitFor();

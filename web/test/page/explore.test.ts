@@ -7,6 +7,7 @@ import type { Page } from "playwright-core";
 import { PNG } from "pngjs";
 import { Oviduct, type Model, type SectionJson } from "../../../clients/typescript/src/index.ts";
 import { Service, SMALL } from "../../../clients/typescript/test/service.ts";
+import { nearestIndex } from "../../src/explore/ascending.ts";
 import { boundsOf, contains, type Outline } from "../../src/explore/contours.ts";
 import { FIELD } from "../../src/explore/framing.ts";
 import { closeBrowser, colours, difference, picture, Visit } from "./browser.ts";
@@ -276,6 +277,85 @@ test("distances in 3D are those of points entered, or picked within a pixel", as
   // What the page says has three digits.
   const said = await status.textContent();
   assert.equal(said, `Distance ${Number((apart(picked[0]!, picked[1]!) / 1000).toPrecision(3))} mm`);
+  await visit.close();
+});
+
+test("charts along the tube are the measures of the report, with the published ranges behind them", async () => {
+  const report = await client.report(models[0].id);
+  const [{ along, regions, tube }, { compared, inside, outside }] = [report.morphometry!, report.comparison!];
+  const visit = await open();
+  const { page } = visit;
+  const panel = page.getByRole("region", { name: "Along the tube" });
+  const chart = panel.getByRole("img", { name: /^Tissue area along the tube: / });
+  await chart.waitFor();
+  assert.equal(await panel.getByRole("img").count(), 10);
+  const three = (value: number) => String(Number(value.toPrecision(3)));
+  const own = compared.filter(({ quantity, low, high }) => quantity === "tissue_area_mm2" && low != null && high != null);
+  const ranges = own.map(({ low, high }) => `${three(low!)} to ${three(high!)}`).join(" or ");
+  const values = along["tissue_area_mm2"]!;
+  assert.equal(
+    await chart.getAttribute("aria-label"),
+    `Tissue area along the tube: ${three(values[0]!)} mm² at the isthmus, ${three(values.at(-1)!)} mm² at the ampulla; published ${ranges} mm² over the whole tube`,
+  );
+  // Line and bands have one scale.
+  const [, first] = /^M0\.0 ([\d.]+)/.exec((await chart.locator(".chart-line").getAttribute("d"))!)!;
+  const bands = await chart.locator(".chart-band").evaluateAll((all) => all.map((band) => ["x", "y", "width", "height"].map((name) => Number(band.getAttribute(name)))));
+  assert.equal(bands.length, own.length);
+  for (const [k, { low, high, region }] of own.entries()) {
+    const [x, y, width, height] = bands[k]! as [number, number, number, number];
+    const perUnit = height / (high! - low!);
+    assert(Math.abs(y + height - Number(first) - (values[0]! - low!) * perUnit) < 0.1, JSON.stringify({ first, bands }));
+    const { from_mm, to_mm } = regions[region]!;
+    const scale = 600 / tube.length_mm;
+    assert(Math.abs(x - from_mm * scale) < 0.1 && Math.abs(width - (to_mm - from_mm) * scale) < 0.1 && y >= 0, JSON.stringify(bands));
+  }
+
+  // What is pointed at is shown in all charts; a click chooses the section.
+  const box = (await chart.boundingBox())!;
+  const at = { x: 0.25 * box.width, y: box.height / 2 };
+  await chart.hover({ position: at });
+  const z = along["z_mm"] as number[];
+  const nearest = nearestIndex(z, 0.25 * tube.length_mm);
+  const read = (title: string) => panel.locator("figure", { hasText: title }).locator("output").textContent();
+  for (const [title, name, unit] of [["Tissue area", "tissue_area_mm2", " mm²"], ["Outer diameter", "outer_diameter_mm", " mm"]] as const) {
+    assert.equal(await read(title), `${three(along[name]![nearest]!)}${unit} at ${three(z[nearest]!)} mm`);
+  }
+  await chart.click({ position: at });
+  await page.getByText(`${nearest + 1} of 201`).waitFor();
+
+  // The comparison; its sources are reached by keyboard.
+  const table = page.getByRole("region", { name: "Beside published anatomy" });
+  await table.getByText(`${inside} of ${inside + outside} measures with a published range (oviduct, pig)`).waitFor();
+  const row = table.getByRole("row", { name: /^Tissue area whole tube, mm²/ }).first();
+  const { measured, source, confidence } = own[0]!;
+  assert.equal(await row.getByRole("cell").nth(0).textContent(), three(measured!));
+  assert.equal(await table.getByRole("cell", { name: /^(inside|outside)/ }).count(), inside + outside);
+  const text = table.getByText(source, { exact: true }).and(page.locator(":visible"));
+  assert.equal(await text.count(), 0);
+  await row.getByRole("button").press("Enter");
+  await text.waitFor();
+  await table.getByText(`How it was learnt: ${confidence}.`).and(page.locator(":visible")).waitFor();
+  await visit.accessible();
+
+  const opened = page.waitForEvent("popup");
+  await page.getByRole("link", { name: "Report as a page" }).click();
+  await (await opened).getByRole("heading", { name: /^Pig oviduct, seed 7/ }).waitFor();
+  await visit.close();
+});
+
+test("of a model that was not measured, charts show what is in its sections", async () => {
+  const visit = await Visit.open(service.url);
+  const { page } = visit;
+  // As of a model of an earlier version.
+  const { morphometry, comparison, ...report } = await client.report(models[0].id);
+  assert(morphometry && comparison);
+  await page.route(`**/models/${models[0].id}/report`, (route) => route.fulfill({ json: report }));
+  await page.goto(`${service.url}/#/models/${models[0].id}`);
+  const panel = page.getByRole("region", { name: "Along the tube" });
+  await panel.getByRole("img", { name: /^Area of the lumen along the tube: / }).waitFor();
+  assert.equal(await panel.getByRole("img").count(), 3);
+  await page.getByText("by exact tests of the surface").waitFor();
+  assert.equal(await page.getByRole("region", { name: "Beside published anatomy" }).count(), 0);
   await visit.close();
 });
 

@@ -30,6 +30,8 @@ async function grow(visit: Visit, home: string, service: string): Promise<void> 
   const bytes = await readFile(await (await downloaded).path());
   assert.equal(createHash("sha256").update(bytes).digest("hex"), report.sha256);
 
+  assert.equal(await page.getByRole("link", { name: "Report as a page" }).getAttribute("href"), `${home}models/${id}/report.html`);
+
   await page.getByRole("link", { name: "Models", exact: true }).click();
   await page.getByRole("listitem", { name: "Pig oviduct, seed 11" }).getByText("succeeded").waitFor();
   // Its picture is read from the service.

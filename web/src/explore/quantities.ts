@@ -1,0 +1,53 @@
+// Names and units of what the service measures of a model, as it names them itself (src/measure/morphometry/quantity.rs).
+
+export interface Quantity {
+  title: string;
+  /** Empty for a number without one. */
+  unit: string;
+}
+
+const QUANTITIES: Record<string, readonly [title: string, unit: string]> = {
+  lumen_area_mm2: ["Lumen area", "mm²"],
+  tissue_area_mm2: ["Tissue area", "mm²"],
+  tissue_diameter_mm: ["Diameter of the circle of the tissue area", "mm"],
+  outer_diameter_mm: ["Outer diameter", "mm"],
+  wall_share: ["Wall share", ""],
+  fill: ["Fill", ""],
+  lumen_perimeter_mm: ["Lumen perimeter", "mm"],
+  perimeter_ratio: ["Perimeter ratio", ""],
+  hydraulic_diameter_um: ["Hydraulic diameter", "µm"],
+  islands: ["Islands", ""],
+  folds_on_ring: ["Folds on the ring", ""],
+  primary_folds: ["Primary folds", ""],
+  secondary_folds: ["Secondary folds", ""],
+  tertiary_folds: ["Tertiary folds", ""],
+  branching_order: ["Branching order, median", ""],
+  branching_order_mean: ["Branching order, mean", ""],
+  fold_height_p5_um: ["Fold height, 5th percentile", "µm"],
+  fold_height_p50_um: ["Fold height, median", "µm"],
+  fold_height_p95_um: ["Fold height, 95th percentile", "µm"],
+  tissue_thickness_p5_um: ["Tissue thickness, 5th percentile", "µm"],
+  tissue_thickness_p50_um: ["Tissue thickness, median", "µm"],
+  tissue_thickness_p95_um: ["Tissue thickness, 95th percentile", "µm"],
+  tissue_thickness_cv: ["Tissue thickness, coefficient of variation", ""],
+  lumen_gap_p5_um: ["Lumen gap, 5th percentile", "µm"],
+  lumen_gap_p50_um: ["Lumen gap, median", "µm"],
+  lumen_gap_p95_um: ["Lumen gap, 95th percentile", "µm"],
+  lumen_gap_cv: ["Lumen gap, coefficient of variation", ""],
+  fractal_dimension: ["Fractal dimension of the lumen area", ""],
+  fractal_dimension_error: ["Its standard error", ""],
+  outline_dimension: ["Fractal dimension of the lumen outline", ""],
+  outline_dimension_error: ["Its standard error", ""],
+  lacunarity: ["Lacunarity of the lumen area", ""],
+  // Of the whole tube, as on the page of the report.
+  length_mm: ["Length", "mm"],
+  isthmus_length_mm: ["Length of the isthmus", "mm"],
+  ampulla_length_mm: ["Length of the ampulla", "mm"],
+  fold_ratio: ["Folds, ampulla over isthmus", ""],
+};
+
+/** A quantity by its name in reports. A name from a later version is shown as it is. */
+export function quantity(name: string): Quantity {
+  const [title, unit] = QUANTITIES[name] ?? [name, ""];
+  return { title, unit };
+}

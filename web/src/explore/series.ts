@@ -1,0 +1,105 @@
+// What is plotted along the tube: the measures of a report, and the ranges that are published for them.
+import type { Report } from "oviduct-client";
+import { short } from "../ui/format.ts";
+import { quantity } from "./quantities.ts";
+
+export type Morphometry = NonNullable<Report["morphometry"]>;
+export type Comparison = NonNullable<Report["comparison"]>;
+
+/** A figure along the tube. */
+export interface Series {
+  title: string;
+  unit: string;
+  /** Millimetres from the isthmus end: the sections that have a value. */
+  z: ArrayLike<number>;
+  values: ArrayLike<number>;
+  /** Indices from which the line is drawn anew, the first one among them: before the others, sections have no value. */
+  starts: readonly number[];
+  bands: readonly Band[];
+}
+
+/** A published range of a region. */
+export interface Band {
+  region: string;
+  /** Millimetres from the isthmus end. */
+  from: number;
+  to: number;
+  low: number;
+  high: number;
+}
+
+/** In the order of the report as a page. */
+const PLOTTED = [
+  "folds_on_ring",
+  "branching_order_mean",
+  "lumen_area_mm2",
+  "tissue_area_mm2",
+  "outer_diameter_mm",
+  "perimeter_ratio",
+  "tissue_thickness_p50_um",
+  "lumen_gap_p50_um",
+  "fold_height_p50_um",
+  "fractal_dimension",
+] as const;
+
+/** Those of the shape tree, which is not made of every section. */
+const OF_TREES: ReadonlySet<string> = new Set(["branching_order_mean", "fold_height_p50_um"]);
+
+/** What is plotted of a model; quantities without any value are left out. */
+export function seriesOf(morphometry: Morphometry, comparison: Comparison | undefined): Series[] {
+  const { along, settings } = morphometry;
+  const places = along["z_mm"] ?? [];
+  return PLOTTED.flatMap((name) => {
+    const points = known(places, along[name] ?? [], OF_TREES.has(name) ? settings.tree_every : 1);
+    return points.z.length > 0 ? [{ ...quantity(name), ...points, bands: bandsOf(name, morphometry, comparison) }] : [];
+  });
+}
+
+type Points = Pick<Series, "starts"> & { z: number[]; values: number[] };
+
+/** The values that are known. A line joins those of sections that are at most `stride` apart. */
+export function known(places: readonly (number | null)[], all: readonly (number | null)[], stride: number): Points {
+  const points = { z: [] as number[], values: [] as number[], starts: [] as number[] };
+  let last = -Infinity;
+  for (const [k, value] of all.entries()) {
+    const z = places[k];
+    if (value === null || z == null) continue;
+    if (k - last > stride) points.starts.push(points.z.length);
+    points.z.push(z);
+    points.values.push(value);
+    last = k;
+  }
+  return points;
+}
+
+/** The published ranges of a quantity that hold for a region of the tube. */
+export function bandsOf(name: string, { regions }: Morphometry, comparison: Comparison | undefined): Band[] {
+  return (comparison?.compared ?? []).flatMap(({ quantity, region, low, high }) => {
+    const place = regions[region];
+    if (quantity !== name || !place || low == null || high == null) return [];
+    return [{ region, from: place.from_mm, to: place.to_mm, low, high }];
+  });
+}
+
+/** Ends of the axis of values. It begins at 0 unless the values vary little, as dimensions do. */
+export function extent({ values, bands }: Pick<Series, "values" | "bands">): { bottom: number; top: number } {
+  let [low, high] = [Infinity, 0];
+  for (const value of [...Array.from(values), ...bands.flatMap((band) => [band.low, band.high])]) {
+    low = Math.min(low, value);
+    high = Math.max(high, value);
+  }
+  const top = high * 1.06 || 1;
+  return { bottom: low > 0.6 * top ? low - 0.3 * (top - low) : Math.min(low, 0), top };
+}
+
+const REGIONS: Record<string, string> = { isthmus: "in the isthmus", junction: "in the junction", ampulla: "in the ampulla", whole: "over the whole tube" };
+
+/** `published 7.41 to 9.21 or 1 to 2 in the isthmus, 28.9 to 37.9 in the ampulla`; empty without any. */
+export function published({ bands, unit }: Pick<Series, "bands" | "unit">): string {
+  const ranges = Array.from(new Set(bands.map(({ region }) => region)), (region) => {
+    const own = bands.filter((band) => band.region === region);
+    const texts = new Set(own.map(({ low, high }) => `${short(low)} to ${short(high)}`));
+    return `${[...texts].join(" or ")}${unit && ` ${unit}`} ${REGIONS[region] ?? region}`;
+  });
+  return ranges.length > 0 ? `published ${ranges.join(", ")}` : "";
+}
