@@ -33,6 +33,9 @@ def test_the_file_and_the_interface_have_the_same_sections(client, grown, data, 
         client.section(grown, 13)
     assert caught.value.name == "section-not-found"
     assert client.section_svg(grown, 3).startswith(("<svg", "<?xml"))
+    page = client.report_page(grown)
+    assert page.startswith("<!DOCTYPE html>") and page.count("data:image/png;base64,") == 2
+    assert {"isthmus", "ampulla", "whole"} <= client.report(grown)["morphometry"]["regions"].keys()
 
 
 def test_a_model_is_drawn(client, grown):

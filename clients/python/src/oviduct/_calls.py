@@ -218,6 +218,10 @@ def report(ref: ModelRef) -> Call[Json]:
     return Request("GET", f"models/{key(ref)}/report"), _object
 
 
+def report_page(ref: ModelRef) -> Call[str]:
+    return Request("GET", f"models/{key(ref)}/report.html"), lambda response: response.text
+
+
 def section(ref: ModelRef, index: int) -> Call[Section]:
     request = Request("GET", f"models/{key(ref)}/sections/{index}", headers={"accept": "application/json"})
     return request, lambda response: section_of(json(response))

@@ -140,6 +140,9 @@ class AsyncClient(AsyncDriver):
     async def report(self, model: ModelRef) -> Json:
         return await self._call(_calls.report(model))
 
+    async def report_page(self, model: ModelRef) -> str:
+        return await self._call(_calls.report_page(model))
+
     async def sections(self, model: ModelRef) -> Sections:
         return await self._run(_download.content(model, "sections.bin", read_sections, self._options.retries))
 

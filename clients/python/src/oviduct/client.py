@@ -230,8 +230,12 @@ class Client(Driver):
         return self._run(_download.content(model, name, bytes, self._options.retries))
 
     def report(self, model: ModelRef) -> Json:
-        """The report of a model: `certificate`, `summary`, `spec`, `backend`, …"""
+        """The report of a model: `certificate`, `morphometry`, `comparison`, `summary`, `spec`, `backend`, …"""
         return self._call(_calls.report(model))
+
+    def report_page(self, model: ModelRef) -> str:
+        """The report as a page to show or to print: HTML that needs no other file."""
+        return self._call(_calls.report_page(model))
 
     def sections(self, model: ModelRef) -> Sections:
         """All cross sections of a model as numpy arrays, from its `sections.bin`."""
