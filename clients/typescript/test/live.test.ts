@@ -212,7 +212,7 @@ test("the service describes itself", async () => {
   const { presets } = await client.presets();
   assert.equal(presets[0]?.["name"], "pig");
   assert((await client.preset("pig"))["name"]);
-  assert((await problemOf(client.preset("cow"))).is("preset-not-found"));
+  assert((await problemOf(client.preset("dragon"))).is("preset-not-found"));
   assert((await client.schema())["properties"]);
   const report = await client.report(model.id);
   assert(report.digest === model.digest && report["certificate"]);

@@ -151,8 +151,8 @@ test("cut faces are closed: tissue where the section has tissue, and nowhere els
   const margin = 6 + 2 * pixel;
   const samples = { tissue: 0, lumen: 0, outside: 0 };
   const wrong: string[] = [];
-  for (let row = 1; row < height; row += 3) {
-    for (let column = 1; column < width; column += 3) {
+  for (let row = 1; row < height; row += 2) {
+    for (let column = 1; column < width; column += 2) {
       const [px, py] = [x + (column + 0.5 - width / 2) * pixel, y - (row + 0.5 - height / 2) * pixel];
       if (Math.min(distanceTo(section.inner, px, py), distanceTo(section.outer, px, py)) < margin) continue;
       const i = 4 * (row * width + column);
@@ -196,7 +196,7 @@ test("the face of a lengthwise cut is tissue where the sections have tissue, and
       if (painted !== (place === "tissue")) wrong.push(`${place} at (${column}, ${row})`);
     }
   }
-  assert(samples.tissue > 500 && samples.lumen > 20 && samples.outside > 100, JSON.stringify(samples));
+  assert(samples.tissue > 500 && samples.lumen > 4 && samples.outside > 100, JSON.stringify(samples));
   assert.deepEqual(wrong.slice(0, 10), [], `${wrong.length} of ${JSON.stringify(samples)}`);
   await visit.close();
 });
