@@ -5,7 +5,7 @@ import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 import type { Page } from "playwright-core";
 import { PNG } from "pngjs";
-import { Oviduct, type Model, type SectionJson } from "../../../clients/typescript/src/index.ts";
+import { Oviduct, type Model, type ModelRequest, type SectionJson } from "../../../clients/typescript/src/index.ts";
 import { Service, SMALL } from "../../../clients/typescript/test/service.ts";
 import { nearestIndex } from "../../src/explore/ascending.ts";
 import { boundsOf, contains, type Outline } from "../../src/explore/contours.ts";
@@ -20,10 +20,13 @@ let client: Oviduct;
 /** Of the size of the paper's model. */
 let models: [Model, Model];
 
+/** A wall so thin that lumen and gaps are large in a picture of a section. */
+const THIN: ModelRequest["spec"] = { containment: { wall_um: { keys: [[0, 520], [0.125, 520], [0.45, 260], [1, 260]], ease: "smooth" } } };
+
 before(async () => {
   service = await Service.start();
   client = new Oviduct(service.url);
-  const ids = await Promise.all([7, 8].map(async (seed) => (await client.submit({ preset: "pig", seed })).id));
+  const ids = await Promise.all([7, 8].map(async (seed) => (await client.submit({ preset: "pig", seed, spec: THIN })).id));
   models = (await Promise.all(ids.map((id) => client.wait(id)))) as [Model, Model];
   assert.deepEqual(models.map((model) => model.status), ["succeeded", "succeeded"]);
 });
@@ -196,7 +199,7 @@ test("the face of a lengthwise cut is tissue where the sections have tissue, and
       if (painted !== (place === "tissue")) wrong.push(`${place} at (${column}, ${row})`);
     }
   }
-  assert(samples.tissue > 500 && samples.lumen > 4 && samples.outside > 100, JSON.stringify(samples));
+  assert(samples.tissue > 500 && samples.lumen > 20 && samples.outside > 100, JSON.stringify(samples));
   assert.deepEqual(wrong.slice(0, 10), [], `${wrong.length} of ${JSON.stringify(samples)}`);
   await visit.close();
 });

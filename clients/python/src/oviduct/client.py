@@ -254,8 +254,8 @@ class Client(Driver):
 
         Args:
             size: The longer side in pixels, 32 to 2048; 1024 by default.
-            labels: The tissue of each pixel as a grey value instead: 0 outside, 1 lumen, 2 epithelium, 3 lamina propria,
-                4 circular muscle, 5 longitudinal muscle, 6 serosa.
+            labels: The tissue of each pixel as a grey value instead: 0 outside, 1 lumen, 2 epithelium,
+                3 lamina propria, 4 circular muscle, 5 longitudinal muscle, 6 serosa.
         """
         return self._call(_calls.section_png(model, index, size, labels))
 
