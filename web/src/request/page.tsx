@@ -45,8 +45,8 @@ export default function Page() {
   useEffect(() => {
     if (!ready) return;
     void fillFrom(query);
-    // A reload keeps what was changed since.
-    setQuery({});
+    // A reload keeps what was changed since. If another link was opened before this effect ran, its query is left to the next one.
+    if (route.peek().query === query) setQuery({});
   }, [ready, query]);
 
   if (failure !== undefined && !ready) {
