@@ -44,9 +44,12 @@ def before_call(context, case, kwargs):
         case.query = {**(case.query or {}), "dry_run": "true"}
     elif case.path == "/presets/{name}" and turn < 2 and plain(case):
         case.path_parameters = {**parameters, "name": PRESETS[turn]}
-    if case.path.endswith("/sections/{k}") and (case.query or {}).get("format") in ("json", "svg"):
-        # Members of pictures are refused by design where no picture is asked for.
-        case.query = {name: value for name, value in case.query.items() if name not in ("size", "stain", "labels")}
+    if case.path.endswith("/sections/{k}") and case.query:
+        # Members of pictures where no picture is asked for, and a stain of labels, are refused by design.
+        refused = {"size", "stain", "labels"} if case.query.get("format") in ("json", "svg") else set()
+        if "labels" in case.query:
+            refused.add("stain")
+        case.query = {name: value for name, value in case.query.items() if name not in refused}
     for name in list(case.headers or {}):
         # Waiting is not tested here, and a key used with another body is refused by design.
         if name.lower() == "prefer" and "wait=" in str(case.headers[name]):
