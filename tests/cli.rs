@@ -497,3 +497,31 @@ fn traces_go_to_a_collector() {
     assert_eq!(code(&bad), 2, "{}", said(&bad));
     assert!(said(&bad).contains("--otlp-endpoint collector:4318"), "{}", said(&bad));
 }
+
+#[test]
+fn the_report_is_a_page_of_generate_and_of_its_files() {
+    let at = folder();
+    let mut arguments = vec!["generate", "--out", "a", "--seed", "7", "--report", "--json"];
+    arguments.extend(TINY);
+    assert_eq!(json(&run(at.path(), &arguments))["page"], "report.html");
+    let page = std::fs::read_to_string(at.path().join("a/report.html")).expect("a page");
+    assert!(page.starts_with("<!DOCTYPE html>") && page.contains("Beside published anatomy"), "{}", page.len());
+    let output = run(at.path(), &["report", "a", "--out", "b/page.html"]);
+    assert_eq!(code(&output), 0, "{}", said(&output));
+    assert_eq!(std::fs::read_to_string(at.path().join("b/page.html")).expect("a page"), page);
+    let output = run(at.path(), &["report", "nowhere"]);
+    assert_eq!(code(&output), 1);
+    assert!(said(&output).contains("report.json"), "{}", said(&output));
+}
+
+#[test]
+fn compare_refuses_what_it_does_not_know() {
+    let at = folder();
+    for (arguments, told) in
+        [(["compare", "--preset", "pig,whale"], "whale"), (["compare", "--seeds", "2..1"], "1..20")]
+    {
+        let output = run(at.path(), &arguments);
+        assert_eq!(code(&output), 2, "{}", said(&output));
+        assert!(said(&output).contains(told), "{}", said(&output));
+    }
+}

@@ -42,7 +42,11 @@ pub(super) async fn run(args: GenerateArgs) -> Ended {
         term::note(&format!("warning: {detail}"));
     }
     if args.json {
-        term::print_json(&document(&request, &outcome, fallback.as_deref()))?;
+        let mut told = document(&request, &outcome, fallback.as_deref());
+        if page.is_some() {
+            told["page"] = report::NAME.into();
+        }
+        term::print_json(&told)?;
         return Ok(());
     }
     for line in summary(&request, &outcome) {

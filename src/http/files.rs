@@ -180,16 +180,21 @@ pub(super) fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> 
 /// A model and its file of this name.
 pub(super) async fn find(state: &AppState, caller: &Caller, id: JobId, name: &str) -> Result<(Job, File), Problem> {
     let job = caller.job(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
-    let Some(file) = job.files.iter().find(|file| file.name == name).cloned() else {
+    let file = file_of(&job, name)?;
+    Ok((job, file))
+}
+
+/// The file of this name of a model.
+pub(super) fn file_of(job: &Job, name: &str) -> Result<File, Problem> {
+    job.files.iter().find(|file| file.name == name).cloned().ok_or_else(|| {
         let detail = if job.status.is_ended() {
             let names: Vec<_> = job.files.iter().map(|file| file.name.as_str()).collect();
             format!("The model has the files [{}].", names.join(", "))
         } else {
             "The model has not ended. Its files are available after its end.".to_owned()
         };
-        return Err(Problem::new(Kind::FileNotFound, detail));
-    };
-    Ok((job, file))
+        Problem::new(Kind::FileNotFound, detail)
+    })
 }
 
 async fn send(state: &AppState, file: &File, method: &Method, headers: &HeaderMap) -> Result<Response, Problem> {

@@ -5,7 +5,7 @@ use super::access::Caller;
 use super::conditional::ETag;
 use super::draw::{A_DAY, DrawError, picture};
 use super::extract::ModelId;
-use super::files::{find, permit, whole};
+use super::files::{file_of, find, permit, whole};
 use super::preview::shown;
 use super::problem::Problem;
 use super::responses::{FileMissing, PictureAway};
@@ -49,7 +49,7 @@ pub(super) async fn page(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let (job, stored) = find(&state, &caller, id, "report.json").await?;
-    let (_, sections) = find(&state, &caller, id, "sections.bin").await?;
+    let sections = file_of(&job, "sections.bin")?;
     let tag = ETag::strong(format_args!("{}-{}-page-{}", stored.sha256, sections.sha256, env!("CARGO_PKG_VERSION")));
     if tag.matches_none(&headers) {
         return tag.not_modified(A_DAY);

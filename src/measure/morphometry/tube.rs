@@ -174,13 +174,17 @@ pub fn morphometry(sections: &[Section], gaps_um: &[Option<f64>], regions: &Regi
     });
     let regions_found: BTreeMap<String, Region> = regions_found.collect();
     let folds = |name: &str| Some(regions_found.get(name)?.quantities.get("folds_on_ring")?.mean);
-    let mut whole = Morphometry {
+    let tube = tube(regions, &z_mm, &measured, &steps);
+    // After the regions, which have no summary of places and steps.
+    along.insert("z_mm".into(), z_mm.into_iter().map(Some).collect());
+    along.insert("step".into(), recorded.iter().map(|(_, section)| Some(section.step)).collect());
+    Morphometry {
         tube: Tube {
             fold_ratio: folds("isthmus").filter(|&n| n > 0.0).and_then(|n| Some(folds("ampulla")? / n)),
-            ..tube(regions, &z_mm, &measured, &steps)
+            ..tube
         },
         regions: regions_found,
-        along: BTreeMap::new(),
+        along,
         settings: Settings {
             pixel_um: PIXEL_UM,
             boxes_px: [2, 1 << fractal::LEVELS],
@@ -189,11 +193,7 @@ pub fn morphometry(sections: &[Section], gaps_um: &[Option<f64>], regions: &Regi
             least_slenderness: tree::LEAST_SLENDERNESS,
             tree_every: every as u32,
         },
-    };
-    along.insert("z_mm".into(), z_mm.into_iter().map(Some).collect());
-    along.insert("step".into(), recorded.iter().map(|(_, section)| Some(section.step)).collect());
-    whole.along = along;
-    whole
+    }
 }
 
 /// The measures of the sections from one place to before another, or to the end of the tube.
