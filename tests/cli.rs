@@ -10,6 +10,8 @@ mod collector;
 mod keys;
 #[path = "cli/load.rs"]
 mod load;
+#[path = "cli/measure.rs"]
+mod measure;
 #[path = "cli/render.rs"]
 mod render;
 #[path = "cli/workers.rs"]

@@ -17,7 +17,7 @@ pub(super) use limits::LimitArgs;
 pub(super) use load::LoadArgs;
 pub(super) use model::ModelArgs;
 pub(super) use remote::RemoteArgs;
-pub(super) use surfaces::{CheckArgs, RenderArgs, ReportArgs, SectionArgs};
+pub(super) use surfaces::{CheckArgs, MeasureArgs, RenderArgs, ReportArgs, SectionArgs};
 pub(super) use workers::{WorkersAction, WorkersArgs};
 
 use super::units;
@@ -92,6 +92,8 @@ pub(super) enum Command {
     Report(ReportArgs),
     /// Draw a section of a sections.bin file as a stained slide, or as a label image
     Section(SectionArgs),
+    /// Measure the section in an image: a mask, or a label image
+    Measure(MeasureArgs),
     /// Send many requests to a running service and report its throughput, latencies and errors
     Load(LoadArgs),
     /// Measure how fast this machine grows models

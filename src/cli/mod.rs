@@ -18,6 +18,7 @@ mod gpu;
 mod interrupt;
 mod keys;
 mod load;
+mod measure;
 mod migrate;
 mod model;
 mod plot;
@@ -95,6 +96,7 @@ async fn dispatch(command: Command) -> Ended {
         Command::Report(args) => report::run(args).await,
         Command::Compare(args) => compare::run(args).await,
         Command::Section(args) => section::run(args).await,
+        Command::Measure(args) => measure::run(args).await,
         Command::Bench(args) => bench::run(args).await,
         Command::Presets(args) => print::presets(&args),
         Command::Worker(args) => worker::run(args).await,

@@ -1,7 +1,8 @@
-//! The certificate of a surface (see [`certify`]), and the [`morphometry`] of sections.
+//! The certificate of a surface (see [`certify`]), and the [`morphometry`] of sections, those in images ([`micrograph`]) included.
 
 mod certificate;
 pub mod comparison;
+pub mod micrograph;
 pub mod morphometry;
 
 pub use certificate::{

@@ -128,9 +128,43 @@ fn surfaces() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
+/// Small sections: a mask, and labels with an island and a pocket.
+fn images() -> Result<(), Box<dyn Error>> {
+    let side = 48;
+    let within = |i: usize, x: f64, y: f64, radius: f64| ((i % side) as f64 - x).hypot((i / side) as f64 - y) < radius;
+    let label = |i: usize| match i {
+        _ if !within(i, 23.5, 23.5, 21.0) => 0,
+        _ if within(i, 18.0, 24.0, 3.0) => 2,
+        _ if within(i, 20.0, 22.0, 11.0) || within(i, 36.0, 33.0, 3.0) => 1,
+        _ => 4,
+    };
+    let labels: Vec<u8> = (0..side * side).map(label).collect();
+    let mask: Vec<u8> =
+        labels.chunks(8).map(|bits| bits.iter().fold(0, |byte, bit| byte << 1 | bit >> 1 & 1 | bit >> 2)).collect();
+    for (name, pixels, color, depth) in [
+        ("labels", &labels, png::ColorType::Grayscale, png::BitDepth::Eight),
+        ("palette", &labels, png::ColorType::Indexed, png::BitDepth::Eight),
+        ("mask", &mask, png::ColorType::Grayscale, png::BitDepth::One),
+    ] {
+        let mut file = Vec::new();
+        let mut encoder = png::Encoder::new(&mut file, side as u32, side as u32);
+        encoder.set_color(color);
+        encoder.set_depth(depth);
+        if color == png::ColorType::Indexed {
+            encoder.set_palette((0..30).collect::<Vec<u8>>());
+        }
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(pixels)?;
+        writer.finish()?;
+        check("micrograph", name, file)?;
+    }
+    Ok(())
+}
+
 #[test]
 fn the_corpora_begin_with_what_the_program_writes() -> Result<(), Box<dyn Error>> {
     simulations()?;
     checkpoints()?;
-    surfaces()
+    surfaces()?;
+    images()
 }

@@ -1,4 +1,4 @@
-//! Options of commands that read files of surfaces.
+//! Options of commands that read files of surfaces and sections.
 
 use crate::cli::units;
 use crate::render::{MAX_SIZE, NamedView, Plane};
@@ -91,4 +91,21 @@ pub(in crate::cli) struct SectionArgs {
     /// Thickness of the serosa, µm [default: that of the model's preset]
     #[arg(long, value_name = "UM")]
     pub(in crate::cli) serosa_um: Option<f64>,
+}
+
+/// Options of `measure`.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct MeasureArgs {
+    /// PNG of one whole section, grey or with a palette: a mask, or an image whose values are labels
+    #[arg(value_name = "IMAGE")]
+    pub(in crate::cli) image: PathBuf,
+    /// Side of a pixel, 0.05 to 100 µm
+    #[arg(long, value_name = "UM")]
+    pub(in crate::cli) pixel_um: f64,
+    /// Values that are tissue, separated by commas: grey values or indices of the palette [default: all but 0]
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub(in crate::cli) tissue: Vec<u8>,
+    /// Print a JSON object: the settings, and the value of each quantity
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) json: bool,
 }

@@ -46,6 +46,12 @@ impl Shape<'_> {
         self.lumen.iter().map(length).sum()
     }
 
+    /// Tells which contours lie within the base ellipse.
+    pub(in crate::measure) fn within_base(&self) -> impl Fn(&[[f32; 2]]) -> bool + use<> {
+        let base = self.base_ellipse();
+        move |contour| contour.iter().all(|&p| base.radius(p) <= base.semi_major)
+    }
+
     /// The least ellipse around the lumen that has the centre, the axes and the ratio of axes of the outer contour.
     pub(super) fn base_ellipse(&self) -> Ellipse {
         let unit = Ellipse::of_moments(self.outer);

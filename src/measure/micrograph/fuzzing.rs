@@ -1,0 +1,55 @@
+//! Target of the fuzzers: images of sections.
+
+use super::{Micrograph, Reading};
+use crate::geometry::polygon::{check_contour, check_simple};
+use crate::measure::morphometry::QUANTITIES;
+
+/// Larger images are left out, because they take long; how much memory they take does not depend on what is in them.
+const MOST_PIXELS: u64 = 1 << 20;
+
+/// Reads the bytes as they are, and with the checksums made right, so that damage behind them is found too.
+pub fn micrograph(bytes: &[u8]) {
+    image(bytes);
+    let mut sealed = bytes.to_vec();
+    seal(&mut sealed);
+    image(&sealed);
+}
+
+/// Contours are simple and turn as they should, and their measures are finite. A refusal is short.
+fn image(bytes: &[u8]) {
+    let side = |at: usize| bytes.get(at..at + 4).and_then(|side| side.try_into().ok()).map_or(0, u32::from_be_bytes);
+    if u64::from(side(16)) * u64::from(side(20)) > MOST_PIXELS {
+        return;
+    }
+    for (pixel_um, tissue) in [(2.0, None), (60.0, Some(vec![2, 3, 4, 5, 6]))] {
+        match Micrograph::read(bytes, &Reading { pixel_um, tissue }) {
+            Ok(micrograph) => {
+                let shape = micrograph.shape();
+                check_contour(shape.outer).expect("the outer contour is sound");
+                check_contour(shape.lumen[0]).expect("the lumen is sound");
+                shape.lumen.iter().for_each(|contour| check_simple(contour).expect("all contours are simple"));
+                let measures = micrograph.measure();
+                assert!(QUANTITIES.iter().all(|quantity| quantity.of(&measures).is_none_or(f64::is_finite)));
+                assert!(measures.lumen_area_mm2 > 0.0 && measures.tissue_area_mm2 > 0.0, "{measures:?}");
+            }
+            Err(error) => {
+                let text = error.to_string();
+                assert!((1..=1000).contains(&text.chars().count()), "{text}");
+            }
+        }
+    }
+}
+
+/// Makes the checksums of all chunks right.
+fn seal(bytes: &mut [u8]) {
+    let mut at = 8;
+    while let Some(length) = bytes.get(at..at + 4).and_then(|length| length.try_into().ok()).map(u32::from_be_bytes) {
+        let end = at + 8 + length as usize;
+        let Some(chunk) = bytes.get(at + 4..end) else { return };
+        let mut sum = flate2::Crc::new();
+        sum.update(chunk);
+        let Some(place) = bytes.get_mut(end..end + 4) else { return };
+        place.copy_from_slice(&sum.sum().to_be_bytes());
+        at = end + 4;
+    }
+}

@@ -1,0 +1,130 @@
+//! `oviduct measure`: what the section in an image measures.
+
+use super::{TINY, code, folder, json, oviduct, run, said};
+use serde_json::Value;
+use std::fs::File;
+use std::path::Path;
+
+/// A ring of tissue, radii 180 and 100 µm with pixels of 10 µm.
+fn ring(path: &Path) {
+    let radius = |i: usize| ((i % 40) as f64 - 19.5).hypot((i / 40) as f64 - 19.5);
+    let pixels: Vec<u8> = (0..1600).map(|i| if (10.0..18.0).contains(&radius(i)) { 255 } else { 0 }).collect();
+    let mut encoder = png::Encoder::new(File::create(path).expect("created"), 40, 40);
+    encoder.set_color(png::ColorType::Grayscale);
+    let mut writer = encoder.write_header().expect("a header");
+    writer.write_image_data(&pixels).expect("pixels");
+}
+
+#[test]
+fn the_labels_of_a_section_measure_what_the_report_says() {
+    let at = folder();
+    let generate = [&["generate", "--seed", "3", "--gpu", "off", "--json", "--out", "model"], &TINY[..]].concat();
+    json(&run(at.path(), &generate));
+    let report = std::fs::read(at.path().join("model/report.json")).expect("a report");
+    let report: Value = serde_json::from_slice(&report).expect("JSON");
+    // The later sections of so small a model have notches that end in cusps, too narrow for pixels.
+    let index = 4;
+    let output = run(
+        at.path(),
+        &[
+            "section",
+            "model/sections.bin",
+            "--index",
+            &index.to_string(),
+            "--labels",
+            "--size",
+            "1500",
+            "--out",
+            "labels.png",
+        ],
+    );
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+    let pixel_um = printed.split_whitespace().nth(1).expect("the size of a pixel").to_owned();
+    let measure = ["measure", "labels.png", "--pixel-um", &pixel_um, "--tissue", "2,3,4,5,6"];
+    let found = json(&run(at.path(), &[&measure[..], &["--json"]].concat()));
+    assert_eq!(found["settings"]["tissue"], serde_json::json!([2, 3, 4, 5, 6]));
+    assert_eq!(found["settings"]["pixel_um"].as_f64(), pixel_um.parse().ok());
+    for name in
+        ["lumen_area_mm2", "tissue_area_mm2", "outer_diameter_mm", "lumen_perimeter_mm", "hydraulic_diameter_um"]
+    {
+        let value = |value: &Value| value.as_f64().unwrap_or_else(|| panic!("{name}: {value}"));
+        let (found, own) = (value(&found["quantities"][name]), value(&report["morphometry"]["along"][name][index]));
+        assert!((found / own - 1.0).abs() < 0.02, "{name}: {found}, not {own}");
+    }
+    let table = run(at.path(), &measure);
+    assert_eq!(code(&table), 0, "{}", said(&table));
+    let table = String::from_utf8_lossy(&table.stdout).into_owned();
+    let quantities = found["quantities"].as_object().expect("an object").len();
+    assert_eq!(table.lines().count(), quantities);
+    assert!(table.lines().any(|line| line.starts_with("Lumen area  ") && line.ends_with("mm²")), "{table}");
+}
+
+#[test]
+fn what_is_no_section_is_named() {
+    let at = folder();
+    ring(&at.path().join("ring.png"));
+    std::fs::write(at.path().join("text.png"), "no picture").expect("written");
+    File::create(at.path().join("huge.png")).expect("created").set_len(65 << 20).expect("long");
+    let measure = |image: &str, options: &[&str]| run(at.path(), &[&["measure", image], options].concat());
+    assert_eq!(code(&measure("ring.png", &["--pixel-um", "10"])), 0);
+    for (image, options, reason) in [
+        ("missing.png", &["--pixel-um", "10"][..], "error: missing.png: No such file"),
+        ("text.png", &["--pixel-um", "10"], "error: text.png: not a PNG image\n"),
+        ("huge.png", &["--pixel-um", "10"], "error: huge.png: larger than 64 MiB"),
+        ("ring.png", &["--pixel-um", "10", "--tissue", "7"], "error: ring.png: no pixel is tissue"),
+        ("ring.png", &["--pixel-um", "0.5"], "error: ring.png: the tissue has no lumen"),
+    ] {
+        let output = measure(image, options);
+        assert_eq!((code(&output), output.stdout.len()), (1, 0), "{image} {options:?}");
+        assert!(said(&output).starts_with(reason), "{}", said(&output));
+    }
+    for options in [&[][..], &["--pixel-um", "0"], &["--pixel-um", "NaN"], &["--pixel-um", "1", "--tissue", "256"]] {
+        let output = measure("ring.png", options);
+        assert_eq!((code(&output), output.stdout.len()), (2, 0), "{options:?}");
+        assert!(said(&output).contains("--pixel-um") || said(&output).contains("--tissue"), "{}", said(&output));
+    }
+}
+
+/// A gigabyte of zeros in a chunk, and a header of 2^31 pixels a side, in a process that may take less than that.
+#[cfg(target_os = "linux")]
+#[test]
+fn an_image_takes_bounded_memory_whatever_it_says() {
+    let at = folder();
+    ring(&at.path().join("ring.png"));
+    let plain = std::fs::read(at.path().join("ring.png")).expect("read");
+    let mut compress = flate2::Compress::new(flate2::Compression::fast(), false);
+    let mut block = Vec::with_capacity(1 << 16);
+    compress.compress_vec(&[0; 1 << 20], &mut block, flate2::FlushCompress::Full).expect("compressed");
+    let zeros = [&[0x78, 0x01], &block.repeat(1024)[..], &[0x03, 0x00, 0, 0, 0, 0]].concat();
+    let chunk = |kind: &[u8; 4], data: &[u8]| {
+        let mut sum = flate2::Crc::new();
+        sum.update(&[kind, data].concat());
+        [&(data.len() as u32).to_be_bytes()[..], kind, data, &sum.sum().to_be_bytes()].concat()
+    };
+    // Signature and header have 33 bytes.
+    let with = |chunk: Vec<u8>| [&plain[..33], &chunk, &plain[33..]].concat();
+    let wide = [&(1_u32 << 31).to_be_bytes()[..], &(1_u32 << 31).to_be_bytes(), &[1, 0, 0, 0, 0]].concat();
+    let full = [&8192_u32.to_be_bytes()[..], &8192_u32.to_be_bytes(), &[8, 0, 0, 0, 0]].concat();
+    let of =
+        |header: &[u8]| [&plain[..8], &chunk(b"IHDR", header), &chunk(b"IDAT", &zeros), &chunk(b"IEND", &[])].concat();
+    for (name, bytes, expected) in [
+        ("iccp.png", with(chunk(b"iCCP", &[b"x\0\0", &zeros[..]].concat())), 0),
+        ("ztxt.png", with(chunk(b"zTXt", &[b"x\0\0", &zeros[..]].concat())), 0),
+        ("wide.png", of(&wide), 1),
+        ("full.png", of(&full), 1),
+    ] {
+        std::fs::write(at.path().join(name), bytes).expect("written");
+        let program = oviduct(at.path()).get_program().to_owned();
+        let line = format!("ulimit -v 900000; exec \"$0\" measure {name} --pixel-um 10");
+        let output = std::process::Command::new("/bin/sh")
+            .args(["-c", &line])
+            .arg(program)
+            .current_dir(at.path())
+            .env_clear()
+            // Stacks count too.
+            .env("TOKIO_WORKER_THREADS", "2")
+            .output()
+            .expect("a shell");
+        assert_eq!(code(&output), expected, "{name}: {}", said(&output));
+    }
+}
