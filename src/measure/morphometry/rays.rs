@@ -1,4 +1,5 @@
-//! Distances along the normals of the lumen's boundary to the first wall met: tissue thickness and lumen gap.
+//! Distances along the normals of the lumen's boundary to the first wall met: tissue thickness and lumen gap. Each point counts by the
+//! length of boundary next to it, so that the distributions do not depend on how the points are spread.
 
 use super::shape::{Shape, distance};
 use super::spread::Spread;
@@ -17,37 +18,25 @@ pub(super) fn distances(shape: &Shape<'_>) -> Distances {
     let walls = Walls::new(shape);
     let points: usize = shape.lumen.iter().map(|ring| ring.len()).sum();
     let (mut thickness, mut gap) = (Vec::with_capacity(points), Vec::with_capacity(points));
-    let mut base = 0;
-    for ring in &shape.lumen {
-        let n = ring.len();
-        if n == 0 {
+    for (i, edge) in walls.edges[..points].iter().enumerate() {
+        let (along, length) = direction(edge);
+        if length == 0.0 {
             continue;
         }
-        let mut before = direction(&walls.edges[base + n - 1]);
-        for i in 0..n {
-            let own = [base + (i + n - 1) % n, base + i];
-            let after = direction(&walls.edges[base + i]);
-            let normal = normal(std::mem::replace(&mut before, after), after);
-            let (at, Some(normal)) = (walls.edges[base + i][0], normal) else { continue };
-            gap.extend(walls.first(at, normal, own));
-            thickness.extend(walls.first(at, normal.map(|x| -x), own));
-        }
-        base += n;
+        let middle = [0, 1].map(|k| 0.5 * (edge[0][k] + edge[1][k]));
+        let normal = [-along[1], along[0]];
+        let weight = length as f32;
+        gap.extend(walls.first(middle, normal, i).map(|distance| (distance, weight)));
+        thickness.extend(walls.first(middle, normal.map(|x| -x), i).map(|distance| (distance, weight)));
     }
     Distances { thickness: Spread::of(&mut thickness), gap: Spread::of(&mut gap) }
 }
 
-/// Unit vector along an edge; zero if it has no length.
-fn direction([a, b]: &[P2; 2]) -> P2 {
+/// Unit vector along an edge, zero if it has no length; and its length.
+fn direction([a, b]: &[P2; 2]) -> (P2, f64) {
     let length = distance(*a, *b);
-    if length > 0.0 { [(b[0] - a[0]) / length, (b[1] - a[1]) / length] } else { [0.0; 2] }
-}
-
-/// Unit normal of a point between two edges, to the left: it halves their angle.
-fn normal(before: P2, after: P2) -> Option<P2> {
-    let sum = [before[0] + after[0], before[1] + after[1]];
-    let length = distance(sum, [0.0; 2]);
-    (length > 1e-9).then(|| [-sum[1] / length, sum[0] / length])
+    let unit = if length > 0.0 { [(b[0] - a[0]) / length, (b[1] - a[1]) / length] } else { [0.0; 2] };
+    (unit, length)
 }
 
 /// All edges of a section in a grid of square cells, about one edge a cell.
@@ -120,8 +109,8 @@ impl Walls {
         }
     }
 
-    /// Distance from a point along a unit vector to the first edge but the point's own two.
-    fn first(&self, from: P2, along: P2, own: [usize; 2]) -> Option<f32> {
+    /// Distance from a point along a unit vector to the first edge but its own.
+    fn first(&self, from: P2, along: P2, own: usize) -> Option<f32> {
         let mut at = [self.index(0, from[0]), self.index(1, from[1])];
         // Distance along the ray to the next border of a cell, and between two such borders, on each axis.
         let mut border = [f64::INFINITY; 2];
@@ -138,7 +127,7 @@ impl Walls {
             let cell = at[1] * self.columns + at[0];
             for &edge in &self.items[self.starts[cell] as usize..self.starts[cell + 1] as usize] {
                 let edge = edge as usize;
-                if edge != own[0] && edge != own[1] {
+                if edge != own {
                     nearest = nearest.min(meeting(from, along, &self.edges[edge]));
                 }
             }

@@ -1,0 +1,177 @@
+//! A candidate measured on a reduced model: the simulation alone, up to the last region with a target, and as many of its sections
+//! as the means over the regions need. No surface is made.
+
+use super::request::FitSpec;
+use super::target::{Target, loss};
+use crate::generate::CancelToken;
+use crate::measure::morphometry::{Morphometry, Regions, morphometry};
+use crate::model::Section;
+use crate::sim::cpu::CpuSimulation;
+use crate::sim::{Plan, Simulator};
+use crate::spec::ModelSpec;
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+
+/// Sections that are measured in a region.
+const SECTIONS: usize = 12;
+
+/// Why a candidate has no measures.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Unmeasured {
+    /// The search was cancelled.
+    Cancelled,
+    /// The parameters together are not valid, or the simulation failed.
+    Failed(String),
+}
+
+/// A candidate: its place between the bounds of each variable, and what its models measure.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Candidate {
+    pub(super) places: Vec<f64>,
+    /// Mean over the seeds, by target; none if it could not be measured.
+    pub(super) measures: Vec<Option<f64>>,
+}
+
+impl Candidate {
+    /// Mean loss over the targets.
+    pub(super) fn misfit(&self, targets: &[Target]) -> f64 {
+        misfit(targets, &self.measures)
+    }
+
+    /// The largest deviation.
+    pub(super) fn worst(&self, targets: &[Target]) -> f64 {
+        let deviations = targets.iter().zip(&self.measures).map(|(target, measured)| target.deviation(*measured).abs());
+        deviations.fold(0.0, f64::max)
+    }
+}
+
+/// Mean loss of measures over the targets.
+pub(super) fn misfit(targets: &[Target], measures: &[Option<f64>]) -> f64 {
+    let losses = targets.iter().zip(measures).map(|(target, measured)| loss(target.deviation(*measured)));
+    losses.sum::<f64>() / targets.len() as f64
+}
+
+/// Measures candidates.
+pub(super) struct Evaluator<'a> {
+    fit: &'a FitSpec,
+    cancel: &'a CancelToken,
+    /// The same for every candidate, so that differences come from the parameters (common random numbers).
+    seeds: Vec<u64>,
+}
+
+impl<'a> Evaluator<'a> {
+    pub(super) fn new(fit: &'a FitSpec, cancel: &'a CancelToken) -> Self {
+        Self { fit, cancel, seeds: fit.search_seeds().collect() }
+    }
+
+    /// Measures a candidate, its seeds in parallel.
+    pub(super) fn measure(&self, places: &[f64]) -> Result<Vec<Option<f64>>, Unmeasured> {
+        let spec = self.fit.at(places).map_err(|faults| {
+            Unmeasured::Failed(faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))
+        })?;
+        let of_seeds: Vec<Vec<Option<f64>>> =
+            self.seeds.par_iter().map(|&seed| self.one(&spec, seed)).collect::<Result<_, _>>()?;
+        let mean = |k: usize| {
+            let known: Vec<f64> = of_seeds.iter().filter_map(|measures| measures[k]).collect();
+            (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
+        };
+        Ok((0..self.fit.targets.len()).map(mean).collect())
+    }
+
+    fn one(&self, spec: &ModelSpec, seed: u64) -> Result<Vec<Option<f64>>, Unmeasured> {
+        let morphometry = measured(spec, seed, &stations(spec, &self.fit.targets), self.cancel)?;
+        Ok(self.fit.targets.iter().map(|target| target.measured(&morphometry)).collect())
+    }
+}
+
+/// Grows the sections at these steps and measures them.
+fn measured(
+    spec: &ModelSpec,
+    seed: u64,
+    stations: &BTreeSet<u32>,
+    cancel: &CancelToken,
+) -> Result<Morphometry, Unmeasured> {
+    // Candidates are measured in parallel, each on one thread.
+    let mut simulation = CpuSimulation::new(Plan::new(spec, seed), 1);
+    let mut sections: Vec<Section> = Vec::with_capacity(stations.len());
+    let last = stations.last().map_or(0, |&step| i64::from(step));
+    loop {
+        let time = simulation.time();
+        if u32::try_from(time).is_ok_and(|step| stations.contains(&step)) {
+            sections.push(simulation.section());
+        }
+        if time >= last {
+            break;
+        }
+        if cancel.is_cancelled() {
+            return Err(Unmeasured::Cancelled);
+        }
+        simulation.step().map_err(|error| Unmeasured::Failed(error.to_string()))?;
+    }
+    let junction = [spec.regions.junction_from, spec.regions.junction_to];
+    Ok(morphometry(&sections, &[], &Regions { length_mm: spec.length_mm, junction }))
+}
+
+/// The steps whose sections are measured for these targets.
+fn stations(spec: &ModelSpec, targets: &[Target]) -> BTreeSet<u32> {
+    let all: Vec<(u32, f64)> =
+        spec.stations().map(|step| (step, spec.z.at(f64::from(step) / f64::from(spec.steps)))).collect();
+    let [from, to] = [spec.regions.junction_from, spec.regions.junction_to];
+    let mut chosen = BTreeSet::new();
+    for target in targets {
+        let [low, high] = match target.region.as_str() {
+            "isthmus" => [0.0, from],
+            "junction" => [from, to],
+            "ampulla" => [to, 1.0],
+            _ => [0.0, 1.0],
+        };
+        let last = high >= 1.0;
+        let within: Vec<u32> =
+            all.iter().filter(|(_, z)| *z >= low && (*z < high || last)).map(|&(step, _)| step).collect();
+        let most = match target.region.as_str() {
+            _ if target.needs_all_sections() => within.len(),
+            "whole" | "tube" => 3 * SECTIONS,
+            _ => SECTIONS,
+        };
+        chosen.extend(spread(&within, most));
+    }
+    chosen
+}
+
+/// At most `most` of these, evenly spread, with the first and the last.
+fn spread(steps: &[u32], most: usize) -> impl Iterator<Item = u32> + '_ {
+    let count = steps.len().min(most);
+    (0..count).map(move |i| if count == 1 { steps[0] } else { steps[i * (steps.len() - 1) / (count - 1)] })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spec::preset;
+    use serde_json::json;
+
+    fn target(region: &str, quantity: &str) -> Target {
+        Target { region: region.into(), quantity: quantity.into(), value: 1.0, low: 0.9, high: 1.1, source: None }
+    }
+
+    #[test]
+    fn sections_are_those_that_the_targets_need() {
+        let spec = ModelSpec::resolve(preset("pig").unwrap(), &json!({})).unwrap();
+        let of = |targets: &[Target]| stations(&spec, targets);
+        let isthmus = of(&[target("isthmus", "fill")]);
+        assert_eq!((isthmus.len(), isthmus.first()), (SECTIONS, Some(&0)));
+        assert!(isthmus.last().is_some_and(|&step| step < 425), "{isthmus:?}");
+        let ampulla = of(&[target("ampulla", "fill")]);
+        assert!(ampulla.first().is_some_and(|&step| step > 425) && ampulla.last() == Some(&2000), "{ampulla:?}");
+        assert_eq!(of(&[target("tube", "lumen_volume_mm3")]).len(), 3 * SECTIONS);
+        assert_eq!(of(&[target("whole", "fold_continuity")]).len(), 201);
+    }
+
+    #[test]
+    fn a_few_of_many_are_spread() {
+        let steps: Vec<u32> = (0..=100).collect();
+        assert_eq!(spread(&steps, 5).collect::<Vec<_>>(), [0, 25, 50, 75, 100]);
+        assert_eq!(spread(&steps[..3], 5).collect::<Vec<_>>(), [0, 1, 2]);
+        assert_eq!(spread(&steps[..1], 5).count() + spread(&[], 5).count(), 1);
+    }
+}

@@ -1,0 +1,293 @@
+//! Targets from images of sections.
+
+use super::target::{Target, refused};
+use crate::measure::micrograph::{MAX_BYTES, Micrograph, MicrographError, Reading};
+use crate::measure::morphometry::Quantity;
+use crate::spec::Fault;
+use base64::Engine;
+use base64::prelude::BASE64_STANDARD;
+use serde_json::Value;
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+
+/// Most images of a request.
+pub const MOST_IMAGES: usize = 20;
+/// Range that is accepted if none is given: this part of the value to both sides. A single section differs from the mean over
+/// its region.
+pub const IMAGE_TOLERANCE: f64 = 0.1;
+/// Quantities that become targets if none are named: those that pixels do not change noticeably and that a region has throughout.
+pub const IMAGE_QUANTITIES: [&str; 7] = [
+    "tissue_area_mm2",
+    "lumen_area_mm2",
+    "lumen_perimeter_mm",
+    "folds_on_ring",
+    "fold_height_p50_um",
+    "tissue_thickness_p50_um",
+    "lumen_gap_p50_um",
+];
+
+/// An image of a section.
+#[derive(Clone, Debug)]
+pub struct SectionImage {
+    /// Region that the section is from.
+    pub region: String,
+    /// The image.
+    pub png: Vec<u8>,
+    /// Its pixels.
+    pub reading: Reading,
+    /// Quantities that become targets; without them, [`IMAGE_QUANTITIES`].
+    pub quantities: Option<Vec<String>>,
+    /// Accepted range as a part of the value to both sides.
+    pub tolerance: f64,
+}
+
+/// What is wrong with an image: its index, the member, and a sentence.
+pub type ImageFault = (usize, &'static str, String);
+
+/// Measures sections. Several of one region give its mean; the range then reaches as far as their standard deviation, if that is
+/// farther.
+///
+/// # Errors
+/// Each image that cannot be measured.
+pub fn image_targets(images: &[SectionImage]) -> Result<Vec<Target>, Vec<ImageFault>> {
+    let mut faults = Vec::new();
+    // By region and quantity: values, the widest tolerance, the images.
+    let mut measured: BTreeMap<(String, String), (Vec<f64>, f64, Vec<String>)> = BTreeMap::new();
+    for (i, image) in images.iter().enumerate() {
+        match values(image) {
+            Ok(values) => {
+                for (quantity, value) in values {
+                    let all = measured.entry((image.region.clone(), quantity)).or_default();
+                    all.0.push(value);
+                    all.1 = all.1.max(image.tolerance);
+                    all.2.push(hex::encode(&Sha256::digest(&image.png)[..6]));
+                }
+            }
+            Err((member, detail)) => faults.push((i, member, detail)),
+        }
+    }
+    if !faults.is_empty() {
+        return Err(faults);
+    }
+    let target = |((region, quantity), (values, tolerance, names)): (_, (Vec<f64>, f64, Vec<String>))| {
+        let n = values.len() as f64;
+        let value = values.iter().sum::<f64>() / n;
+        let squares: f64 = values.iter().map(|x| (x - value).powi(2)).sum();
+        let sd = if values.len() > 1 { (squares / (n - 1.0)).sqrt() } else { 0.0 };
+        let half = sd.max(tolerance * value.abs());
+        let source = Some(format!("SHA-256 of the image: {}…", names.join("…, ")));
+        Target { region, quantity, value, low: value - half, high: value + half, source }
+    };
+    Ok(measured.into_iter().map(target).collect())
+}
+
+/// The quantities of one section.
+fn values(image: &SectionImage) -> Result<Vec<(String, f64)>, (&'static str, String)> {
+    if image.region == "tube" {
+        return Err(("region", "an image shows one section of a region, not the tube".into()));
+    }
+    let wanted: Vec<&str> = match &image.quantities {
+        Some(names) => names.iter().map(String::as_str).collect(),
+        None => IMAGE_QUANTITIES.to_vec(),
+    };
+    for name in &wanted {
+        if let Some((member, detail)) = refused(&image.region, name) {
+            let member = if member == "region" { "region" } else { "quantities" };
+            return Err((member, format!("`{name}` {detail}")));
+        }
+        if Quantity::named(name).is_none() {
+            return Err(("quantities", format!("`{name}` needs more than one section")));
+        }
+    }
+    let traced = Micrograph::read(&image.png, &image.reading).map_err(|error| {
+        let member = match error {
+            MicrographError::PixelSize(_) | MicrographError::Extent(_) => "pixel_um",
+            MicrographError::NoTissue if image.reading.tissue.is_some() => "tissue",
+            _ => "png",
+        };
+        (member, error.to_string())
+    })?;
+    let measures = traced.measure();
+    let mut found = Vec::new();
+    for name in wanted {
+        match Quantity::named(name).and_then(|quantity| quantity.of(&measures)) {
+            Some(value) => found.push((name.to_owned(), value)),
+            // A section without folds has no height of folds; it was not asked for by name.
+            None if image.quantities.is_none() => {}
+            None => return Err(("quantities", format!("the section has no `{name}`"))),
+        }
+    }
+    Ok(found)
+}
+
+/// Measures the images of a request, `[{ "region", "png", "pixel_um", "tissue", "quantities", "tolerance" }]`, with `png` as base64.
+///
+/// # Errors
+/// All faults, with pointers that begin with `/images`.
+pub fn read_images(list: &Value) -> Result<Vec<Target>, Vec<Fault>> {
+    let fault = |pointer: String, detail: String| Fault { pointer, detail };
+    let Some(items) = list.as_array().filter(|items| items.len() <= MOST_IMAGES) else {
+        return Err(vec![fault("/images".into(), format!("must be an array of at most {MOST_IMAGES} objects"))]);
+    };
+    let (mut images, mut faults) = (Vec::new(), Vec::new());
+    for (i, item) in items.iter().enumerate() {
+        match read_image(item) {
+            Ok(image) => images.push(image),
+            Err(found) => faults.extend(found.into_iter().map(|(member, detail)| {
+                let at = if member.is_empty() { String::new() } else { format!("/{member}") };
+                fault(format!("/images/{i}{at}"), detail)
+            })),
+        }
+    }
+    if !faults.is_empty() {
+        return Err(faults);
+    }
+    let at = |(i, member, detail): ImageFault| fault(format!("/images/{i}/{member}"), detail);
+    image_targets(&images).map_err(|faults| faults.into_iter().map(at).collect())
+}
+
+fn read_image(item: &Value) -> Result<SectionImage, Vec<(String, String)>> {
+    const NAMES: [&str; 6] = ["region", "png", "pixel_um", "tissue", "quantities", "tolerance"];
+    let Some(members) = item.as_object() else {
+        return Err(vec![(String::new(), "must be an object".into())]);
+    };
+    let mut faults: Vec<(String, String)> = Vec::new();
+    for name in members.keys().filter(|name| !NAMES.contains(&name.as_str())) {
+        let shown: String = name.chars().take(100).collect::<String>().replace('~', "~0").replace('/', "~1");
+        faults.push((shown, format!("is unknown; the members are {}", NAMES.join(", "))));
+    }
+    let mut wrong = |name: &str, detail: &str| faults.push((name.to_owned(), detail.to_owned()));
+    let given = |name: &str| members.get(name).filter(|value| !value.is_null());
+    let region = given("region").and_then(Value::as_str).unwrap_or_else(|| {
+        wrong("region", "must be the name of a region");
+        ""
+    });
+    let png = given("png").and_then(Value::as_str).and_then(|text| BASE64_STANDARD.decode(text.trim()).ok());
+    if png.is_none() {
+        wrong("png", "must be a PNG image as base64");
+    } else if png.as_ref().is_some_and(|png| png.len() as u64 > MAX_BYTES) {
+        wrong("png", "is too large");
+    }
+    let pixel_um = given("pixel_um").and_then(Value::as_f64);
+    if pixel_um.is_none() {
+        wrong("pixel_um", "must be the side of a pixel in micrometres");
+    }
+    let tissue: Option<Vec<u8>> = given("tissue").map(|list| {
+        serde_json::from_value(list.clone()).unwrap_or_else(|_| {
+            wrong("tissue", "must be an array of integers from 0 to 255");
+            Vec::new()
+        })
+    });
+    if tissue.as_ref().is_some_and(|values| values.is_empty() || values.len() > 256) {
+        wrong("tissue", "must have 1 to 256 values");
+    }
+    let quantities: Option<Vec<String>> = given("quantities").map(|list| {
+        serde_json::from_value(list.clone()).unwrap_or_else(|_| {
+            wrong("quantities", "must be an array of names of quantities");
+            Vec::new()
+        })
+    });
+    if quantities.as_ref().is_some_and(|names| names.is_empty() || names.len() > 50) {
+        wrong("quantities", "must have 1 to 50 names");
+    }
+    let tolerance = given("tolerance").map_or(Some(IMAGE_TOLERANCE), Value::as_f64);
+    if !tolerance.is_some_and(|tolerance| (0.001..=1.0).contains(&tolerance)) {
+        wrong("tolerance", "must be a number from 0.001 to 1");
+    }
+    match (png, pixel_um, tolerance) {
+        (Some(png), Some(pixel_um), Some(tolerance)) if faults.is_empty() => {
+            let reading = Reading { pixel_um, tissue };
+            Ok(SectionImage { region: region.to_owned(), png, reading, quantities, tolerance })
+        }
+        _ => Err(faults),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    /// A ring of tissue with four folds, as a mask of one byte a pixel; radii in pixels.
+    fn mask(outer: f64) -> Vec<u8> {
+        let side = 400_u32;
+        let middle = f64::from(side) / 2.0;
+        let pixel = |i: u32| {
+            let [x, y] = [f64::from(i % side) + 0.5 - middle, f64::from(i / side) + 0.5 - middle];
+            let [r, turn] = [x.hypot(y), y.atan2(x)];
+            u8::from(r < outer && r > 60.0 + 25.0 * (4.0 * turn).cos()) * 255
+        };
+        let values: Vec<u8> = (0..side * side).map(pixel).collect();
+        let mut png = Vec::new();
+        let mut encoder = png::Encoder::new(&mut png, side, side);
+        encoder.set_color(png::ColorType::Grayscale);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.write_header().unwrap().write_image_data(&values).unwrap();
+        png
+    }
+
+    fn image(png: &[u8]) -> Value {
+        json!({ "region": "isthmus", "png": BASE64_STANDARD.encode(png), "pixel_um": 5 })
+    }
+
+    #[test]
+    fn sections_become_targets() {
+        let targets = read_images(&json!([image(&mask(150.0))])).unwrap();
+        let named = |name: &str| targets.iter().find(|target| target.quantity == name).expect("it is measured");
+        assert!(targets.iter().all(|target| target.region == "isthmus" && target.source.is_some()), "{targets:?}");
+        assert_eq!(named("folds_on_ring").value, 4.0);
+        let area = std::f64::consts::PI * (60.0_f64.powi(2) + 25.0_f64.powi(2) / 2.0) * 25e-6;
+        let lumen = named("lumen_area_mm2");
+        assert!((lumen.value / area - 1.0).abs() < 0.01, "{lumen:?} {area}");
+        assert!((lumen.high / lumen.value - 1.1).abs() < 1e-9 && (lumen.low / lumen.value - 0.9).abs() < 1e-9);
+    }
+
+    #[test]
+    fn several_sections_of_a_region_give_mean_and_spread() {
+        let mut images = [image(&mask(120.0)), image(&mask(180.0))];
+        for image in &mut images {
+            image["quantities"] = json!(["tissue_area_mm2"]);
+            image["tolerance"] = json!(0.01);
+        }
+        let [target]: [Target; 1] = read_images(&json!(images)).unwrap().try_into().unwrap();
+        let [one, two] = [120.0_f64, 180.0].map(|r| std::f64::consts::PI * (r * r - 60.0 * 60.0 - 312.5) * 25e-6);
+        let (mean, sd) = ((one + two) / 2.0, (two - one) / 2.0_f64.sqrt());
+        assert!((target.value / mean - 1.0).abs() < 0.01 && ((target.high - mean) / sd - 1.0).abs() < 0.02, "{target:?}");
+    }
+
+    #[test]
+    fn every_fault_names_its_member() {
+        let good = image(&mask(150.0));
+        let with = |name: &str, value: Value| {
+            let mut image = good.clone();
+            image[name] = value;
+            json!([image])
+        };
+        let whole = mask(150.0);
+        for (list, pointer) in [
+            (json!({}), "/images"),
+            (json!(vec![good.clone(); 21]), "/images"),
+            (json!([good.clone(), 3]), "/images/1"),
+            (with("png", json!("not base64!")), "/images/0/png"),
+            (with("png", json!(BASE64_STANDARD.encode(b"GIF89a"))), "/images/0/png"),
+            (with("png", json!(BASE64_STANDARD.encode(&whole[..whole.len() / 2]))), "/images/0/png"),
+            (with("png", Value::Null), "/images/0/png"),
+            (with("pixel_um", json!(0)), "/images/0/pixel_um"),
+            (with("pixel_um", json!("5")), "/images/0/pixel_um"),
+            (with("tissue", json!([7])), "/images/0/tissue"),
+            (with("tissue", json!([256])), "/images/0/tissue"),
+            (with("tissue", json!([])), "/images/0/tissue"),
+            (with("region", json!("ishtmus")), "/images/0/region"),
+            (with("region", json!("tube")), "/images/0/region"),
+            (with("quantities", json!(["folds"])), "/images/0/quantities"),
+            (with("quantities", json!(["fold_continuity"])), "/images/0/quantities"),
+            (with("quantities", json!([])), "/images/0/quantities"),
+            (with("tolerance", json!(0)), "/images/0/tolerance"),
+            (with("pixels", json!(1)), "/images/0/pixels"),
+        ] {
+            let faults = read_images(&list).unwrap_err();
+            assert_eq!(faults[0].pointer, pointer, "{faults:?}");
+        }
+        assert_eq!(read_images(&json!([])).unwrap(), []);
+    }
+}

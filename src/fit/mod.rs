@@ -1,0 +1,163 @@
+//! Fits parameters to measures: from targets, such as those of a micrograph, to a specification whose models have them.
+//!
+//! Candidates are measured on reduced models, with the same seeds for all; the result is verified on models that are grown in full
+//! with other seeds. `docs/fitting.md` describes the method.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `request` | the request as JSON or CSV, valid by construction |
+//! | `target` | a quantity in a region and the accepted range; misfit |
+//! | `variable` | a parameter between two bounds; which parameters targets depend on |
+//! | `error` | why a fit gave no result |
+//! | `evaluate` | a candidate measured on a reduced model |
+//! | `search` | the optimiser, its candidates, checkpoints |
+//! | `linear` | a linear model of the deviations near a candidate |
+//! | `limits` | targets that cannot be met, and by which bounds |
+//! | `result` | what a fit gives |
+//! | `watch` | progress |
+
+mod error;
+mod evaluate;
+mod limits;
+mod linear;
+mod request;
+mod result;
+mod search;
+mod target;
+mod variable;
+mod watch;
+
+pub use error::FitError;
+pub use limits::{Bound, Unmet, Why};
+pub use request::{EVALUATIONS, FitSpec, MEMBERS, MODELS, MOST_TARGETS, MOST_VARIABLES, SEEDS};
+pub use result::{Fall, FitResult, Fitted, Grown, Reached, Searched};
+pub use search::Ended;
+pub use target::{TOLERANCE, Target};
+pub use variable::{Variable, Varied};
+
+use crate::generate::{Backend, CancelToken, GenerateError, Request, Sink, generate};
+use evaluate::{Candidate, Unmeasured};
+use rayon::prelude::*;
+use search::{Archive, search};
+use std::path::Path;
+use watch::Watch;
+
+/// Searches for a spec that meets the targets, and verifies it. Uses all threads of the rayon pool in which it is called; the result does
+/// not depend on their number. `dir` takes the files of models, which are removed again. A search continues from a
+/// `checkpoint` that an earlier one gave to its sink.
+///
+/// # Errors
+/// [`FitError`].
+pub fn fit(
+    fit: &FitSpec,
+    checkpoint: Option<&[u8]>,
+    dir: &Path,
+    sink: &dyn Sink,
+    cancel: &CancelToken,
+) -> Result<FitResult, FitError> {
+    let watch = Watch::new(sink, cancel, fit.evaluations, fit.models);
+    let archive = Archive::new(fit, checkpoint, &watch);
+    let found = search(fit, &archive)?;
+    let unmet = limits::unmet(fit, &archive, &found.best)?;
+    watch.verify();
+    let models = models(fit, &found.best, dir, &watch)?;
+    let spec = fit.at(&found.best.places).map_err(|_| Unmeasured::Failed("the best candidate is invalid".into()))?;
+    Ok(FitResult {
+        preset: fit.preset.name.clone(),
+        spec: spec.to_json(),
+        parameters: parameters(fit, &found.best),
+        targets: reached(fit, &found.best, &models),
+        unmet,
+        search: Searched {
+            ended: found.ended,
+            seeds: fit.search_seeds().collect(),
+            evaluations: found.candidates.len(),
+            failed: found.failed,
+            start_misfit: found.start,
+            misfit: found.best.misfit(&fit.targets),
+            history: history(fit, &found.candidates),
+        },
+        models,
+    })
+}
+
+/// Grows models of a candidate in full.
+fn models(fit: &FitSpec, best: &Candidate, dir: &Path, watch: &Watch<'_>) -> Result<Vec<Grown>, FitError> {
+    let seeds: Vec<u64> = fit.model_seeds().collect();
+    seeds.into_par_iter().map(|seed| model(fit, best, seed, dir, watch)).collect()
+}
+
+fn model(fit: &FitSpec, best: &Candidate, seed: u64, dir: &Path, watch: &Watch<'_>) -> Result<Grown, FitError> {
+    let spec = fit.at(&best.places).map_err(|_| Unmeasured::Failed("the best candidate is invalid".into()))?;
+    let dir = dir.join(format!("model-{seed}"));
+    std::fs::create_dir_all(&dir)?;
+    let request = Request {
+        preset: fit.preset.name.clone(),
+        spec,
+        seed,
+        backend: Backend::Cpu,
+        outputs: Vec::new(),
+        dir: dir.clone(),
+        memory_limit_bytes: None,
+    };
+    let grown = generate(&request, &(), watch.cancel());
+    std::fs::remove_dir_all(&dir)?;
+    watch.grown();
+    let unmeasured = vec![None; fit.targets.len()];
+    Ok(match grown {
+        Ok(outcome) => {
+            let measures = fit.targets.iter().map(|t| t.measured(&outcome.findings.morphometry)).collect();
+            Grown { seed, certified: true, measures, failure: None }
+        }
+        Err(GenerateError::Cancelled) => return Err(FitError::Cancelled),
+        Err(error) => Grown { seed, certified: false, measures: unmeasured, failure: Some(error.to_string()) },
+    })
+}
+
+fn parameters(fit: &FitSpec, best: &Candidate) -> Vec<Fitted> {
+    let fitted = |(variable, &place): (&Variable, &f64)| Fitted {
+        parameter: variable.lever.pointer.clone(),
+        end: variable.end,
+        unit: variable.lever.unit.to_owned(),
+        start: variable.start,
+        value: variable.at(place),
+        from: variable.from,
+        to: variable.to,
+    };
+    fit.variables.iter().zip(&best.places).map(fitted).collect()
+}
+
+fn reached(fit: &FitSpec, best: &Candidate, models: &[Grown]) -> Vec<Reached> {
+    let one = |(t, target): (usize, &Target)| {
+        let measured = best.measures[t];
+        let values: Vec<f64> = models.iter().filter_map(|model| model.measures[t]).collect();
+        let n = values.len() as f64;
+        let mean = (!values.is_empty()).then(|| values.iter().sum::<f64>() / n);
+        let squares = mean.map(|mean| values.iter().map(|x| (x - mean).powi(2)).sum::<f64>());
+        Reached {
+            target: target.clone(),
+            measured,
+            deviation: target.deviation(measured),
+            met: target.is_met(measured),
+            models_mean: mean,
+            models_sd: squares.filter(|_| values.len() > 1).map(|squares| (squares / (n - 1.0)).sqrt()),
+            models_met: values.iter().filter(|&&x| target.is_met(Some(x))).count(),
+        }
+    };
+    fit.targets.iter().enumerate().map(one).collect()
+}
+
+/// Where the least misfit fell.
+fn history(fit: &FitSpec, candidates: &[Candidate]) -> Vec<Fall> {
+    let mut least = f64::INFINITY;
+    let fall = |(i, candidate): (usize, &Candidate)| {
+        let misfit = candidate.misfit(&fit.targets);
+        let fell = misfit < least;
+        least = least.min(misfit);
+        fell.then_some(Fall { evaluations: i + 1, misfit })
+    };
+    candidates.iter().enumerate().filter_map(fall).collect()
+}
+
+#[cfg(test)]
+mod tests;

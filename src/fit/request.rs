@@ -1,0 +1,521 @@
+//! The request for a fit as JSON: targets, what is varied, and how much is computed.
+
+use super::target::{TOLERANCE, Target, refused};
+use super::variable::Variable;
+use crate::spec::{DEFAULT_PRESET, End, Fault, Lever, ModelSpec, Preset, preset, presets};
+use serde::Deserialize;
+use serde_json::{Map, Value, json};
+use sha2::{Digest, Sha256};
+
+/// Members of a request.
+pub const MEMBERS: [&str; 9] =
+    ["preset", "spec", "targets", "targets_csv", "vary", "evaluations", "seeds", "models", "seed"];
+/// Most targets.
+pub const MOST_TARGETS: usize = 100;
+/// Most variables.
+pub const MOST_VARIABLES: usize = 20;
+/// Most candidates, and the number if none is given.
+pub const EVALUATIONS: [u32; 2] = [2000, 120];
+/// Most seeds of the search, and the number if none is given.
+pub const SEEDS: [u32; 2] = [16, 2];
+/// Most models that are grown in full at the end, and the number if none is given.
+pub const MODELS: [u32; 2] = [20, 4];
+/// Greatest seed; the last of the seeds counted from it is still a seed.
+const SEED_MAX: u64 = (1 << 53) - 1;
+
+/// What is to be fitted; valid by construction.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FitSpec {
+    pub(super) preset: &'static Preset,
+    /// The spec that the search starts from.
+    pub(super) start: ModelSpec,
+    pub(super) targets: Vec<Target>,
+    pub(super) variables: Vec<Variable>,
+    /// Candidates, at most.
+    pub(super) evaluations: u32,
+    /// Seeds of each candidate.
+    pub(super) seeds: u32,
+    /// Models of the result that are grown in full.
+    pub(super) models: u32,
+    pub(super) seed: u64,
+}
+
+/// A target as it is requested.
+#[derive(Debug, Default, Deserialize)]
+struct Requested {
+    value: Option<f64>,
+    low: Option<f64>,
+    high: Option<f64>,
+}
+
+impl FitSpec {
+    /// Reads a request. `measured` are targets from images.
+    ///
+    /// # Errors
+    /// All faults.
+    pub fn read(body: &Value, measured: Vec<Target>) -> Result<Self, Vec<Fault>> {
+        let mut faults = Vec::new();
+        let Some(members) = body.as_object() else {
+            return Err(vec![fault("", "must be an object")]);
+        };
+        for name in members.keys().filter(|name| !MEMBERS.contains(&name.as_str())) {
+            faults.push(fault(
+                &format!("/{}", escape(name)),
+                &format!("is unknown; the members are {}", MEMBERS.join(", ")),
+            ));
+        }
+        let preset = preset_of(members, &mut faults);
+        let start = preset.and_then(|preset| spec_of(preset, members, &mut faults));
+        let mut targets = measured;
+        targets.extend(targets_of(members, &mut faults));
+        if let Some(text) = members.get("targets_csv") {
+            targets.extend(csv_of(text, &mut faults));
+        }
+        if targets.is_empty() && faults.is_empty() {
+            faults.push(fault("/targets", "at least one target is needed"));
+        }
+        if targets.len() > MOST_TARGETS {
+            faults.push(fault(
+                "/targets",
+                &format!("there are {} targets; at most {MOST_TARGETS} are allowed", targets.len()),
+            ));
+        }
+        let variables = start.as_ref().map(|start| variables_of(members, &targets, start, &mut faults));
+        let mut number = |name: &str, [most, usual]: [u32; 2]| {
+            count(members, name, [1, u64::from(most)], u64::from(usual), &mut faults)
+        };
+        let [evaluations, seeds, models] =
+            [number("evaluations", EVALUATIONS), number("seeds", SEEDS), number("models", MODELS)].map(|n| n as u32);
+        let seed = count(members, "seed", [0, SEED_MAX - u64::from(SEEDS[0] + MODELS[0])], 0, &mut faults);
+        match (preset, start, variables) {
+            (Some(preset), Some(start), Some(variables)) if faults.is_empty() => {
+                Ok(Self { preset, start, targets, variables, evaluations, seeds, models, seed })
+            }
+            _ => Err(faults),
+        }
+    }
+
+    /// The request with everything that it leaves open, as JSON that [`FitSpec::read`] reads.
+    #[must_use]
+    pub fn to_json(&self) -> Value {
+        let vary: Vec<_> = self.variables.iter().map(Variable::shown).collect();
+        json!({
+            "preset": self.preset.name, "spec": self.start.to_json(), "targets": self.targets, "vary": vary,
+            "evaluations": self.evaluations, "seeds": self.seeds, "models": self.models, "seed": self.seed,
+        })
+    }
+
+    /// SHA-256 of all that the result depends on, in lower-case hex.
+    #[must_use]
+    pub fn digest(&self) -> String {
+        let whole = json!({ "engine": crate::ENGINE_VERSION, "fit": self.to_json() });
+        hex::encode(Sha256::digest(crate::spec::canonical_json(&whole)))
+    }
+
+    /// The preset.
+    #[must_use]
+    pub fn preset(&self) -> &'static Preset {
+        self.preset
+    }
+
+    /// The seed.
+    #[must_use]
+    pub fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// The spec that the search starts from.
+    #[must_use]
+    pub fn start(&self) -> &ModelSpec {
+        &self.start
+    }
+
+    /// The targets.
+    #[must_use]
+    pub fn targets(&self) -> &[Target] {
+        &self.targets
+    }
+
+    /// The spec with all variables at their upper bounds, which is the costliest for most; none if that is not valid.
+    #[must_use]
+    pub fn costliest(&self) -> Option<ModelSpec> {
+        self.at(&vec![1.0; self.variables.len()]).ok()
+    }
+
+    /// Predicted seconds on one core: as many candidates as are allowed, each like the start.
+    #[must_use]
+    pub fn predicted_seconds(&self) -> f64 {
+        let seconds = self.start.cost(&[]).seconds;
+        let model = seconds.values().map(|estimate| estimate.seconds).fold(0.0, f64::max);
+        model * f64::from(self.evaluations * self.seeds + self.models)
+    }
+
+    pub(super) fn search_seeds(&self) -> impl Iterator<Item = u64> {
+        (0..u64::from(self.seeds)).map(|k| self.seed + k)
+    }
+
+    /// Seeds of the models of the result: others than those of the search.
+    pub(super) fn model_seeds(&self) -> impl Iterator<Item = u64> {
+        (0..u64::from(self.models)).map(|k| self.seed + u64::from(self.seeds) + k)
+    }
+
+    /// The specification at places between the bounds, from 0 to 1.
+    pub(super) fn at(&self, places: &[f64]) -> Result<ModelSpec, Vec<Fault>> {
+        let settings: Vec<_> =
+            self.variables.iter().zip(places).map(|(v, &place)| (&v.lever, v.end, v.at(place))).collect();
+        self.start.with(self.preset, &settings)
+    }
+}
+
+fn fault(pointer: &str, detail: &str) -> Fault {
+    Fault { pointer: pointer.to_owned(), detail: detail.to_owned() }
+}
+
+/// A member's name as a part of a pointer, shortened.
+fn escape(name: &str) -> String {
+    name.chars().take(100).collect::<String>().replace('~', "~0").replace('/', "~1")
+}
+
+fn preset_of(members: &Map<String, Value>, faults: &mut Vec<Fault>) -> Option<&'static Preset> {
+    let name = members.get("preset").map_or(Some(DEFAULT_PRESET), Value::as_str);
+    let found = name.and_then(preset);
+    if found.is_none() {
+        let names: Vec<&str> = presets().iter().map(|preset| preset.name.as_str()).collect();
+        faults.push(fault("/preset", &format!("is unknown; the presets are {}", names.join(", "))));
+    }
+    found
+}
+
+fn spec_of(preset: &'static Preset, members: &Map<String, Value>, faults: &mut Vec<Fault>) -> Option<ModelSpec> {
+    let none = json!({});
+    let patch = members.get("spec").unwrap_or(&none);
+    let resolved = ModelSpec::resolve(preset, patch);
+    resolved
+        .map_err(|found| faults.extend(found.into_iter().map(|f| fault(&format!("/spec{}", f.pointer), &f.detail))))
+        .ok()
+}
+
+fn targets_of(members: &Map<String, Value>, faults: &mut Vec<Fault>) -> Vec<Target> {
+    let Some(list) = members.get("targets") else { return Vec::new() };
+    let Some(items) = list.as_array() else {
+        faults.push(fault("/targets", "must be an array of objects"));
+        return Vec::new();
+    };
+    let items = items.iter().take(MOST_TARGETS + 1).enumerate();
+    items.filter_map(|(i, item)| target_of(item, &format!("/targets/{i}"), faults)).collect()
+}
+
+fn target_of(item: &Value, at: &str, faults: &mut Vec<Fault>) -> Option<Target> {
+    const NAMES: [&str; 6] = ["region", "quantity", "value", "low", "high", "source"];
+    let before = faults.len();
+    let Some(members) = item.as_object() else {
+        faults.push(fault(at, "must be an object"));
+        return None;
+    };
+    for name in members.keys().filter(|name| !NAMES.contains(&name.as_str())) {
+        faults.push(fault(
+            &format!("{at}/{}", escape(name)),
+            &format!("is unknown; the members are {}", NAMES.join(", ")),
+        ));
+    }
+    let mut number = |name: &str| {
+        let value = members.get(name).filter(|value| !value.is_null())?;
+        let number = value.as_f64().filter(|x| x.is_finite());
+        if number.is_none() {
+            faults.push(fault(&format!("{at}/{name}"), "must be a number"));
+        }
+        number
+    };
+    let requested = Requested { value: number("value"), low: number("low"), high: number("high") };
+    let mut text = |name: &str| {
+        let text = members.get(name).and_then(Value::as_str);
+        if text.is_none() {
+            faults.push(fault(&format!("{at}/{name}"), "must be a string"));
+        }
+        text
+    };
+    let (region, quantity) = (text("region"), text("quantity"));
+    let source = members.get("source").filter(|source| !source.is_null()).map(|source| {
+        let text = source.as_str().filter(|text| text.chars().count() <= 300);
+        if text.is_none() {
+            faults.push(fault(&format!("{at}/source"), "must be a string of at most 300 characters"));
+        }
+        text.unwrap_or_default().to_owned()
+    });
+    if faults.len() > before {
+        return None;
+    }
+    let made = target(region?, quantity?, &requested, source);
+    made.map_err(|(member, detail)| faults.push(fault(&format!("{at}/{member}"), &detail))).ok()
+}
+
+fn target(
+    region: &str,
+    quantity: &str,
+    requested: &Requested,
+    source: Option<String>,
+) -> Result<Target, (&'static str, String)> {
+    if let Some(refused) = refused(region, quantity) {
+        return Err(refused);
+    }
+    let &Requested { value, low, high } = requested;
+    let middle = low.zip(high).map(|(low, high)| 0.5 * (low + high));
+    let Some(value) = value.or(middle) else {
+        return Err(("value", "is needed, or both `low` and `high`".into()));
+    };
+    let around = TOLERANCE * value.abs();
+    let [low, high] = [low.unwrap_or(value - around), high.unwrap_or(value + around)];
+    if low > value {
+        return Err(("low", format!("must not be greater than the value, {value}")));
+    }
+    if high < value {
+        return Err(("high", format!("must not be less than the value, {value}")));
+    }
+    Ok(Target { region: region.into(), quantity: quantity.into(), value, low, high, source })
+}
+
+/// Targets from CSV with a header: `region,quantity,value,low,high`, in any order; the last three may be missing or empty.
+fn csv_of(text: &Value, faults: &mut Vec<Fault>) -> Vec<Target> {
+    let at = "/targets_csv";
+    let Some(text) = text.as_str() else {
+        faults.push(fault(at, "must be a string"));
+        return Vec::new();
+    };
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
+    let header = match reader.headers() {
+        Ok(header) => header.clone(),
+        Err(error) => {
+            faults.push(fault(at, &format!("cannot be read: {error}")));
+            return Vec::new();
+        }
+    };
+    const NAMES: [&str; 5] = ["region", "quantity", "value", "low", "high"];
+    if let Some(name) = header.iter().find(|name| !NAMES.contains(name)) {
+        let name: String = name.chars().take(40).collect();
+        faults.push(fault(at, &format!("column `{name}` is unknown; the columns are {}", NAMES.join(", "))));
+        return Vec::new();
+    }
+    if let Some(name) = NAMES[..2].iter().find(|name| !header.iter().any(|column| column == **name)) {
+        faults.push(fault(at, &format!("column `{name}` is missing; the first line names the columns")));
+        return Vec::new();
+    }
+    let mut targets = Vec::new();
+    for (row, record) in (1..).zip(reader.records()) {
+        if row > MOST_TARGETS + 1 {
+            break;
+        }
+        let made = record.map_err(|error| error.to_string()).and_then(|record| csv_target(&header, &record));
+        match made {
+            Ok(target) => targets.push(target),
+            Err(detail) => faults.push(fault(at, &format!("row {row}: {detail}"))),
+        }
+    }
+    targets
+}
+
+fn csv_target(header: &csv::StringRecord, record: &csv::StringRecord) -> Result<Target, String> {
+    let cell = |name: &str| header.iter().position(|column| column == name).and_then(|i| record.get(i)).unwrap_or("");
+    let number = |name: &str| match cell(name) {
+        "" => Ok(None),
+        text => match text.parse::<f64>() {
+            Ok(number) if number.is_finite() => Ok(Some(number)),
+            _ => Err(format!("{name}: `{}` is no number", text.chars().take(40).collect::<String>())),
+        },
+    };
+    let requested = Requested { value: number("value")?, low: number("low")?, high: number("high")? };
+    target(cell("region"), cell("quantity"), &requested, None).map_err(|(member, detail)| format!("{member}: {detail}"))
+}
+
+fn variables_of(
+    members: &Map<String, Value>,
+    targets: &[Target],
+    start: &ModelSpec,
+    faults: &mut Vec<Fault>,
+) -> Vec<Variable> {
+    let Some(list) = members.get("vary").filter(|list| !list.is_null()) else {
+        return Variable::chosen(targets, start);
+    };
+    let Some(items) = list.as_array().filter(|items| (1..=MOST_VARIABLES).contains(&items.len())) else {
+        faults.push(fault("/vary", &format!("must be an array of 1 to {MOST_VARIABLES} objects")));
+        return Vec::new();
+    };
+    let mut variables: Vec<Variable> = Vec::new();
+    for (i, item) in items.iter().enumerate() {
+        let at = format!("/vary/{i}");
+        let Some(variable) = variable_of(item, &at, start, faults) else { continue };
+        // Both ends, or the whole.
+        let overlaps = |other: &Variable| {
+            other.lever.pointer == variable.lever.pointer
+                && (other.end == variable.end || other.end.is_none() || variable.end.is_none())
+        };
+        if variables.iter().any(overlaps) {
+            faults.push(fault(&format!("{at}/parameter"), "is given more than once"));
+        }
+        variables.push(variable);
+    }
+    variables
+}
+
+fn variable_of(item: &Value, at: &str, start: &ModelSpec, faults: &mut Vec<Fault>) -> Option<Variable> {
+    const NAMES: [&str; 4] = ["parameter", "end", "from", "to"];
+    let before = faults.len();
+    let Some(members) = item.as_object() else {
+        faults.push(fault(at, "must be an object"));
+        return None;
+    };
+    for name in members.keys().filter(|name| !NAMES.contains(&name.as_str())) {
+        faults.push(fault(
+            &format!("{at}/{}", escape(name)),
+            &format!("is unknown; the members are {}", NAMES.join(", ")),
+        ));
+    }
+    let lever = match members.get("parameter").and_then(Value::as_str).map(Lever::at) {
+        Some(Ok(lever)) => Some(lever),
+        Some(Err(detail)) => {
+            faults.push(fault(&format!("{at}/parameter"), &detail));
+            None
+        }
+        None => {
+            faults.push(fault(&format!("{at}/parameter"), "must be the JSON pointer of a parameter"));
+            None
+        }
+    };
+    let end = match members.get("end") {
+        None | Some(Value::Null) => None,
+        Some(value) => {
+            let end: Option<End> = serde_json::from_value(value.clone()).ok();
+            if end.is_none() {
+                faults.push(fault(&format!("{at}/end"), "must be isthmus or ampulla"));
+            }
+            end
+        }
+    };
+    let bounds = ["from", "to"].map(|name| {
+        let value = members.get(name).filter(|value| !value.is_null())?;
+        if !value.is_number() {
+            faults.push(fault(&format!("{at}/{name}"), "must be a number"));
+        }
+        value.as_f64()
+    });
+    if faults.len() > before {
+        return None;
+    }
+    let made = Variable::new(lever?, end, start, bounds);
+    made.map_err(|(member, detail)| faults.push(fault(&format!("{at}/{member}"), &detail))).ok()
+}
+
+fn count(
+    members: &Map<String, Value>,
+    name: &str,
+    [least, most]: [u64; 2],
+    usual: u64,
+    faults: &mut Vec<Fault>,
+) -> u64 {
+    let Some(value) = members.get(name).filter(|value| !value.is_null()) else { return usual };
+    // 62.0 is an integer in JSON.
+    let real = || value.as_f64().filter(|x| x.fract() == 0.0 && (0.0..=SEED_MAX as f64).contains(x)).map(|x| x as u64);
+    let number = value.as_u64().or_else(real).filter(|n| (least..=most).contains(n));
+    number.unwrap_or_else(|| {
+        faults.push(fault(&format!("/{name}"), &format!("must be an integer from {least} to {most}")));
+        usual
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(body: &Value) -> Result<FitSpec, Vec<String>> {
+        FitSpec::read(body, Vec::new()).map_err(|faults| faults.into_iter().map(|fault| fault.pointer).collect())
+    }
+
+    #[test]
+    fn a_short_request_takes_defaults_and_round_trips() {
+        let body = json!({ "targets": [{ "region": "ampulla", "quantity": "folds_on_ring", "value": 30 }] });
+        let fit = read(&body).unwrap();
+        assert_eq!((fit.preset.name.as_str(), fit.seeds, fit.models, fit.seed), ("pig", 2, 4, 0));
+        assert_eq!((fit.targets[0].low, fit.targets[0].high), (28.5, 31.5));
+        assert_eq!(fit.variables.len(), 3);
+        assert_eq!(read(&fit.to_json()).unwrap(), fit);
+        assert_eq!(fit.digest(), read(&fit.to_json()).unwrap().digest());
+        assert_ne!(fit.digest(), read(&json!({ "seed": 1, "targets": body["targets"] })).unwrap().digest());
+        let seeds: Vec<u64> = fit.search_seeds().chain(fit.model_seeds()).collect();
+        assert_eq!(seeds, [0, 1, 2, 3, 4, 5]);
+    }
+
+    #[test]
+    fn targets_come_as_csv_too() {
+        let csv = "region,quantity,value,low,high\nampulla,folds_on_ring,30,28,\n whole , fill ,,0.6,0.8\n";
+        let fit = read(&json!({ "targets_csv": csv })).unwrap();
+        let numbers: Vec<[f64; 3]> = fit.targets.iter().map(|t| [t.low, t.value, t.high]).collect();
+        assert_eq!(numbers, [[28.0, 30.0, 31.5], [0.6, 0.7, 0.8]]);
+        for (csv, hint) in [
+            ("", "column `region` is missing"),
+            ("region,value\nampulla,1", "column `quantity` is missing"),
+            ("region,quantity,vaule\n", "column `vaule` is unknown"),
+            ("region,quantity,value\nampulla,fill,x", "row 1: value: `x` is no number"),
+            ("region,quantity,value\nampulla,fill,inf", "is no number"),
+            ("region,quantity,value\nampulla,fill", "row 1: CSV error"),
+            ("region,quantity,value\nampulla,fill,0.7\nampulla,fil,0.7", "row 2: quantity: is unknown"),
+            ("region,quantity\nampulla,fill", "row 1: value: is needed"),
+        ] {
+            let faults = FitSpec::read(&json!({ "targets_csv": csv }), Vec::new()).unwrap_err();
+            assert!(faults[0].detail.contains(hint), "{csv:?}: {faults:?}");
+        }
+    }
+
+    #[test]
+    fn every_fault_names_its_member() {
+        let good = json!({ "region": "ampulla", "quantity": "fill", "value": 0.7 });
+        let with = |name: &str, value: Value| {
+            let mut body = json!({ "targets": [good.clone()] });
+            body[name] = value;
+            body
+        };
+        for (body, pointer) in [
+            (json!([]), ""),
+            (json!({}), "/targets"),
+            (json!({ "targets": [] }), "/targets"),
+            (json!({ "targets": 3 }), "/targets"),
+            (json!({ "targets": [3] }), "/targets/0"),
+            (json!({ "targets": [{ "region": "ampulla", "quantity": "fill" }] }), "/targets/0/value"),
+            (json!({ "targets": [{ "region": "ampulla", "value": 1 }] }), "/targets/0/quantity"),
+            (json!({ "targets": [{ "region": "x", "quantity": "fill", "value": 1 }] }), "/targets/0/region"),
+            (json!({ "targets": [{ "region": "ampulla", "quantity": "fill", "value": "1" }] }), "/targets/0/value"),
+            (
+                json!({ "targets": [{ "region": "ampulla", "quantity": "fill", "value": 1, "low": 2 }] }),
+                "/targets/0/low",
+            ),
+            (
+                json!({ "targets": [{ "region": "ampulla", "quantity": "fill", "value": 1, "high": 0 }] }),
+                "/targets/0/high",
+            ),
+            (json!({ "targets": [{ "region": "ampulla", "quantity": "fill", "value": 1, "lo": 0 }] }), "/targets/0/lo"),
+            (json!({ "targets": vec![good.clone(); 101] }), "/targets"),
+            (with("sede", json!(1)), "/sede"),
+            (with("preset", json!("dog")), "/preset"),
+            (with("preset", json!(1)), "/preset"),
+            (with("spec", json!({ "steps": -1 })), "/spec/steps"),
+            (with("seed", json!(-1)), "/seed"),
+            (with("evaluations", json!(0)), "/evaluations"),
+            (with("evaluations", json!(2001)), "/evaluations"),
+            (with("seeds", json!(1.5)), "/seeds"),
+            (with("models", json!("4")), "/models"),
+            (with("vary", json!([])), "/vary"),
+            (with("vary", json!([1])), "/vary/0"),
+            (with("vary", json!([{ "parameter": "/collision" }])), "/vary/0/parameter"),
+            (with("vary", json!([{ "parameter": "/friction", "end": "middle" }])), "/vary/0/end"),
+            (with("vary", json!([{ "parameter": "/length_mm", "end": "ampulla" }])), "/vary/0/end"),
+            (with("vary", json!([{ "parameter": "/friction", "from": "0" }])), "/vary/0/from"),
+            (with("vary", json!([{ "parameter": "/friction", "from": 0.2, "to": 0.1 }])), "/vary/0/to"),
+            (
+                with("vary", json!([{ "parameter": "/friction" }, { "parameter": "/friction", "end": "ampulla" }])),
+                "/vary/1/parameter",
+            ),
+            (with("vary", json!([{ "parameter": "/friction", "form": 1 }])), "/vary/0/form"),
+        ] {
+            assert_eq!(read(&body).unwrap_err().first().map(String::as_str), Some(pointer), "{body}");
+        }
+        assert!(read(&with("seed", json!(7.0))).is_ok_and(|fit| fit.seed == 7));
+    }
+}

@@ -1,0 +1,280 @@
+//! The search: CMA-ES over the places between the bounds of the variables, and between its generations steps of a linear model of
+//! the deviations, which need far fewer candidates where one holds.
+//!
+//! Its state is the list of candidates so far. The optimiser draws from a generator with a fixed seed, so that a search that
+//! continues from a checkpoint asks for the same candidates again and finds them in the list.
+
+use super::error::FitError;
+use super::evaluate::{Candidate, Evaluator, Unmeasured};
+use super::linear::Linear;
+use super::request::FitSpec;
+use super::target::Target;
+use super::watch::Watch;
+use cmaes::{CMAESOptions, DVector};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// First standard deviation of the candidates, as a part of the distance of the bounds.
+const SPREAD: f64 = 0.12;
+/// The search ends when every deviation is below this: a fifth of the accepted range.
+const CLOSE: f64 = 0.2;
+/// How far a step of the linear model goes in a variable, as a part of the distance of the bounds.
+const REACHES: [f64; 2] = [0.3, 0.08];
+/// Steps of the linear model are repeated if the misfit falls below this part of the last one.
+const PAYS: f64 = 0.9;
+/// The search ends when so many generations have not lowered the misfit like that.
+const PATIENCE: usize = 4;
+/// The candidates no longer differ when their standard deviation is below this part of the distance of the bounds.
+const LEAST_SPREAD: f64 = 1e-3;
+/// Misfit of a candidate without measures.
+const NO_MODEL: f64 = 1e6;
+
+/// Why a search ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Ended {
+    /// Every target is met closely.
+    Reached,
+    /// All evaluations are used.
+    Evaluations,
+    /// The misfit no longer falls.
+    Converged,
+}
+
+/// A finished search.
+#[derive(Debug)]
+pub(super) struct Found {
+    pub(super) best: Candidate,
+    /// Misfit of the spec that the search started from; none if it could not be measured.
+    pub(super) start: Option<f64>,
+    /// The candidates that could be measured, in order.
+    pub(super) candidates: Vec<Candidate>,
+    /// Candidates that could not be measured.
+    pub(super) failed: usize,
+    pub(super) ended: Ended,
+}
+
+/// A candidate with its measures or why it has none, as in checkpoints.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Entry {
+    places: Vec<f64>,
+    #[serde(default)]
+    measures: Vec<Option<f64>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    failed: Option<String>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Checkpoint {
+    /// Digest of the request and the engine.
+    digest: String,
+    entries: Vec<Entry>,
+}
+
+type Key = Vec<u64>;
+
+fn key(places: &[f64]) -> Key {
+    places.iter().map(|place| place.to_bits()).collect()
+}
+
+/// Candidates by place: those of a checkpoint are found instead of measured.
+pub(super) struct Archive<'a> {
+    fit: &'a FitSpec,
+    evaluator: Evaluator<'a>,
+    watch: &'a Watch<'a>,
+    known: Mutex<BTreeMap<Key, Entry>>,
+    /// Keys in the order in which they were asked for; the measured candidates of the search.
+    order: Mutex<Vec<Key>>,
+}
+
+impl<'a> Archive<'a> {
+    pub(super) fn new(fit: &'a FitSpec, checkpoint: Option<&[u8]>, watch: &'a Watch<'a>) -> Self {
+        let read = checkpoint.and_then(|bytes| serde_json::from_slice::<Checkpoint>(bytes).ok());
+        let entries = read.filter(|checkpoint| checkpoint.digest == fit.digest()).map(|checkpoint| checkpoint.entries);
+        let fits = |entry: &Entry| {
+            entry.places.len() == fit.variables.len()
+                && (entry.failed.is_some() || entry.measures.len() == fit.targets.len())
+        };
+        let known = entries.into_iter().flatten().filter(fits).map(|entry| (key(&entry.places), entry)).collect();
+        let evaluator = Evaluator::new(fit, watch.cancel());
+        Self { fit, evaluator, watch, known: Mutex::new(known), order: Mutex::default() }
+    }
+
+    pub(super) fn checkpoint(&self) -> Vec<u8> {
+        let checkpoint =
+            Checkpoint { digest: self.fit.digest(), entries: lock(&self.known).values().cloned().collect() };
+        serde_json::to_vec(&checkpoint).unwrap_or_default()
+    }
+
+    /// The misfit of a candidate that the optimiser asks for.
+    fn ask(&self, places: &[f64], asked: &Mutex<Vec<Key>>) -> f64 {
+        let entry = self.entry(places);
+        lock(asked).push(key(places));
+        let measured = entry.ok().and_then(candidate);
+        measured.map_or(NO_MODEL, |candidate| candidate.misfit(&self.fit.targets))
+    }
+
+    /// Lists the candidates of a generation, in an order that does not depend on the threads.
+    fn list(&self, mut asked: Vec<Key>, targets: &[Target]) {
+        let known = lock(&self.known);
+        let misfit = |key: &Key| known.get(key).cloned().and_then(candidate).map_or(NO_MODEL, |c| c.misfit(targets));
+        asked.sort_by(|a, b| misfit(a).total_cmp(&misfit(b)).then_with(|| a.cmp(b)));
+        lock(&self.order).extend(asked);
+    }
+
+    /// The measured candidates in order.
+    pub(super) fn candidates(&self) -> Vec<Candidate> {
+        self.all().0
+    }
+
+    /// The candidate of least misfit.
+    fn best(&self, targets: &[Target]) -> Option<Candidate> {
+        let (candidates, ..) = self.all();
+        candidates.into_iter().min_by(|a, b| a.misfit(targets).total_cmp(&b.misfit(targets)))
+    }
+
+    /// Measures candidates in parallel, and lists them in this order.
+    pub(super) fn measure(&self, all: &[Vec<f64>]) -> Result<Vec<Option<Candidate>>, Unmeasured> {
+        let entries: Vec<Entry> = all.par_iter().map(|places| self.entry(places)).collect::<Result<_, _>>()?;
+        lock(&self.order).extend(all.iter().map(|places| key(places)));
+        Ok(entries.into_iter().map(candidate).collect())
+    }
+
+    fn entry(&self, places: &[f64]) -> Result<Entry, Unmeasured> {
+        let key = key(places);
+        if let Some(known) = lock(&self.known).get(&key).cloned() {
+            let misfit = candidate(known.clone()).map(|candidate| candidate.misfit(&self.fit.targets));
+            self.watch.remembered(misfit);
+            return Ok(known);
+        }
+        let (measures, failed) = match self.evaluator.measure(places) {
+            Ok(measures) => (measures, None),
+            Err(Unmeasured::Failed(detail)) => (Vec::new(), Some(detail)),
+            Err(Unmeasured::Cancelled) => return Err(Unmeasured::Cancelled),
+        };
+        let entry = Entry { places: places.to_vec(), measures, failed };
+        lock(&self.known).insert(key, entry.clone());
+        let misfit = candidate(entry.clone()).map(|candidate| candidate.misfit(&self.fit.targets));
+        self.watch.measured(misfit, || self.checkpoint());
+        Ok(entry)
+    }
+
+    /// Candidates asked for so far.
+    pub(super) fn len(&self) -> usize {
+        lock(&self.order).len()
+    }
+
+    /// The measured candidates in order, the number of the others, and why the last of those failed.
+    fn all(&self) -> (Vec<Candidate>, usize, Option<String>) {
+        let (known, order) = (lock(&self.known), lock(&self.order));
+        let entries: Vec<&Entry> = order.iter().filter_map(|key| known.get(key)).collect();
+        let measured: Vec<Candidate> = entries.iter().filter_map(|&entry| candidate(entry.clone())).collect();
+        let failure = entries.iter().rev().find_map(|entry| entry.failed.clone());
+        let failed = entries.len() - measured.len();
+        (measured, failed, failure)
+    }
+}
+
+fn candidate(entry: Entry) -> Option<Candidate> {
+    entry.failed.is_none().then_some(Candidate { places: entry.places, measures: entry.measures })
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A coordinate of the optimiser as a place from 0 to 1: reflected at the bounds, so that it needs no bounds of its own.
+fn reflected(x: f64) -> f64 {
+    let turn = x.rem_euclid(2.0);
+    if turn > 1.0 { 2.0 - turn } else { turn }
+}
+
+/// Candidates of a generation: those that CMA-ES recommends, and an even number, so that two cores have equal work.
+pub(super) fn population(variables: usize) -> usize {
+    let usual = 4 + (3.0 * (variables as f64).ln()).floor() as usize;
+    usual.next_multiple_of(2)
+}
+
+/// Measures where a linear model of the deviations near the best candidate leads: as far as it wants, and a little.
+fn steps(fit: &FitSpec, archive: &Archive<'_>, best: Option<&Candidate>) -> Result<(), FitError> {
+    let Some(best) = best else { return Ok(()) };
+    let (candidates, ..) = archive.all();
+    let model = Linear::around(best, &candidates, &fit.targets);
+    archive.measure(&REACHES.map(|reach| model.step(reach)))?;
+    Ok(())
+}
+
+/// Searches until the targets are met closely, the evaluations are used, or the candidates no longer differ.
+pub(super) fn search(fit: &FitSpec, archive: &Archive<'_>) -> Result<Found, FitError> {
+    let targets = &fit.targets;
+    let start: Vec<f64> = fit.variables.iter().map(super::variable::Variable::start).collect();
+    let first = archive.measure(std::slice::from_ref(&start))?.remove(0);
+    let start_misfit = first.as_ref().map(|candidate| candidate.misfit(targets));
+    let population = population(start.len());
+    let budget = fit.evaluations as usize;
+    let asked = Mutex::default();
+    let objective = |x: &DVector<f64>| archive.ask(&x.iter().map(|&x| reflected(x)).collect::<Vec<_>>(), &asked);
+    let options = CMAESOptions::new(start, SPREAD).seed(fit.seed).population_size(population).tol_x(LEAST_SPREAD);
+    let mut optimiser =
+        options.build(objective).map_err(|error| FitError::Search { detail: format!("the optimiser: {error:?}") })?;
+    let mut best = first;
+    let mut steps_pay = false;
+    let (mut best_known, mut since) = (f64::INFINITY, 0);
+    let ended = loop {
+        if archive.watch.cancel().is_cancelled() {
+            return Err(FitError::Cancelled);
+        }
+        if best.as_ref().is_some_and(|best| best.worst(targets) <= CLOSE) {
+            break Ended::Reached;
+        }
+        if archive.len() + population > budget {
+            break Ended::Evaluations;
+        }
+        let before = best.as_ref().map_or(f64::INFINITY, |best| best.misfit(targets));
+        // Steps of the linear model as long as they pay, else a generation of the optimiser.
+        if steps_pay {
+            steps(fit, archive, best.as_ref())?;
+        } else {
+            let stopped = optimiser.next_parallel();
+            archive.list(std::mem::take(&mut *lock(&asked)), targets);
+            if stopped.is_some() {
+                best = archive.best(targets);
+                break Ended::Converged;
+            }
+        }
+        best = archive.best(targets);
+        let after = best.as_ref().map_or(f64::INFINITY, |best| best.misfit(targets));
+        steps_pay = !steps_pay || after < PAYS * before;
+        // Candidates since the misfit last fell clearly.
+        if after < PAYS * best_known {
+            (best_known, since) = (after, archive.len());
+        } else if archive.len() - since > PATIENCE * population {
+            break Ended::Converged;
+        }
+    };
+    let (candidates, failed, failure) = archive.all();
+    let Some(best) = best else {
+        let detail = failure.unwrap_or_default();
+        return Err(FitError::Search { detail: format!("no candidate could be measured: {detail}") });
+    };
+    Ok(Found { best, start: start_misfit, candidates, failed, ended })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coordinates_are_reflected_at_the_bounds() {
+        for (x, place) in [(0.3, 0.3), (1.0, 1.0), (1.2, 0.8), (-0.2, 0.2), (2.3, 0.3), (-1.1, 0.9)] {
+            assert!((reflected(x) - place).abs() < 1e-12, "{x}");
+        }
+    }
+
+    #[test]
+    fn generations_are_even() {
+        assert_eq!([1, 2, 3, 6, 10, 20].map(population), [4, 6, 8, 10, 10, 12]);
+    }
+}

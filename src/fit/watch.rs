@@ -1,0 +1,136 @@
+//! What a fit tells while it runs: progress, and checkpoints when they are wanted.
+
+use crate::clock::Stopwatch;
+use crate::generate::{CancelToken, Progress, Sink, Stage};
+use std::sync::{Mutex, PoisonError};
+
+/// Part of the whole that the search is counted as.
+const SEARCH: f64 = 0.85;
+
+/// Tells a sink how far a fit is.
+pub(super) struct Watch<'a> {
+    sink: &'a dyn Sink,
+    cancel: &'a CancelToken,
+    since: Stopwatch,
+    now: Mutex<Now>,
+}
+
+struct Now {
+    progress: Progress,
+    /// Models that are grown after the search.
+    models: u32,
+    /// Candidates that this attempt measured itself.
+    own: u32,
+}
+
+impl<'a> Watch<'a> {
+    pub(super) fn new(sink: &'a dyn Sink, cancel: &'a CancelToken, evaluations: u32, models: u32) -> Self {
+        let progress = Progress {
+            stage: Stage::Search,
+            fraction: 0.0,
+            step: 0,
+            steps: evaluations,
+            particles: 0,
+            sections: 0,
+            eta_seconds: None,
+            misfit: None,
+        };
+        sink.progress(&progress);
+        Self { sink, cancel, since: Stopwatch::start(), now: Mutex::new(Now { progress, models, own: 0 }) }
+    }
+
+    pub(super) fn cancel(&self) -> &'a CancelToken {
+        self.cancel
+    }
+
+    /// A candidate was measured; takes a checkpoint if one is wanted.
+    pub(super) fn measured(&self, misfit: Option<f64>, checkpoint: impl FnOnce() -> Vec<u8>) {
+        self.report(|now| {
+            now.own += 1;
+            count(&mut now.progress, misfit);
+        });
+        // One thread at a time, so that the others do not take one for the same wish.
+        let _now = self.now.lock().unwrap_or_else(PoisonError::into_inner);
+        if self.sink.wants_checkpoint() {
+            self.sink.checkpoint(checkpoint());
+        }
+    }
+
+    /// A candidate was found in the checkpoint.
+    pub(super) fn remembered(&self, misfit: Option<f64>) {
+        self.report(|now| count(&mut now.progress, misfit));
+    }
+
+    /// The search has ended.
+    pub(super) fn verify(&self) {
+        self.report(|now| now.progress.stage = Stage::Verify);
+    }
+
+    /// A model of the result has ended.
+    pub(super) fn grown(&self) {
+        self.report(|now| now.progress.sections += 1);
+    }
+
+    fn report(&self, change: impl FnOnce(&mut Now)) {
+        let mut now = self.now.lock().unwrap_or_else(PoisonError::into_inner);
+        change(&mut now);
+        let Now { progress, models, own } = &mut *now;
+        let part = |done: u32, all: u32| (f64::from(done) / f64::from(all.max(1))).min(1.0);
+        progress.fraction = match progress.stage {
+            Stage::Verify => SEARCH + (0.98 - SEARCH) * part(progress.sections, *models),
+            _ => SEARCH * part(progress.step, progress.steps),
+        };
+        // Of the candidates alone: how long the models take is not known before.
+        let left = progress.steps.saturating_sub(progress.step);
+        let searching = progress.stage == Stage::Search && *own > 1;
+        progress.eta_seconds = searching.then(|| self.since.seconds() / f64::from(*own) * f64::from(left));
+        self.sink.progress(progress);
+    }
+}
+
+fn count(progress: &mut Progress, misfit: Option<f64>) {
+    progress.step = (progress.step + 1).min(progress.steps);
+    progress.misfit = match (progress.misfit, misfit) {
+        (Some(best), Some(misfit)) => Some(best.min(misfit)),
+        (best, misfit) => best.or(misfit),
+    };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Section;
+
+    #[derive(Default)]
+    struct Told(Mutex<Vec<Progress>>, Mutex<Vec<Vec<u8>>>);
+
+    impl Sink for Told {
+        fn progress(&self, progress: &Progress) {
+            self.0.lock().unwrap().push(*progress);
+        }
+        fn section(&self, _: &Section) {}
+        fn wants_checkpoint(&self) -> bool {
+            self.1.lock().unwrap().is_empty()
+        }
+        fn checkpoint(&self, bytes: Vec<u8>) {
+            self.1.lock().unwrap().push(bytes);
+        }
+    }
+
+    #[test]
+    fn progress_grows_and_keeps_the_least_misfit() {
+        let (told, cancel) = (Told::default(), CancelToken::default());
+        let watch = Watch::new(&told, &cancel, 4, 2);
+        watch.remembered(Some(3.0));
+        watch.measured(None, || vec![1]);
+        watch.measured(Some(5.0), || vec![2]);
+        watch.verify();
+        watch.grown();
+        watch.grown();
+        let all = told.0.lock().unwrap();
+        let fractions: Vec<f64> = all.iter().map(|p| p.fraction).collect();
+        assert!(fractions.is_sorted() && fractions.last() < Some(&1.0), "{fractions:?}");
+        assert_eq!(all.last().map(|p| (p.stage, p.step, p.sections, p.misfit)), Some((Stage::Verify, 3, 2, Some(3.0))));
+        assert_eq!(*told.1.lock().unwrap(), [vec![1]]);
+    }
+}

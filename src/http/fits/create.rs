@@ -1,0 +1,156 @@
+//! `POST /fits` and `POST /fits/validate`: from a request to a queued fit.
+
+use super::request::{Accepted, FitRequest};
+use super::shape::{Fit, FitValidation, Parts};
+use crate::generate::Backend;
+use crate::http::AppState;
+use crate::http::access::{Caller, audit, run_to_completion};
+use crate::http::create::{earlier, key_of, too_much};
+use crate::http::draw::turn;
+use crate::http::faults::Fault;
+use crate::http::headers::IDEMPOTENCY_REPLAYED;
+use crate::http::json::LargeJsonBody;
+use crate::http::models::retry_after;
+use crate::http::problem::{Kind, Problem};
+use crate::http::responses::{FitProblems, QueueFull, StoreAway};
+use crate::jobs::{JobKind, NewJob, StoreError, Submitted};
+use crate::trace;
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde_json::Value;
+use std::sync::Arc;
+
+/// Most predicted seconds of a fit, on one core.
+const MOST_SECONDS: f64 = 24.0 * 3600.0;
+
+/// Reads and checks a body. Images are traced, which may take seconds.
+async fn check(state: &AppState, caller: &Caller, body: Value) -> Result<Accepted, Problem> {
+    // No more images are traced at a time than pictures are drawn.
+    let turn = if body.get("images").is_some() { Some(turn(state, caller).await?) } else { None };
+    let read = tokio::task::spawn_blocking(move || {
+        let _turn = turn;
+        Accepted::read(body)
+    });
+    let accepted = read.await.map_err(|error| {
+        tracing::error!(%error, "a request for a fit could not be read");
+        Problem::new(Kind::Internal, "The request could not be read.")
+    })?;
+    let accepted = accepted.map_err(Problem::invalid)?;
+    let costs = [Some(accepted.fit.start().clone()), accepted.fit.costliest()];
+    for spec in costs.into_iter().flatten() {
+        let cost = spec.cost(&[]);
+        state.limits.cost.check(&cost).map_err(|over| too_much(&cost, &over))?;
+    }
+    let seconds = accepted.fit.predicted_seconds();
+    if seconds > MOST_SECONDS {
+        let detail = format!(
+            "the fit would take about {seconds:.0} seconds of a core; the limit is {MOST_SECONDS}; reduce /evaluations, /seeds or the size of the model"
+        );
+        let fault = Fault::at("/evaluations", &detail);
+        return Err(Problem::new(Kind::CostLimit, detail).with_errors(vec![fault]));
+    }
+    Ok(accepted)
+}
+
+/// Request a fit.
+///
+/// It searches for parameters whose models have the measures in `targets` and `images`. It is queued with the models, runs on a
+/// CPU worker, and can be followed by `GET /fits/{id}` or its events.
+#[utoipa::path(
+    post, path = "/fits", operation_id = "create_fit", tag = "fits",
+    params(
+        ("idempotency-key" = Option<String>, Header, min_length = 1, max_length = 255, pattern = "^[!-~]+$", description = "1 to 255 visible ASCII characters. The same key with the same body returns the same fit"),
+    ),
+    request_body(content = FitRequest, content_type = "application/json"),
+    responses(
+        (status = 202, description = "Accepted", body = Fit, headers(
+            ("location" = String, description = "The fit, relative to this URL"),
+            ("retry-after" = u32, description = "Seconds to wait before the next request"),
+            ("idempotency-replayed" = String, description = "`true` if the key returned a fit that it had created before"))),
+        FitProblems, QueueFull, StoreAway,
+    )
+)]
+pub(in crate::http) async fn create(
+    State(state): State<AppState>,
+    caller: Caller,
+    headers: HeaderMap,
+    LargeJsonBody(body): LargeJsonBody,
+) -> Result<Response, Problem> {
+    // Keys of fits and of models are separate; no key that a client sends has this character.
+    let key = key_of(&headers, &body)?.map(|(key, body)| (format!("\u{1e}{key}"), body));
+    let submitted = match check(&state, &caller, body).await {
+        Ok(accepted) => queue(&state, &caller, accepted, key).await?,
+        // As for a model: a replayed request is not refused because of what has changed since.
+        Err(refusal) => Submitted::Replayed(earlier(&state, caller.owner(), key).await.ok_or(refusal)?),
+    };
+    let job = submitted.job();
+    let fit = Fit::of(job, state.limits.keep, Parts::All);
+    let mut response = (StatusCode::ACCEPTED, Json(fit)).into_response();
+    let headers = response.headers_mut();
+    if let Ok(location) = HeaderValue::try_from(format!("fits/{}", job.id)) {
+        headers.insert(header::LOCATION, location);
+    }
+    headers.insert(header::RETRY_AFTER, retry_after(job));
+    if matches!(submitted, Submitted::Replayed(_)) {
+        headers.insert(IDEMPOTENCY_REPLAYED, HeaderValue::from_static("true"));
+    }
+    Ok(response)
+}
+
+async fn queue(
+    state: &AppState,
+    caller: &Caller,
+    accepted: Accepted,
+    idempotency: Option<(String, String)>,
+) -> Result<Submitted, StoreError> {
+    let Accepted { fit, labels, priority } = accepted;
+    let new = NewJob {
+        kind: JobKind::Fit,
+        preset: fit.preset().name.clone(),
+        seed: fit.seed(),
+        spec: fit.to_json(),
+        outputs: Vec::new(),
+        backend: Backend::Cpu,
+        labels,
+        priority,
+        digest: fit.digest(),
+        engine: crate::ENGINE_VERSION.to_owned(),
+        reuse: false,
+        missing: Vec::new(),
+        batch_key: None,
+        idempotency,
+        owner: caller.owner().map(str::to_owned),
+        quota: caller.quota(),
+        trace: trace::current(),
+        retry_of: None,
+    };
+    let (store, caller) = (Arc::clone(&state.store), caller.clone());
+    run_to_completion(async move {
+        let submitted = store.submit(new).await?;
+        if !matches!(submitted, Submitted::Replayed(_)) {
+            audit(&caller, "fit created", submitted.job().id);
+        }
+        Ok(submitted)
+    })
+    .await
+}
+
+/// Check a request for a fit, without queueing anything.
+///
+/// The answer has the targets measured in images, and the parameters that would be varied.
+#[utoipa::path(
+    post, path = "/fits/validate", operation_id = "validate_fit", tag = "fits",
+    request_body(content = FitRequest, content_type = "application/json"),
+    responses((status = 200, description = "The request is valid", body = FitValidation), FitProblems, StoreAway)
+)]
+pub(in crate::http) async fn validate(
+    State(state): State<AppState>,
+    caller: Caller,
+    LargeJsonBody(body): LargeJsonBody,
+) -> Result<Json<FitValidation>, Problem> {
+    let Accepted { fit, .. } = check(&state, &caller, body).await?;
+    let (request, digest, seconds) = (fit.to_json(), fit.digest(), fit.predicted_seconds());
+    Ok(Json(FitValidation { request, digest, seconds }))
+}

@@ -1,0 +1,40 @@
+//! Fits: parameters searched for by what the models measure.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `request` | the body of a request |
+//! | `create` | `POST /fits`, `POST /fits/validate` |
+//! | `read` | list, read, cancel, delete |
+//! | `follow`, `reader` | events |
+//! | `shape` | bodies of answers |
+
+pub(super) mod create;
+pub(super) mod follow;
+pub(super) mod read;
+pub(super) mod reader;
+mod request;
+mod shape;
+
+use super::extract::{PathTexts, parse_id};
+use super::problem::{Kind, Problem};
+use crate::jobs::JobId;
+use axum::extract::FromRequestParts;
+use axum::http::request::Parts;
+
+/// The id in the path of a fit; 404 if it is no UUID.
+pub(super) struct FitId(JobId);
+
+impl<S: Send + Sync> FromRequestParts<S> for FitId {
+    type Rejection = Problem;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Problem> {
+        let texts = PathTexts::from_request_parts(parts, state).await?;
+        let text = texts.get("id");
+        parse_id(text).map(Self).ok_or_else(|| no_fit(text))
+    }
+}
+
+/// 404 for a fit.
+fn no_fit(id: impl std::fmt::Display) -> Problem {
+    Problem::new(Kind::FitNotFound, format!("There is no fit {id}. It never existed, or it was deleted."))
+}

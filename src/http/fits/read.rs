@@ -1,0 +1,131 @@
+//! `GET /fits`, `GET`, `DELETE /fits/{id}`, `POST /fits/{id}/cancel`.
+
+use super::shape::{Fit, FitList, Parts};
+use super::{FitId, no_fit};
+use crate::http::AppState;
+use crate::http::access::{Caller, audited};
+use crate::http::extract::Parameters;
+use crate::http::models::{retry_after, tag};
+use crate::http::problem::Problem;
+use crate::http::responses::{BadParameters, FitMissing, StoreAway};
+use crate::http::select;
+use crate::jobs::{JobKind, ListFilter};
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use std::sync::Arc;
+
+/// Parameters that narrow a list of fits.
+const CONDITIONS: [&str; 6] = ["status", "preset", "label", "owner", "created_after", "created_before"];
+
+/// List fits, newest first.
+#[utoipa::path(
+    get, path = "/fits", operation_id = "list_fits", tag = "fits",
+    params(
+        ("status" = Option<crate::jobs::Status>, Query, description = "Only fits of this status"),
+        ("preset" = Option<String>, Query, pattern = "^[^\\u0000]*$", description = "Only fits of this preset"),
+        ("label" = Option<Vec<String>>, Query, max_items = 16, pattern = "^[^:\\u0000]+:[^\\u0000]*$", description = "Only fits with this label, `key:value`. May be given up to 16 times"),
+        ("owner" = Option<String>, Query, pattern = "^[^\\u0000]*$", description = "Only fits of this owner; for keys that allow `admin`, or your own name"),
+        ("created_after" = Option<String>, Query, format = DateTime, description = "Only fits accepted then or later"),
+        ("created_before" = Option<String>, Query, format = DateTime, description = "Only fits accepted before"),
+        ("limit" = Option<u32>, Query, minimum = 1, maximum = 100, description = "Most fits on the page; 20 by default"),
+        ("cursor" = Option<String>, Query, format = Uuid, description = "`next` of the previous page"),
+    ),
+    responses((status = 200, description = "A page of fits", body = FitList), BadParameters, StoreAway)
+)]
+pub(in crate::http) async fn list(
+    State(state): State<AppState>,
+    caller: Caller,
+    parameters: Parameters,
+) -> Result<Json<FitList>, Problem> {
+    let mut faults = parameters.faults(&[&CONDITIONS[..], &["limit", "cursor"]].concat(), &["label"]);
+    let filter = select::read(&parameters, &caller, &mut faults);
+    let (limit, before) = select::page(&parameters, &mut faults);
+    Problem::check(faults)?;
+    let filter = ListFilter { kind: JobKind::Fit, limit, before, ..filter };
+    let page = state.store.list(&filter).await?;
+    let fits = page.jobs.iter().map(|job| Fit::of(job, state.limits.keep, Parts::Summary)).collect();
+    Ok(Json(FitList { fits, next: page.next.map(|id| id.to_string()) }))
+}
+
+/// Read a fit.
+///
+/// A fit that has ended never changes, but for its removal.
+#[utoipa::path(
+    get, path = "/fits/{id}", operation_id = "get_fit", tag = "fits",
+    params(
+        ("id" = Uuid, Path, description = "Id of the fit"),
+        ("if-none-match" = Option<String>, Header, description = "Entity tags that the client has"),
+    ),
+    responses(
+        (status = 200, description = "The fit", body = Fit, headers(
+            ("etag" = String, description = "The version, followed by the position in the queue if that is not 0"),
+            ("retry-after" = Option<u32>, description = "Seconds to wait before the next request; absent once it has ended"))),
+        (status = 304, description = "The fit has not changed"),
+        FitMissing, BadParameters, StoreAway,
+    )
+)]
+pub(in crate::http) async fn get(
+    State(state): State<AppState>,
+    caller: Caller,
+    FitId(id): FitId,
+    parameters: Parameters,
+    headers: HeaderMap,
+) -> Result<Response, Problem> {
+    Problem::check(parameters.faults(&[], &[]))?;
+    let job = caller.fit(state.store.get(id).await?).ok_or_else(|| no_fit(id))?;
+    let cache = HeaderValue::from_static("no-cache");
+    let mut response = if tag(&job).matches_none(&headers) {
+        tag(&job).not_modified(cache)?
+    } else {
+        let fit = Fit::of(&job, state.limits.keep, Parts::All);
+        ([(header::ETAG, tag(&job).header()?), (header::CACHE_CONTROL, cache)], Json(fit)).into_response()
+    };
+    if !job.status.is_ended() {
+        response.headers_mut().insert(header::RETRY_AFTER, retry_after(&job));
+    }
+    Ok(response)
+}
+
+/// Cancel a fit.
+///
+/// A queued fit ends at once, a running one within a second. An ended fit does not change.
+#[utoipa::path(
+    post, path = "/fits/{id}/cancel", operation_id = "cancel_fit", tag = "fits",
+    params(("id" = Uuid, Path, description = "Id of the fit")),
+    responses((status = 200, description = "The fit", body = Fit), FitMissing, StoreAway)
+)]
+pub(in crate::http) async fn cancel(
+    State(state): State<AppState>,
+    caller: Caller,
+    FitId(id): FitId,
+) -> Result<Json<Fit>, Problem> {
+    caller.fit(state.store.get(id).await?).ok_or_else(|| no_fit(id))?;
+    let store = Arc::clone(&state.store);
+    let cancelled = audited(&caller, "fit cancelled", id, async move { store.cancel(id).await });
+    let job = cancelled.await?.ok_or_else(|| no_fit(id))?;
+    if let Some(checkpoint) = job.checkpoint.clone().filter(|_| job.status.is_ended()) {
+        state.forget(vec![checkpoint]).await;
+    }
+    Ok(Json(Fit::of(&job, state.limits.keep, Parts::All)))
+}
+
+/// Delete a fit. It is cancelled if it has not ended.
+#[utoipa::path(
+    delete, path = "/fits/{id}", operation_id = "delete_fit", tag = "fits",
+    params(("id" = Uuid, Path, description = "Id of the fit")),
+    responses((status = 204, description = "The fit was deleted"), FitMissing, StoreAway)
+)]
+pub(in crate::http) async fn delete(
+    State(state): State<AppState>,
+    caller: Caller,
+    FitId(id): FitId,
+) -> Result<StatusCode, Problem> {
+    caller.fit(state.store.get(id).await?).ok_or_else(|| no_fit(id))?;
+    let store = Arc::clone(&state.store);
+    let deleted = audited(&caller, "fit deleted", id, async move { store.delete(id).await });
+    let keys = deleted.await?.ok_or_else(|| no_fit(id))?;
+    state.forget(keys).await;
+    Ok(StatusCode::NO_CONTENT)
+}

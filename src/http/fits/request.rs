@@ -1,0 +1,143 @@
+//! The body of a request for a fit.
+
+use crate::fit::FitSpec;
+use crate::http::faults::{Fault, Faults};
+use crate::http::request::{labels, priority};
+use crate::http::responses::SpecPatch;
+use crate::jobs::Priority;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use utoipa::ToSchema;
+
+/// What to fit. Targets come from `targets`, `targets_csv` and `images`; at least one is needed.
+#[derive(Debug, ToSchema)]
+#[expect(dead_code, reason = "describes the body; `Accepted::read` reads it and collects its faults")]
+pub(super) struct FitRequest {
+    /// Name of a preset; see `GET /presets`. `pig` by default.
+    #[schema(required = false)]
+    preset: String,
+    /// The spec that the search starts from, as a patch of the preset.
+    #[schema(value_type = SpecPatch, required = false)]
+    spec: Value,
+    /// Measures to be reached.
+    #[schema(required = false, max_items = 100)]
+    targets: Vec<FitTarget>,
+    /// The same as CSV: a header with the columns `region`, `quantity`, `value`, `low`, `high`, and one row a target.
+    #[schema(required = false)]
+    targets_csv: String,
+    /// Sections to be measured as targets.
+    #[schema(required = false, max_items = 20)]
+    images: Vec<SectionImage>,
+    /// The parameters to search for; by default those that the targets depend on, between half and twice their values.
+    #[schema(required = false, min_items = 1, max_items = 20)]
+    vary: Vec<FitVariable>,
+    /// Candidates at most; 120 by default.
+    #[schema(required = false, minimum = 1, maximum = 2000)]
+    evaluations: u32,
+    /// Seeds with which each candidate is measured; 2 by default.
+    #[schema(required = false, minimum = 1, maximum = 16)]
+    seeds: u32,
+    /// Models of the result that are grown in full, each with another seed; 4 by default.
+    #[schema(required = false, minimum = 1, maximum = 20)]
+    models: u32,
+    /// First of the seeds, and the seed of the search; 0 by default.
+    #[schema(required = false, minimum = 0, maximum = 9007199254740955i64)]
+    seed: u64,
+    /// Names and values of the client's own, to find fits by.
+    #[schema(required = false)]
+    labels: BTreeMap<String, String>,
+    /// Of the queued jobs, those of higher priority are started first.
+    #[schema(required = false, minimum = -100, maximum = 100)]
+    priority: i64,
+}
+
+/// A measure to be reached. Either `value` or both `low` and `high` are needed: the value is then their middle; the range is by
+/// default 5 % of the value to both sides.
+#[derive(Debug, ToSchema)]
+#[expect(dead_code, reason = "describes a member of the body")]
+pub(super) struct FitTarget {
+    /// `isthmus`, `junction`, `ampulla`, `whole`, or `tube` for a measure of the whole tube.
+    region: String,
+    /// Name of the quantity, as in the report of a model.
+    quantity: String,
+    /// The value to be reached: the mean over the region.
+    #[schema(required = false)]
+    value: Option<f64>,
+    /// Lower end of the accepted range.
+    #[schema(required = false)]
+    low: Option<f64>,
+    /// Upper end of the accepted range.
+    #[schema(required = false)]
+    high: Option<f64>,
+    /// Where it comes from.
+    #[schema(required = false, max_length = 300)]
+    source: Option<String>,
+}
+
+/// A section as an image. It is traced, and measured like a section of a model.
+#[derive(Debug, ToSchema)]
+#[expect(dead_code, reason = "describes a member of the body")]
+pub(super) struct SectionImage {
+    /// Region that the section is from.
+    region: String,
+    /// The image: a PNG of 1 to 8 bits, grey or with a palette, without transparency, as base64.
+    png: String,
+    /// Side of a pixel, micrometres.
+    #[schema(minimum = 0.05, maximum = 100)]
+    pixel_um: f64,
+    /// Values of pixels (of a palette: indices) that are tissue; by default all but 0.
+    #[schema(required = false)]
+    tissue: Option<Vec<u8>>,
+    /// Quantities that become targets; by default those that a single section has reliably.
+    #[schema(required = false)]
+    quantities: Option<Vec<String>>,
+    /// Accepted range as a part of the value to both sides; 0.1 by default.
+    #[schema(required = false, minimum = 0.001, maximum = 1)]
+    tolerance: Option<f64>,
+}
+
+/// A parameter to search for.
+#[derive(Debug, ToSchema)]
+#[expect(dead_code, reason = "describes a member of the body")]
+pub(super) struct FitVariable {
+    /// JSON pointer of a parameter that takes numbers, such as `/collision/gap_um`.
+    parameter: String,
+    /// End of the tube whose values are changed, of a parameter that may change along the tube; by default the parameter as a
+    /// whole.
+    #[schema(required = false)]
+    end: Option<crate::spec::End>,
+    /// Lower bound; by default half of the value in the spec. Of a schedule: of its value at that end, or at the ampulla end.
+    #[schema(required = false)]
+    from: Option<f64>,
+    /// Upper bound; by default twice the value in the spec.
+    #[schema(required = false)]
+    to: Option<f64>,
+}
+
+/// A request that passed all checks.
+pub(super) struct Accepted {
+    pub(super) fit: FitSpec,
+    pub(super) labels: BTreeMap<String, String>,
+    pub(super) priority: Priority,
+}
+
+impl Accepted {
+    /// Reads a body; takes long if it has large images.
+    ///
+    /// # Errors
+    /// All faults.
+    pub(super) fn read(mut body: Value) -> Result<Self, Faults> {
+        let mut faults = Faults::default();
+        let mut take = |name: &str| body.as_object_mut().and_then(|members| members.remove(name));
+        let labels = take("labels").map_or_else(BTreeMap::new, |value| labels(&value, &mut faults));
+        let priority = take("priority").map_or_else(Priority::default, |value| priority(&value, &mut faults));
+        match FitSpec::read(&body, Vec::new()) {
+            Ok(fit) if faults.is_empty() => Ok(Self { fit, labels, priority }),
+            Ok(_) => Err(faults),
+            Err(found) => {
+                faults.extend(found.into_iter().map(|fault| Fault::at(fault.pointer, fault.detail)));
+                Err(faults)
+            }
+        }
+    }
+}
