@@ -4,7 +4,7 @@
 //! refused names a place, and indices lie within what they index. The functions are beside the code that they test, in
 //! files named `fuzzing.rs`. Only builds with the feature `fuzzing` have them.
 
-use crate::{export, generate, http, measure, sim, spec};
+use crate::{export, fit, generate, http, measure, sim, spec};
 
 /// One target. Its corpus is `fuzz/corpus/<name>`, its program `fuzz/fuzz_targets/<name>.rs`.
 #[derive(Debug)]
@@ -47,6 +47,8 @@ pub const STL: Target = Target { name: "stl", run: export::fuzzing::stl, memory:
 pub const PLY: Target = Target { name: "ply", run: export::fuzzing::ply, memory: in_proportion };
 /// `sections.bin`.
 pub const SECTIONS: Target = Target { name: "sections", run: export::sections_bin::fuzzing::sections, memory: at_most };
+/// Requests for fits, with their images.
+pub const FIT: Target = Target { name: "fit", run: fit::fuzzing::fit, memory: at_most };
 /// Images of sections.
 pub const MICROGRAPH: Target =
     Target { name: "micrograph", run: measure::micrograph::fuzzing::micrograph, memory: at_most };
@@ -56,5 +58,5 @@ pub const STATE: Target = Target { name: "state", run: sim::cpu::fuzzing::state,
 pub const CHECKPOINT: Target = Target { name: "checkpoint", run: generate::fuzzing::checkpoint, memory: at_most };
 
 /// All targets.
-pub const TARGETS: [&Target; 12] =
-    [&REQUEST, &BATCH, &HEADERS, &PATCH, &GLTF, &OBJ, &STL, &PLY, &SECTIONS, &MICROGRAPH, &STATE, &CHECKPOINT];
+pub const TARGETS: [&Target; 13] =
+    [&REQUEST, &BATCH, &FIT, &HEADERS, &PATCH, &GLTF, &OBJ, &STL, &PLY, &SECTIONS, &MICROGRAPH, &STATE, &CHECKPOINT];

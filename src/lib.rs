@@ -11,7 +11,7 @@
 //! | 0 | [`clock`], [`metrics`], [`status`], [`availability`], [`random`], [`tls`], [`model`], [`geometry`], [`tissue`] |
 //! | 1 | [`spec`] |
 //! | 2 | [`sim`], [`mesh`], [`measure`], [`export`], [`render`] |
-//! | 3 | [`generate`], [`jobs`], [`preview`] |
+//! | 3 | [`generate`], [`fit`], [`jobs`], [`preview`], [`report`] |
 //! | 4 | [`worker`], [`http`] |
 //! | 5 | [`cli`], and `fuzzing` in builds with that feature |
 
@@ -34,6 +34,7 @@ pub mod mesh;
 pub mod render;
 pub mod sim;
 
+pub mod fit;
 pub mod generate;
 pub mod jobs;
 pub mod preview;

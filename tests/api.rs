@@ -17,6 +17,7 @@ mod api {
     mod examples;
     mod faulty;
     mod files;
+    mod fits;
     mod greedy;
     mod models;
     mod narrow;

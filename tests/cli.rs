@@ -6,6 +6,10 @@ mod cluster;
 #[allow(unreachable_pub, reason = "a module of its own")]
 #[path = "cli/collector.rs"]
 mod collector;
+#[path = "cli/figures.rs"]
+mod figures;
+#[path = "cli/fit.rs"]
+mod fit;
 #[path = "cli/keys.rs"]
 mod keys;
 #[path = "cli/load.rs"]

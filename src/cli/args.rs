@@ -3,6 +3,9 @@
 //! Environment variables are not declared here: [`super::config`] gives every long option its `OVIDUCT_…` variable.
 
 mod database;
+mod figures;
+mod fit;
+mod gpu;
 mod keys;
 mod limits;
 mod load;
@@ -12,10 +15,13 @@ mod surfaces;
 mod workers;
 
 pub(super) use database::DatabaseArgs;
+pub(super) use figures::{FiguresArgs, Number};
+pub(super) use fit::FitArgs;
+pub(super) use gpu::{GpuArgs, GpuUse};
 pub(super) use keys::{Keys, KeysAddArgs, KeysListArgs, KeysRevokeArgs, KeysRotateArgs};
 pub(super) use limits::LimitArgs;
 pub(super) use load::LoadArgs;
-pub(super) use model::ModelArgs;
+pub(super) use model::{ModelArgs, SpecArgs};
 pub(super) use remote::RemoteArgs;
 pub(super) use surfaces::{CheckArgs, MeasureArgs, RenderArgs, ReportArgs, SectionArgs};
 pub(super) use workers::{WorkersAction, WorkersArgs};
@@ -88,8 +94,12 @@ pub(super) enum Command {
     Render(RenderArgs),
     /// Grow models of several seeds and compare what they measure with published anatomy
     Compare(CompareArgs),
+    /// Search for parameters whose models have given measures, such as those of micrographs
+    Fit(FitArgs),
     /// Write the report of a model as one HTML page: morphometry beside published anatomy, pictures, certificate, parameters
     Report(ReportArgs),
+    /// Make Figures 4, 7, 8, 9, 10 and 11 of the paper again, from a model and measurements on this machine
+    Figures(FiguresArgs),
     /// Draw a section of a sections.bin file as a stained slide, or as a label image
     Section(SectionArgs),
     /// Measure the section in an image: a mask, or a label image
@@ -125,6 +135,7 @@ impl Command {
             Self::Serve(args) => args.process.gpu.gpu,
             Self::Worker(args) => args.process.gpu.gpu,
             Self::Generate(args) if matches!(args.model.backend, Backend::Auto | Backend::Gpu) => args.gpu.gpu,
+            Self::Figures(args) => args.gpu.gpu,
             Self::Bench(args) if matches!(args.what, Bench::Paper | Bench::Batch) => args.gpu.gpu,
             Self::Demo(_) => GpuUse::Auto,
             _ => GpuUse::Off,
@@ -271,26 +282,6 @@ pub(super) struct ProcessArgs {
     /// Time without progress after which a connection is closed whose client does not read its answer
     #[arg(long, value_name = "TIME", value_parser = units::positive_duration, default_value = "60s")]
     pub(super) write_timeout: Duration,
-}
-
-/// Which GPUs to use.
-#[derive(Clone, Copy, Debug, Args)]
-pub(super) struct GpuArgs {
-    /// Whether to use GPUs
-    #[arg(long, value_name = "WHEN", value_enum, default_value_t = GpuUse::Auto)]
-    pub(super) gpu: GpuUse,
-    /// Also use adapters that compute on the CPU (Mesa's llvmpipe); slow, for tests
-    #[arg(long, value_parser = FalseyValueParser::new())]
-    pub(super) allow_software_adapter: bool,
-}
-
-/// Whether to use GPUs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum GpuUse {
-    /// All GPUs of this machine.
-    Auto,
-    /// None.
-    Off,
 }
 
 /// Options of `generate`.

@@ -219,7 +219,7 @@ mod tests {
             panic!("generate")
         };
         assert_eq!(generate.model.outputs, [Output::Obj]);
-        assert_eq!(generate.model.set, ["a=1", "b=2"]);
+        assert_eq!(generate.model.of.set, ["a=1", "b=2"]);
     }
 
     #[test]
@@ -287,7 +287,7 @@ mod tests {
     #[test]
     fn the_demo_grows_seed_7_unless_another_is_given() {
         let seed = |line| match run("", line).expect("parses").command {
-            Command::Demo(demo) => demo.model.seed,
+            Command::Demo(demo) => demo.model.of.seed,
             _ => panic!("demo"),
         };
         assert_eq!((seed("demo"), seed("demo --seed 9")), (Some(7), Some(9)));

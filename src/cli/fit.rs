@@ -1,13 +1,14 @@
 //! `oviduct fit`: searches for parameters whose models have given measures.
 
-use super::args::FitArgs;
+use super::args::{FitArgs, SpecArgs};
 use super::exit::{Ended, Failure};
 use super::interrupt::Signals;
 use super::scratch::Scratch;
-use super::{model, term};
+use super::{measure, model, term};
 use crate::clock::Stopwatch;
-use crate::fit::{FitError, FitResult, FitSpec, Why, fit};
+use crate::fit::{FitError, FitResult, FitSpec, IMAGE_TOLERANCE, SectionImage, Target, Why, fit, image_targets};
 use crate::generate::{CancelToken, Progress, Sink};
+use crate::measure::micrograph::Reading;
 use crate::model::Section;
 use anyhow::Context;
 use serde_json::{Value, json};
@@ -64,7 +65,8 @@ pub(super) async fn run(args: FitArgs) -> Ended {
 
 /// The request that the options describe; faults name the option.
 fn request(args: &FitArgs) -> Result<FitSpec, Failure> {
-    let spec = model::patch_of(args.spec.as_deref(), &args.set)?;
+    let (preset, spec, set) = (args.preset.clone(), args.spec.clone(), args.set.clone());
+    let spec = model::patch(&SpecArgs { preset, seed: None, spec, set })?;
     let mut targets = Vec::new();
     let mut csv = None;
     if let Some(path) = &args.targets {
@@ -95,7 +97,7 @@ fn request(args: &FitArgs) -> Result<FitSpec, Failure> {
         let vary = |text: &String| vary(text).map_err(|detail| Failure::usage(format!("--vary {text}: {detail}")));
         body["vary"] = args.vary.iter().map(vary).collect::<Result<Vec<Value>, Failure>>()?.into();
     }
-    FitSpec::read(&body, Vec::new()).map_err(|faults| {
+    FitSpec::read(&body, images(args)?).map_err(|faults| {
         let line = |fault: &crate::spec::Fault| {
             let detail = &fault.detail;
             let mut parts = fault.pointer.split('/').skip(1);
@@ -114,6 +116,27 @@ fn request(args: &FitArgs) -> Result<FitSpec, Failure> {
                 (Some(name), _) => format!("--{name}: {detail}"),
                 (None, _) => detail.clone(),
             }
+        };
+        Failure::Usage(faults.iter().map(line).collect())
+    })
+}
+
+/// Targets from the images.
+fn images(args: &FitArgs) -> Result<Vec<Target>, Failure> {
+    let mut images = Vec::new();
+    for text in &args.image {
+        let failed = |detail: String| Failure::usage(format!("--image {text}: {detail}"));
+        let (region, path) = text.split_once('=').ok_or_else(|| failed("must be written as REGION=FILE".into()))?;
+        let png = measure::read(Path::new(path)).map_err(|error| failed(format!("{error:#}")))?;
+        let tissue = (!args.tissue.is_empty()).then(|| args.tissue.clone());
+        let reading = Reading { pixel_um: args.pixel_um.unwrap_or_default(), tissue };
+        images.push(SectionImage { region: region.into(), png, reading, quantities: None, tolerance: IMAGE_TOLERANCE });
+    }
+    image_targets(&images).map_err(|faults| {
+        let line = |(i, member, detail): &(usize, &str, String)| match *member {
+            "pixel_um" => format!("--pixel-um: {detail}"),
+            "tissue" => format!("--tissue: {detail}"),
+            _ => format!("--image {}: {detail}", args.image[*i]),
         };
         Failure::Usage(faults.iter().map(line).collect())
     })

@@ -12,20 +12,20 @@ use serde_json::{Value, json};
 use std::path::PathBuf;
 
 pub(super) async fn run(args: GenerateArgs) -> Ended {
-    let (preset, spec) = model::resolve(&args.model)?;
+    let (preset, spec) = model::resolve(&args.model.of)?;
     // Before the scratch directory exists, which a signal would leave behind.
-    let signals = Signals::listen();
+    let mut signals = Signals::listen();
     let scratch = Scratch::new(&args.out).with_context(|| format!("--out {}", args.out.display()))?;
     let request = Request {
         preset: preset.name.clone(),
-        seed: model::seed(&args.model),
+        seed: model::seed(&args.model.of),
         spec,
         backend: args.model.backend,
         outputs: args.model.outputs.clone(),
         dir: scratch.dir().to_owned(),
         memory_limit_bytes: args.memory_limit,
     };
-    let (outcome, fallback, request) = grow(request, args.gpu, signals).await?;
+    let (outcome, fallback, request) = grow(request, args.gpu, &mut signals).await?;
     let publish = |name: &str| scratch.publish(name).with_context(|| name.to_owned());
     let page = if args.report {
         let dir = scratch.dir().to_owned();
@@ -37,10 +37,7 @@ pub(super) async fn run(args: GenerateArgs) -> Ended {
     };
     let paths: Vec<PathBuf> = outcome.files.iter().map(|f| publish(&f.name)).collect::<anyhow::Result<_>>()?;
     let page = page.map(|bytes| publish(report::NAME).map(|path| (path, bytes as u64))).transpose()?;
-    for warning in warnings(&outcome) {
-        let detail = warning["detail"].as_str().unwrap_or_default();
-        term::note(&format!("warning: {detail}"));
-    }
+    warn(&outcome);
     if args.json {
         let mut told = document(&request, &outcome, fallback.as_deref());
         if page.is_some() {
@@ -65,10 +62,10 @@ pub(super) async fn run(args: GenerateArgs) -> Ended {
 }
 
 /// Grows a model on another thread and shows its progress; stops it when interrupted.
-async fn grow(
+pub(super) async fn grow(
     request: Request,
     gpu: GpuArgs,
-    mut signals: Signals,
+    signals: &mut Signals,
 ) -> Result<(Outcome, Option<String>, Request), Failure> {
     let cancel = CancelToken::default();
     let bar = term::Bar::new();
@@ -105,6 +102,14 @@ impl Sink for Shown {
     }
 
     fn section(&self, _: &Section) {}
+}
+
+/// Prints the warnings about poor growth to stderr.
+pub(super) fn warn(outcome: &Outcome) {
+    for warning in warnings(outcome) {
+        let detail = warning["detail"].as_str().unwrap_or_default();
+        term::note(&format!("warning: {detail}"));
+    }
 }
 
 /// The warnings about poor growth, as objects with a `code` and a `detail`.

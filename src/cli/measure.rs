@@ -42,7 +42,7 @@ fn measured(image: &Path, reading: &Reading) -> Result<Measures, Failure> {
 }
 
 /// The bytes of a file, if they are not too many.
-fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
+pub(super) fn read(path: &Path) -> anyhow::Result<Vec<u8>> {
     let file = File::open(path)?;
     let mut bytes = Vec::new();
     // A file may grow while it is read, and what is no file has no length.

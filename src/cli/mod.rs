@@ -12,7 +12,9 @@ mod config;
 mod connections;
 mod demo;
 mod exit;
+mod figures;
 mod first_key;
+mod fit;
 mod generate;
 mod gpu;
 mod interrupt;
@@ -94,7 +96,9 @@ async fn dispatch(command: Command) -> Ended {
         Command::Check(args) => check::run(args).await,
         Command::Render(args) => render::run(args).await,
         Command::Report(args) => report::run(args).await,
+        Command::Fit(args) => fit::run(args).await,
         Command::Compare(args) => compare::run(args).await,
+        Command::Figures(args) => figures::run(args).await,
         Command::Section(args) => section::run(args).await,
         Command::Measure(args) => measure::run(args).await,
         Command::Bench(args) => bench::run(args).await,

@@ -1,6 +1,6 @@
 //! From `--preset`, `--seed`, `--spec` and `--set` to a valid spec.
 
-use super::args::ModelArgs;
+use super::args::SpecArgs;
 use super::exit::Failure;
 use crate::spec::{self, ModelSpec, Preset};
 use serde_json::{Map, Value};
@@ -10,7 +10,7 @@ use std::io::Read;
 ///
 /// # Errors
 /// [`Failure::Usage`] if the file cannot be read or is not a JSON object, or an assignment has no `=`.
-pub(super) fn patch(args: &ModelArgs) -> Result<Value, Failure> {
+pub(super) fn patch(args: &SpecArgs) -> Result<Value, Failure> {
     let mut patch = match &args.spec {
         None => Value::Object(Map::new()),
         Some(path) => {
@@ -57,7 +57,7 @@ fn assign(patch: &mut Value, assignment: &str) -> Result<(), String> {
 ///
 /// # Errors
 /// [`Failure::Usage`] with every fault, named by JSON pointer as over HTTP.
-pub(super) fn resolve(args: &ModelArgs) -> Result<(&'static Preset, ModelSpec), Failure> {
+pub(super) fn resolve(args: &SpecArgs) -> Result<(&'static Preset, ModelSpec), Failure> {
     let preset = spec::preset(&args.preset).ok_or_else(|| {
         let names: Vec<&str> = spec::presets().iter().map(|preset| preset.name.as_str()).collect();
         Failure::usage(format!("/preset: there is no preset `{}`; the presets are {}", args.preset, names.join(", ")))
@@ -70,7 +70,7 @@ pub(super) fn resolve(args: &ModelArgs) -> Result<(&'static Preset, ModelSpec), 
 }
 
 /// The seed of the options, or a random one.
-pub(super) fn seed(args: &ModelArgs) -> u64 {
+pub(super) fn seed(args: &SpecArgs) -> u64 {
     args.seed.unwrap_or_else(crate::random::draw_seed)
 }
 

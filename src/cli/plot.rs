@@ -125,6 +125,8 @@ where
         .y_desc(axes.y)
         .x_label_formatter(&|x| (axes.x_tick)(*x))
         .y_label_formatter(&|y| tick(*y))
+        .axis_desc_style(("sans-serif", 17))
+        .label_style(("sans-serif", 15))
         .light_line_style(WHITE)
         .draw()?;
     for (line, colour) in lines.iter().zip(COLOURS.iter().cycle()) {
@@ -142,6 +144,7 @@ where
         .position(axes.names.clone())
         .background_style(WHITE.mix(0.85))
         .border_style(BLACK.mix(0.3))
+        .label_font(("sans-serif", 16))
         .draw()?;
     Ok(())
 }

@@ -44,6 +44,16 @@ pub struct SectionImage {
 /// What is wrong with an image: its index, the member, and a sentence.
 pub type ImageFault = (usize, &'static str, String);
 
+/// A quantity in the sections of a region.
+#[derive(Default)]
+struct Sections {
+    values: Vec<f64>,
+    /// The widest of them.
+    tolerance: f64,
+    /// The beginnings of their digests.
+    images: Vec<String>,
+}
+
 /// Measures sections. Several of one region give its mean; the range then reaches as far as their standard deviation, if that is
 /// farther.
 ///
@@ -51,16 +61,16 @@ pub type ImageFault = (usize, &'static str, String);
 /// Each image that cannot be measured.
 pub fn image_targets(images: &[SectionImage]) -> Result<Vec<Target>, Vec<ImageFault>> {
     let mut faults = Vec::new();
-    // By region and quantity: values, the widest tolerance, the images.
-    let mut measured: BTreeMap<(String, String), (Vec<f64>, f64, Vec<String>)> = BTreeMap::new();
+    // By region and quantity.
+    let mut measured: BTreeMap<(String, String), Sections> = BTreeMap::new();
     for (i, image) in images.iter().enumerate() {
         match values(image) {
             Ok(values) => {
                 for (quantity, value) in values {
                     let all = measured.entry((image.region.clone(), quantity)).or_default();
-                    all.0.push(value);
-                    all.1 = all.1.max(image.tolerance);
-                    all.2.push(hex::encode(&Sha256::digest(&image.png)[..6]));
+                    all.values.push(value);
+                    all.tolerance = all.tolerance.max(image.tolerance);
+                    all.images.push(hex::encode(&Sha256::digest(&image.png)[..6]));
                 }
             }
             Err((member, detail)) => faults.push((i, member, detail)),
@@ -69,13 +79,14 @@ pub fn image_targets(images: &[SectionImage]) -> Result<Vec<Target>, Vec<ImageFa
     if !faults.is_empty() {
         return Err(faults);
     }
-    let target = |((region, quantity), (values, tolerance, names)): (_, (Vec<f64>, f64, Vec<String>))| {
+    let target = |((region, quantity), sections): ((String, String), Sections)| {
+        let Sections { values, tolerance, images } = sections;
         let n = values.len() as f64;
         let value = values.iter().sum::<f64>() / n;
         let squares: f64 = values.iter().map(|x| (x - value).powi(2)).sum();
         let sd = if values.len() > 1 { (squares / (n - 1.0)).sqrt() } else { 0.0 };
         let half = sd.max(tolerance * value.abs());
-        let source = Some(format!("SHA-256 of the image: {}…", names.join("…, ")));
+        let source = Some(format!("SHA-256 of the image: {}…", images.join("…, ")));
         Target { region, quantity, value, low: value - half, high: value + half, source }
     };
     Ok(measured.into_iter().map(target).collect())
@@ -252,7 +263,10 @@ mod tests {
         let [target]: [Target; 1] = read_images(&json!(images)).unwrap().try_into().unwrap();
         let [one, two] = [120.0_f64, 180.0].map(|r| std::f64::consts::PI * (r * r - 60.0 * 60.0 - 312.5) * 25e-6);
         let (mean, sd) = ((one + two) / 2.0, (two - one) / 2.0_f64.sqrt());
-        assert!((target.value / mean - 1.0).abs() < 0.01 && ((target.high - mean) / sd - 1.0).abs() < 0.02, "{target:?}");
+        assert!(
+            (target.value / mean - 1.0).abs() < 0.01 && ((target.high - mean) / sd - 1.0).abs() < 0.02,
+            "{target:?}"
+        );
     }
 
     #[test]

@@ -11,6 +11,7 @@
 //! | `error` | why a fit gave no result |
 //! | `evaluate` | a candidate measured on a reduced model |
 //! | `search` | the optimiser, its candidates, checkpoints |
+//! | `image` | targets from images of sections |
 //! | `linear` | a linear model of the deviations near a candidate |
 //! | `limits` | targets that cannot be met, and by which bounds |
 //! | `result` | what a fit gives |
@@ -18,6 +19,10 @@
 
 mod error;
 mod evaluate;
+#[cfg(feature = "fuzzing")]
+#[doc(hidden)]
+pub mod fuzzing;
+mod image;
 mod limits;
 mod linear;
 mod request;
@@ -28,6 +33,7 @@ mod variable;
 mod watch;
 
 pub use error::FitError;
+pub use image::{IMAGE_QUANTITIES, IMAGE_TOLERANCE, ImageFault, MOST_IMAGES, SectionImage, image_targets, read_images};
 pub use limits::{Bound, Unmet, Why};
 pub use request::{EVALUATIONS, FitSpec, MEMBERS, MODELS, MOST_TARGETS, MOST_VARIABLES, SEEDS};
 pub use result::{Fall, FitResult, Fitted, Grown, Reached, Searched};

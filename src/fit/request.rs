@@ -20,6 +20,8 @@ pub const EVALUATIONS: [u32; 2] = [2000, 120];
 pub const SEEDS: [u32; 2] = [16, 2];
 /// Most models that are grown in full at the end, and the number if none is given.
 pub const MODELS: [u32; 2] = [20, 4];
+/// Greatest number of a target; no measure comes near it.
+const LARGEST: f64 = 1e12;
 /// Greatest seed; the last of the seeds counted from it is still a seed.
 const SEED_MAX: u64 = (1 << 53) - 1;
 
@@ -263,6 +265,11 @@ fn target(
     let Some(value) = value.or(middle) else {
         return Err(("value", "is needed, or both `low` and `high`".into()));
     };
+    for (member, number) in [("value", Some(value)), ("low", low), ("high", high)] {
+        if number.is_some_and(|number| number.abs() > LARGEST) {
+            return Err((member, format!("must be from -{LARGEST:e} to {LARGEST:e}")));
+        }
+    }
     let around = TOLERANCE * value.abs();
     let [low, high] = [low.unwrap_or(value - around), high.unwrap_or(value + around)];
     if low > value {
@@ -492,6 +499,7 @@ mod tests {
             ),
             (json!({ "targets": [{ "region": "ampulla", "quantity": "fill", "value": 1, "lo": 0 }] }), "/targets/0/lo"),
             (json!({ "targets": vec![good.clone(); 101] }), "/targets"),
+            (json!({ "targets": [{ "region": "ampulla", "quantity": "fill", "value": 1e300 }] }), "/targets/0/value"),
             (with("sede", json!(1)), "/sede"),
             (with("preset", json!("dog")), "/preset"),
             (with("preset", json!(1)), "/preset"),

@@ -105,6 +105,10 @@ pub enum Stage {
     Export,
     /// Moving files to the artifact store.
     Store,
+    /// Of a fit: searching for parameters.
+    Search,
+    /// Of a fit: growing models of the result.
+    Verify,
 }
 
 /// Progress of a generation: always the complete current state.
@@ -124,6 +128,10 @@ pub struct Progress {
     pub sections: u32,
     /// Estimated seconds to the end; unknown until there is enough data.
     pub eta_seconds: Option<f64>,
+    /// Of a fit: the least misfit so far.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schema(required = false, nullable = false)]
+    pub misfit: Option<f64>,
 }
 
 /// Receives progress. Called between steps on the simulating thread, so it must not block.

@@ -17,7 +17,7 @@ use super::request::{ModelRequest, SEED_MAX};
 use super::responses::{BodyProblems, ModelRequest as ModelRequestDoc, QueueFull, SpecPatch, StoreAwayOrOpening};
 use crate::generate::Backend;
 use crate::jobs::reuse::exclude_missing_files;
-use crate::jobs::{Job, NewJob, StoreError, Submitted};
+use crate::jobs::{Job, JobKind, NewJob, StoreError, Submitted};
 use crate::spec::{Cost, ModelSpec, OverLimit, Preset, batch_key, preset, presets};
 use crate::status::Condition;
 use crate::trace;
@@ -208,6 +208,7 @@ pub(super) async fn earlier(state: &AppState, owner: Option<&str>, key: Option<(
 pub(super) fn new_job(caller: &Caller, request: ModelRequest, spec: &ModelSpec) -> NewJob {
     let seed = request.seed.unwrap_or_else(draw_seed);
     NewJob {
+        kind: JobKind::Model,
         preset: request.preset,
         seed,
         spec: spec.to_json(),

@@ -88,7 +88,7 @@ fn kept(state: &AppState, tag: &ETag) -> Option<Bytes> {
 }
 
 /// Room for one more picture that is drawn.
-async fn turn(state: &AppState, caller: &Caller) -> Result<Turn, Problem> {
+pub(super) async fn turn(state: &AppState, caller: &Caller) -> Result<Turn, Problem> {
     state.pictures.turn(caller.owner(), state.limits.picture_wait).await.ok_or_else(|| {
         state.metrics.picture("refused");
         let problem = Problem::new(Kind::TooManyPictures, "Many pictures are being drawn. Try again later.");

@@ -203,6 +203,7 @@ fn whole(job: &Job) -> Progress {
         particles: found("/particles/end").max(job.progress.map_or(0, |last| last.particles)),
         sections: found("/sections").max(job.progress.map_or(0, |last| last.sections)),
         eta_seconds: None,
+        misfit: None,
     }
 }
 

@@ -25,7 +25,7 @@ use tokio::sync::OwnedSemaphorePermit;
 const CONNECTED: Bytes = Bytes::from_static(b": connected\n\n");
 
 /// Room for one more stream.
-fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
+pub(super) fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
     state.streams.clone().try_acquire_owned().map_err(|_| {
         let limit = state.limits.streams;
         let detail =
@@ -35,7 +35,7 @@ fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> {
 }
 
 /// The id of the last event that the client has: the header, which a browser sends when it reconnects, or else the parameter.
-fn last_seen<'a>(headers: &'a HeaderMap, parameters: &'a Parameters) -> Option<&'a str> {
+pub(super) fn last_seen<'a>(headers: &'a HeaderMap, parameters: &'a Parameters) -> Option<&'a str> {
     let parameter = || parameters.get("last_event_id").map(str::trim).filter(|id| !id.is_empty());
     last_event_id(headers).or_else(parameter)
 }
@@ -77,7 +77,7 @@ pub(super) async fn of_model(
     let permit = permit(&state)?;
     // Before the model is read, so that no change in between is missed.
     let mut reader = state.feed.watch(id);
-    let job = caller.job(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
+    let job = caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
     let known = last_seen(&headers, &parameters).and_then(|text| text.parse::<u64>().ok()) == Some(job.version);
     if job.status.is_ended() {
         if known {

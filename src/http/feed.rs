@@ -12,7 +12,7 @@ use super::interest::{Interest, Part, Traits};
 use super::track::Track;
 use super::view::{Name, View};
 use crate::clock::Stopwatch;
-use crate::jobs::{Job, JobId, ListFilter, Page, Status, Store, StoreError};
+use crate::jobs::{Job, JobId, JobKind, ListFilter, Page, Status, Store, StoreError};
 use log::Log;
 pub(super) use log::Next;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet, VecDeque};
@@ -89,6 +89,8 @@ pub(super) struct State {
     pub(super) tracks: BTreeMap<JobId, Tracked>,
     /// The newest models whose end was published.
     pub(super) ended: BTreeSet<JobId>,
+    /// The newest jobs that make no model.
+    others: BTreeSet<JobId>,
     pub(super) watched: HashMap<JobId, Watched>,
     pub(super) all: All,
     /// Whether the models that a reader of all begins with were read.
@@ -133,6 +135,10 @@ impl State {
 
     /// Publishes what is new in this state of a model; older states than the published one are passed over.
     pub(super) fn offer(&mut self, job: &Job, now: Duration, pace: Pace) {
+        if job.kind != JobKind::Model {
+            self.note_other(job.id);
+            return;
+        }
         let before = self.log.view(job.id).cloned();
         let stale = before.as_ref().is_some_and(|view| view.version() > job.version);
         if !self.wants(job.id) || stale {
@@ -166,8 +172,19 @@ impl State {
         }
     }
 
+    /// Remembers the newest jobs that make no model, so that their end is not taken for that of a model.
+    fn note_other(&mut self, id: JobId) {
+        self.others.insert(id);
+        if self.others.len() > ENDED {
+            self.others.pop_first();
+        }
+    }
+
     /// Publishes that a model was deleted.
     pub(super) fn deleted(&mut self, id: JobId) {
+        if self.others.remove(&id) {
+            return;
+        }
         let before = self.log.view(id).cloned();
         if self.wants(id) && before.as_ref().is_none_or(|view| view.status().is_some()) {
             let traits = before.as_ref().and_then(|view| view.traits().cloned());
@@ -349,6 +366,7 @@ impl Feed {
             log: Log::new(MOST_BYTES),
             tracks: BTreeMap::new(),
             ended: BTreeSet::new(),
+            others: BTreeSet::new(),
             watched: HashMap::new(),
             all: All::No,
             loaded: false,

@@ -179,7 +179,7 @@ pub(super) fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> 
 
 /// A model and its file of this name.
 pub(super) async fn find(state: &AppState, caller: &Caller, id: JobId, name: &str) -> Result<(Job, File), Problem> {
-    let job = caller.job(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
+    let job = caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
     let file = file_of(&job, name)?;
     Ok((job, file))
 }

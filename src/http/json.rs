@@ -23,11 +23,26 @@ impl FromRequest<AppState> for JsonBody {
     type Rejection = Problem;
 
     async fn from_request(request: Request, state: &AppState) -> Result<Self, Problem> {
-        check_media_type(request.headers())?;
-        let waits = request.headers().contains_key(header::EXPECT);
-        let bytes = read(request.into_body(), waits, state.limits.body_bytes, state.limits.body_time).await?;
-        parse(&bytes).map(Self)
+        body(request, state, state.limits.body_bytes).await.map(Self)
     }
+}
+
+/// The JSON body of a request that may have images.
+pub(super) struct LargeJsonBody(pub(super) Value);
+
+impl FromRequest<AppState> for LargeJsonBody {
+    type Rejection = Problem;
+
+    async fn from_request(request: Request, state: &AppState) -> Result<Self, Problem> {
+        body(request, state, state.limits.large_body_bytes).await.map(Self)
+    }
+}
+
+async fn body(request: Request, state: &AppState, limit: usize) -> Result<Value, Problem> {
+    check_media_type(request.headers())?;
+    let waits = request.headers().contains_key(header::EXPECT);
+    let bytes = read(request.into_body(), waits, limit, state.limits.body_time).await?;
+    parse(&bytes)
 }
 
 fn check_media_type(headers: &HeaderMap) -> Result<(), Problem> {

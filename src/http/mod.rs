@@ -21,6 +21,7 @@ mod extract;
 mod faults;
 mod feed;
 mod files;
+mod fits;
 mod follower;
 #[cfg(feature = "fuzzing")]
 #[doc(hidden)]
@@ -90,6 +91,8 @@ use tokio_util::sync::CancellationToken;
 pub struct Limits {
     /// Longest request body, bytes.
     pub body_bytes: usize,
+    /// Longest request body with images, bytes.
+    pub large_body_bytes: usize,
     /// Time within which a request body must arrive.
     pub body_time: Duration,
     /// Most open event streams.
@@ -132,6 +135,7 @@ impl Default for Limits {
     fn default() -> Self {
         Self {
             body_bytes: 1 << 20,
+            large_body_bytes: 8 << 20,
             body_time: Duration::from_secs(30),
             streams: 4096,
             held: 256,

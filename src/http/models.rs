@@ -99,7 +99,7 @@ pub(super) async fn get(
     let mut faults = parameters.faults(&["view"], &[]);
     let detail = Detail::read(&parameters, Detail::Full, &mut faults);
     Problem::check(faults)?;
-    let job = caller.job(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
+    let job = caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
     let cache = HeaderValue::from_static("no-cache");
     let mut response = if tag(&job).matches_none(&headers) {
         tag(&job).not_modified(cache)?
@@ -128,7 +128,7 @@ pub(super) async fn cancel(
     ModelId(id): ModelId,
 ) -> Result<Response, Problem> {
     // The owner of a job never changes.
-    caller.job(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
+    caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
     let store = Arc::clone(&state.store);
     let cancelled = audited(&caller, "model cancelled", id, async move { store.cancel(id).await });
     let job = cancelled.await?.ok_or_else(|| no_model(id))?;
@@ -151,7 +151,7 @@ pub(super) async fn delete(
     caller: Caller,
     ModelId(id): ModelId,
 ) -> Result<StatusCode, Problem> {
-    caller.job(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
+    caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
     let store = Arc::clone(&state.store);
     let deleted = audited(&caller, "model deleted", id, async move { store.delete(id).await });
     let keys = deleted.await?.ok_or_else(|| no_model(id))?;

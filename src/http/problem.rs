@@ -71,6 +71,8 @@ kinds! {
     ModelNotFound = "model-not-found", NOT_FOUND, "There is no such model";
     /// No batch has this id.
     BatchNotFound = "batch-not-found", NOT_FOUND, "There is no such batch";
+    /// No fit has this id.
+    FitNotFound = "fit-not-found", NOT_FOUND, "There is no such fit";
     /// The model has no such file (yet).
     FileNotFound = "file-not-found", NOT_FOUND, "The model has no such file";
     /// The model has no such section (yet).

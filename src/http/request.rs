@@ -123,7 +123,7 @@ pub(super) fn seed(value: &Value, pointer: &str, faults: &mut Faults) -> Option<
     seed
 }
 
-fn priority(value: &Value, faults: &mut Faults) -> Priority {
+pub(super) fn priority(value: &Value, faults: &mut Faults) -> Priority {
     #[expect(clippy::cast_possible_truncation, reason = "saturating, and then out of range")]
     let whole = value.as_i64().or_else(|| value.as_f64().filter(|x| x.fract() == 0.0).map(|x| x as i64));
     whole.and_then(|n| Priority::try_from(n).ok()).unwrap_or_else(|| {
@@ -172,7 +172,7 @@ fn outputs(value: &Value, faults: &mut Faults) -> Vec<Output> {
     outputs
 }
 
-fn labels(value: &Value, faults: &mut Faults) -> BTreeMap<String, String> {
+pub(super) fn labels(value: &Value, faults: &mut Faults) -> BTreeMap<String, String> {
     let Some(members) = value.as_object() else {
         faults.push(Fault::at("/labels", format!("must be an object, not {}", describe(value))));
         return BTreeMap::new();

@@ -59,6 +59,8 @@ problems! {
     ModelMissing: ModelNotFound;
     /// No batch has this id.
     BatchMissing: BatchNotFound;
+    /// No fit has this id.
+    FitMissing: FitNotFound;
     /// No model has this id, or it has no such file.
     FileMissing: ModelNotFound, FileNotFound;
     /// No model has this id, or it has no such section.
@@ -75,6 +77,8 @@ problems! {
     BadParameters: BadRequest, InvalidRequest;
     /// The body or a header is invalid.
     BodyProblems: BadRequest, InvalidJson, RequestTimeout, PayloadTooLarge, UnsupportedMediaType, InvalidRequest, CostLimit, GpuUnavailable, IdempotencyConflict;
+    /// The body of a request for a fit is invalid, or many images are being traced.
+    FitProblems: BadRequest, InvalidJson, RequestTimeout, PayloadTooLarge, UnsupportedMediaType, InvalidRequest, CostLimit, IdempotencyConflict, TooManyPictures;
     /// The body of a request for a ticket is invalid.
     TicketProblems: BadRequest, InvalidJson, RequestTimeout, PayloadTooLarge, UnsupportedMediaType, InvalidRequest;
     /// The model has not failed.

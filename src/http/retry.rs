@@ -46,7 +46,7 @@ pub(super) async fn retry(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let key = key_of(&headers, &json!({ "retry_of": id }))?;
-    let failed = caller.job(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
+    let failed = caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
     if failed.status != Status::Failed {
         let status = failed.status.name();
         let detail = format!("The status of the model is {status}. Only a failed model can be retried.");

@@ -5,8 +5,8 @@ use super::compress::compress;
 use super::envelope::enclose;
 use super::openapi::Description;
 use super::{
-    AppState, batches, bulk, console, create, docs, events, files, health, metrics, models, openapi, presets, preview,
-    report_page, retry, sections, tickets, workers,
+    AppState, batches, bulk, console, create, docs, events, files, fits, health, metrics, models, openapi, presets,
+    preview, report_page, retry, sections, tickets, workers,
 };
 use axum::{Extension, Router};
 use serde_json::Value;
@@ -40,6 +40,10 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(report_page::page))
         .routes(routes!(sections::section))
         .routes(routes!(preview::preview))
+        .routes(routes!(fits::read::list))
+        .routes(routes!(fits::read::get))
+        .routes(routes!(fits::create::validate))
+        .routes(routes!(fits::follow::events))
         .routes(routes!(workers::list))
         .routes(routes!(tickets::create));
     let submit = OpenApiRouter::new()
@@ -50,6 +54,9 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(bulk::cancel))
         .routes(routes!(bulk::delete))
         .routes(routes!(bulk::cancel_batch))
+        .routes(routes!(fits::create::create))
+        .routes(routes!(fits::read::cancel))
+        .routes(routes!(fits::read::delete))
         .routes(routes!(batches::create::create))
         .routes(routes!(batches::read::delete));
     let admin = OpenApiRouter::new()

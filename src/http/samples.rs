@@ -1,12 +1,13 @@
 //! Jobs for tests.
 
 use crate::generate::{Backend, Progress, Stage};
-use crate::jobs::{BackendReport, Job, JobId, LiveSection, Status};
+use crate::jobs::{BackendReport, Job, JobId, JobKind, LiveSection, Status};
 use serde_json::json;
 
 /// A queued job.
 pub(super) fn job() -> Job {
     Job {
+        kind: JobKind::Model,
         owner: None,
         id: JobId(uuid::Uuid::from_u128(7)),
         status: Status::Queued,
@@ -50,6 +51,7 @@ pub(super) fn running(step: u32) -> Job {
         particles: 710,
         sections: step / 10,
         eta_seconds: None,
+        misfit: None,
     };
     let section = LiveSection { index: step / 10, step, z_um: 1.0, inner: vec![], outer: vec![] };
     Job {

@@ -8,6 +8,7 @@ use super::AppState;
 use super::access::{Access, Caller};
 use super::detail::Detail;
 use super::feed::ModelReader;
+use super::fits::reader::FitReader;
 use super::many::{Many, Step};
 use crate::clock::Stopwatch;
 use crate::jobs::StoreError;
@@ -31,6 +32,8 @@ pub(super) enum Source {
     Model(ModelReader, u64),
     /// Many models.
     Many(Box<Many>),
+    /// One fit.
+    Fit(Box<FitReader>),
     /// Nothing more.
     Over,
 }
@@ -104,6 +107,7 @@ impl Stream {
                     (None, many.poll().min(*silence))
                 }
                 (Source::Model(reader, _), _) => (Some(Changed::Model(reader)), *silence),
+                (Source::Fit(reader), _) => (Some(Changed::Fit(reader)), *silence),
                 (Source::Many(many), _) => (Some(Changed::Many(many)), *silence),
             };
             tokio::select! {
@@ -127,6 +131,14 @@ impl Stream {
                 }
                 Ok(true)
             }
+            Source::Fit(reader) => {
+                let Some((event, last)) = reader.next().await? else { return Ok(false) };
+                self.pieces.push_back(event);
+                if last {
+                    self.source = Source::Over;
+                }
+                Ok(true)
+            }
             Source::Many(many) => match many.next(self.detail).await? {
                 Step::Pieces(pieces) => {
                     self.pieces.extend(pieces);
@@ -145,6 +157,7 @@ impl Stream {
 /// What a waiting stream waits for.
 enum Changed<'a> {
     Model(&'a mut ModelReader),
+    Fit(&'a mut FitReader),
     Many(&'a mut Many),
 }
 
@@ -152,6 +165,7 @@ impl Changed<'_> {
     async fn wait(this: Option<Self>) {
         match this {
             Some(Self::Model(reader)) => reader.changed().await,
+            Some(Self::Fit(reader)) => reader.changed().await,
             Some(Self::Many(many)) => many.changed().await,
             None => std::future::pending().await,
         }

@@ -179,9 +179,22 @@ pub struct Quota {
     pub bytes: Option<u64>,
 }
 
+/// What a job makes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum JobKind {
+    /// A model: `spec` is its specification.
+    #[default]
+    Model,
+    /// A fit of parameters to measures: `spec` is its request with everything that it leaves open.
+    Fit,
+}
+
 /// A job to be queued.
 #[derive(Clone, Debug)]
 pub struct NewJob {
+    /// What it makes.
+    pub kind: JobKind,
     /// Preset name.
     pub preset: String,
     /// Seed.
@@ -226,6 +239,7 @@ impl NewJob {
     /// A job for tests, with a digest of its own for each seed.
     pub(super) fn sample(seed: u64) -> Self {
         Self {
+            kind: JobKind::Model,
             preset: "pig".into(),
             seed,
             spec: serde_json::json!({}),
@@ -252,6 +266,8 @@ impl NewJob {
 pub struct Job {
     /// Identity.
     pub id: JobId,
+    /// What it makes.
+    pub kind: JobKind,
     /// Who submitted it; `None` if that was done without a key.
     pub owner: Option<String>,
     /// State.

@@ -2,7 +2,9 @@
 
 pub use super::error::{Quantity, StoreError};
 
-use super::job::{BackendReport, BatchId, File, Job, JobId, LiveSection, NewJob, Priority, Problem, Quota, Status};
+use super::job::{
+    BackendReport, BatchId, File, Job, JobId, JobKind, LiveSection, NewJob, Priority, Problem, Quota, Status,
+};
 use super::keys::KeyStore;
 use super::operators::{Instruction, Pause, PoolUse, WorkerInfo};
 use super::state::{AttemptEnd, Fence};
@@ -153,6 +155,8 @@ impl SubmittedBatch {
 /// Which jobs to list; newest first.
 #[derive(Clone, Debug, Default)]
 pub struct ListFilter {
+    /// Only jobs that make this.
+    pub kind: JobKind,
     /// Only of this owner.
     pub owner: Option<String>,
     /// Only of this status.

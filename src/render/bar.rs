@@ -1,7 +1,7 @@
 //! The scale bar with its length, and the factor by which a tube is shortened.
 
 use super::glyphs;
-use super::picture::color;
+use super::picture::{Rgb, color};
 use tiny_skia::{Paint, Pixmap, Rect, Transform};
 
 /// Least longest side of a picture with a bar, pixels: in smaller ones its text could not be read.
@@ -11,19 +11,20 @@ const LONGEST: f64 = 0.2;
 /// Height of digits, as a fraction of the longest side, and in pixels at least.
 const DIGIT: (f32, f32) = (0.0135, 7.0);
 /// Legible on light and on dark pages.
-const INK: [u8; 3] = [0x8a, 0x80, 0x88];
+const INK: Rgb = [0x8a, 0x80, 0x88];
 
 /// The bar of a picture.
 pub(super) struct Bar {
     /// Height of digits, pixels.
-    digit: f32,
+    pub(super) digit: f32,
+    pub(super) ink: Rgb,
 }
 
 impl Bar {
     /// None if the picture is too small.
     pub(super) fn new([width, height]: [u32; 2]) -> Option<Self> {
         let side = width.max(height);
-        (side >= LEAST).then(|| Self { digit: (DIGIT.0 * side as f32).max(DIGIT.1) })
+        (side >= LEAST).then(|| Self { digit: (DIGIT.0 * side as f32).max(DIGIT.1), ink: INK })
     }
 
     /// Height of the strip at the bottom of the picture that it needs, pixels.
@@ -33,11 +34,25 @@ impl Bar {
 
     /// Draws it into the lower left corner. The picture shows a metre on `scale` pixels.
     pub(super) fn draw(&self, pixmap: &mut Pixmap, scale: f64, axial_scale: f64) {
-        let (length, label) = round(LONGEST * f64::from(pixmap.width()) / scale);
+        let place = [2.0 * self.digit, pixmap.height() as f32 - 2.2 * self.digit];
+        let most = LONGEST * f64::from(pixmap.width());
+        self.draw_at(pixmap, place, most, scale, axial_scale);
+    }
+
+    /// Draws it from `left` on, its middle at `middle`, at most `most` pixels long without its text.
+    pub(super) fn draw_at(
+        &self,
+        pixmap: &mut Pixmap,
+        [left, middle]: [f32; 2],
+        most: f64,
+        scale: f64,
+        axial_scale: f64,
+    ) {
+        let (length, label) = round(most / scale);
         let mut paint = Paint { anti_alias: true, ..Paint::default() };
-        paint.set_color(color(INK));
-        let (left, thickness) = ((2.0 * self.digit).round(), (self.digit / 5.0).round().max(1.0));
-        let middle = (pixmap.height() as f32 - 2.2 * self.digit).round();
+        paint.set_color(color(self.ink));
+        let (left, thickness) = (left.round(), (self.digit / 5.0).round().max(1.0));
+        let middle = middle.round();
         let bar = Rect::from_xywh(left, middle - thickness, (length * scale) as f32, 2.0 * thickness);
         let Some(bar) = bar else { return };
         pixmap.fill_rect(bar, &paint, Transform::identity(), None);

@@ -1,4 +1,4 @@
-//! Text of scale bars: the few characters that they need, as strokes.
+//! Text of scale bars and panels: the few characters that they need, as strokes.
 
 use tiny_skia::{LineCap, LineJoin, Paint, PathBuilder, Pixmap, Stroke, Transform};
 
@@ -11,9 +11,11 @@ const SPACING: f32 = 1.5;
 
 /// Characters with their widths and strokes: moves (M), lines (L) and quadratic curves (Q) of a path in SVG, y downwards from
 /// the top of a digit at 0 to the baseline at 7.
-const GLYPHS: [(char, f32, &str); 21] = [
+const GLYPHS: [(char, f32, &str); 27] = [
     (' ', 1.6, ""),
     ('.', 0.2, "M.1 7 L.1 6.9"),
+    ('(', 1.6, "M1.6 -1 Q0 .9 0 3.5 Q0 6.3 1.6 8.6"),
+    (')', 1.6, "M0 -1 Q1.6 .9 1.6 3.5 Q1.6 6.3 0 8.6"),
     ('×', 3.6, "M0 2.7 L3.6 6.3 M3.6 2.7 L0 6.3"),
     ('0', 4.2, "M2.1 0 Q0 0 0 3.5 Q0 7 2.1 7 Q4.2 7 4.2 3.5 Q4.2 0 2.1 0"),
     ('1', 2.2, "M0 1.6 L2.2 0 L2.2 7"),
@@ -29,6 +31,10 @@ const GLYPHS: [(char, f32, &str); 21] = [
         "M2.1 3.2 Q.2 3.2 .2 1.6 Q.2 0 2.1 0 Q4 0 4 1.6 Q4 3.2 2.1 3.2 Q0 3.2 0 5.1 Q0 7 2.1 7 Q4.2 7 4.2 5.1 Q4.2 3.2 2.1 3.2",
     ),
     ('9', 4.2, "M1.1 7 Q4.2 4.6 4.2 2.2 Q4.2 0 2.1 0 Q0 0 0 2.2 Q0 4.3 2.1 4.3 Q3.6 4.3 4.1 3"),
+    ('a', 3.7, "M.4 2.9 Q.9 2 2 2 Q3.7 2 3.7 3.6 L3.7 7 M3.7 4.2 L2 4.3 Q0 4.4 0 5.8 Q0 7 1.5 7 Q3.2 7 3.7 5.7"),
+    ('b', 3.8, "M0 0 L0 7 M0 4.5 Q0 2 1.9 2 Q3.8 2 3.8 4.5 Q3.8 7 1.9 7 Q0 7 0 4.5"),
+    ('c', 3.5, "M3.5 2.9 Q3 2 1.9 2 Q0 2 0 4.5 Q0 7 1.9 7 Q3 7 3.5 6.1"),
+    ('d', 3.8, "M3.8 0 L3.8 7 M3.8 4.5 Q3.8 2 1.9 2 Q0 2 0 4.5 Q0 7 1.9 7 Q3.8 7 3.8 4.5"),
     ('e', 3.9, "M0 4.4 L3.9 4.4 Q3.9 2 2 2 Q0 2 0 4.5 Q0 7 2 7 Q3.3 7 3.7 6.2"),
     (
         'g',
@@ -55,6 +61,12 @@ pub(super) fn draw(pixmap: &mut Pixmap, text: &str, [left, top]: [f32; 2], heigh
         x += (width + SPACING) * unit;
     }
     x - SPACING * unit
+}
+
+/// Width of a text, in the unit of `height`.
+pub(super) fn width(text: &str, height: f32) -> f32 {
+    let advances: f32 = text.chars().filter_map(glyph).map(|(width, _)| width + SPACING).sum();
+    (advances - SPACING).max(0.0) * height / HEIGHT
 }
 
 fn glyph(character: char) -> Option<(f32, &'static str)> {
@@ -91,7 +103,7 @@ mod tests {
             };
             let bounds = path.bounds();
             assert!(bounds.left() >= 0.0 && bounds.right() <= width + 0.11, "{character}: {bounds:?}");
-            assert!(bounds.top() >= 0.0 && bounds.bottom() <= 9.2, "{character}: {bounds:?}");
+            assert!(bounds.top() >= -1.0 && bounds.bottom() <= 9.2, "{character}: {bounds:?}");
         }
     }
 
@@ -99,6 +111,7 @@ mod tests {
     fn a_text_covers_its_width() {
         let mut pixmap = Pixmap::new(200, 40).unwrap();
         let right = draw(&mut pixmap, "☃500 µm", [10.0, 10.0], 14.0, &Paint::default());
+        assert!((right - 10.0 - width("☃500 µm", 14.0)).abs() < 1e-3);
         let inked = |x: u32| (0..40).any(|y| pixmap.pixel(x, y).unwrap().alpha() > 100);
         let columns: Vec<u32> = (0..200).filter(|&x| inked(x)).collect();
         assert!(columns[0].abs_diff(10) <= 1 && (*columns.last().unwrap() as f32 - right).abs() <= 1.5, "{columns:?}");

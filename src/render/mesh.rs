@@ -4,9 +4,11 @@
 //! entered the body through a cut: that sample is drawn as cut tissue, on the plane of the cut.
 
 use super::bar::Bar;
+use super::drawing::Drawing;
 use super::occlusion::AmbientLight;
 use super::picture::{OUTLINE, RenderError, Rgb, TISSUE, encode, pixmap};
 use super::raster::{NONE, Sample, rasterize};
+use super::staged::Staged;
 use super::view::{Camera, View};
 use crate::geometry::patch::{PatchGeometry, patch_geometry};
 use crate::model::{Mesh, PatchKind};
@@ -33,11 +35,33 @@ const LIT: Vec3 = Vec3::new(1.08, 1.08, 1.06);
 /// # Panics
 /// If the mesh's indices or patch ranges are out of bounds.
 pub fn mesh_png(mesh: &Mesh, view: &View) -> Result<Vec<u8>, RenderError> {
+    let bar = Bar::new([view.width, view.height]);
+    let Drawing { mut pixmap, scale, axial_scale } = draw(mesh, view, bar.as_ref().map_or(0.0, Bar::strip))?;
+    if let Some(bar) = bar
+        && !mesh.positions.is_empty()
+    {
+        bar.draw(&mut pixmap, scale, axial_scale);
+    }
+    encode(&pixmap)
+}
+
+/// As [`mesh_png`], without the bar.
+///
+/// # Errors
+/// As [`mesh_png`].
+///
+/// # Panics
+/// As [`mesh_png`].
+pub fn mesh_drawing(mesh: &Mesh, view: &View) -> Result<Drawing, RenderError> {
+    draw(mesh, view, 0.0)
+}
+
+/// Leaves `strip` pixels free at the bottom.
+fn draw(mesh: &Mesh, view: &View, strip: f32) -> Result<Drawing, RenderError> {
     view.check()?;
     let mut pixmap = pixmap(view.width, view.height)?;
     pixmap.fill(tiny_skia::Color::TRANSPARENT);
-    let bar = Bar::new([view.width, view.height]);
-    let scene = Scene::new(mesh, view, bar.as_ref().map_or(0.0, Bar::strip));
+    let scene = Scene::new(mesh, view, strip);
     let width = view.width as usize * SAMPLES;
     let size = [width, view.height as usize * SAMPLES];
     let samples = rasterize(&scene.view, &scene.camera, &scene.positions, &mesh.triangles, size);
@@ -78,12 +102,7 @@ pub fn mesh_png(mesh: &Mesh, view: &View) -> Result<Vec<u8>, RenderError> {
             }
         }
     });
-    if let Some(bar) = bar
-        && !scene.positions.is_empty()
-    {
-        bar.draw(&mut pixmap, scene.camera.scale / SAMPLES as f64, view.axial_scale);
-    }
-    encode(&pixmap)
+    Ok(Drawing { pixmap, scale: scene.camera.scale / SAMPLES as f64, axial_scale: view.axial_scale })
 }
 
 /// Part of the tissue at a sample.
@@ -140,16 +159,8 @@ struct Scene<'a> {
 
 impl<'a> Scene<'a> {
     fn new(mesh: &'a Mesh, view: &View, strip: f32) -> Self {
-        let scale = view.axial_scale;
-        let positions: Vec<DVec3> =
-            mesh.positions.par_iter().map(|p| Vec3::from(*p).as_dvec3() * DVec3::new(1.0, 1.0, scale)).collect();
-        let inverse = DVec3::new(1.0, 1.0, 1.0 / scale);
-        let mut view = view.clone();
-        for plane in &mut view.cut {
-            plane.normal = (DVec3::from(plane.normal) * inverse).into();
-        }
-        let size = [view.width, view.height].map(|side| side * SAMPLES as u32);
-        let camera = Camera::framing(&view, &left(mesh, &view, &positions), size, f64::from(strip) * SAMPLES as f64);
+        let Staged { view, positions, camera } = Staged::new(mesh, view, SAMPLES as u32, strip);
+        let inverse = Vec3::new(1.0, 1.0, (1.0 / view.axial_scale) as f32);
         let key = (camera.up * 0.75 - camera.right * 0.55 - camera.forward * 0.6).as_vec3().normalize();
         Self {
             mesh,
@@ -157,7 +168,7 @@ impl<'a> Scene<'a> {
             camera,
             positions,
             patches: mesh.patches.par_iter().map(|patch| patch_geometry(mesh, patch)).collect(),
-            inverse: inverse.as_vec3(),
+            inverse,
             colors: mesh.patches.iter().map(|patch| linear(paint(patch.kind))).collect(),
             tissue: linear(TISSUE),
             rim: linear(OUTLINE),
@@ -224,26 +235,6 @@ fn depths(samples: &[Sample], width: usize, scale: f32) -> Vec<f32> {
     rows.flat_map(|row| row.iter().step_by(SAMPLES)).map(|sample| sample.depth * scale).collect()
 }
 
-/// Points whose bounds are those of what remains after cutting: its vertices, and where its edges are cut.
-fn left(mesh: &Mesh, view: &View, positions: &[DVec3]) -> Vec<DVec3> {
-    let removed: Vec<bool> = positions.par_iter().map(|p| view.is_cut(*p)).collect();
-    let mut is_left = vec![false; positions.len()];
-    let mut points = Vec::new();
-    for triangle in &mesh.triangles {
-        triangle.iter().for_each(|&v| is_left[v as usize] = !removed[v as usize]);
-        let gone = triangle.map(|v| removed[v as usize]);
-        // Where a wedge takes the middle of an edge, the ends bound what remains.
-        for (k, next) in [(0, 1), (1, 2), (2, 0)] {
-            if gone[k] != gone[next] {
-                let [a, b] = [k, next].map(|k| positions[triangle[k] as usize]);
-                points.extend(view.crossings(a, b));
-            }
-        }
-    }
-    points.extend(positions.iter().zip(is_left).filter(|(_, is_left)| *is_left).map(|(p, _)| *p));
-    points
-}
-
 /// Weights of the corners at a point of the triangle's plane, clamped to the triangle.
 fn barycentric([a, b, c]: [DVec3; 3], point: DVec3, facet: DVec3) -> [f32; 3] {
     let area = facet.length_squared();
@@ -255,7 +246,7 @@ fn barycentric([a, b, c]: [DVec3; 3], point: DVec3, facet: DVec3) -> [f32; 3] {
     [u as f32, v as f32, (1.0 - u - v) as f32]
 }
 
-fn paint(kind: PatchKind) -> Rgb {
+pub(super) fn paint(kind: PatchKind) -> Rgb {
     match kind {
         PatchKind::InnerWall | PatchKind::Wall => [0xc8, 0x6a, 0x86],
         PatchKind::OuterWall => [0xf0, 0xcf, 0xc4],

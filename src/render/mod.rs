@@ -3,22 +3,31 @@
 //! Everything is computed in a fixed order from the input alone: the same model gives the same picture.
 
 mod bar;
+mod drawing;
 mod glyphs;
 mod histology;
 mod mesh;
 mod named;
 mod occlusion;
+mod page;
 mod picture;
+mod piece;
 mod raster;
 mod section;
+mod staged;
 mod view;
+mod wire;
 
+pub use drawing::Drawing;
 pub use histology::{Slide, um_per_pixel};
-pub use mesh::mesh_png;
+pub use mesh::{mesh_drawing, mesh_png};
 pub use named::{END_WIDTHS, NamedView, UnknownView};
+pub use page::{OVERSAMPLING, Panel, line_height, page_png};
 pub use picture::{MAX_SIZE, RenderError};
-pub use section::sheet_png;
+pub use piece::piece;
+pub use section::{SectionStyle, extent_um, section_drawing, sheet_png};
 pub use view::{Plane, View};
+pub use wire::{edge_count, wire_drawing};
 
 /// Media type of the pictures.
 pub const MEDIA_TYPE: &str = "image/png";

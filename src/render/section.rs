@@ -1,5 +1,6 @@
 //! Sections as in a histological slide: tissue filled, lumen outlined, y up, a scale bar of 500 µm.
 
+use super::drawing::Drawing;
 use super::picture::{INK, LUMEN, OUTLINE, RenderError, Rgb, TISSUE, color, encode, pixmap};
 use crate::model::{Ring, Section};
 use tiny_skia::{FillRule, LineJoin, Paint, Path, PathBuilder, Pixmap, Rect, Stroke, Transform};
@@ -29,26 +30,75 @@ pub fn sheet_png(sections: &[&Section], columns: usize, cell: u32) -> Result<Vec
     encode(&pixmap)
 }
 
-/// Draws into the cell at `corner`; `scale` is in pixels per micrometre.
-fn draw(pixmap: &mut Pixmap, section: &Section, corner: [f32; 2], cell: f32, scale: f32) {
-    let middle = bounds(section).map_or([0.0; 2], |b| [(b.left() + b.right()) / 2.0, (b.top() + b.bottom()) / 2.0]);
-    let place = Transform::from_row(
-        scale,
-        0.0,
-        0.0,
-        -scale,
-        corner[0] + cell / 2.0 - scale * middle[0],
-        corner[1] + cell / 2.0 + scale * middle[1],
-    );
+/// How a section is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SectionStyle {
+    /// Tissue filled, lumen outlined, as in [`sheet_png`].
+    Tissue,
+    /// Both loops as lines, as in the paper's Figure 4.
+    Loops {
+        /// Width of the lines, pixels.
+        pen: f32,
+    },
+}
+
+/// Draws a section to scale on a transparent background, with a margin around it and without a bar.
+///
+/// # Errors
+/// [`RenderError::Size`] if a side is over [`MAX_SIZE`](super::MAX_SIZE), or the section has no finite point.
+pub fn section_drawing(section: &Section, um_per_pixel: f64, style: SectionStyle) -> Result<Drawing, RenderError> {
+    let scale = (1.0 / um_per_pixel) as f32;
+    let bounds = bounds(section).ok_or(RenderError::Size { width: 0, height: 0 })?;
+    let margin = 2.0 * MARGIN * bounds.width().max(bounds.height());
+    let [width, height] = [bounds.width(), bounds.height()].map(|extent| (scale * (extent + margin)).ceil() as u32);
+    let mut pixmap = pixmap(width, height)?;
+    pixmap.fill(tiny_skia::Color::TRANSPARENT);
+    let middle = [width, height].map(|side| side as f32 / 2.0);
+    let place = centred(&bounds, middle, scale);
+    match style {
+        SectionStyle::Tissue => {
+            tissue(&mut pixmap, section, place, (width.max(height) as f32 / 250.0).max(1.0) / scale);
+        }
+        SectionStyle::Loops { pen } => {
+            if let Some(loops) = path(&[&section.outer, &section.inner]) {
+                let stroke = Stroke { width: pen / scale, line_join: LineJoin::Round, ..Stroke::default() };
+                pixmap.stroke_path(&loops, &paint(INK), &stroke, place, None);
+            }
+        }
+    }
+    Ok(Drawing { pixmap, scale: 1e6 * f64::from(scale), axial_scale: 1.0 })
+}
+
+/// Width and height of a section, micrometres; none if it has no finite point.
+#[must_use]
+pub fn extent_um(section: &Section) -> Option<[f64; 2]> {
+    bounds(section).map(|bounds| [f64::from(bounds.width()), f64::from(bounds.height())])
+}
+
+/// Puts the middle of `bounds` at a place of the picture, y up.
+fn centred(bounds: &Rect, [x, y]: [f32; 2], scale: f32) -> Transform {
+    let middle = [(bounds.left() + bounds.right()) / 2.0, (bounds.top() + bounds.bottom()) / 2.0];
+    Transform::from_row(scale, 0.0, 0.0, -scale, x - scale * middle[0], y + scale * middle[1])
+}
+
+/// Fills the tissue and outlines the lumen; `line` is the width of the outline in micrometres.
+fn tissue(pixmap: &mut Pixmap, section: &Section, place: Transform, line: f32) {
     if let Some(tissue) = path(&[&section.outer, &section.inner]) {
         pixmap.fill_path(&tissue, &paint(TISSUE), FillRule::EvenOdd, place, None);
     }
     if let Some(lumen) = path(&[&section.inner]) {
         pixmap.fill_path(&lumen, &paint(LUMEN), FillRule::EvenOdd, place, None);
-        // At least a pixel wide, and thin enough for the narrowest gaps of a large picture.
-        let width = (cell / 250.0).max(1.0) / scale;
-        let stroke = Stroke { width, line_join: LineJoin::Round, ..Stroke::default() };
+        let stroke = Stroke { width: line, line_join: LineJoin::Round, ..Stroke::default() };
         pixmap.stroke_path(&lumen, &paint(OUTLINE), &stroke, place, None);
+    }
+}
+
+/// Draws into the cell at `corner`; `scale` is in pixels per micrometre.
+fn draw(pixmap: &mut Pixmap, section: &Section, corner: [f32; 2], cell: f32, scale: f32) {
+    if let Some(bounds) = bounds(section) {
+        let place = centred(&bounds, [corner[0] + cell / 2.0, corner[1] + cell / 2.0], scale);
+        // At least a pixel wide, and thin enough for the narrowest gaps of a large picture.
+        tissue(pixmap, section, place, (cell / 250.0).max(1.0) / scale);
     }
     let bar = BAR_UM * scale;
     let left = corner[0] + cell * MARGIN / 2.0;
@@ -135,6 +185,23 @@ mod tests {
         let tissue = |cell: u32| (cell * 100..cell * 100 + 100).filter(|&x| pixel(&picture, x, 50) == TISSUE).count();
         assert_eq!(tissue(1), 90);
         assert!((22..=24).contains(&tissue(0)), "{}", tissue(0));
+    }
+
+    #[test]
+    fn loops_are_two_closed_lines_to_scale() {
+        let section =
+            Section { inner: square(200.0, [500.0, 500.0]), outer: square(1000.0, [0.0; 2]), ..Section::default() };
+        let drawing = section_drawing(&section, 4.0, SectionStyle::Loops { pen: 4.0 }).unwrap();
+        assert_eq!((drawing.size(), drawing.um_per_pixel()), ([550, 550], 4.0));
+        let inked = |x: u32, y: u32| drawing.pixmap.pixel(x, y).unwrap().alpha() > 127;
+        // Along a row through both loops: two sides of each.
+        let row: Vec<bool> = (0..550).map(|x| inked(x, 150)).collect();
+        assert_eq!(row.chunk_by(|a, b| a == b).filter(|run| run[0]).map(<[bool]>::len).collect::<Vec<_>>(), [4; 4]);
+        assert_eq!(row.iter().position(|&on| on), Some(23));
+        // What lies outside, between and inside the loops are three regions of one colour.
+        assert!(!inked(5, 5) && !inked(275, 400) && !inked(400, 150));
+        assert!(section_drawing(&Section::default(), 4.0, SectionStyle::Tissue).is_err());
+        assert_eq!(extent_um(&section), Some([2000.0, 2000.0]));
     }
 
     #[test]

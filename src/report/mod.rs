@@ -11,6 +11,7 @@ mod page;
 mod plots;
 mod stored;
 
+pub use page::STYLE;
 pub use stored::ReportError;
 
 use crate::model::{Mesh, Section};

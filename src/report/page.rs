@@ -9,6 +9,8 @@ use base64::Engine as _;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde_json::{Value, json};
 
+/// Style sheet of pages.
+pub const STYLE: &str = include_str!("style.css");
 /// Title of the paper whose method grows the models.
 const PAPER: &str = "Burkitt, Romano, Walker, Fazeli: 3D Modelling of Complex Biological Structures: The Oviduct";
 
@@ -31,7 +33,7 @@ pub(super) fn page(stored: &Stored, pictures: &Pictures, plots: &[Plot]) -> Mark
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 title { (name) ", seed " (stored.seed) " · oviduct" }
-                style { (PreEscaped(include_str!("style.css"))) }
+                style { (PreEscaped(STYLE)) }
             }
             body {
                 h1 { (name) ", seed " (stored.seed) }

@@ -15,6 +15,7 @@
 //! | `layers` | the layers of a section, the size of a label volume |
 //! | `batch_key` | which models a GPU may grow together |
 //! | `cost`, `limits` | the predicted cost of a model, and its limits |
+//! | `lever` | parameters that a search changes |
 //! | `study` | parameter studies: designs and their points |
 
 mod batch_key;
@@ -27,6 +28,7 @@ mod fault;
 #[doc(hidden)]
 pub mod fuzzing;
 mod layers;
+mod lever;
 mod limits;
 mod merge;
 mod parameters;
@@ -46,6 +48,7 @@ pub use batch_key::batch_key;
 pub use canonical::canonical_json;
 pub use cost::{Cost, Estimate, LEVEL_TRIANGLES};
 pub use fault::Fault;
+pub use lever::{End, Lever, Setting};
 pub use limits::{Limits, OverLimit};
 pub use parameters::{
     Collision, Containment, Contortion, Histology, Integrator, Labels, MAX_PARTICLES, MAX_STEPS, MeshOptions,

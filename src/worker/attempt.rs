@@ -2,7 +2,7 @@
 //! same attempt.
 
 use super::backend::cpu::Cpu;
-use super::backend::{self, GenerateFailure, Generation, Task};
+use super::backend::{self, GenerateFailure, Generation, Made, Task};
 use super::checkpoint::{Checkpoints, Mailbox};
 use super::context::Context;
 use super::lease::{Claim, Interrupt, Lease};
@@ -10,10 +10,10 @@ use super::progress::AttemptSink;
 use super::upload::{self, UploadError};
 use super::verdict::{self, Verdict};
 use crate::clock::Stopwatch;
-use crate::generate::{Backend, CancelToken, Outcome};
+use crate::generate::{Backend, CancelToken};
 use crate::jobs::scratch::AttemptDir;
 use crate::jobs::state::AttemptEnd;
-use crate::jobs::{BackendReport, ClaimedJob, File, Finished, JobId, StoreError};
+use crate::jobs::{BackendReport, ClaimedJob, File, Finished, JobId, JobKind, StoreError};
 use crate::metrics::Fallback;
 use crate::trace;
 use std::sync::Arc;
@@ -166,31 +166,33 @@ impl<'a> Attempt<'a> {
 
     async fn work(&mut self, start: Start, cpu: &Cpu) -> Result<Finished, Ending> {
         let result = self.follow(start, cpu).await;
-        let outcome = match self.sink.injected() {
+        let made = match self.sink.injected() {
             Some(injected) if !matches!(result, Err(Ending::Interrupted(_))) => {
                 return Err(verdict::of_injected(injected).into());
             }
             _ => result?,
         };
-        let (metrics, seconds) = (&self.context.options.metrics, outcome.seconds);
-        metrics.stage("simulate", seconds.simulate);
-        metrics.stage("mesh", seconds.mesh);
-        metrics.stage("certify", seconds.certify);
-        metrics.stage("export", seconds.export);
-        let files = upload::files(&self.claim.job, &outcome);
+        if let Some(seconds) = made.seconds {
+            let metrics = &self.context.options.metrics;
+            metrics.stage("simulate", seconds.simulate);
+            metrics.stage("mesh", seconds.mesh);
+            metrics.stage("certify", seconds.certify);
+            metrics.stage("export", seconds.export);
+        }
+        let files = upload::files(&self.claim.job, &made.files);
         if let Err(ending) = self.store(&files).await {
             upload::remove(self.context, &files).await;
             return Err(ending);
         }
-        let summary = outcome.findings.figures();
-        self.claim.report.used = Some(outcome.used);
-        self.claim.report.device = Some(outcome.device);
+        let summary = made.summary;
+        self.claim.report.used = Some(made.used);
+        self.claim.report.device = Some(made.device);
         let (backend, engine) = (self.claim.report.clone(), crate::ENGINE_VERSION.to_owned());
         Ok(Finished { backend, files, summary, engine })
     }
 
-    /// The outcome of the generation. Its threads are free by then, unless it was told to stop and has not yet.
-    async fn follow(&mut self, start: Start, cpu: &Cpu) -> Result<Outcome, Ending> {
+    /// What the generation made. Its threads are free by then, unless it was told to stop and has not yet.
+    async fn follow(&mut self, start: Start, cpu: &Cpu) -> Result<Made, Ending> {
         let mut time = self.time_limit();
         let mut generation = match start {
             Start::Running(generation) => generation,
@@ -253,7 +255,7 @@ impl<'a> Attempt<'a> {
         &mut self,
         generation: &mut Generation,
         time: Option<Duration>,
-    ) -> Result<Result<Outcome, GenerateFailure>, Ending> {
+    ) -> Result<Result<Made, GenerateFailure>, Ending> {
         let Self { claim, lease, sink, checkpoints, .. } = self;
         let late = async {
             match time {
@@ -383,7 +385,7 @@ async fn wait_for(context: &Context, worker: &str, id: JobId, mut generation: Ge
 async fn record(context: &Context, claim: Claim, ending: Ending) -> bool {
     let Claim { job: claimed, report } = claim;
     let (id, used, device) = (claimed.job().id, report.used, report.device.clone());
-    let fallback = report.fallback.clone();
+    let (fallback, is_model) = (report.fallback.clone(), claimed.job().kind == JobKind::Model);
     if let Ending::Failed(Verdict::Storage { problem, scratch }) = &ending {
         let space = || backend::predict(claimed.job()).map_or(0, |predicted| predicted.bytes);
         context.storage.job_released(&problem.detail, scratch.then(space));
@@ -396,7 +398,7 @@ async fn record(context: &Context, claim: Claim, ending: Ending) -> bool {
     };
     let (how, metrics) = (end.name(), &context.options.metrics);
     metrics.attempt(counted.name());
-    if let (End::Succeeded, Ok(()), Some(used), Some(device)) = (end, &result, used, &device) {
+    if let (true, End::Succeeded, Ok(()), Some(used), Some(device)) = (is_model, end, &result, used, &device) {
         metrics.made(used.name(), device.clone());
     }
     match &result {

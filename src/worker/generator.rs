@@ -1,5 +1,6 @@
 //! What a worker runs: the interface to generators of models.
 
+use crate::fit::FitError;
 use crate::generate::{Backend, CancelToken, GenerateError, Outcome, Sink};
 use crate::jobs::Job;
 use std::path::Path;
@@ -31,6 +32,9 @@ pub enum WorkError {
     /// The generation failed.
     #[error(transparent)]
     Generate(#[from] GenerateError),
+    /// The fit failed.
+    #[error(transparent)]
+    Fit(#[from] FitError),
 }
 
 /// Makes the model of a job. Called on a thread of a rayon pool whose size is the job's: one thread for

@@ -90,6 +90,7 @@ impl LiveProgress {
             particles: 0,
             sections: 0,
             eta_seconds: None,
+            misfit: None,
         });
         progress.stage = Stage::Store;
         progress.fraction = progress.fraction.max(0.99);
@@ -209,6 +210,8 @@ fn name(stage: Stage) -> &'static str {
         Stage::Measure => "measure",
         Stage::Export => "export",
         Stage::Store => "store",
+        Stage::Search => "search",
+        Stage::Verify => "verify",
     }
 }
 
@@ -220,6 +223,8 @@ fn span(stage: Stage, attempt: &Span) -> Span {
         Stage::Measure => tracing::info_span!(parent: attempt, "measure"),
         Stage::Export => tracing::info_span!(parent: attempt, "export"),
         Stage::Store => tracing::info_span!(parent: attempt, "store"),
+        Stage::Search => tracing::info_span!(parent: attempt, "search"),
+        Stage::Verify => tracing::info_span!(parent: attempt, "verify"),
     }
 }
 
@@ -243,7 +248,7 @@ mod tests {
     }
 
     fn at(stage: Stage, step: u32, fraction: f64) -> Progress {
-        Progress { stage, fraction, step, steps: 10, particles: 3, sections: 1, eta_seconds: None }
+        Progress { stage, fraction, step, steps: 10, particles: 3, sections: 1, eta_seconds: None, misfit: None }
     }
 
     #[test]

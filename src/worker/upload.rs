@@ -4,7 +4,7 @@ use super::context::Context;
 use super::progress::AttemptSink;
 use super::verdict;
 use crate::clock::Stopwatch;
-use crate::generate::Outcome;
+use crate::generate::FileOutput;
 use crate::jobs::artifacts::{self, ArtifactError};
 use crate::jobs::fault::Injected;
 use crate::jobs::{ClaimedJob, File};
@@ -34,10 +34,9 @@ pub(super) enum UploadError {
     Injected(#[from] Injected),
 }
 
-/// The files of an outcome as the job's record will name them. Keys belong to this attempt alone.
-pub(super) fn files(claimed: &ClaimedJob, outcome: &Outcome) -> Vec<File> {
-    outcome
-        .files
+/// Files that were made, as the job's record will name them. Keys belong to this attempt alone.
+pub(super) fn files(claimed: &ClaimedJob, outputs: &[FileOutput]) -> Vec<File> {
+    outputs
         .iter()
         .map(|file| File {
             name: file.name.clone(),

@@ -1,6 +1,7 @@
 //! What an error means for a job: whether another attempt could succeed, and what the client is told.
 
 use super::generator::WorkError;
+use crate::fit::FitError;
 use crate::generate::GenerateError;
 use crate::jobs::Problem;
 use crate::jobs::fault::Injected;
@@ -39,6 +40,13 @@ pub(super) fn of_error(error: &WorkError) -> Verdict {
     let detail = error.to_string();
     match error {
         WorkError::Spec { .. } => Verdict::Fail(problem("spec", "The spec is not valid for this engine", detail)),
+        WorkError::Fit(error) => match error {
+            FitError::Search { .. } => Verdict::Fail(problem("search", "The search found no candidate", detail)),
+            FitError::Io(source) if is_storage_fault(source) => of_scratch(detail),
+            FitError::Io(_) => Verdict::Retry(problem("io", "Files could not be written", detail)),
+            // The worker did not ask for it.
+            FitError::Cancelled => Verdict::Retry(problem("interrupted", "The fit was interrupted", detail)),
+        },
         WorkError::Generate(error) => match error {
             GenerateError::Certificate { .. } => {
                 Verdict::Fail(problem("certificate", "The model failed its certificate", detail))

@@ -19,11 +19,12 @@ fn needs(operation: &str) -> Option<Needs> {
         "list_presets" | "get_preset" | "get_schema" | "get_openapi" => Needs::Key,
         "list_models" | "get_model" | "validate_model" | "get_batch" | "follow_model" | "follow_all"
         | "download_file" | "get_report" | "get_section" | "get_preview" | "get_report_page" | "list_workers"
-        | "create_ticket" | "validate_batch" | "get_batch_table" | "get_batch_archive" | "list_batches" => {
-            Needs::Scope(Scope::Read)
-        }
+        | "list_fits" | "get_fit" | "validate_fit" | "follow_fit" | "create_ticket" | "validate_batch"
+        | "get_batch_table" | "get_batch_archive" | "list_batches" => Needs::Scope(Scope::Read),
         "retry_model" | "cancel_models" | "delete_models" | "cancel_batch" | "create_model" | "delete_model"
-        | "cancel_model" | "create_batch" | "delete_batch" => Needs::Scope(Scope::Submit),
+        | "create_fit" | "cancel_fit" | "delete_fit" | "cancel_model" | "create_batch" | "delete_batch" => {
+            Needs::Scope(Scope::Submit)
+        }
         "get_metrics" | "pause_workers" | "resume_workers" | "pause_worker" | "resume_worker" | "drain_worker" => {
             Needs::Scope(Scope::Admin)
         }
@@ -80,6 +81,7 @@ struct Things {
     finished: String,
     queued: String,
     batch: String,
+    fit: String,
 }
 
 async fn post(app: &App, path: &str, key: &str, body: &Value) -> Reply {
@@ -94,13 +96,19 @@ async fn things(app: &App, key: &str) -> Things {
     let queued = id(&post(app, "/models", key, &json!({ "seed": 2 })).await);
     app.worker(oviduct::generate::Backend::Cpu).await;
     let batch = id(&post(app, "/batches", key, &json!({ "seeds": [3, 4] })).await);
-    Things { finished, queued, batch }
+    let fit = id(&post(app, "/fits", key, &fit_request()).await);
+    Things { finished, queued, batch, fit }
+}
+
+fn fit_request() -> Value {
+    json!({ "targets": [{ "region": "whole", "quantity": "fill", "value": 0.7 }] })
 }
 
 /// A valid request to a route, about these things.
 fn request(route: &Route, things: &Things, credential: Option<&str>) -> Request<Body> {
     let id = match route.operation.as_str() {
         _ if route.path.starts_with("/batches") => &things.batch,
+        _ if route.path.starts_with("/fits") => &things.fit,
         _ if route.path.starts_with("/workers") => "w1",
         "cancel_model" | "follow_model" => &things.queued,
         _ => &things.finished,
@@ -112,6 +120,7 @@ fn request(route: &Route, things: &Things, credential: Option<&str>) -> Request<
     let body = match route.operation.as_str() {
         "create_model" | "validate_model" => json!({ "seed": 9 }),
         "create_batch" | "validate_batch" => json!({ "seeds": [9] }),
+        "create_fit" | "validate_fit" => fit_request(),
         "create_ticket" => json!({ "path": "/models" }),
         _ => Value::Null,
     };
@@ -212,7 +221,7 @@ async fn what_another_owner_has_does_not_exist() {
         }
         let body = reply.into_body().collect().await.unwrap().to_bytes();
         let text = String::from_utf8_lossy(&body);
-        for id in [&things.finished, &things.queued, &things.batch] {
+        for id in [&things.finished, &things.queued, &things.batch, &things.fit] {
             assert!(!text.contains(id.as_str()) || route.path.contains("{id}"), "{what}: {text}");
         }
         // Everything is still there.

@@ -319,6 +319,7 @@ pub(super) fn progress(step: u32) -> Progress {
         particles: 710 + step,
         sections: step / 10,
         eta_seconds: Some(f64::from(2000 - step) / 100.0),
+        misfit: None,
     }
 }
 

@@ -94,8 +94,7 @@ async fn lists_of_fits_are_narrowed_and_paged() {
     let page = app.get("/fits?limit=2").await.json();
     let next = page["next"].as_str().unwrap();
     assert_eq!((page["fits"].as_array().unwrap().len(), count(&format!("?limit=2&cursor={next}")).await), (2, 1));
-    for (query, place) in
-        [("?limit=0", "limit"), ("?status=x", "status"), ("?batch=1", "batch"), ("?view=full", "view")]
+    for (query, place) in [("?limit=0", "limit"), ("?status=x", "status"), ("?sort=1", "sort"), ("?view=full", "view")]
     {
         assert_eq!(app.get(&format!("/fits{query}")).await.places(), [place]);
     }
@@ -110,7 +109,7 @@ async fn an_idempotency_key_gives_the_same_fit() {
     assert_eq!(first.json()["id"], again.json()["id"]);
     assert_eq!(again.header("idempotency-replayed"), Some("true"));
     let other = app.post_with("/fits", &key, &json!({ "targets": [target()] })).await;
-    assert_eq!((other.status.as_u16(), other.slug().as_str()), (422, "idempotency-conflict"));
+    assert_eq!((other.status.as_u16(), other.slug().as_str()), (422, "idempotency-key-reused"));
     // Keys of models are others.
     assert_eq!(app.post_with("/models", &key, &json!({ "seed": 1 })).await.status, 202);
 }
@@ -199,7 +198,7 @@ async fn a_fit_is_followed_to_its_end() {
     let finished = Finished {
         backend: super::app::used(),
         files: Vec::new(),
-        summary: json!({ "preset": "pig", "spec": {} }),
+        summary: json!({ "preset": "pig", "spec": {}, "models": [{}, {}] }),
         engine: "test".into(),
     };
     app.store.finish(job, finished).await.unwrap();
@@ -213,7 +212,7 @@ async fn a_fit_is_followed_to_its_end() {
         (&end["status"], &end["result"]["preset"], end.get("request")),
         (&json!("succeeded"), &json!("pig"), None)
     );
-    assert_eq!(end["progress"]["fraction"], 1.0);
+    assert_eq!((&end["progress"]["fraction"], &end["progress"]["models"]), (&json!(1.0), &json!(2)));
     // Who has the last version gets nothing more.
     let version = end["version"].to_string();
     assert_eq!(app.get_with(&format!("{fit}/events"), &[("last-event-id", &version)]).await.status, 204);

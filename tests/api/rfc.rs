@@ -8,7 +8,7 @@ use oviduct::export::sections_bin::MEDIA_TYPE;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
-/// A service with a finished model and a batch, and all described paths with their methods.
+/// A service with a finished model, a batch and a fit, and all described paths with their methods.
 async fn app() -> (App, Vec<(String, BTreeSet<String>)>) {
     let app = App::new().await;
     let glb = ("model.glb", "model/gltf-binary", vec![7; 1000]);
@@ -16,12 +16,15 @@ async fn app() -> (App, Vec<(String, BTreeSet<String>)>) {
         [glb, ("report.json", "application/json", report::stored()), ("sections.bin", MEDIA_TYPE, sections::stored(3))];
     let model = app.finished(7, &files).await;
     let batch = app.post("/batches", &json!({ "count": 1 })).await.location();
+    let target = json!({ "region": "whole", "quantity": "fill", "value": 0.7 });
+    let fit = app.post("/fits", &json!({ "targets": [target] })).await.location();
     let document: Value = yaml_serde::from_slice(&app.get("/openapi.yaml").await.body).unwrap();
     let mut addresses = Vec::new();
     for (path, item) in document["paths"].as_object().unwrap() {
         let path = path
             .replace("/models/{id}", &model)
             .replace("/batches/{id}", &batch)
+            .replace("/fits/{id}", &fit)
             .replace("/workers/{id}", "/workers/w1");
         let path =
             path.replace("{name}", if path.contains("presets") { "pig" } else { "model.glb" }).replace("{k}", "1");

@@ -6,7 +6,7 @@ use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{Backend, CancelToken, Member, Outcome, Output, Progress, Request, Sink, generate_batch};
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::sqlite::SqliteStore;
-use oviduct::jobs::{Job, JobId, NewJob, Priority, Status, Store, StoreOptions};
+use oviduct::jobs::{Job, JobId, JobKind, NewJob, Priority, Status, Store, StoreOptions};
 use oviduct::model::Section;
 use oviduct::sim::Plan;
 use oviduct::sim::gpu::{GpuDevice, GpuOptions};
@@ -148,6 +148,7 @@ impl Place {
 
     async fn submit(&self, seed: u64, spec: &ModelSpec) -> JobId {
         let new = NewJob {
+            kind: JobKind::Model,
             preset: "pig".into(),
             seed,
             spec: spec.to_json(),

@@ -50,6 +50,7 @@ fn gated(gate: &Arc<Gate>) -> Arc<dyn Generator> {
                 particles: 8,
                 sections: 1,
                 eta_seconds: None,
+                misfit: None,
             });
             let closed = gate.open.lock().unwrap();
             drop(gate.opened.wait_while(closed, |open| !*open).unwrap());

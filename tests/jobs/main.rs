@@ -19,6 +19,7 @@ mod cluster;
 mod cost;
 #[cfg(target_os = "linux")]
 mod disk;
+mod fits;
 mod gate;
 mod gpu;
 mod kill;

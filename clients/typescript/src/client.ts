@@ -10,6 +10,10 @@ import type {
   BatchRequest,
   BatchValidation,
   CallOptions,
+  Fit,
+  FitPage,
+  FitRequest,
+  FitValidation,
   FollowFilter,
   Health,
   Model,
@@ -279,6 +283,44 @@ export class Oviduct {
   /** The URL of the archive of a batch, for a link; see {@link downloadUrl}. */
   archiveUrl(id: string, options: ArchiveOptions = {}): Promise<string> {
     return this.#link(`batches/${segment(id)}/archive`, archiveQuery(options), options);
+  }
+
+  // Fits.
+
+  /** Requests a search for parameters whose models have the given measures. */
+  submitFit(request: FitRequest, options: SubmitOptions = {}): Promise<Fit> {
+    return this.#create("fits", request, options);
+  }
+
+  /** Checks a fit, and gives the targets measured in its images and the parameters it would vary, without queueing anything. */
+  validateFit(request: FitRequest, options: CallOptions = {}): Promise<FitValidation> {
+    return this.#post("fits/validate", options, request);
+  }
+
+  /** A fit: its progress, and its result once it has succeeded. */
+  getFit(id: string, options: CallOptions = {}): Promise<Fit> {
+    return this.#get(`fits/${segment(id)}`, options);
+  }
+
+  /** The fits, newest first, without requests and results. */
+  async *listFits(options: ListOptions = {}): AsyncGenerator<Fit, void> {
+    let cursor: string | undefined;
+    do {
+      const { pageSize: limit } = options;
+      const page: FitPage = await this.#get("fits", options, { limit, cursor });
+      yield* page.fits;
+      cursor = page.next ?? undefined;
+    } while (cursor !== undefined);
+  }
+
+  /** Cancels a fit; one that has ended does not change. */
+  cancelFit(id: string, options: CallOptions = {}): Promise<Fit> {
+    return this.#post(`fits/${segment(id)}/cancel`, options);
+  }
+
+  /** Deletes a fit; it is cancelled if it has not ended. */
+  deleteFit(id: string, options: CallOptions = {}): Promise<void> {
+    return this.#delete(`fits/${segment(id)}`, options);
   }
 
   // Events.

@@ -200,6 +200,126 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/fits": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List fits, newest first.
+         * @description Needs a key with the scope `read`.
+         */
+        get: operations["list_fits"];
+        put?: never;
+        /**
+         * Request a fit.
+         * @description It searches for parameters whose models have the measures in `targets` and `images`. It is queued with the models, runs on a
+         *     CPU worker, and can be followed by `GET /fits/{id}` or its events.
+         *
+         *     Needs a key with the scope `submit`.
+         */
+        post: operations["create_fit"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/fits/validate": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Check a request for a fit, without queueing anything.
+         * @description The answer has the targets measured in images, and the parameters that would be varied.
+         *
+         *     Needs a key with the scope `read`.
+         */
+        post: operations["validate_fit"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/fits/{id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read a fit.
+         * @description A fit that has ended never changes, but for its removal.
+         *
+         *     Needs a key with the scope `read`.
+         */
+        get: operations["get_fit"];
+        put?: never;
+        post?: never;
+        /**
+         * Delete a fit. It is cancelled if it has not ended.
+         * @description Needs a key with the scope `submit`.
+         */
+        delete: operations["delete_fit"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/fits/{id}/cancel": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Cancel a fit.
+         * @description A queued fit ends at once, a running one within a second. An ended fit does not change.
+         *
+         *     Needs a key with the scope `submit`.
+         */
+        post: operations["cancel_fit"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/fits/{id}/events": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Follow a fit: its state at once, then every change.
+         * @description Event names are `status`, `progress` and `end`. The id is the fit's version. The data is the fit without its request. The stream
+         *     closes after `end`. If the fit is deleted, the data of `end` is `{"id", "status": "deleted"}`.
+         *
+         *     Needs a key with the scope `read`.
+         */
+        get: operations["follow_fit"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/healthz": {
         parameters: {
             query?: never;
@@ -942,6 +1062,19 @@ export interface components {
             /** @description The seeds of each point; null if they will be drawn. */
             seeds?: number[] | null;
         };
+        /** @description A bound of a variable. */
+        Bound: {
+            /** @description `from` or `to`. */
+            bound: string;
+            end?: components["schemas"]["End"] | null;
+            /** @description JSON pointer of the parameter. */
+            parameter: string;
+            /**
+             * Format: double
+             * @description Its value.
+             */
+            value: number;
+        };
         /** @description The findings on one surface and, for a generated model, the sections it was made from. */
         Certificate: {
             /**
@@ -1345,6 +1478,16 @@ export interface components {
         };
         /** @description A distribution of values. */
         Distribution: components["schemas"]["Uniform"] | components["schemas"]["LogUniform"] | components["schemas"]["Triangular"] | components["schemas"]["Normal"] | components["schemas"]["LogNormal"];
+        /**
+         * @description Ends of a tube, where a schedule can be changed alone.
+         * @enum {string}
+         */
+        End: "isthmus" | "ampulla";
+        /**
+         * @description Why a search ended.
+         * @enum {string}
+         */
+        Ended: "reached" | "evaluations" | "converged";
         /** @description A number of seconds and its basis. */
         Estimate: {
             /** @description Basis of the number. */
@@ -1371,6 +1514,16 @@ export interface components {
          * @enum {string}
          */
         FailureKind: "empty" | "indices" | "coordinates" | "section_ring" | "section_crossing" | "section_nesting" | "open_edges" | "non_manifold_edges" | "non_manifold_vertices" | "orientation" | "volume" | "overlap" | "degenerate_triangles" | "duplicate_triangles" | "triangle_intersections" | "components" | "euler";
+        /** @description A fall of the misfit. */
+        Fall: {
+            /** @description Number of candidates. */
+            evaluations: number;
+            /**
+             * Format: double
+             * @description The least misfit of these.
+             */
+            misfit: number;
+        };
         /** @description One fault of a request: where, and what. */
         Fault: {
             /** @description What is wrong, and what is allowed. */
@@ -1381,6 +1534,223 @@ export interface components {
             parameter?: string;
             /** @description JSON pointer into the body, such as `/spec/collision/gap_um`. */
             pointer?: string;
+        };
+        /** @description A fit: the request, its progress and its result. */
+        Fit: {
+            /** @description Number of attempts so far. */
+            attempts: number;
+            /**
+             * Format: date-time
+             * @description When it was accepted.
+             */
+            created_at: string;
+            /** @description SHA-256 of the request with its defaults and the engine version, as lower-case hex. */
+            digest: string;
+            /**
+             * Format: date-time
+             * @description When it will be removed; null if it is kept.
+             */
+            expires_at?: string | null;
+            /**
+             * Format: date-time
+             * @description When it ended.
+             */
+            finished_at?: string | null;
+            /**
+             * Format: uuid
+             * @description Identifier, a UUIDv7.
+             */
+            id: string;
+            /** @description Labels. */
+            labels: {
+                [key: string]: string;
+            };
+            /** @description Who submitted it; null if that was done without a key. */
+            owner?: string | null;
+            /** @description Preset that the spec is resolved on. */
+            preset: string;
+            /** @description Of the queued jobs, those of higher priority are started first. */
+            priority: number;
+            problem?: components["schemas"]["ModelProblem"] | null;
+            progress?: components["schemas"]["FitProgress"] | null;
+            /** @description Position and waiting time in the queue, which it shares with models. */
+            queue: components["schemas"]["Queue"];
+            /** @description The request with everything that it left open. Absent in lists and events. */
+            request?: components["schemas"]["FitRequest"];
+            result?: components["schemas"]["FitResult"] | null;
+            /**
+             * Format: date-time
+             * @description When the first attempt started.
+             */
+            started_at?: string | null;
+            /** @description Status. A fit that has succeeded, failed or was cancelled never changes. */
+            status: components["schemas"]["Status"];
+            /** @description Increases with every change. */
+            version: number;
+            /** @description Name of the worker that runs it, or made the last attempt; null before the first. */
+            worker?: string | null;
+        };
+        /** @description A page of fits, newest first. */
+        FitList: {
+            /** @description The fits. */
+            fits: components["schemas"]["Fit"][];
+            /** @description Value of `cursor` for the next page; null on the last page. */
+            next?: string | null;
+        };
+        /** @description Progress of a fit. */
+        FitProgress: {
+            /**
+             * Format: double
+             * @description Seconds until all evaluations are used, at the pace so far.
+             */
+            eta_seconds?: number | null;
+            /** @description Candidates measured so far. */
+            evaluations: number;
+            /** @description Candidates at most. */
+            evaluations_most: number;
+            /**
+             * Format: double
+             * @description Fraction of the whole, 0 to 1, never decreasing. A search may end before it has used all evaluations.
+             */
+            fraction: number;
+            /**
+             * Format: double
+             * @description Least misfit so far; see `misfit` of the result.
+             */
+            misfit?: number | null;
+            /** @description Models grown in full so far. */
+            models: number;
+            /** @description `search`, then `verify`. */
+            stage: components["schemas"]["Stage"];
+        };
+        /** @description What to fit. Targets come from `targets`, `targets_csv` and `images`; at least one is needed. */
+        FitRequest: {
+            /** @description Candidates at most; 120 by default. */
+            evaluations?: number;
+            /** @description Sections to be measured as targets. */
+            images?: components["schemas"]["SectionImage"][];
+            /** @description Names and values of the client's own, to find fits by. */
+            labels?: {
+                [key: string]: string;
+            };
+            /** @description Models of the result that are grown in full, each with another seed; 4 by default. */
+            models?: number;
+            /** @description Name of a preset; see `GET /presets`. `pig` by default. */
+            preset?: string;
+            /** @description Of the queued jobs, those of higher priority are started first. */
+            priority?: number;
+            /** @description First of the seeds, and the seed of the search; 0 by default. */
+            seed?: number;
+            /** @description Seeds with which each candidate is measured; 2 by default. */
+            seeds?: number;
+            /** @description The spec that the search starts from, as a patch of the preset. */
+            spec?: components["schemas"]["SpecPatch"];
+            /** @description Measures to be reached. */
+            targets?: components["schemas"]["FitTarget"][];
+            /** @description The same as CSV: a header with the columns `region`, `quantity`, `value`, `low`, `high`, and one row a target. */
+            targets_csv?: string;
+            /** @description The parameters to search for; by default those that the targets depend on, between half and twice their values. */
+            vary?: components["schemas"]["FitVariable"][];
+        };
+        /** @description The result of a fit. */
+        FitResult: {
+            /** @description Models of the spec, each grown in full with a seed that the search did not use. */
+            models: components["schemas"]["Grown"][];
+            /** @description The parameters that were varied, with their values. */
+            parameters: components["schemas"]["Fitted"][];
+            /** @description Preset that the spec was resolved on. */
+            preset: string;
+            /** @description The search. */
+            search: components["schemas"]["Searched"];
+            /** @description The complete spec, as a request for a model takes it. */
+            spec: unknown;
+            /** @description The targets, with what the spec gives. */
+            targets: components["schemas"]["Reached"][];
+            /** @description Targets that the search did not meet, and why. */
+            unmet: components["schemas"]["Unmet"][];
+        };
+        /**
+         * @description A measure to be reached. Either `value` or both `low` and `high` are needed: the value is then their middle; the range is by
+         *     default 5 % of the value to both sides.
+         */
+        FitTarget: {
+            /**
+             * Format: double
+             * @description Upper end of the accepted range.
+             */
+            high?: number | null;
+            /**
+             * Format: double
+             * @description Lower end of the accepted range.
+             */
+            low?: number | null;
+            /** @description Name of the quantity, as in the report of a model. */
+            quantity: string;
+            /** @description `isthmus`, `junction`, `ampulla`, `whole`, or `tube` for a measure of the whole tube. */
+            region: string;
+            /** @description Where it comes from. */
+            source?: string | null;
+            /**
+             * Format: double
+             * @description The value to be reached: the mean over the region.
+             */
+            value?: number | null;
+        };
+        /** @description The result of a check: what would be queued. */
+        FitValidation: {
+            /** @description Digest of the request. */
+            digest: string;
+            /** @description The request with everything that it left open: targets measured in images, the parameters that are varied, their bounds. */
+            request: components["schemas"]["FitRequest"];
+            /**
+             * Format: double
+             * @description Predicted seconds on one core, if all evaluations are used.
+             */
+            seconds: number;
+        };
+        /** @description A parameter to search for. */
+        FitVariable: {
+            end?: components["schemas"]["End"] | null;
+            /**
+             * Format: double
+             * @description Lower bound; by default half of the value in the spec. Of a schedule: of its value at that end, or at the ampulla end.
+             */
+            from?: number | null;
+            /** @description JSON pointer of a parameter that takes numbers, such as `/collision/gap_um`. */
+            parameter: string;
+            /**
+             * Format: double
+             * @description Upper bound; by default twice the value in the spec.
+             */
+            to?: number | null;
+        };
+        /** @description The value of a parameter. */
+        Fitted: {
+            end?: components["schemas"]["End"] | null;
+            /**
+             * Format: double
+             * @description Lower bound.
+             */
+            from: number;
+            /** @description JSON pointer of the parameter. */
+            parameter: string;
+            /**
+             * Format: double
+             * @description Value that the search started from.
+             */
+            start: number;
+            /**
+             * Format: double
+             * @description Upper bound.
+             */
+            to: number;
+            /** @description Unit; empty if there is none. */
+            unit: string;
+            /**
+             * Format: double
+             * @description Its value; of a schedule, at that end of the tube, or at the ampulla end.
+             */
+            value: number;
         };
         /**
          * Fluctuation
@@ -1400,6 +1770,17 @@ export interface components {
          * @enum {string}
          */
         Format: "json" | "svg" | "png";
+        /** @description A model of the result. */
+        Grown: {
+            /** @description Whether it passed its certificate. */
+            certified: boolean;
+            /** @description Why there is no model. */
+            failure?: string | null;
+            /** @description Its measures, in the order of the targets. */
+            measures: (number | null)[];
+            /** @description Seed. */
+            seed: number;
+        };
         /** @description The state of the service. */
         Health: {
             /** @description `ok`. */
@@ -1934,7 +2315,7 @@ export interface components {
              * @description `urn:oviduct:problem:` and a stable slug.
              * @enum {string}
              */
-            type: "urn:oviduct:problem:bad-request" | "urn:oviduct:problem:invalid-json" | "urn:oviduct:problem:unauthorized" | "urn:oviduct:problem:forbidden" | "urn:oviduct:problem:forbidden-origin" | "urn:oviduct:problem:unknown-host" | "urn:oviduct:problem:not-found" | "urn:oviduct:problem:model-not-found" | "urn:oviduct:problem:batch-not-found" | "urn:oviduct:problem:file-not-found" | "urn:oviduct:problem:section-not-found" | "urn:oviduct:problem:preset-not-found" | "urn:oviduct:problem:worker-not-found" | "urn:oviduct:problem:method-not-allowed" | "urn:oviduct:problem:not-acceptable" | "urn:oviduct:problem:not-failed" | "urn:oviduct:problem:request-timeout" | "urn:oviduct:problem:payload-too-large" | "urn:oviduct:problem:unsupported-media-type" | "urn:oviduct:problem:range-not-satisfiable" | "urn:oviduct:problem:invalid-request" | "urn:oviduct:problem:cost-limit" | "urn:oviduct:problem:gpu-unavailable" | "urn:oviduct:problem:idempotency-key-reused" | "urn:oviduct:problem:queue-full" | "urn:oviduct:problem:quota-exceeded" | "urn:oviduct:problem:rate-limited" | "urn:oviduct:problem:internal" | "urn:oviduct:problem:store-unavailable" | "urn:oviduct:problem:storage-unavailable" | "urn:oviduct:problem:too-many-streams" | "urn:oviduct:problem:too-many-downloads" | "urn:oviduct:problem:too-many-pictures" | "urn:oviduct:problem:not-ready" | "urn:oviduct:problem:workers-stuck";
+            type: "urn:oviduct:problem:bad-request" | "urn:oviduct:problem:invalid-json" | "urn:oviduct:problem:unauthorized" | "urn:oviduct:problem:forbidden" | "urn:oviduct:problem:forbidden-origin" | "urn:oviduct:problem:unknown-host" | "urn:oviduct:problem:not-found" | "urn:oviduct:problem:model-not-found" | "urn:oviduct:problem:batch-not-found" | "urn:oviduct:problem:fit-not-found" | "urn:oviduct:problem:file-not-found" | "urn:oviduct:problem:section-not-found" | "urn:oviduct:problem:preset-not-found" | "urn:oviduct:problem:worker-not-found" | "urn:oviduct:problem:method-not-allowed" | "urn:oviduct:problem:not-acceptable" | "urn:oviduct:problem:not-failed" | "urn:oviduct:problem:request-timeout" | "urn:oviduct:problem:payload-too-large" | "urn:oviduct:problem:unsupported-media-type" | "urn:oviduct:problem:range-not-satisfiable" | "urn:oviduct:problem:invalid-request" | "urn:oviduct:problem:cost-limit" | "urn:oviduct:problem:gpu-unavailable" | "urn:oviduct:problem:idempotency-key-reused" | "urn:oviduct:problem:queue-full" | "urn:oviduct:problem:quota-exceeded" | "urn:oviduct:problem:rate-limited" | "urn:oviduct:problem:internal" | "urn:oviduct:problem:store-unavailable" | "urn:oviduct:problem:storage-unavailable" | "urn:oviduct:problem:too-many-streams" | "urn:oviduct:problem:too-many-downloads" | "urn:oviduct:problem:too-many-pictures" | "urn:oviduct:problem:not-ready" | "urn:oviduct:problem:workers-stuck";
             /** @description workers-stuck: a sentence on each */
             workers?: string[];
         };
@@ -1950,6 +2331,11 @@ export interface components {
              * @description Fraction of the whole, 0 to 1, never decreasing.
              */
             fraction: number;
+            /**
+             * Format: double
+             * @description Of a fit: the least misfit so far.
+             */
+            misfit?: number;
             /** @description Particles of both loops. */
             particles: number;
             /** @description Sections recorded. */
@@ -1973,6 +2359,33 @@ export interface components {
              * @description Seconds between acceptance and the first attempt; null while it waits.
              */
             wait_seconds?: number | null;
+        };
+        /** @description A target and what the spec gives. */
+        Reached: components["schemas"]["Target"] & {
+            /**
+             * Format: double
+             * @description Distance from the value, in distances from the value to the end of the range on that side.
+             */
+            deviation: number;
+            /**
+             * Format: double
+             * @description Mean over the seeds of the search.
+             */
+            measured?: number | null;
+            /** @description Whether it is within the range. */
+            met: boolean;
+            /**
+             * Format: double
+             * @description Mean over the models; null if none has it.
+             */
+            models_mean?: number | null;
+            /** @description Number of models within the range. */
+            models_met: number;
+            /**
+             * Format: double
+             * @description Standard deviation between the models: the spread over seeds; null if fewer than two have it.
+             */
+            models_sd?: number | null;
         };
         /** @description Measures of a region. */
         Region: {
@@ -2063,6 +2476,29 @@ export interface components {
             number,
             number
         ];
+        /** @description The search. */
+        Searched: {
+            /** @description Why it ended. */
+            ended: components["schemas"]["Ended"];
+            /** @description Candidates that were measured. */
+            evaluations: number;
+            /** @description Candidates that could not be measured. */
+            failed: number;
+            /** @description Least misfit after so many candidates, where it fell. */
+            history: components["schemas"]["Fall"][];
+            /**
+             * Format: double
+             * @description Misfit of the result: the mean over the targets of (d² + d⁴)/2 of their deviations d.
+             */
+            misfit: number;
+            /** @description Seeds of every candidate. */
+            seeds: number[];
+            /**
+             * Format: double
+             * @description Misfit of the spec that the search started from.
+             */
+            start_misfit?: number | null;
+        };
         /** @description A cross section; lengths in micrometres. */
         SectionAnswer: {
             /** @description Whether the section was added to mend a slab. */
@@ -2092,6 +2528,27 @@ export interface components {
              * @description Position along the tube.
              */
             z_um: number;
+        };
+        /** @description A section as an image. It is traced, and measured like a section of a model. */
+        SectionImage: {
+            /**
+             * Format: double
+             * @description Side of a pixel, micrometres.
+             */
+            pixel_um: number;
+            /** @description The image: a PNG of 1 to 8 bits, grey or with a palette, without transparency, as base64. */
+            png: string;
+            /** @description Quantities that become targets; by default those that a single section has reliably. */
+            quantities?: string[] | null;
+            /** @description Region that the section is from. */
+            region: string;
+            /** @description Values of pixels (of a palette: indices) that are tissue; by default all but 0. */
+            tissue?: number[] | null;
+            /**
+             * Format: double
+             * @description Accepted range as a part of the value to both sides; 0.1 by default.
+             */
+            tolerance?: number | null;
         };
         /**
          * Given seeds
@@ -2267,7 +2724,7 @@ export interface components {
          * @description Stage of a running job.
          * @enum {string}
          */
-        Stage: "simulate" | "mesh" | "certify" | "measure" | "export" | "store";
+        Stage: "simulate" | "mesh" | "certify" | "measure" | "export" | "store" | "search" | "verify";
         /**
          * @description Stains.
          * @enum {string}
@@ -2409,6 +2866,30 @@ export interface components {
          * @enum {string}
          */
         TableFormat: "json" | "csv";
+        /** @description A quantity in a region, and the range that is accepted. */
+        Target: {
+            /**
+             * Format: double
+             * @description Upper end of the accepted range.
+             */
+            high: number;
+            /**
+             * Format: double
+             * @description Lower end of the accepted range.
+             */
+            low: number;
+            /** @description Name of the quantity, as in the report. */
+            quantity: string;
+            /** @description `isthmus`, `junction`, `ampulla`, `whole`, or `tube` for a measure of the whole tube. */
+            region: string;
+            /** @description Where it comes from, if it was measured in an image. */
+            source?: string | null;
+            /**
+             * Format: double
+             * @description The value to be reached: the mean over the region.
+             */
+            value: number;
+        };
         /** @description A ticket. */
         Ticket: {
             /**
@@ -2519,6 +3000,24 @@ export interface components {
             from: number;
             /** @description Greatest value. */
             to: number;
+        };
+        /** @description A target that is not met. */
+        Unmet: {
+            /** @description Bounds beyond which it would come nearer. */
+            bounds: components["schemas"]["Bound"][];
+            /** @description Targets that it cannot be met together with, as `region/quantity`. */
+            conflicts: string[];
+            /**
+             * Format: double
+             * @description The value nearest to the target that any candidate had.
+             */
+            nearest?: number | null;
+            /** @description Its quantity. */
+            quantity: string;
+            /** @description Its region. */
+            region: string;
+            /** @description Why. */
+            why: components["schemas"]["Why"];
         };
         /** @description The result of a check: what would be queued. */
         Validation: {
@@ -2654,6 +3153,11 @@ export interface components {
              */
             lobing?: number | components["schemas"]["Schedule"] | null;
         };
+        /**
+         * @description Why a target is not met.
+         * @enum {string}
+         */
+        Why: "out_of_reach" | "insensitive" | "conflict";
         /** @description A worker. */
         Worker: {
             /** @description Backend. */
@@ -3736,6 +4240,859 @@ export interface operations {
                 headers: {
                     /** @description `Bearer` and the scope that is missing; only if the key was refused */
                     "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is not valid (`invalid-request`) */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests (`rate-limited`) */
+            429: {
+                headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service failed (`internal`) */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`); Too many event streams are open (`too-many-streams`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    list_fits: {
+        parameters: {
+            query?: {
+                /** @description Only fits of this status */
+                status?: components["schemas"]["Status"];
+                /** @description Only fits of this preset */
+                preset?: string;
+                /** @description Only fits with this label, `key:value`. May be given up to 16 times */
+                label?: string[];
+                /** @description Only fits of this owner; for keys that allow `admin`, or your own name */
+                owner?: string;
+                /** @description Only fits accepted then or later */
+                created_after?: string;
+                /** @description Only fits accepted before */
+                created_before?: string;
+                /** @description Most fits on the page; 20 by default */
+                limit?: number;
+                /** @description `next` of the previous page */
+                cursor?: string;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description A page of fits */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["FitList"];
+                };
+            };
+            /** @description The request is malformed (`bad-request`) */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A key is required (`unauthorized`) */
+            401: {
+                headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key does not allow this (`forbidden`) */
+            403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is not valid (`invalid-request`) */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests (`rate-limited`) */
+            429: {
+                headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service failed (`internal`) */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    create_fit: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description 1 to 255 visible ASCII characters. The same key with the same body returns the same fit */
+                "idempotency-key"?: string;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["FitRequest"];
+            };
+        };
+        responses: {
+            /** @description Accepted */
+            202: {
+                headers: {
+                    /** @description `true` if the key returned a fit that it had created before */
+                    "idempotency-replayed"?: string;
+                    /** @description The fit, relative to this URL */
+                    location?: string;
+                    /** @description Seconds to wait before the next request */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Fit"];
+                };
+            };
+            /** @description The request is malformed (`bad-request`); The body is not valid JSON (`invalid-json`) */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A key is required (`unauthorized`) */
+            401: {
+                headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
+            403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request body did not arrive in time (`request-timeout`) */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large (`payload-too-large`) */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The media type is not supported (`unsupported-media-type`) */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is not valid (`invalid-request`); The predicted cost exceeds a limit (`cost-limit`); The idempotency key was used for another request (`idempotency-key-reused`) */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The queue is full (`queue-full`); The quota is used up (`quota-exceeded`); Too many requests (`rate-limited`) */
+            429: {
+                headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service failed (`internal`) */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    validate_fit: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["FitRequest"];
+            };
+        };
+        responses: {
+            /** @description The request is valid */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["FitValidation"];
+                };
+            };
+            /** @description The request is malformed (`bad-request`); The body is not valid JSON (`invalid-json`) */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A key is required (`unauthorized`) */
+            401: {
+                headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
+            403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request body did not arrive in time (`request-timeout`) */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The body is too large (`payload-too-large`) */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The media type is not supported (`unsupported-media-type`) */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is not valid (`invalid-request`); The predicted cost exceeds a limit (`cost-limit`); The idempotency key was used for another request (`idempotency-key-reused`) */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests (`rate-limited`) */
+            429: {
+                headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service failed (`internal`) */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_fit: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Entity tags that the client has */
+                "if-none-match"?: string;
+            };
+            path: {
+                /** @description Id of the fit */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The fit */
+            200: {
+                headers: {
+                    /** @description The version, followed by the position in the queue if that is not 0 */
+                    etag?: string;
+                    /** @description Seconds to wait before the next request; absent once it has ended */
+                    "retry-after"?: number | null;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Fit"];
+                };
+            };
+            /** @description The fit has not changed */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description The request is malformed (`bad-request`) */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A key is required (`unauthorized`) */
+            401: {
+                headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key does not allow this (`forbidden`) */
+            403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description There is no such fit (`fit-not-found`) */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is not valid (`invalid-request`) */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests (`rate-limited`) */
+            429: {
+                headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service failed (`internal`) */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    delete_fit: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of the fit */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The fit was deleted */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description A key is required (`unauthorized`) */
+            401: {
+                headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
+            403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description There is no such fit (`fit-not-found`) */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests (`rate-limited`) */
+            429: {
+                headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service failed (`internal`) */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    cancel_fit: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of the fit */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The fit */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Fit"];
+                };
+            };
+            /** @description A key is required (`unauthorized`) */
+            401: {
+                headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key does not allow this (`forbidden`); The origin is not allowed (`forbidden-origin`) */
+            403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description There is no such fit (`fit-not-found`) */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests (`rate-limited`) */
+            429: {
+                headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service failed (`internal`) */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    follow_fit: {
+        parameters: {
+            query?: {
+                /** @description The same for a new `EventSource`, which cannot send the header; the header takes precedence */
+                last_event_id?: string;
+            };
+            header?: {
+                /** @description Version that the client has. A newer one is sent at once */
+                "last-event-id"?: string;
+            };
+            path: {
+                /** @description Id of the fit */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Events */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/event-stream": components["schemas"]["ServerSentEvent"];
+                };
+            };
+            /** @description The fit has ended, and `Last-Event-ID` is its last version: nothing will follow */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description The request is malformed (`bad-request`) */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A key is required (`unauthorized`) */
+            401: {
+                headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key does not allow this (`forbidden`) */
+            403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description There is no such fit (`fit-not-found`) */
+            404: {
+                headers: {
                     [name: string]: unknown;
                 };
                 content: {

@@ -30,6 +30,13 @@ export type Vary = NonNullable<BatchRequest["vary"]>;
 export type Batch = Answer<"get_batch">;
 export type BatchPage = Answer<"list_batches">;
 export type BatchValidation = Answer<"validate_batch">;
+/** What to fit: measures to be reached, from figures or images of sections. */
+export type FitRequest = Body<"create_fit">;
+/** A fit: its request, its progress and its result. */
+export type Fit = Answer<"get_fit">;
+export type FitPage = Answer<"list_fits">;
+/** What a valid request for a fit would queue. */
+export type FitValidation = Answer<"validate_fit">;
 /** One row for each model of a batch. */
 export type Table = Answer<"get_batch_table">;
 /** How many models were, or would be, cancelled or deleted. */

@@ -5,9 +5,9 @@ use crate::generate::{Backend, Output};
 use clap::Args;
 use std::path::PathBuf;
 
-/// The model to grow.
+/// The specification of a model, and its seed.
 #[derive(Clone, Debug, Args)]
-pub(in crate::cli) struct ModelArgs {
+pub(in crate::cli) struct SpecArgs {
     /// Preset to start from; see `oviduct presets`
     #[arg(long, value_name = "NAME", default_value = "pig")]
     pub(in crate::cli) preset: String,
@@ -20,6 +20,13 @@ pub(in crate::cli) struct ModelArgs {
     /// Value of one parameter of the spec, as JSON or a plain string, such as collision.gap_um=30; may be repeated
     #[arg(long, value_name = "A.B=V", value_delimiter = ';')]
     pub(in crate::cli) set: Vec<String>,
+}
+
+/// The model to grow.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct ModelArgs {
+    #[command(flatten)]
+    pub(in crate::cli) of: SpecArgs,
     /// Backend that computes the model: auto, gpu, cpu or cpu-single
     #[arg(long, value_parser = units::named::<Backend>, default_value = "auto")]
     pub(in crate::cli) backend: Backend,

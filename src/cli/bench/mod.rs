@@ -10,9 +10,9 @@
 mod batch;
 mod curve;
 mod device;
-mod machine;
+pub(super) mod machine;
 mod overhead;
-mod paper;
+pub(super) mod paper;
 mod probe;
 mod report;
 mod scaling;

@@ -28,7 +28,7 @@ const SMOOTH: usize = 50;
 const SEED: u64 = 1;
 
 /// Measurements in the paper (its Figure 11), in seconds.
-const PAPER: [(&str, f64); 3] = [
+pub(in crate::cli) const PAPER: [(&str, f64); 3] = [
     ("single core of an Intel Core 2 Quad Q6700", 29_007.491),
     ("four cores of the same", 8_932.576),
     ("NVidia GeForce GTX 280", 62.646),
@@ -36,17 +36,17 @@ const PAPER: [(&str, f64); 3] = [
 
 /// A measured version of the simulation.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Version {
+pub(in crate::cli) struct Version {
     /// Identifier.
-    pub(super) id: &'static str,
+    pub(in crate::cli) id: &'static str,
     /// Description.
-    pub(super) label: String,
+    pub(in crate::cli) label: String,
     /// Whether `seconds` was measured as a whole run, or integrated from samples.
-    pub(super) sampled: bool,
+    pub(in crate::cli) sampled: bool,
     /// Seconds of the whole run.
-    pub(super) seconds: f64,
+    pub(in crate::cli) seconds: f64,
     /// How many times faster than the paper's single core on this machine.
-    pub(super) times_paper_single: f64,
+    pub(in crate::cli) times_paper_single: f64,
     /// Time per step by number of particles.
     pub(super) points: Vec<Point>,
 }
@@ -55,6 +55,17 @@ impl Version {
     fn whole(id: &'static str, label: String, run: &Run) -> Self {
         let points = curve::smooth(&run.steps, SMOOTH);
         Self { id, label, sampled: false, seconds: run.seconds, times_paper_single: 0.0, points }
+    }
+
+    /// Seconds per step with so many particles.
+    pub(in crate::cli) fn seconds_at(&self, particles: u32) -> f64 {
+        curve::at(&self.points, f64::from(particles))
+    }
+
+    /// Milliseconds per step against particles.
+    pub(in crate::cli) fn line(&self, name: &str) -> Line {
+        let points = self.points.iter().map(|p| (p.particles, 1e3 * p.seconds_per_step)).collect();
+        Line { label: format!("{name}{}", if self.sampled { " (sampled)" } else { "" }), points }
     }
 
     fn sampled(id: &'static str, label: String, points: Vec<Point>, counts: &[u32]) -> Self {
@@ -66,17 +77,22 @@ impl Version {
 pub(super) fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
     let spec = ModelSpec::resolve(preset("paper").context("there is no preset `paper`")?, &json!({}))
         .map_err(|faults| anyhow::anyhow!("the preset `paper` is not valid: {faults:?}"))?;
-    let plan = Plan::new(&spec, SEED);
+    report(&measure(&Plan::new(&spec, SEED), quick, args)?)
+}
+
+/// Measures all versions on a plan.
+pub(in crate::cli) fn measure(plan: &Plan, quick: bool, args: GpuArgs) -> anyhow::Result<Measured> {
     let cores = machine::threads();
     let (runs, repeats) = if quick { (1, 1) } else { (5, 7) };
     let variant = |search, kernel, threads| Variant { search, kernel, threads };
-    let all = |variant: Variant| whole(&plan, variant, runs);
+    let all = |variant: Variant| whole(plan, variant, runs);
 
     term::note("whole runs with neighbour lists …");
     let lists = all(variant(Search::Lists, Kernel::Vector, 1))?;
     let multi = all(variant(Search::Lists, Kernel::Vector, cores))?;
-    let counts: Vec<u32> = lists.steps.iter().map(|step| step.particles as u32).collect();
-    let states = probe::states(&plan, &COUNTS, cores)?;
+    let particles: Vec<u32> = lists.steps.iter().map(|step| step.particles as u32).collect();
+    let counts = sampled_at(&particles);
+    let states = probe::states(plan, &counts, cores)?;
 
     term::note("all pairs, sampled …");
     let pairs = |kernel, threads| samples(&states, variant(Search::AllPairs, kernel, threads), 1, repeats);
@@ -85,33 +101,47 @@ pub(super) fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
     let vector_pairs = pairs(Kernel::Vector, 1)?;
     let scalar_lists = if quick {
         let points = samples(&states, variant(Search::Lists, Kernel::Scalar, 1), WINDOW, repeats)?;
-        Version::sampled("lists-scalar", "lists, scalar, one core".into(), points, &counts)
+        Version::sampled("lists-scalar", "lists, scalar, one core".into(), points, &particles)
     } else {
-        let run = whole(&plan, variant(Search::Lists, Kernel::Scalar, 1), 1)?;
+        let run = whole(plan, variant(Search::Lists, Kernel::Scalar, 1), 1)?;
         Version::whole("lists-scalar", "lists, scalar, one core".into(), &run)
     };
     // Sampling a version whose whole run was measured shows its accuracy.
     let check = samples(&states, variant(Search::Lists, Kernel::Vector, 1), WINDOW, repeats.max(3))?;
-    let check = curve::integrate(&check, counts.iter().copied());
+    let check = curve::integrate(&check, particles.iter().copied());
 
     let many = |what: &str| format!("{what}, {cores} threads");
     let (version, on_gpu) = match gpu::best(args) {
         Ok(device) => {
-            let (version, on_gpu) = gpu_version(&device, &plan, runs)?;
+            let (version, on_gpu) = gpu_version(&device, plan, runs)?;
             (Some(version), on_gpu)
         }
         Err(reason) => (None, OnGpu { lines: vec![format!("no GPU: {reason}")], json: json!({ "reason": reason }) }),
     };
     let mut versions = vec![
-        Version::sampled("paper-single", "paper's: all pairs, scalar, one core".into(), paper_single, &counts),
-        Version::sampled("paper-multi", many("paper's: all pairs, scalar"), paper_multi, &counts),
-        Version::sampled("all-pairs-vector", "all pairs, vectors, one core".into(), vector_pairs, &counts),
+        Version::sampled("paper-single", "paper's: all pairs, scalar, one core".into(), paper_single, &particles),
+        Version::sampled("paper-multi", many("paper's: all pairs, scalar"), paper_multi, &particles),
+        Version::sampled("all-pairs-vector", "all pairs, vectors, one core".into(), vector_pairs, &particles),
         scalar_lists,
         Version::whole("lists", "lists, vectors, one core".into(), &lists),
         Version::whole("lists-multi", many("lists, vectors"), &multi),
     ];
     versions.extend(version);
-    report(versions, &plan, &Basis { runs, repeats, check, whole: lists.seconds, on_gpu })
+    let single = versions[0].seconds;
+    for version in &mut versions {
+        version.times_paper_single = single / version.seconds;
+    }
+    let burn_in = plan.burn_in;
+    Ok(Measured { versions, particles, burn_in, counts, runs, repeats, check, on_gpu })
+}
+
+/// The numbers of particles at which a run is sampled: those of [`COUNTS`] that it reaches, and its own first and last.
+fn sampled_at(particles: &[u32]) -> Vec<u32> {
+    let (Some(&first), Some(&last)) = (particles.first(), particles.last()) else { return Vec::new() };
+    let between = COUNTS.into_iter().filter(|count| (first + 1..last).contains(count));
+    let mut counts: Vec<u32> = std::iter::once(first).chain(between).chain([last]).collect();
+    counts.dedup();
+    counts
 }
 
 /// Whole runs on the GPU with readback of sections.
@@ -149,14 +179,50 @@ fn samples(states: &[CpuSimulation], variant: Variant, window: u32, repeats: usi
     states.iter().map(|state| probe::sample(state, variant, &pool, window, repeats)).collect()
 }
 
-/// How it was measured.
-struct Basis {
+/// All versions, and how they were measured.
+pub(in crate::cli) struct Measured {
+    pub(in crate::cli) versions: Vec<Version>,
+    /// Particles in each step, those of the burn-in first.
+    pub(in crate::cli) particles: Vec<u32>,
+    pub(in crate::cli) burn_in: u32,
+    /// Particles at which versions were sampled.
+    counts: Vec<u32>,
     runs: usize,
     repeats: usize,
-    /// Seconds of a run with lists by sampling, and as measured.
+    /// Seconds of a run with lists by sampling.
     check: f64,
-    whole: f64,
     on_gpu: OnGpu,
+}
+
+impl Measured {
+    /// A version, if it was measured.
+    pub(in crate::cli) fn version(&self, id: &str) -> Option<&Version> {
+        self.versions.iter().find(|version| version.id == id)
+    }
+
+    /// How it was measured, as text.
+    pub(in crate::cli) fn method(&self) -> String {
+        format!(
+            "whole: {} steps ({} of them burn-in), {}; sampled: time per step at {} particles, {}, from states of a \
+             real run, integrated over the counts of its steps by power laws between them",
+            self.particles.len(),
+            self.burn_in,
+            machine::runs(self.runs),
+            self.counts.iter().map(u32::to_string).collect::<Vec<_>>().join(", "),
+            machine::runs(self.repeats),
+        )
+    }
+
+    /// Accuracy of sampling, as text.
+    pub(in crate::cli) fn accuracy(&self) -> String {
+        let whole = self.version("lists").map_or(f64::NAN, |version| version.seconds);
+        format!("accuracy of sampling: lists on one core sampled {}, whole {}", show(self.check), show(whole))
+    }
+
+    /// The GPU and its run, or the reason why there is none.
+    pub(in crate::cli) fn gpu(&self) -> &Value {
+        &self.on_gpu.json
+    }
 }
 
 /// Results of the GPU, or the reason why there is none.
@@ -165,46 +231,30 @@ struct OnGpu {
     json: Value,
 }
 
-fn report(mut versions: Vec<Version>, plan: &Plan, basis: &Basis) -> anyhow::Result<Report> {
-    let seconds = |id: &str| versions.iter().find(|v| v.id == id).map_or(f64::NAN, |v| v.seconds);
+fn report(measured: &Measured) -> anyhow::Result<Report> {
+    let versions = &measured.versions;
+    let seconds = |id: &str| measured.version(id).map_or(f64::NAN, |v| v.seconds);
     let single = seconds("paper-single");
     let ratios = [
         ("all pairs over lists, both scalar, one core", single / seconds("lists-scalar")),
         ("all pairs over lists, both with vectors, one core", seconds("all-pairs-vector") / seconds("lists")),
         ("all pairs scalar over lists with vectors, one core", single / seconds("lists")),
     ];
-    for version in &mut versions {
-        version.times_paper_single = single / version.seconds;
-    }
-
-    let steps = plan.steps + plan.burn_in;
-    let how = format!(
-        "whole: {steps} steps ({} of them burn-in), {}; sampled: time per step at {} particles, {}, from states of a \
-         real run, integrated over the counts of its steps by power laws between them",
-        plan.burn_in,
-        machine::runs(basis.runs),
-        COUNTS.map(|n| n.to_string()).join(", "),
-        machine::runs(basis.repeats),
-    );
-    let check =
-        format!("accuracy of sampling: lists on one core sampled {}, whole {}", show(basis.check), show(basis.whole));
-    let mut lines = vec![machine::line(), format!("preset paper, seed {SEED}"), how.clone(), check, String::new()];
+    let how = measured.method();
+    let mut lines =
+        vec![machine::line(), format!("preset paper, seed {SEED}"), how.clone(), measured.accuracy(), String::new()];
     lines.push(format!("{:<40} {:>8} {:>14} {:>12}", "version", "", "total", "times faster"));
-    for v in &versions {
+    for v in versions {
         let how = if v.sampled { "sampled" } else { "whole" };
         lines.push(format!("{:<40} {how:>8} {:>14} {:>12.1}", v.label, show(v.seconds), v.times_paper_single));
     }
     lines.push(String::new());
-    lines.extend(basis.on_gpu.lines.iter().cloned());
+    lines.extend(measured.on_gpu.lines.iter().cloned());
     lines.push(String::new());
     lines.extend(ratios.iter().map(|(what, ratio)| format!("{what}: {ratio:.1}")));
     lines.push(format!("as measured in the paper: {}", PAPER.map(|(what, s)| format!("{what} {s} s")).join("; ")));
 
-    let curve = |v: &Version| {
-        let points = v.points.iter().map(|p| (p.particles, 1e3 * p.seconds_per_step)).collect();
-        Line { label: format!("{}{}", v.label, if v.sampled { " (sampled)" } else { "" }), points }
-    };
-    let curves: Vec<Line> = versions.iter().map(curve).collect();
+    let curves: Vec<Line> = versions.iter().map(|v| v.line(&v.label)).collect();
     let axes = Axes {
         title: format!("Time per step, preset paper: {}", machine::line()),
         x: "particles (both loops)",
@@ -218,10 +268,10 @@ fn report(mut versions: Vec<Version>, plan: &Plan, basis: &Basis) -> anyhow::Res
     ];
     let json = json!({
         "bench": "paper", "engine": crate::ENGINE_VERSION, "machine": machine::describe(), "preset": "paper",
-        "seed": SEED, "steps": plan.steps, "burn_in": plan.burn_in, "method": how,
-        "sampled_at_particles": COUNTS, "runs": basis.runs, "samples": basis.repeats,
-        "sampling_check": { "lists_sampled_seconds": basis.check, "lists_whole_seconds": basis.whole },
-        "versions": versions, "gpu": basis.on_gpu.json,
+        "seed": SEED, "steps": measured.particles.len() as u64 - u64::from(measured.burn_in), "burn_in": measured.burn_in,
+        "method": how, "sampled_at_particles": measured.counts, "runs": measured.runs, "samples": measured.repeats,
+        "sampling_check": { "lists_sampled_seconds": measured.check, "lists_whole_seconds": seconds("lists") },
+        "versions": versions, "gpu": measured.on_gpu.json,
         "ratios": {
             "all_pairs_over_lists_scalar": ratios[0].1,
             "all_pairs_over_lists_vector": ratios[1].1,
@@ -238,5 +288,19 @@ fn show(seconds: f64) -> String {
         s if s >= 100.0 => format!("{s:.0} s"),
         s if s >= 1.0 => format!("{s:.2} s"),
         s => format!("{:.1} ms", 1e3 * s),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_is_sampled_from_its_start_to_its_end() {
+        assert_eq!(sampled_at(&[710, 710, 720, 8300]), COUNTS);
+        assert_eq!(sampled_at(&[300, 420]), [300, 420]);
+        assert_eq!(sampled_at(&[500, 1000, 2000]), [500, 710, 1175, 2000]);
+        assert_eq!(sampled_at(&[300, 300]), [300]);
+        assert_eq!(sampled_at(&[]), [0; 0]);
     }
 }

@@ -62,7 +62,7 @@ const DESCRIPTORS: u64 = 64;
 
 pub(super) async fn run(args: LoadArgs) -> Ended {
     let mut signals = Signals::listen();
-    let first = args.model.seed.unwrap_or_else(|| crate::random::draw_seed() >> 1);
+    let first = args.model.of.seed.unwrap_or_else(|| crate::random::draw_seed() >> 1);
     let (report, svg) = if args.direct {
         tokio::select! {
             report = without_service(&args, first) => (report?, None),
@@ -225,7 +225,7 @@ fn local(args: &LoadArgs) -> Result<Model, Failure> {
     if args.model.backend == Backend::Gpu {
         return Err(Failure::usage("--backend gpu: models are grown without the service on the CPU alone"));
     }
-    let (preset, spec) = model::resolve(&args.model)?;
+    let (preset, spec) = model::resolve(&args.model.of)?;
     Ok(Model {
         preset: preset.name.clone(),
         spec: Arc::new(spec),

@@ -230,7 +230,7 @@ fn options_that_cannot_be_met_are_refused() {
         }
         let line = ["load"].into_iter().chain(options.split_whitespace());
         let Line { args } = clap::Parser::try_parse_from(line).expect("valid options");
-        Settings::of(&args, args.model.seed.unwrap_or(1)).map_err(|failure| failure.report())
+        Settings::of(&args, args.model.of.seed.unwrap_or(1)).map_err(|failure| failure.report())
     };
     let Err((2, lines)) = settings("--models 2 --seed 9007199254740991") else { panic!("there is one seed") };
     assert!(lines[0].contains("--models 2") && lines[0].contains("only 1 seeds"), "{lines:?}");

@@ -2,7 +2,7 @@
 
 use crate::http::problem::{Kind, Problem};
 use crate::jobs::keys::{Key, KeyLimits, Scope};
-use crate::jobs::{Batch, Job, Quota};
+use crate::jobs::{Batch, Job, JobKind, Quota};
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use std::sync::Arc;
@@ -41,6 +41,16 @@ impl Caller {
     /// The job, if it sees it.
     pub(in crate::http) fn job(&self, job: Option<Job>) -> Option<Job> {
         job.filter(|job| self.sees(job.owner.as_deref()))
+    }
+
+    /// The model, if the job makes one and it sees it.
+    pub(in crate::http) fn model(&self, job: Option<Job>) -> Option<Job> {
+        self.job(job).filter(|job| job.kind == JobKind::Model)
+    }
+
+    /// The fit, if the job makes one and it sees it.
+    pub(in crate::http) fn fit(&self, job: Option<Job>) -> Option<Job> {
+        self.job(job).filter(|job| job.kind == JobKind::Fit)
     }
 
     /// The batch, if it sees it.

@@ -1,16 +1,18 @@
 //! The body of a request for a fit.
 
-use crate::fit::FitSpec;
+use crate::fit::{FitSpec, read_images};
 use crate::http::faults::{Fault, Faults};
 use crate::http::request::{labels, priority};
 use crate::http::responses::SpecPatch;
 use crate::jobs::Priority;
+use serde::Deserialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
 /// What to fit. Targets come from `targets`, `targets_csv` and `images`; at least one is needed.
-#[derive(Debug, ToSchema)]
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "describes the body; `Accepted::read` reads it and collects its faults")]
 pub(super) struct FitRequest {
     /// Name of a preset; see `GET /presets`. `pig` by default.
@@ -53,7 +55,8 @@ pub(super) struct FitRequest {
 
 /// A measure to be reached. Either `value` or both `low` and `high` are needed: the value is then their middle; the range is by
 /// default 5 % of the value to both sides.
-#[derive(Debug, ToSchema)]
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "describes a member of the body")]
 pub(super) struct FitTarget {
     /// `isthmus`, `junction`, `ampulla`, `whole`, or `tube` for a measure of the whole tube.
@@ -75,7 +78,8 @@ pub(super) struct FitTarget {
 }
 
 /// A section as an image. It is traced, and measured like a section of a model.
-#[derive(Debug, ToSchema)]
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "describes a member of the body")]
 pub(super) struct SectionImage {
     /// Region that the section is from.
@@ -97,7 +101,8 @@ pub(super) struct SectionImage {
 }
 
 /// A parameter to search for.
-#[derive(Debug, ToSchema)]
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
 #[expect(dead_code, reason = "describes a member of the body")]
 pub(super) struct FitVariable {
     /// JSON pointer of a parameter that takes numbers, such as `/collision/gap_um`.
@@ -129,13 +134,24 @@ impl Accepted {
     pub(super) fn read(mut body: Value) -> Result<Self, Faults> {
         let mut faults = Faults::default();
         let mut take = |name: &str| body.as_object_mut().and_then(|members| members.remove(name));
-        let labels = take("labels").map_or_else(BTreeMap::new, |value| labels(&value, &mut faults));
-        let priority = take("priority").map_or_else(Priority::default, |value| priority(&value, &mut faults));
-        match FitSpec::read(&body, Vec::new()) {
+        let [own_labels, own_priority, images] = ["labels", "priority", "images"].map(&mut take);
+        let labels = own_labels.map_or_else(BTreeMap::new, |value| labels(&value, &mut faults));
+        let priority = own_priority.map_or_else(Priority::default, |value| priority(&value, &mut faults));
+        let at = |fault: crate::spec::Fault| Fault::at(fault.pointer, fault.detail);
+        let measured = match images.map(|images| read_images(&images)) {
+            None => Vec::new(),
+            Some(Ok(targets)) => targets,
+            Some(Err(found)) => {
+                // The rest is not looked at: what it lacks may be in the images.
+                faults.extend(found.into_iter().map(at));
+                return Err(faults);
+            }
+        };
+        match FitSpec::read(&body, measured) {
             Ok(fit) if faults.is_empty() => Ok(Self { fit, labels, priority }),
             Ok(_) => Err(faults),
             Err(found) => {
-                faults.extend(found.into_iter().map(|fault| Fault::at(fault.pointer, fault.detail)));
+                faults.extend(found.into_iter().map(at));
                 Err(faults)
             }
         }

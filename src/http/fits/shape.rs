@@ -106,12 +106,14 @@ impl Fit {
     pub(super) fn of(job: &Job, keep: Option<Duration>, parts: Parts) -> Self {
         let left = job.started_at.or(job.finished_at);
         let wait_seconds = left.map(|at| at.duration_since(job.created_at).as_secs_f64().max(0.0));
+        // The last progress that a worker reported may be older than the end.
+        let grown = job.summary.as_ref().and_then(|result| result.get("models")?.as_array()).map(Vec::len);
         let progress = job.progress.map(|progress| FitProgress {
             stage: progress.stage,
             fraction: if job.status == Status::Succeeded { 1.0 } else { progress.fraction },
             evaluations: progress.step,
             evaluations_most: progress.steps,
-            models: progress.sections,
+            models: grown.and_then(|models| u32::try_from(models).ok()).unwrap_or(progress.sections),
             misfit: progress.misfit,
             eta_seconds: progress.eta_seconds.filter(|_| !job.status.is_ended()),
         });

@@ -33,6 +33,7 @@ use utoipa::OpenApi;
         super::batches::archive::ArchiveFormat, ModelEvent, DeletedEvent, Certificate)),
     tags(
         (name = "models", description = "Request, find, cancel and delete models"),
+        (name = "fits", description = "Search for parameters whose models have given measures"),
         (name = "batches", description = "Many models of one spec in one request"),
         (name = "events", description = "Follow models while they grow"),
         (name = "files", description = "Files, sections and reports of finished models"),

@@ -57,6 +57,8 @@ pub(super) fn matching(tx: &Tx<'_>, filter: &ListFilter, values: &mut Vec<Value>
         }
     }
     let id = if filter.labels.is_empty() { "j.id" } else { "a.job_id" };
+    // In the text, for the partial index of fits.
+    sql += &format!(" AND j.kind = '{}'", enum_to_sql(filter.kind));
     if let Some(owner) = &filter.owner {
         // The second condition is that of the partial indexes.
         sql += &format!(" AND j.submitter = {} AND j.submitter <> ''", next(owner.into()));

@@ -95,8 +95,13 @@ pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
         unread = Some(format!("spec: {error}"));
         Value::Null
     });
+    let kind = optional_enum(row, "kind")?;
+    if kind.is_none() {
+        unread = Some(format!("kind: {}", row.text("kind")?));
+    }
     let job = Job {
         id: row.id("id")?,
+        kind: kind.unwrap_or_default(),
         owner: owner(row)?,
         status: enum_from_sql(row.text("status")?)?,
         version: row.count("version")?,

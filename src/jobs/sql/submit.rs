@@ -190,9 +190,9 @@ async fn insert(
     tx.execute(
         "INSERT INTO jobs (id, status, preset, seed, digest, outputs, backend_requested, backend_used, device, \
          fallback, available_at, created_at, finished_at, reused_from, idempotency_key, idempotency_body, summary, \
-         spec, engine, engine_used, batch, submitter, turn, rank, trace, batch_key, batch_index, retry_of, shares) \
+         spec, engine, engine_used, batch, submitter, turn, rank, trace, batch_key, batch_index, retry_of, shares, kind) \
          VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, 0, $11, $12, $13, $14, $15, $16, $17, $18, $19, $20, $21, \
-         $22, $23, $24, $25, $26, $27, $28)",
+         $22, $23, $24, $25, $26, $27, $28, $29)",
         values![
             id,
             if source.is_some() { "succeeded" } else { "queued" },
@@ -222,6 +222,7 @@ async fn insert(
             batch.and_then(|(_, index)| index),
             new.retry_of.map(|id| id.to_string()),
             shares,
+            enum_to_sql(new.kind),
         ],
     )
     .await?;

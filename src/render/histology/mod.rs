@@ -20,9 +20,10 @@ mod texture;
 mod tests;
 
 use super::bar::Bar;
+use super::drawing::Drawing;
 use super::picture::{MAX_SIZE, RenderError};
 use crate::model::Section;
-use crate::tissue::{Grid, Layers, TissueMap, bands};
+use crate::tissue::{Grid, Layers, Tissue, TissueMap, bands};
 use dye::Colors;
 use rayon::prelude::*;
 use std::io::Cursor;
@@ -48,6 +49,25 @@ impl Slide<'_> {
     /// # Errors
     /// [`RenderError::Size`] if `size` is 0 or over [`MAX_SIZE`].
     pub fn stained(&self, size: u32) -> Result<Vec<u8>, RenderError> {
+        let (grid, mut pixmap) = self.paint(size, true)?;
+        if let Some(bar) = Bar::new([grid.width, grid.height]) {
+            bar.draw(&mut pixmap, 1e6 / grid.um_per_pixel, 1.0);
+        }
+        let rgb: Vec<u8> = pixmap.data().chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
+        encode(&grid, png::ColorType::Rgb, &rgb)
+    }
+
+    /// The stained section on a transparent background, its longer side `size` pixels long, without a bar.
+    ///
+    /// # Errors
+    /// As [`stained`](Self::stained).
+    pub fn drawing(&self, size: u32) -> Result<Drawing, RenderError> {
+        let (grid, pixmap) = self.paint(size, false)?;
+        Ok(Drawing { pixmap, scale: 1e6 / grid.um_per_pixel, axial_scale: 1.0 })
+    }
+
+    /// Paints all pixels, or only those within the tube.
+    fn paint(&self, size: u32, glass: bool) -> Result<(Grid, Pixmap), RenderError> {
         let (grid, map) = self.prepare(size)?;
         let texture = Texture::new(self.seed, self.index, &map, &grid);
         let colors = Colors::new();
@@ -59,16 +79,15 @@ impl Slide<'_> {
         pixmap.data_mut().par_chunks_mut(bytes).zip(bands).for_each(|(pixels, rows)| {
             let places = map.band(&grid, rows.clone());
             for (i, (place, pixel)) in places.iter().zip(pixels.chunks_exact_mut(4)).enumerate() {
+                if !glass && place.tissue == Tissue::Outside {
+                    continue;
+                }
                 let (x, y) = (grid.x((i % width) as u32), grid.y(rows.start + (i / width) as u32));
                 let [r, g, b] = colors.of(texture.dyes(place, [x as f32, y as f32]));
                 pixel.copy_from_slice(&[r, g, b, 255]);
             }
         });
-        if let Some(bar) = Bar::new([grid.width, grid.height]) {
-            bar.draw(&mut pixmap, 1e6 / grid.um_per_pixel, 1.0);
-        }
-        let rgb: Vec<u8> = pixmap.data().chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
-        encode(&grid, png::ColorType::Rgb, &rgb)
+        Ok((grid, pixmap))
     }
 
     /// The tissue of every pixel as 8-bit grey values, those of [`Tissue`](crate::tissue::Tissue), on the same pixels as

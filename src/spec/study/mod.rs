@@ -29,6 +29,16 @@ use serde_json::{Map, Value};
 use source::{Need, Source};
 use target::target;
 
+/// Bounds of the number at a pointer, and whether it is an integer.
+///
+/// # Errors
+/// A sentence on what is wrong.
+pub(super) fn number_at(pointer: &str) -> Result<([f64; 2], bool), String> {
+    let target = target(pointer)?;
+    let bounds = target.bounds().ok_or_else(|| "takes no numbers".to_owned())?;
+    Ok((bounds, target.integer))
+}
+
 const MEMBERS: [&str; 4] = ["design", "samples", "seed", "values"];
 
 /// A study: for each of its points, one value of every parameter that is varied.

@@ -26,6 +26,11 @@ impl Target {
         self.range.is_some()
     }
 
+    /// The least and the greatest number that it takes.
+    pub(super) fn bounds(self) -> Option<[f64; 2]> {
+        self.range.map(|range| [range.min, range.max])
+    }
+
     /// Why it does not take `value`, if it does not.
     pub(super) fn refuses(self, value: f64) -> Option<String> {
         self.range.and_then(|range| out_of(value, range, self.unit))

@@ -1,8 +1,9 @@
 //! Generations on the CPU of a worker, one at a time.
 
-use super::{GenerateFailure, Generation, Task, request};
+use super::{GenerateFailure, Generation, Made, Task, fit_of, request};
+use crate::fit::fit;
 use crate::generate::{Backend, CancelToken, Checkpoint, Outcome, Progress, Sink, Stage, generate, resume};
-use crate::jobs::BackendReport;
+use crate::jobs::{BackendReport, JobKind};
 use crate::model::Section;
 use crate::worker::generator::{Generator, Work, WorkError};
 use crate::worker::progress::AttemptSink;
@@ -79,7 +80,12 @@ impl Cpu {
             let (memory_limit_bytes, checkpoint) = (*memory_limit_bytes, checkpoint.as_deref());
             let work = Work { job, backend, dir: dir.path(), memory_limit_bytes, checkpoint };
             let sink = CertificateWatch { sink, nearly_free, begun: AtomicBool::new(false) };
-            pool.install(|| sink.sink.span().in_scope(|| generator.generate(work, &sink, cancel)))
+            pool.install(|| {
+                sink.sink.span().in_scope(|| match job.kind {
+                    JobKind::Model => generator.generate(work, &sink, cancel).map(Made::from),
+                    JobKind::Fit => fit_on_cpu(work, &sink, cancel),
+                })
+            })
         });
         let result = async move {
             match thread.await {
@@ -177,6 +183,15 @@ pub fn generate_on_cpu(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) ->
         }
         None => generate(&request, sink, cancel)?,
     })
+}
+
+/// Runs a fit, from the checkpoint if there is one that can be used.
+fn fit_on_cpu(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Made, WorkError> {
+    let spec = fit_of(work.job)?;
+    let result = fit(&spec, work.checkpoint, work.dir, sink, cancel)?;
+    let device = device(rayon::current_num_threads());
+    let summary = serde_json::json!(result);
+    Ok(Made { used: work.backend, device, files: Vec::new(), summary, seconds: None })
 }
 
 #[cfg(all(test, target_os = "linux"))]

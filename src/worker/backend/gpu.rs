@@ -1,7 +1,7 @@
 //! Generations on a GPU: a batch at a time, each member with an end of its own.
 
 use super::cpu::threads;
-use super::{GenerateFailure, Generation, Task, request, resolve};
+use super::{GenerateFailure, Generation, Made, Task, request, resolve};
 use crate::generate::{Backend, GenerateError, Member, Outcome, generate_batch};
 use crate::jobs::{BackendReport, Job};
 use crate::sim::Plan;
@@ -87,7 +87,7 @@ impl Gpu {
             answers.push(Mutex::new(Some(answer)));
             let result = async move {
                 match result.await {
-                    Ok(result) => Ok(result?),
+                    Ok(result) => Ok(Made::from(result?)),
                     Err(_) => Err(GenerateFailure::Verdict(verdict::of_silence())),
                 }
             };

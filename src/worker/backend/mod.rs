@@ -6,9 +6,10 @@ pub(super) mod gpu;
 use super::generator::{Work, WorkError};
 use super::progress::AttemptSink;
 use super::verdict::{self, Verdict};
-use crate::generate::{CancelToken, GenerateError, Outcome, Request};
-use crate::jobs::Job;
+use crate::fit::FitSpec;
+use crate::generate::{Backend, CancelToken, FileOutput, GenerateError, Outcome, Request, Seconds};
 use crate::jobs::scratch::AttemptDir;
+use crate::jobs::{Job, JobKind};
 use crate::spec::{self, ModelSpec};
 use bytes::Bytes;
 use std::future::Future;
@@ -45,9 +46,31 @@ impl From<WorkError> for GenerateFailure {
 
 type Result<T> = std::result::Result<T, GenerateFailure>;
 
+/// What a generation or a fit has made.
+pub(super) struct Made {
+    /// The backend that computed it.
+    pub(super) used: Backend,
+    /// Description of the device.
+    pub(super) device: String,
+    /// Files in the directory of the attempt.
+    pub(super) files: Vec<FileOutput>,
+    /// What the record keeps of it.
+    pub(super) summary: serde_json::Value,
+    /// Times of the stages of a model.
+    pub(super) seconds: Option<Seconds>,
+}
+
+impl From<Outcome> for Made {
+    fn from(outcome: Outcome) -> Self {
+        let summary = outcome.findings.figures();
+        let Outcome { used, device, files, seconds, .. } = outcome;
+        Self { used, device, files, summary, seconds: Some(seconds) }
+    }
+}
+
 /// A running generation. Dropping it tells it to stop; its thread ends by itself.
 pub(super) struct Generation {
-    result: Pin<Box<dyn Future<Output = Result<Outcome>> + Send>>,
+    result: Pin<Box<dyn Future<Output = Result<Made>> + Send>>,
     cancel: CancelToken,
     /// The right to use the threads of the CPU, if it has them.
     _threads: Option<OwnedSemaphorePermit>,
@@ -56,7 +79,7 @@ pub(super) struct Generation {
 impl Generation {
     /// `result` resolves when the threads have stopped working on it, after `cancel` too.
     fn new(
-        result: impl Future<Output = Result<Outcome>> + Send + 'static,
+        result: impl Future<Output = Result<Made>> + Send + 'static,
         cancel: CancelToken,
         threads: Option<OwnedSemaphorePermit>,
     ) -> Self {
@@ -69,7 +92,7 @@ impl Generation {
     }
 
     /// Its result. May be dropped and called again until it has resolved.
-    pub(super) fn result(&mut self) -> impl Future<Output = Result<Outcome>> + '_ {
+    pub(super) fn result(&mut self) -> impl Future<Output = Result<Made>> + '_ {
         &mut self.result
     }
 
@@ -95,11 +118,22 @@ pub(super) struct Prediction {
 
 /// Predicts what growing a job takes; `None` if its spec is not valid for this engine.
 pub(super) fn predict(job: &Job) -> Option<Prediction> {
+    if job.kind == JobKind::Fit {
+        return fit_of(job).ok().map(|fit| Prediction { seconds: fit.predicted_seconds(), bytes: 0 });
+    }
     let outputs: Vec<&str> = job.outputs.iter().map(|output| output.name()).collect();
     let cost = resolve(job).ok()?.cost(&outputs);
     let bytes = cost.bytes.values().fold(0_u64, |sum, bytes| sum.saturating_add(*bytes));
     let seconds = cost.seconds.values().map(|estimate| estimate.seconds).fold(0.0, f64::max);
     Some(Prediction { seconds, bytes })
+}
+
+/// The request of a fit.
+fn fit_of(job: &Job) -> std::result::Result<FitSpec, WorkError> {
+    FitSpec::read(&job.spec, Vec::new()).map_err(|faults| {
+        let faults: Vec<String> = faults.iter().map(ToString::to_string).collect();
+        WorkError::Spec { detail: faults.join("; ") }
+    })
 }
 
 fn resolve(job: &Job) -> std::result::Result<ModelSpec, WorkError> {

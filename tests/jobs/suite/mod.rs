@@ -32,7 +32,7 @@ use oviduct::generate::{Backend, Output, Progress, Stage};
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{
     Applied, BackendReport, BatchFilter, Change, ClaimedJob, Counts, Directive, File, Finished, Instruction, Job,
-    JobId, ListFilter, LiveSection, NewBatch, NewJob, Pause, Priority, Problem, Status, Store, StoreError,
+    JobId, JobKind, ListFilter, LiveSection, NewBatch, NewJob, Pause, Priority, Problem, Status, Store, StoreError,
     StoreOptions, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo, WorkerState,
 };
 use std::collections::{BTreeMap, HashMap};
@@ -127,6 +127,7 @@ pub(crate) use over;
 
 pub fn new_job(digest: &str) -> NewJob {
     NewJob {
+        kind: JobKind::Model,
         preset: "pig".into(),
         seed: (1 << 53) - 1,
         spec: serde_json::json!({ "length_mm": 60.0, "steps": 2000 }),
@@ -169,6 +170,7 @@ fn progress(fraction: f64) -> Progress {
         particles: 710,
         sections: 2,
         eta_seconds: Some(3.5),
+        misfit: None,
     }
 }
 

@@ -1,0 +1,154 @@
+//! `oviduct figures`: the figures of the paper, from a model of ours and from measurements on this machine.
+//!
+//! | file | subject |
+//! |---|---|
+//! | `grown` | the model of Figures 4 to 9, read back from its files |
+//! | `figure4` | sections of isthmus and ampulla as lines |
+//! | `figure7` | sections along the tube, and the same ones stained |
+//! | `figure8` | triangulated end caps, wire frame |
+//! | `figure9` | views of the model |
+//! | `figure10` | time per step of each version of the simulation |
+//! | `figure11` | their total times, as a table |
+//! | `table` | tables as SVG |
+//! | `page` | the index of all figures |
+
+mod figure10;
+mod figure11;
+mod figure4;
+mod figure7;
+mod figure8;
+mod figure9;
+mod grown;
+mod made;
+mod page;
+mod table;
+
+use super::args::{FiguresArgs, Number};
+use super::bench::{machine, paper};
+use super::exit::{Ended, Failure};
+use super::interrupt::Signals;
+use super::scratch::Scratch;
+use super::{generate, model, term, units};
+use crate::generate::{Output, Request};
+use crate::sim::Plan;
+use crate::spec::ModelSpec;
+use anyhow::Context;
+use grown::Grown;
+use made::{Made, today};
+use serde_json::{Value, json};
+
+/// Name of the numbers.
+const NUMBERS: &str = "figures.json";
+/// Name of the index.
+const INDEX: &str = "figures.html";
+
+/// A figure from a grown model, in pictures of a width.
+type Drawn = fn(&Grown, u32) -> anyhow::Result<Made>;
+/// Figures of the model, and how each is drawn.
+const DRAWN: [(Number, Drawn); 4] = [
+    (Number::Four, figure4::draw),
+    (Number::Seven, figure7::draw),
+    (Number::Eight, figure8::draw),
+    (Number::Nine, figure9::draw),
+];
+
+pub(super) async fn run(args: FiguresArgs) -> Ended {
+    let (preset, spec) = model::resolve(&args.of)?;
+    let seed = model::seed(&args.of);
+    // Before the scratch directory exists, which a signal would leave behind.
+    let mut signals = Signals::listen();
+    let scratch = Scratch::new(&args.out).with_context(|| format!("--out {}", args.out.display()))?;
+    let mut document = json!({
+        "engine": crate::ENGINE_VERSION,
+        "date": today(),
+        "machine": machine::describe(),
+        "preset": preset.name,
+        "seed": seed,
+        "digest": spec.digest(seed),
+        "figures": {},
+    });
+    let mut figures = Vec::new();
+    if DRAWN.iter().any(|(number, _)| args.wants(*number)) {
+        let request = Request {
+            preset: preset.name.clone(),
+            seed,
+            spec: spec.clone(),
+            backend: args.backend,
+            outputs: vec![Output::Glb],
+            dir: scratch.dir().to_owned(),
+            memory_limit_bytes: None,
+        };
+        let (outcome, fallback, request) = generate::grow(request, args.gpu, &mut signals).await?;
+        generate::warn(&outcome);
+        document["model"] = json!({
+            "backend": outcome.used, "device": outcome.device, "fallback": fallback, "seconds": outcome.seconds,
+            "summary": &outcome.findings.summary,
+        });
+        let (wanted, summary) = (args.clone(), outcome.findings.summary);
+        figures = apart(&mut signals, move || draw(&Grown::read(&request, summary)?, &wanted)).await?;
+    }
+    if args.wants(Number::Ten) || args.wants(Number::Eleven) {
+        let wanted = args.clone();
+        figures.extend(apart(&mut signals, move || measure(&spec, seed, &wanted)).await?);
+    }
+    for made in &figures {
+        document["figures"][made.number] = made.document();
+    }
+    publish(&scratch, &figures, &document)
+}
+
+/// Runs `work` on another thread; a signal leaves it to the end of the process.
+async fn apart<T: Send + 'static>(
+    signals: &mut Signals,
+    work: impl FnOnce() -> anyhow::Result<T> + Send + 'static,
+) -> Result<T, Failure> {
+    tokio::select! {
+        done = tokio::task::spawn_blocking(work) => Ok(done.context("drawing panicked")??),
+        () = signals.asked_to_stop() => Err(Failure::Interrupted),
+    }
+}
+
+fn draw(grown: &Grown, args: &FiguresArgs) -> anyhow::Result<Vec<Made>> {
+    let bar = term::Bar::new();
+    let wanted: Vec<_> = DRAWN.into_iter().filter(|(number, _)| args.wants(*number)).collect();
+    let count = wanted.len() as f64;
+    let drawn = wanted.into_iter().enumerate().map(|(i, (number, draw))| {
+        bar.show("draw", i as f64 / count, format!("figure {}", made::name(number)));
+        draw(grown, args.size).with_context(|| format!("figure {}", made::name(number)))
+    });
+    let drawn = drawn.collect();
+    bar.clear();
+    drawn
+}
+
+fn measure(spec: &ModelSpec, seed: u64, args: &FiguresArgs) -> anyhow::Result<Vec<Made>> {
+    let measured = paper::measure(&Plan::new(spec, seed), args.quick, args.gpu)?;
+    let mut made = Vec::new();
+    if args.wants(Number::Ten) {
+        made.push(figure10::draw(&measured, args.gpu.gpu)?);
+    }
+    if args.wants(Number::Eleven) {
+        made.push(figure11::draw(&measured, args.gpu.gpu));
+    }
+    Ok(made)
+}
+
+/// Moves all files to their directory, the index last, and lists them.
+fn publish(scratch: &Scratch, figures: &[Made], document: &Value) -> Ended {
+    let numbers = serde_json::to_string_pretty(document)? + "\n";
+    let index = page::page(figures, document).into_string();
+    let named = |(name, bytes): &(String, Vec<u8>)| (name.clone(), bytes.clone());
+    let files: Vec<(String, Vec<u8>)> = figures
+        .iter()
+        .flat_map(|made| made.files.iter().map(named))
+        .chain([(NUMBERS.to_owned(), numbers.into_bytes()), (INDEX.to_owned(), index.into_bytes())])
+        .collect();
+    for (name, bytes) in &files {
+        std::fs::write(scratch.dir().join(name), bytes).with_context(|| name.clone())?;
+    }
+    for (name, bytes) in &files {
+        let path = scratch.publish(name).with_context(|| name.clone())?;
+        term::print(&format!("{}  {}", path.display(), units::show_bytes(bytes.len() as u64)))?;
+    }
+    Ok(())
+}
