@@ -144,7 +144,9 @@ impl<'a> Archive<'a> {
 
     fn entry(&self, places: &[f64]) -> Result<Entry, Unmeasured> {
         let key = key(places);
-        if let Some(known) = lock(&self.known).get(&key).cloned() {
+        // Its lock is released before that of the watch is taken: a checkpoint takes them the other way round.
+        let known = lock(&self.known).get(&key).cloned();
+        if let Some(known) = known {
             let misfit = candidate(known.clone()).map(|candidate| candidate.misfit(&self.fit.targets));
             self.watch.remembered(misfit);
             return Ok(known);
