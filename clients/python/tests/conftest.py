@@ -17,6 +17,16 @@ from service import SMALL, Service  # noqa: E402
 # A model that takes a few seconds, so that there is time to disturb it.
 SLOW = {"steps": 2000, "particles": {"total": {"keys": [[0, 300], [1, 3000]]}}}
 
+# A fit that takes a second or two: its target is out of reach, so that it does not end at once.
+FIT = {
+    "spec": SMALL,
+    "targets": [{"region": "ampulla", "quantity": "lumen_perimeter_mm", "value": 100}],
+    "vary": [{"parameter": "/friction", "from": 0.2, "to": 0.4}, {"parameter": "/collision/gap_um"}],
+    "evaluations": 60,
+    "seeds": 1,
+    "models": 1,
+}
+
 
 @pytest.fixture(scope="session", autouse=True)
 def environment():

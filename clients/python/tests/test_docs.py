@@ -37,11 +37,12 @@ def test_the_examples_run(service, tmp_path, monkeypatch, capsys):
         printed[heading] = capsys.readouterr().out
     names["client"].close()
 
-    assert len(printed) == 6
+    assert len(printed) == 7
     assert (tmp_path / "model.glb").stat().st_size > 0 and "True" in printed["Submit, wait, download"]
     assert "/spec/collision/gap_um" in printed["Errors"] and "/spec/colour" in printed["Errors"]
     assert printed["asyncio"] == "['succeeded', 'succeeded', 'succeeded']\n"
     assert "end succeeded" in printed["Events"]
+    assert re.fullmatch(r"lumen_perimeter_mm [\d.]+ met\n", printed["A fit"])
     assert len(names["table"]) == 50 and set(names["table"]["status"]) == {"succeeded"}
     with open(tmp_path / "study.csv", newline="") as file:
         assert len(list(csv.DictReader(file))) == 50

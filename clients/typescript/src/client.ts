@@ -11,6 +11,8 @@ import type {
   BatchValidation,
   CallOptions,
   Fit,
+  FitEvent,
+  FitFilter,
   FitPage,
   FitRequest,
   FitValidation,
@@ -51,19 +53,19 @@ export interface OviductOptions {
   maxDelay?: number | undefined;
 }
 
-/** Options of `submit`, `submitBatch` and `retry`. */
+/** Options of `submit`, `submitBatch`, `submitFit` and `retry`. */
 export interface SubmitOptions extends CallOptions {
   /** The same key with the same request gives the same result. A random one by default, so that retries are safe. */
   idempotencyKey?: string | undefined;
 }
 
-/** Options of `list` and `listBatches`. */
+/** Options of `list`, `listBatches` and `listFits`. */
 export interface ListOptions extends CallOptions {
   /** Number of entries that one request asks for, 1 to 100; 20 by default. */
   pageSize?: number | undefined;
 }
 
-/** Options of `listPage` and `listBatchesPage`. */
+/** Options of `listPage`, `listBatchesPage` and `listFitsPage`. */
 export interface PageOptions extends ListOptions {
   /** `next` of the previous page. */
   cursor?: string | undefined;
@@ -74,11 +76,14 @@ export interface ViewOptions {
   view?: "summary" | "full" | undefined;
 }
 
-/** Options of `follow`. */
-export interface FollowOptions extends CallOptions, ViewOptions {
-  /** `id` of the last event that was seen, of a stream of the same models. */
+/** Options of `followFit`. */
+export interface FollowFitOptions extends CallOptions {
+  /** `id` of the last event that was seen, of a stream of the same models, or of the same fit. */
   lastEventId?: string | undefined;
 }
+
+/** Options of `follow`. */
+export interface FollowOptions extends FollowFitOptions, ViewOptions {}
 
 /** Options of `wait`. */
 export interface WaitOptions extends CallOptions {
@@ -90,6 +95,12 @@ export interface WaitOptions extends CallOptions {
 export interface WaitBatchOptions extends CallOptions {
   /** Called with each new state of a model of the batch. */
   onProgress?: ((model: ModelState) => void) | undefined;
+}
+
+/** Options of `waitFit`. */
+export interface WaitFitOptions extends CallOptions {
+  /** Called with each new state. */
+  onProgress?: ((fit: Fit) => void) | undefined;
 }
 
 /** Options of `file`. */
@@ -121,6 +132,13 @@ export interface ArchiveOptions extends CallOptions {
 
 /** Which models `cancelAll` and `deleteAll` are for. Conditions, or explicitly all. */
 export type Which = ModelFilter & { all?: boolean | undefined };
+
+/** An event of a stream, with its data. */
+interface StateEvent {
+  type: string;
+  id: string;
+  state: unknown;
+}
 
 /**
  * A client of an oviduct service. Members of requests and answers have their names on the wire; `href` of files is absolute.
@@ -175,13 +193,8 @@ export class Oviduct {
   }
 
   /** The models that match, newest first, page by page as they are iterated. */
-  async *list(filter: ModelFilter = {}, options: ListOptions & ViewOptions = {}): AsyncGenerator<Model, void> {
-    let cursor: string | undefined;
-    do {
-      const page = await this.listPage(filter, { ...options, cursor });
-      yield* page.models;
-      cursor = page.next ?? undefined;
-    } while (cursor !== undefined);
+  list(filter: ModelFilter = {}, options: ListOptions & ViewOptions = {}): AsyncGenerator<Model, void> {
+    return items((cursor) => this.listPage(filter, { ...options, cursor }), (page) => page.models);
   }
 
   /** One page of the models that match, newest first. */
@@ -233,13 +246,8 @@ export class Oviduct {
   }
 
   /** The batches that match, newest first, without the ids of their models. */
-  async *listBatches(filter: BatchFilter = {}, options: ListOptions = {}): AsyncGenerator<Batch, void> {
-    let cursor: string | undefined;
-    do {
-      const page = await this.listBatchesPage(filter, { ...options, cursor });
-      yield* page.batches;
-      cursor = page.next ?? undefined;
-    } while (cursor !== undefined);
+  listBatches(filter: BatchFilter = {}, options: ListOptions = {}): AsyncGenerator<Batch, void> {
+    return items((cursor) => this.listBatchesPage(filter, { ...options, cursor }), (page) => page.batches);
   }
 
   /** One page of the batches that match, newest first. */
@@ -302,18 +310,18 @@ export class Oviduct {
     return this.#get(`fits/${segment(id)}`, options);
   }
 
-  /** The fits, newest first, without requests and results. */
-  async *listFits(options: ListOptions = {}): AsyncGenerator<Fit, void> {
-    let cursor: string | undefined;
-    do {
-      const { pageSize: limit } = options;
-      const page: FitPage = await this.#get("fits", options, { limit, cursor });
-      yield* page.fits;
-      cursor = page.next ?? undefined;
-    } while (cursor !== undefined);
+  /** The fits that match, newest first, without requests and results. */
+  listFits(filter: FitFilter = {}, options: ListOptions = {}): AsyncGenerator<Fit, void> {
+    return items((cursor) => this.listFitsPage(filter, { ...options, cursor }), (page) => page.fits);
   }
 
-  /** Cancels a fit; one that has ended does not change. */
+  /** One page of the fits that match, newest first. */
+  listFitsPage(filter: FitFilter = {}, options: PageOptions = {}): Promise<FitPage> {
+    const { pageSize: limit, cursor } = options;
+    return this.#get("fits", options, { ...conditions(filter), limit, cursor });
+  }
+
+  /** Cancels a fit: a queued one at once, a running one within a second. One that has ended does not change. */
   cancelFit(id: string, options: CallOptions = {}): Promise<Fit> {
     return this.#post(`fits/${segment(id)}/cancel`, options);
   }
@@ -334,47 +342,23 @@ export class Oviduct {
    * `break` or by the signal.
    */
   async *follow(which: string | FollowFilter, options: FollowOptions = {}): AsyncGenerator<ModelEvent, void> {
-    const { signal, view } = options;
     const one = typeof which === "string";
     const path = one ? `models/${segment(which)}/events` : "events";
     const query = one ? {} : { ids: which.ids?.join(","), label: labels(which.labels), batch: which.batch };
     const awaited = one ? new Set([which]) : which.ids && new Set(which.ids);
     const finite = !one && (which.ids !== undefined || which.batch !== undefined);
-    let last = options.lastEventId;
-    let byFetch = false;
-    for (let failures = 0; ; ) {
-      let opened: number | undefined;
-      let problem: unknown;
-      try {
-        const call = this.#call("GET", path, options, { ...query, view, last_event_id: last });
-        const events = await this.#connect(call, byFetch);
-        if (events === undefined) return;
-        opened = Date.now();
-        for await (const raw of events) {
-          failures = 0;
-          last = raw.id || last;
-          if (raw.data === "") continue;
-          const event = { type: raw.type, id: raw.id, model: JSON.parse(raw.data) as unknown } as ModelEvent;
-          absolute(event.model, this.#transport.url(path).href);
-          yield event;
-          if (event.type === "end" && awaited?.delete(event.model.id) && awaited.size === 0) return;
-        }
-        // The id by which every process of the service knows that all have ended comes without an event: only `fetch` sees it.
-        byFetch = finite;
-      } catch (error) {
-        problem = error;
-      }
-      signal?.throwIfAborted();
-      // Only a stream that was opened has worked, however long the attempt took.
-      failures = opened !== undefined && Date.now() - opened > LIMITS.lasting ? 1 : failures + 1;
-      const wait = this.#transport.delay(failures, problem);
-      if (wait === undefined) throw problem;
-      if (failures > this.#reconnects) {
-        throw problem ?? new OviductConnectionError(`GET ${this.url}${path}: the stream breaks off again and again`);
-      }
-      // An unknown id also brings the models that have ended meanwhile.
-      last ??= "none";
-      await sleep(wait, signal);
+    for await (const { type, id, state } of this.#states(path, { ...query, view: options.view }, options, finite)) {
+      const event = { type, id, model: state } as ModelEvent;
+      yield event;
+      if (event.type === "end" && awaited?.delete(event.model.id) && awaited.size === 0) return;
+    }
+  }
+
+  /** Follows a fit, as {@link follow} does a model. The events have its result, but not its request. Ends after its `end` event. */
+  async *followFit(id: string, options: FollowFitOptions = {}): AsyncGenerator<FitEvent, void> {
+    for await (const { type, id: place, state } of this.#states(`fits/${segment(id)}/events`, {}, options)) {
+      yield { type, id: place, fit: state } as FitEvent;
+      if (type === "end") return;
     }
   }
 
@@ -394,6 +378,15 @@ export class Oviduct {
       if (model.status !== "deleted") onProgress?.(model);
     }
     return this.getBatch(id, { signal });
+  }
+
+  /** Waits until a fit has ended; gives it, whether it has succeeded, failed or was cancelled. */
+  async waitFit(id: string, options: WaitFitOptions = {}): Promise<Fit> {
+    const { onProgress, signal } = options;
+    for await (const { fit } of this.followFit(id, { signal })) {
+      if (fit.status !== "deleted") onProgress?.(fit);
+    }
+    return this.getFit(id, { signal });
   }
 
   // Files of models that have succeeded.
@@ -556,6 +549,54 @@ export class Oviduct {
     return this.#transport.url(path, { ...query, ticket }).href;
   }
 
+  /**
+   * The events of a stream, which is opened again when it breaks.
+   *
+   * @param finite Whether the service ends the stream after events of many models, by an id without an event.
+   */
+  async *#states(
+    path: string,
+    query: Query,
+    options: FollowFitOptions,
+    finite = false,
+  ): AsyncGenerator<StateEvent, void> {
+    const { signal } = options;
+    let last = options.lastEventId;
+    let byFetch = false;
+    for (let failures = 0; ; ) {
+      let opened: number | undefined;
+      let problem: unknown;
+      try {
+        const call = this.#call("GET", path, options, { ...query, last_event_id: last });
+        const events = await this.#connect(call, byFetch);
+        if (events === undefined) return;
+        opened = Date.now();
+        for await (const raw of events) {
+          failures = 0;
+          last = raw.id || last;
+          if (raw.data === "") continue;
+          const state = absolute(JSON.parse(raw.data), this.#transport.url(path).href);
+          yield { type: raw.type, id: raw.id, state };
+        }
+        // The id by which every process of the service knows that all have ended comes without an event: only `fetch` sees it.
+        byFetch = finite;
+      } catch (error) {
+        problem = error;
+      }
+      signal?.throwIfAborted();
+      // Only a stream that was opened has worked, however long the attempt took.
+      failures = opened !== undefined && Date.now() - opened > LIMITS.lasting ? 1 : failures + 1;
+      const wait = this.#transport.delay(failures, problem);
+      if (wait === undefined) throw problem;
+      if (failures > this.#reconnects) {
+        throw problem ?? new OviductConnectionError(`GET ${this.url}${path}: the stream breaks off again and again`);
+      }
+      // An unknown id also brings the models that have ended meanwhile.
+      last ??= "none";
+      await sleep(wait, signal);
+    }
+  }
+
   /** Opens a stream of events; undefined if there is nothing more to come. */
   async #connect(call: Call, byFetch: boolean): Promise<AsyncGenerator<RawEvent, void> | undefined> {
     const { path, query = {}, signal } = call;
@@ -576,6 +617,19 @@ function segment(text: string): string {
   // These would lead elsewhere.
   if (text === "" || text === "." || text === "..") throw new TypeError(`"${text}" is no id or name`);
   return encodeURIComponent(text);
+}
+
+/** The items of all pages of a list. */
+async function* items<P extends { next?: string | null }, T>(
+  page: (cursor: string | undefined) => Promise<P>,
+  of: (page: P) => T[],
+): AsyncGenerator<T, void> {
+  let cursor: string | undefined;
+  do {
+    const found = await page(cursor);
+    yield* of(found);
+    cursor = found.next ?? undefined;
+  } while (cursor !== undefined);
 }
 
 function labels(own: Record<string, string> | undefined): string[] | undefined {

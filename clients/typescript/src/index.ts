@@ -3,6 +3,7 @@ export type {
   ArchiveOptions,
   BytesOptions,
   FileOptions,
+  FollowFitOptions,
   FollowOptions,
   ListOptions,
   OviductOptions,
@@ -11,6 +12,7 @@ export type {
   SubmitOptions,
   ViewOptions,
   WaitBatchOptions,
+  WaitFitOptions,
   WaitOptions,
   Which,
 } from "./client.js";

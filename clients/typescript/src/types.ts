@@ -79,6 +79,15 @@ export type ModelEvent = {
   model: ModelState | DeletedModel;
 };
 
+/** The present state of a fit, without its request, and what has changed in it. */
+export type FitEvent = {
+  /** What has changed; `end` is the last event of a fit. */
+  type: "status" | "progress" | "end";
+  /** Place in the stream, for `lastEventId`. */
+  id: string;
+  fit: Fit | Schemas["DeletedEvent"];
+};
+
 /** Which models are meant; a model must match all conditions. */
 export interface ModelFilter {
   status?: Status | undefined;
@@ -96,6 +105,9 @@ export interface ModelFilter {
 
 /** Which batches are meant. */
 export type BatchFilter = Pick<ModelFilter, "owner" | "created_after" | "created_before">;
+
+/** Which fits are meant. */
+export type FitFilter = Omit<ModelFilter, "batch">;
 
 /** Which models to follow; `{}` is all that the key may read. */
 export interface FollowFilter {

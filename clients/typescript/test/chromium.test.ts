@@ -5,8 +5,8 @@ import { readFile } from "node:fs/promises";
 import type { RequestListener } from "node:http";
 import { test } from "node:test";
 import { chromium, type Page } from "playwright-core";
-import type { Batch, Model, SectionJson } from "oviduct-client";
-import { LONG, Service, SMALL, withServer } from "./service.js";
+import type { Batch, Fit, Model, SectionJson } from "oviduct-client";
+import { FIT, LONG, Service, SMALL, withServer } from "./service.js";
 
 const EXECUTABLE = process.env["CHROMIUM"] ?? "/usr/bin/chromium";
 const FLAGS = ["--no-sandbox", "--headless", "--disable-gpu", "--disable-background-networking"];
@@ -107,6 +107,11 @@ test("a page of another origin submits, follows through a restart, and downloads
 
       const batch = await call<Batch>(page, "batch", service.url, key, { ...SMALL, seeds: [1, 2] });
       assert.equal(batch.counts.succeeded, 2);
+
+      const fit = await call<Fit>(page, "fit", service.url, key, FIT);
+      assert.equal(fit.status, "succeeded");
+      const opened = (await page.evaluate("connections")) as string[];
+      assert(opened.some((url) => url.includes(`/fits/${fit.id}/events?ticket=ovt_`)), "by EventSource");
 
       const unknown = await call(page, "problem", service.url, key);
       const type = "urn:oviduct:problem:model-not-found";

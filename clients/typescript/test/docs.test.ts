@@ -45,6 +45,7 @@ test("the tutorial runs", async () => {
       /^[0-9a-f-]{36} 2\d{3}-/m,
       /^0 models would be deleted$/m,
       /^0\.2 \d+\n0\.3 \d+$/m,
+      /^lumen_perimeter_mm [\d.]+ met$/m,
     ]) {
       assert.match(output, wanted);
     }

@@ -4,7 +4,7 @@ import { test } from "node:test";
 import { Oviduct, OviductConnectionError, OviductError, type ModelEvent } from "oviduct-client";
 // Not exported by the package.
 import { LIMITS, openEventSource } from "../dist/events.js";
-import { LONG, SMALL, withServer, withService } from "./service.js";
+import { FIT, LONG, SMALL, withServer, withService } from "./service.js";
 
 test("a stream goes on through a restart of the service", async () => {
   await withService([], async (service) => {
@@ -29,6 +29,21 @@ test("a stream goes on through a restart of the service", async () => {
     assert(last?.type === "end" && last.model.status === "succeeded");
     assert(last.model.attempts >= 2, "it was grown again after the restart");
     assert.equal((await ended).counts.succeeded, 2);
+  });
+});
+
+test("the stream of a fit goes on through a restart of the service", async () => {
+  await withService([], async (service) => {
+    const client = new Oviduct(service.url, { key: await service.key() });
+    const { id } = await client.submitFit(FIT);
+    let restarted: Promise<void> | undefined;
+    const done = await client.waitFit(id, {
+      onProgress: (fit) => {
+        if (fit.progress && fit.progress.evaluations > 2) restarted ??= service.kill().then(() => service.start());
+      },
+    });
+    await restarted;
+    assert.deepEqual([done.status, done.attempts], ["succeeded", 2]);
   });
 });
 

@@ -2,8 +2,8 @@
 import assert from "node:assert/strict";
 import { createHash } from "node:crypto";
 import { after, before, test } from "node:test";
-import { Oviduct, OviductError, type Model, type ModelEvent } from "oviduct-client";
-import { LONG, proxy, Service, SMALL, withServer, withService } from "./service.js";
+import { Oviduct, OviductError, type FitEvent, type Model, type ModelEvent } from "oviduct-client";
+import { FIT, LONG, proxy, Service, SMALL, withServer, withService } from "./service.js";
 
 let service: Service;
 let client: Oviduct;
@@ -134,6 +134,75 @@ test("a study is checked, grown, and read as a table and an archive", async () =
   assert.equal((await client.cancelBatch(id)).counts.succeeded, 4);
   await client.deleteBatch(id);
   assert((await problemOf(client.getBatch(id))).is("batch-not-found"));
+});
+
+test("a fit is checked, followed to its result, listed and deleted", async () => {
+  const request = { ...FIT, labels: { kind: "fit" }, priority: 1 };
+  const valid = await client.validateFit(request);
+  assert(valid.seconds > 0 && valid.request.targets?.[0]?.low === 95);
+  const [submitted, again] = [
+    await client.submitFit(request, { idempotencyKey: "fit" }),
+    await client.submitFit(request, { idempotencyKey: "fit" }),
+  ];
+  const { id } = submitted;
+  assert.deepEqual([again.id, submitted.digest], [id, valid.digest]);
+  const events = await all(client.followFit(id));
+  const types = events.map((event) => event.type);
+  assert(types[0] === "status" && types.includes("progress"), types.join());
+  assert.equal(types.indexOf("end"), types.length - 1);
+  const last = events.at(-1)!;
+  assert(last.fit.status === "succeeded" && last.fit.result && !last.fit.request);
+  assert.deepEqual(await all(client.followFit(id, { lastEventId: last.id })), []);
+
+  const states: string[] = [];
+  const done = await client.waitFit(id, { onProgress: (fit) => states.push(fit.status) });
+  assert.deepEqual([states, done.result], [["succeeded"], last.fit.result]);
+  assert.deepEqual(done.request, valid.request);
+  assert.equal(done.result?.unmet[0]?.quantity, "lumen_perimeter_mm");
+  assert.equal(done.progress?.models, done.result?.models.length);
+
+  const gone = await client.submitFit({ ...FIT, ...LONG });
+  const ids = async (...list: Parameters<Oviduct["listFits"]>) => (await all(client.listFits(...list))).map((fit) => fit.id);
+  assert.deepEqual(await ids({}, { pageSize: 1 }), [gone.id, id]);
+  const created_after = new Date(gone.created_at);
+  assert.deepEqual(await ids({ labels: { kind: "fit" }, preset: "pig", created_before: created_after }), [id]);
+  assert.deepEqual(await ids({ created_after }), [gone.id]);
+  assert.deepEqual(await ids({ status: "failed" }), []);
+  const page = await client.listFitsPage({ status: "succeeded" }, { pageSize: 1 });
+  assert.deepEqual([page.fits.length, page.next ?? null, page.fits[0]?.result], [1, null, undefined]);
+
+  // One that is followed while it is cancelled, and one while it is deleted.
+  for await (const { type } of client.followFit(gone.id)) if (type === "progress") await client.cancelFit(gone.id);
+  assert.equal((await client.cancelFit(gone.id)).status, "cancelled");
+  const deleted = await client.submitFit({ ...FIT, ...LONG });
+  let end: FitEvent | undefined;
+  for await (const event of client.followFit(deleted.id)) {
+    if (!end) await client.deleteFit(deleted.id);
+    end = event;
+  }
+  assert.deepEqual([end?.type, end?.fit], ["end", { id: deleted.id, status: "deleted" }]);
+  await client.deleteFit(id);
+  assert((await problemOf(client.getFit(id))).is("fit-not-found"));
+  assert((await problemOf(client.waitFit(id))).is("fit-not-found"));
+});
+
+test("faults of a fit have their places", async () => {
+  const request = {
+    targets: [{ region: "ampulla", quantity: "folds", value: 30 }],
+    vary: [{ parameter: "/nothing" }],
+    labels: { study: 3 as unknown as string },
+  };
+  for (const call of [() => client.submitFit(request), () => client.validateFit(request)]) {
+    const error = await problemOf(call());
+    assert(error.status === 422 && error.is("invalid-request"));
+    assert.deepEqual(error.errors.map((fault) => fault.pointer), [
+      "/labels/study",
+      "/targets/0/quantity",
+      "/vary/0/parameter",
+    ]);
+  }
+  const wrong = await problemOf(client.listFitsPage({ status: "ended" as "failed" }));
+  assert.deepEqual(wrong.errors[0]?.parameter, "status");
 });
 
 test("many models are followed by one stream", async () => {

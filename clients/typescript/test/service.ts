@@ -7,7 +7,7 @@ import { createServer, type AddressInfo } from "node:net";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { setTimeout as sleep } from "node:timers/promises";
-import type { ModelRequest } from "oviduct-client";
+import type { FitRequest, ModelRequest } from "oviduct-client";
 
 /** A model that takes about a second: few steps and particles, all stages. */
 export const SMALL = {
@@ -18,6 +18,16 @@ export const SMALL = {
 export const LONG = {
   spec: { steps: 2000, particles: { total: { keys: [[0, 710], [1, 6000]] } } },
 } satisfies ModelRequest;
+
+/** A fit that takes a second or two: its target is out of reach, so that it does not end at once. */
+export const FIT = {
+  ...SMALL,
+  targets: [{ region: "ampulla", quantity: "lumen_perimeter_mm", value: 100 }],
+  vary: [{ parameter: "/friction", from: 0.2, to: 0.4 }, { parameter: "/collision/gap_um" }],
+  evaluations: 60,
+  seeds: 1,
+  models: 1,
+} satisfies FitRequest;
 
 const binary = process.env["OVIDUCT_BINARY"];
 

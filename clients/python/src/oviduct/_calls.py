@@ -6,6 +6,7 @@ describe the interface.
 
 from __future__ import annotations
 
+import base64
 import datetime
 import uuid
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -23,6 +24,11 @@ from .types import (
     Batch,
     BatchRef,
     BatchValidation,
+    Fit,
+    FitFilter,
+    FitOptions,
+    FitRef,
+    FitValidation,
     Health,
     Json,
     Model,
@@ -42,7 +48,7 @@ from .types import (
 T = TypeVar("T")
 Call = tuple[Request, Callable[[httpx.Response], T]]
 Params = tuple[tuple[str, str], ...]
-# Models or batches of a page of a list.
+# Models, batches or fits of a page of a list.
 PAGE = 100
 
 
@@ -53,9 +59,9 @@ def segment(text: str) -> str:
     return quote(text, safe="")
 
 
-def key(ref: ModelRef | BatchRef) -> str:
-    """The id of a model or a batch, as a segment of a path."""
-    return segment(str(ref.id if isinstance(ref, (Model, Batch)) else ref))
+def key(ref: ModelRef | BatchRef | FitRef) -> str:
+    """The id of a model, a batch or a fit, as a segment of a path."""
+    return segment(str(ref.id if isinstance(ref, (Model, Batch, Fit)) else ref))
 
 
 def json(response: httpx.Response) -> Any:
@@ -95,15 +101,15 @@ def _labels(labels: types.Labels | None) -> Params:
     return tuple(("label", f"{name}:{value}") for name, value in (labels or {}).items())
 
 
-def filter_params(given: ModelFilter) -> Params:
-    """Query parameters of conditions; those that are None are left out."""
-    _known(given, ModelFilter)
+def filter_params(given: Mapping[str, Any], kind: Any = ModelFilter) -> Params:
+    """Query parameters of conditions of a kind; those that are None are left out."""
+    _known(given, kind)
     params = [(name, given.get(name)) for name in ("status", "preset", "owner")]
     batch = given.get("batch")
     params.append(("batch", None if batch is None else key(batch)))
     for name in ("created_after", "created_before"):
         time = given.get(name)
-        params.append((name, None if time is None else _moment(time)))  # type: ignore[arg-type]
+        params.append((name, None if time is None else _moment(time)))
     return tuple((name, str(value)) for name, value in params if value is not None) + _labels(given.get("labels"))
 
 
@@ -114,10 +120,14 @@ def _known(given: Mapping[str, Any], kind: Any) -> None:
             raise TypeError(f"unexpected keyword argument {name!r}; there are {', '.join(kind.__annotations__)}")
 
 
+def _given(members: Mapping[str, Any]) -> Json:
+    return {name: value for name, value in members.items() if value is not None}
+
+
 def _body(options: ModelOptions, **members: Any) -> Json:
     """The body of a request; members that are None are left to the service."""
     _known(options, ModelOptions)
-    body = {name: value for name, value in {**options, **members}.items() if value is not None}
+    body = _given({**options, **members})
     if "outputs" in body:
         body["outputs"] = [body["outputs"]] if isinstance(body["outputs"], str) else list(body["outputs"])
     return body
@@ -308,6 +318,50 @@ def table(ref: BatchRef) -> Call[Table]:
 def archive(ref: BatchRef, files: Sequence[str] | None, form: str) -> Request:
     names = () if files is None else (("files", ",".join([files] if isinstance(files, str) else files)),)
     return Request("GET", f"batches/{key(ref)}/archive", params=(*names, ("format", form)))
+
+
+# Fits.
+
+
+def _image(image: types.SectionImage) -> Json:
+    png = image.get("png")
+    return {**image, "png": base64.b64encode(png).decode()} if isinstance(png, bytes) else {**image}
+
+
+def _fit_body(options: FitOptions) -> Json:
+    _known(options, FitOptions)
+    body = _given(options)
+    if "images" in body:
+        body["images"] = [_image(image) for image in body["images"]]
+    return body
+
+
+def submit_fit(options: FitOptions, idempotency_key: str | None) -> Call[Fit]:
+    return _post("fits", _fit_body(options), idempotency_key), _reads(Fit)
+
+
+def validate_fit(options: FitOptions) -> Call[FitValidation]:
+    return Request("POST", "fits/validate", body=_fit_body(options)), _reads(FitValidation)
+
+
+def fit(ref: FitRef) -> Call[Fit]:
+    return Request("GET", f"fits/{key(ref)}"), _reads(Fit)
+
+
+def cancel_fit(ref: FitRef) -> Call[Fit]:
+    return Request("POST", f"fits/{key(ref)}/cancel"), _reads(Fit)
+
+
+def delete_fit(ref: FitRef) -> Call[None]:
+    return Request("DELETE", f"fits/{key(ref)}"), _nothing
+
+
+def fits(given: FitFilter, retries: int) -> Steps[None]:
+    return pages("fits", filter_params(given, FitFilter), lambda item, _: read(Fit, item), retries)
+
+
+def fit_events(ref: FitRef) -> Request:
+    return Request("GET", f"fits/{key(ref)}/events")
 
 
 # Presets, access and workers.

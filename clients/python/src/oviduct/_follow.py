@@ -1,11 +1,11 @@
-"""Following models and batches: event streams that survive lost connections, and waits."""
+"""Following models, batches and fits: event streams that survive lost connections, and waits."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import httpx
 
@@ -15,6 +15,9 @@ from ._sse import Parser
 from ._steps import Emit, Open, Read, Request, Send, Sleep, Steps, backoff, call, check, delay
 from .errors import (
     ConnectionFailed,
+    FitCancelled,
+    FitDeleted,
+    FitFailed,
     ModelCancelled,
     ModelDeleted,
     ModelFailed,
@@ -22,7 +25,12 @@ from .errors import (
     UnexpectedAnswer,
     WaitTimeout,
 )
-from .types import Batch, BatchRef, Event, Model, ModelRef, read_event
+from .types import Batch, BatchRef, Event, Fit, FitEvent, FitRef, Model, ModelRef, read_event, read_fit_event
+
+# A model or a fit, and an event of such.
+S = TypeVar("S", Model, Fit)
+E = TypeVar("E", Event, FitEvent)
+ReadEvent = Callable[[str, Any, str | None, str], E]
 
 # Longest silence of a stream, in seconds: the service sends at least a comment every 15 seconds.
 SILENCE = 45.0
@@ -51,14 +59,14 @@ class BatchProgress:
     """Mean fraction of the models, 0 to 1."""
 
 
-def figures(model: Model) -> tuple[float, str]:
-    """Fraction and text of a progress bar of a model."""
-    if model.has_ended:
-        return 1.0, model.status
-    if model.status == "running" and model.progress:
-        return model.progress.fraction, model.progress.stage
-    ahead = model.queue.position
-    return 0.0, f"{model.status}, {ahead} ahead" if ahead else model.status
+def figures(state: Model | Fit) -> tuple[float, str]:
+    """Fraction and text of a progress bar of a model or a fit."""
+    if state.has_ended:
+        return 1.0, state.status
+    if state.status == "running" and state.progress:
+        return state.progress.fraction, state.progress.stage
+    ahead = state.queue.position
+    return 0.0, f"{state.status}, {ahead} ahead" if ahead else state.status
 
 
 def batch_figures(progress: BatchProgress) -> tuple[float, str]:
@@ -85,10 +93,11 @@ class Deadline:
 
 def follow(
     request: Request,
+    reads: ReadEvent[E],
     limits: Limits,
     *,
     last_id: str | None = None,
-    handle: Callable[[Event], Steps[bool]],
+    handle: Callable[[E], Steps[bool]],
     look: Callable[[], Steps[bool | None]] | None = None,
     deadline: Deadline | None = None,
 ) -> Steps[None]:
@@ -117,7 +126,7 @@ def follow(
                     deadline.left()
                 for message in parser.feed(chunk):
                     tries = 0
-                    event = read_event(message.name, message.json(), message.id, str(response.url))
+                    event = reads(message.name, message.json(), message.id, str(response.url))
                     if (yield from handle(event)):
                         return
                 last_id = parser.last_id
@@ -140,14 +149,16 @@ def follow(
         yield Sleep(min(pause, deadline.left()) if deadline else pause)
 
 
-def events(request: Request, limits: Limits, last_id: str | None, *, of_one: bool) -> Steps[None]:
-    """Emits the events of a stream. That of one model is over with its `end`."""
+def events(
+    request: Request, reads: ReadEvent[E], limits: Limits, last_id: str | None, *, of_one: bool = True
+) -> Steps[None]:
+    """Emits the events of a stream. That of one model or fit is over with its `end`."""
 
-    def handle(event: Event) -> Steps[bool]:
+    def handle(event: E) -> Steps[bool]:
         yield Emit(event)
         return of_one and event.name == "end"
 
-    return follow(request, limits, last_id=last_id, handle=handle)
+    return follow(request, reads, limits, last_id=last_id, handle=handle)
 
 
 def _asked(request: Request, parse: Callable[[httpx.Response], Any]) -> Steps[Any]:
@@ -162,35 +173,70 @@ def _asked(request: Request, parse: Callable[[httpx.Response], Any]) -> Steps[An
         return None
 
 
-def wait_model(ref: ModelRef, limits: Limits, timeout: float | None, display: Display[Model]) -> Steps[Model]:
-    """Waits until a model has succeeded."""
-    record = _calls.model(ref)
+def _wait(
+    record: _calls.Call[S],
+    request: Request,
+    reads: ReadEvent[E],
+    state_of: Callable[[E], S],
+    limits: Limits,
+    timeout: float | None,
+    display: Display[S],
+) -> Steps[S]:
+    """Waits until a model or a fit has ended. `state_of` an event raises if it was deleted."""
     deadline = Deadline(timeout)
 
-    def handle(event: Event) -> Steps[bool]:
+    def handle(event: E) -> Steps[bool]:
         yield from ()
-        if event.model is None:
-            raise ModelDeleted(event.model_id)
-        display.show(event.model)
+        display.show(state_of(event))
         return event.name == "end"
 
     def look() -> Steps[bool | None]:
-        model: Model | None = yield from _asked(*record)
-        if model is None:
+        state: S | None = yield from _asked(*record)
+        if state is None:
             return None
-        display.show(model)
-        return model.has_ended
+        display.show(state)
+        return state.has_ended
 
     with display:
-        yield from follow(_calls.events(ref), limits, handle=handle, look=look, deadline=deadline)
-        # The events leave the spec out.
-        model = yield from call(*record, limits.retries)
-        display.show(model)
+        yield from follow(request, reads, limits, handle=handle, look=look, deadline=deadline)
+        # The events leave the spec of a model and the request of a fit out.
+        state = yield from call(*record, limits.retries)
+        display.show(state)
+    return state
+
+
+def _model_of(event: Event) -> Model:
+    if event.model is None:
+        raise ModelDeleted(event.model_id)
+    return event.model
+
+
+def _fit_of(event: FitEvent) -> Fit:
+    if event.fit is None:
+        raise FitDeleted(event.fit_id)
+    return event.fit
+
+
+def wait_model(ref: ModelRef, limits: Limits, timeout: float | None, display: Display[Model]) -> Steps[Model]:
+    """Waits until a model has succeeded."""
+    record, request = _calls.model(ref), _calls.events(ref)
+    model = yield from _wait(record, request, read_event, _model_of, limits, timeout, display)
     if model.status == "failed":
         raise ModelFailed(model)
     if model.status == "cancelled":
         raise ModelCancelled(model)
     return model
+
+
+def wait_fit(ref: FitRef, limits: Limits, timeout: float | None, display: Display[Fit]) -> Steps[Fit]:
+    """Waits until a fit has succeeded."""
+    record, request = _calls.fit(ref), _calls.fit_events(ref)
+    fit = yield from _wait(record, request, read_fit_event, _fit_of, limits, timeout, display)
+    if fit.status == "failed":
+        raise FitFailed(fit)
+    if fit.status == "cancelled":
+        raise FitCancelled(fit)
+    return fit
 
 
 def wait_batch(ref: BatchRef, limits: Limits, timeout: float | None, display: Display[BatchProgress]) -> Steps[Batch]:
@@ -221,7 +267,8 @@ def wait_batch(ref: BatchRef, limits: Limits, timeout: float | None, display: Di
         batch = yield from call(*record, limits.retries)
         total = batch.counts.total
         while not batch.has_ended:
-            yield from follow(_calls.events(batch=ref), limits, handle=handle, look=look, deadline=deadline)
+            request = _calls.events(batch=ref)
+            yield from follow(request, read_event, limits, handle=handle, look=look, deadline=deadline)
             batch = yield from call(*record, limits.retries)
         parts = dict.fromkeys(batch.models, 1.0)
         total = batch.counts.total

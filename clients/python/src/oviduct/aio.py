@@ -21,6 +21,12 @@ from .types import (
     BatchRef,
     BatchValidation,
     Event,
+    Fit,
+    FitEvent,
+    FitFilter,
+    FitOptions,
+    FitRef,
+    FitValidation,
     Health,
     Json,
     Labels,
@@ -35,6 +41,8 @@ from .types import (
     Vary,
     Worker,
     Workers,
+    read_event,
+    read_fit_event,
 )
 
 if TYPE_CHECKING:
@@ -124,7 +132,8 @@ class AsyncClient(AsyncDriver):
         last_event_id: str | None = None,
     ) -> AsyncIterator[Event]:
         request = _calls.events(model, models, batch, labels, spec)
-        return self._iterate(_follow.events(request, self._options, last_event_id, of_one=model is not None))
+        of_one = model is not None
+        return self._iterate(_follow.events(request, read_event, self._options, last_event_id, of_one=of_one))
 
     # Files.
 
@@ -224,6 +233,36 @@ class AsyncClient(AsyncDriver):
 
     async def archive(self, batch: BatchRef, path: _download.PathLike, *, files: Sequence[str] | None = None) -> Path:
         return await self._run(_download.archive(batch, path, files, self._options.retries))
+
+    # Fits.
+
+    async def submit_fit(self, *, idempotency_key: str | None = None, **options: Unpack[FitOptions]) -> Fit:
+        return await self._call(_calls.submit_fit(options, idempotency_key))
+
+    async def validate_fit(self, **options: Unpack[FitOptions]) -> FitValidation:
+        return await self._call(_calls.validate_fit(options))
+
+    async def fit(self, fit: FitRef) -> Fit:
+        return await self._call(_calls.fit(fit))
+
+    def fits(self, **given: Unpack[FitFilter]) -> AsyncIterator[Fit]:
+        return self._iterate(_calls.fits(given, self._options.retries))
+
+    def fit_events(self, fit: FitRef, *, last_event_id: str | None = None) -> AsyncIterator[FitEvent]:
+        request = _calls.fit_events(fit)
+        return self._iterate(_follow.events(request, read_fit_event, self._options, last_event_id))
+
+    async def wait_fit(
+        self, fit: FitRef, *, timeout: float | None = None, progress: bool | Callable[[Fit], object] = False
+    ) -> Fit:
+        display = Display(progress, _follow.figures)
+        return await self._run(_follow.wait_fit(fit, self._options, timeout, display))
+
+    async def cancel_fit(self, fit: FitRef) -> Fit:
+        return await self._call(_calls.cancel_fit(fit))
+
+    async def delete_fit(self, fit: FitRef) -> None:
+        return await self._call(_calls.delete_fit(fit))
 
     # Presets, access and workers.
 

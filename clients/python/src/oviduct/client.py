@@ -20,6 +20,12 @@ from .types import (
     BatchRef,
     BatchValidation,
     Event,
+    Fit,
+    FitEvent,
+    FitFilter,
+    FitOptions,
+    FitRef,
+    FitValidation,
     Health,
     Json,
     Labels,
@@ -34,6 +40,8 @@ from .types import (
     Vary,
     Worker,
     Workers,
+    read_event,
+    read_fit_event,
 )
 
 if TYPE_CHECKING:
@@ -46,9 +54,9 @@ if TYPE_CHECKING:
 class Client(Driver):
     """A client of a service. It may be used by several threads, and as a context manager.
 
-    Models and batches are given as records or by their ids. Requests are repeated after lost connections and after 429,
-    502, 503 and 504, as `Retry-After` says; none is done twice. Methods raise subclasses of `OviductError`: `Problem`
-    for an answer with an error status, `ConnectionFailed` without an answer.
+    Models, batches and fits are given as records or by their ids. Requests are repeated after lost connections and
+    after 429, 502, 503 and 504, as `Retry-After` says; none is done twice. Methods raise subclasses of `OviductError`:
+    `Problem` for an answer with an error status, `ConnectionFailed` without an answer.
     """
 
     def __init__(
@@ -199,7 +207,8 @@ class Client(Driver):
             last_event_id: `id` of an event of an earlier stream with the same arguments, to go on after it.
         """
         request = _calls.events(model, models, batch, labels, spec)
-        return self._iterate(_follow.events(request, self._options, last_event_id, of_one=model is not None))
+        of_one = model is not None
+        return self._iterate(_follow.events(request, read_event, self._options, last_event_id, of_one=of_one))
 
     # Files.
 
@@ -372,6 +381,73 @@ class Client(Driver):
             CheckFailed: The archive is damaged.
         """
         return self._run(_download.archive(batch, path, files, self._options.retries))
+
+    # Fits.
+
+    def submit_fit(self, *, idempotency_key: str | None = None, **options: Unpack[FitOptions]) -> Fit:
+        """Requests a fit, a search for parameters whose models have given measures; `wait_fit` waits for it.
+
+        Args:
+            idempotency_key: The same key with the same request returns the same fit; by default a new one is made.
+            targets: Measures to be reached: `[{"region": "ampulla", "quantity": "folds_on_ring", "value": 30}]`, with
+                `low` and `high` if the accepted range is not 5 % to both sides. Regions are `isthmus`, `junction`,
+                `ampulla`, `whole` and `tube`.
+            targets_csv: The same as CSV with the columns `region`, `quantity`, `value`, `low`, `high`.
+            images: Sections to be measured as targets: `[{"region": "isthmus", "png": bytes, "pixel_um": 2}]`.
+            vary: The parameters to search for: `[{"parameter": "/collision/gap_um", "from": 20, "to": 60}]`; by default
+                those that the targets depend on.
+            preset: Name of a preset; `pig` by default.
+            spec: The spec that the search starts from, as a merge patch of the preset.
+            evaluations: Candidates at most; 120 by default.
+            seeds: Number of seeds with which each candidate is measured; 2 by default.
+            models: Models of the result that are grown in full; 4 by default.
+            seed: First of the seeds, and the seed of the search; 0 by default.
+            labels: Names and values of your own, to find fits by.
+            priority: -100 to 100.
+
+        docs/fitting.md of the service describes targets and results. Raises what `submit` raises.
+        """
+        return self._call(_calls.submit_fit(options, idempotency_key))
+
+    def validate_fit(self, **options: Unpack[FitOptions]) -> FitValidation:
+        """Checks what `submit_fit` would request: `request` of the answer has the targets measured in images, and the
+        parameters that would be varied. Raises what `submit_fit` would raise."""
+        return self._call(_calls.validate_fit(options))
+
+    def fit(self, fit: FitRef) -> Fit:
+        """The present state of a fit, with its request and its result. Raises NotFound if there is none."""
+        return self._call(_calls.fit(fit))
+
+    def fits(self, **given: Unpack[FitFilter]) -> Iterator[Fit]:
+        """Fits, newest first, without requests and results; the conditions are those of `models`, but for `batch`."""
+        return self._iterate(_calls.fits(given, self._options.retries))
+
+    def fit_events(self, fit: FitRef, *, last_event_id: str | None = None) -> Iterator[FitEvent]:
+        """Events of a fit, each with its whole state but the request. The stream ends with the fit.
+
+        Args:
+            last_event_id: `id` of an event of an earlier stream of the fit, to go on after it.
+        """
+        request = _calls.fit_events(fit)
+        return self._iterate(_follow.events(request, read_fit_event, self._options, last_event_id))
+
+    def wait_fit(
+        self, fit: FitRef, *, timeout: float | None = None, progress: bool | Callable[[Fit], object] = False
+    ) -> Fit:
+        """Waits until a fit has succeeded, also through restarts of the service.
+
+        Arguments and errors are those of `wait`; FitFailed, FitCancelled or FitDeleted if it will not succeed.
+        """
+        display = Display(progress, _follow.figures)
+        return self._run(_follow.wait_fit(fit, self._options, timeout, display))
+
+    def cancel_fit(self, fit: FitRef) -> Fit:
+        """Cancels a fit; one that has ended does not change."""
+        return self._call(_calls.cancel_fit(fit))
+
+    def delete_fit(self, fit: FitRef) -> None:
+        """Deletes a fit; it is cancelled if it has not ended."""
+        return self._call(_calls.delete_fit(fit))
 
     # Presets, access and workers.
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import httpx
 
 if TYPE_CHECKING:
-    from .types import Model
+    from .types import Fit, Model
 
 _PREFIX = "urn:oviduct:problem:"
 
@@ -38,12 +38,16 @@ class WaitTimeout(OviductError, TimeoutError):
     """What was waited for did not end in time. It goes on."""
 
 
+def _failure(what: str, failed: Model | Fit) -> str:
+    problem = failed.problem
+    return f"{what} {failed.id} failed" + (f": {problem.title}: {problem.detail}" if problem else "")
+
+
 class ModelFailed(OviductError):
     """A model failed. `model.problem` has the type of the problem, such as `urn:oviduct:problem:certificate`."""
 
     def __init__(self, model: Model) -> None:
-        problem = model.problem
-        super().__init__(f"model {model.id} failed" + (f": {problem.title}: {problem.detail}" if problem else ""))
+        super().__init__(_failure("model", model))
         self.model = model
 
 
@@ -61,6 +65,30 @@ class ModelDeleted(OviductError):
     def __init__(self, model_id: str) -> None:
         super().__init__(f"model {model_id} was deleted")
         self.model_id = model_id
+
+
+class FitFailed(OviductError):
+    """A fit failed. `fit.problem` has the type of the problem."""
+
+    def __init__(self, fit: Fit) -> None:
+        super().__init__(_failure("fit", fit))
+        self.fit = fit
+
+
+class FitCancelled(OviductError):
+    """A fit was cancelled."""
+
+    def __init__(self, fit: Fit) -> None:
+        super().__init__(f"fit {fit.id} was cancelled")
+        self.fit = fit
+
+
+class FitDeleted(OviductError):
+    """A fit was deleted while it was waited for."""
+
+    def __init__(self, fit_id: str) -> None:
+        super().__init__(f"fit {fit_id} was deleted")
+        self.fit_id = fit_id
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """What the service answers, as frozen dataclasses.
 
-Members that this version does not know are ignored, so that it works with a newer service; `raw` of a model and of a
-batch has the whole answer. Members that an older service leaves out have their defaults.
+Members that this version does not know are ignored, so that it works with a newer service; `raw` of a model, of a
+batch and of a fit has the whole answer. Members that an older service leaves out have their defaults.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class Queue:
     """Place in the queue."""
 
     position: int | None = None
-    """Number of models ahead, counted up to 1000; None once it has left the queue."""
+    """Number of models and fits ahead, counted up to 1000; None once it has left the queue."""
     wait_seconds: float | None = None
     """Seconds between acceptance and the first attempt."""
 
@@ -125,7 +125,7 @@ class Backend:
 
 @dataclass(frozen=True)
 class ModelProblem:
-    """Why a model failed."""
+    """Why a model or a fit failed."""
 
     type: str
     title: str = ""
@@ -288,6 +288,114 @@ class Batch:
 
 
 @dataclass(frozen=True)
+class FitProgress:
+    """Progress of a fit that runs."""
+
+    stage: str
+    """`search`, then `verify`."""
+    fraction: float
+    """Fraction of the whole, 0 to 1, never decreasing."""
+    evaluations: int = 0
+    """Candidates measured so far."""
+    evaluations_most: int = 0
+    """Candidates at most."""
+    models: int = 0
+    """Models grown in full so far."""
+    misfit: float | None = None
+    """Least misfit so far."""
+    eta_seconds: float | None = None
+    """Seconds until all evaluations are used."""
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """What a fit found. docs/fitting.md of the service describes the members."""
+
+    preset: str
+    spec: Json = field(hash=False, repr=False)
+    """The complete spec, for `Client.submit`."""
+    parameters: tuple[Json, ...] = field(default=(), hash=False, metadata=_TUPLE)
+    """The parameters that were varied: `parameter`, `end`, `unit`, `start`, `value`, `from`, `to`."""
+    targets: tuple[Json, ...] = field(default=(), hash=False, metadata=_TUPLE)
+    """The targets: `region`, `quantity`, `value`, `low`, `high`, `measured`, `deviation`, `met`, `models_mean`, …"""
+    unmet: tuple[Json, ...] = field(default=(), hash=False, metadata=_TUPLE)
+    """Targets that the search did not meet: `region`, `quantity`, `why`, `nearest`, `conflicts`, `bounds`."""
+    search: Json = field(default_factory=dict, hash=False, repr=False)
+    """Why it `ended`, its `evaluations`, `misfit`, `start_misfit`, `history`, …"""
+    models: tuple[Json, ...] = field(default=(), hash=False, metadata=_TUPLE)
+    """Models of the spec that were grown in full: `seed`, `certified`, `failure`, `measures`."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fit, which is a search for parameters: the request, its progress and its result."""
+
+    id: str
+    status: str
+    """`queued`, `running`, `succeeded`, `failed` or `cancelled`."""
+    version: int
+    preset: str
+    labels: Mapping[str, str] = field(default_factory=dict, hash=False)
+    priority: int = 0
+    owner: str | None = None
+    worker: str | None = None
+    queue: Queue = field(default=Queue(), metadata=_as(Queue))
+    progress: FitProgress | None = field(default=None, metadata=_as(FitProgress))
+    attempts: int = 0
+    created_at: datetime.datetime | None = field(default=None, metadata=_TIME)
+    started_at: datetime.datetime | None = field(default=None, metadata=_TIME)
+    finished_at: datetime.datetime | None = field(default=None, metadata=_TIME)
+    expires_at: datetime.datetime | None = field(default=None, metadata=_TIME)
+    problem: ModelProblem | None = field(default=None, metadata=_as(ModelProblem))
+    digest: str = ""
+    request: Json | None = field(default=None, hash=False, repr=False)
+    """The request with everything that it left open; None in lists and events."""
+    result: FitResult | None = field(default=None, metadata=_as(FitResult), repr=False)
+    """The result, once it has succeeded; None in lists."""
+    raw: Json = field(default_factory=dict, repr=False, compare=False)
+    """The whole answer."""
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it has succeeded, failed or was cancelled. It never changes then."""
+        return self.status in ENDED
+
+
+@dataclass(frozen=True)
+class FitEvent:
+    """A change of a fit."""
+
+    name: str
+    """`status`, `progress` or `end`; `end` is the last event."""
+    fit_id: str
+    status: str
+    """Status of the fit, or `deleted`."""
+    fit: Fit | None = None
+    """Its whole state, without the request; None if it was deleted."""
+    id: str | None = None
+    """Cursor of the stream: `last_event_id` of a stream that goes on here."""
+
+
+def read_fit_event(name: str, data: Any, cursor: str | None, _: str) -> FitEvent:
+    """An event of the stream of a fit."""
+    if not isinstance(data, dict) or "id" not in data or "status" not in data:
+        raise UnexpectedAnswer("the event has no fit")
+    fit = None if data["status"] == "deleted" else read(Fit, data)
+    return FitEvent(name, data["id"], data["status"], fit, cursor)
+
+
+@dataclass(frozen=True)
+class FitValidation:
+    """A request for a fit that is valid."""
+
+    request: Json = field(repr=False)
+    """The request with everything that it left open: targets measured in images, the parameters that are varied."""
+    digest: str = ""
+    seconds: float = 0.0
+    """Predicted seconds on one core, if all evaluations are used."""
+
+
+@dataclass(frozen=True)
 class Estimate:
     """A number of seconds and its basis."""
 
@@ -409,7 +517,7 @@ class Worker:
     backend: str = ""
     device: str = ""
     jobs: tuple[str, ...] = field(default=(), metadata=_TUPLE)
-    """Ids of the models that it grows."""
+    """Ids of the models and fits that it runs."""
     jobs_done: int = 0
     heartbeat_at: datetime.datetime | None = field(default=None, metadata=_TIME)
     pause: Pause | None = field(default=None, metadata=_as(Pause))
@@ -477,6 +585,7 @@ class Table(Sequence[Json]):
 
 ModelRef = Model | str | UUID
 BatchRef = Batch | str | UUID
+FitRef = Fit | str | UUID
 View = Literal["summary", "full"]
 Labels = Mapping[str, str]
 
@@ -500,18 +609,92 @@ class ModelOptions(TypedDict, total=False):
     """Whether another model of the same spec and seed may be reused; True by default."""
 
 
-class ModelFilter(TypedDict, total=False):
-    """Conditions; a model must match all of them."""
+class FitFilter(TypedDict, total=False):
+    """Conditions; a fit must match all of them."""
 
     status: str
     preset: str
     labels: Labels
-    batch: BatchRef
     owner: str
     created_after: datetime.datetime | str
     """Start of the time of acceptance, included."""
     created_before: datetime.datetime | str
     """End of the time of acceptance, not included."""
+
+
+class ModelFilter(FitFilter, total=False):
+    """Conditions; a model must match all of them."""
+
+    batch: BatchRef
+
+
+class FitTarget(TypedDict, total=False):
+    """A measure to be reached: `value`, or `low` and `high`."""
+
+    region: str
+    """`isthmus`, `junction`, `ampulla`, `whole`, or `tube` for a measure of the whole tube."""
+    quantity: str
+    """Its name in the report of a model."""
+    value: float
+    """The value to be reached; by default the middle of `low` and `high`."""
+    low: float
+    high: float
+    """The range that is accepted; 5 % of the value to both sides by default."""
+    source: str
+    """Where it comes from."""
+
+
+class SectionImage(TypedDict, total=False):
+    """A section to be measured, as an image."""
+
+    region: str
+    png: bytes | str
+    """The bytes of a PNG, or these in base64."""
+    pixel_um: float
+    """Side of a pixel, micrometres."""
+    tissue: Sequence[int]
+    """Values of pixels that are tissue; by default all but 0."""
+    quantities: Sequence[str]
+    """Quantities that become targets."""
+    tolerance: float
+    """Accepted range as a part of the value to both sides; 0.1 by default."""
+
+
+# `from` cannot be the name of a member of a class.
+FitVariable = TypedDict(
+    "FitVariable",
+    {"parameter": str, "end": Literal["isthmus", "ampulla"], "from": float, "to": float},
+    total=False,
+)
+
+
+class FitOptions(TypedDict, total=False):
+    """Members of a request for a fit; `targets`, `targets_csv` or `images` is needed."""
+
+    preset: str
+    """Name of a preset; `pig` by default."""
+    spec: Mapping[str, Any]
+    """The spec that the search starts from, as a merge patch of the preset."""
+    targets: Sequence[FitTarget]
+    """Measures to be reached."""
+    targets_csv: str
+    """The same as CSV with the columns `region`, `quantity`, `value`, `low`, `high`."""
+    images: Sequence[SectionImage]
+    """Sections to be measured as targets."""
+    vary: Sequence[FitVariable]
+    """The parameters to search for; by default those that the targets depend on."""
+    evaluations: int
+    """Candidates at most; 120 by default."""
+    seeds: int
+    """Number of seeds with which each candidate is measured; 2 by default."""
+    models: int
+    """Models of the result that are grown in full; 4 by default."""
+    seed: int
+    """First of the seeds, and the seed of the search; 0 by default."""
+    labels: Labels
+    """Names and values of your own, to find fits by."""
+    priority: int
+    """-100 to 100; of the queued models and fits, those of higher priority are started first."""
 
 
 class Vary(TypedDict, total=False):
