@@ -24,6 +24,7 @@ mod shape;
 mod spread;
 mod tree;
 mod tube;
+mod walls;
 
 pub use fractal::Dimension;
 pub use quantity::{QUANTITIES, Quantity};

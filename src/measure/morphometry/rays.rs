@@ -1,12 +1,24 @@
-//! Distances along the normals of the lumen's boundary to the first wall met: tissue thickness and lumen gap. Each point counts by the
-//! length of boundary next to it, so that the distributions do not depend on how the points are spread.
+//! Distances along the normals of the lumen's boundary to the first wall met: tissue thickness and lumen gap. Rays start at even
+//! distances along the boundary and normals are those of chords, so that the distributions do not depend on how a contour is divided.
 
-use super::shape::{Shape, distance};
+use super::shape::{Shape, distance, edges};
 use super::spread::Spread;
+use super::walls::Walls;
+use crate::geometry::predicates::widen2;
 
 type P2 = [f64; 2];
 
-/// From every point of the boundary of the lumen along its normal.
+/// Rays start at most this far apart, µm …
+const SPACING_UM: f64 = 5.0;
+/// … and a section has at least so many, since the ends of distributions need them, and at most so many, for images of any scale.
+const RAYS: [f64; 2] = [4096.0, 1_048_576.0];
+/// A normal is that of the chord between the points this far along the boundary on both sides, µm. The direction of a single edge depends
+/// on how a contour was sampled, and a few degrees decide which wall is met.
+const REACH_UM: f64 = 15.0;
+/// Least cosine between a chord and the edge in its middle; around a sharper corner the direction is that of the edge.
+const LEAST_COSINE: f64 = 0.2;
+
+/// From points along the boundary of the lumen, along its normals.
 pub(super) struct Distances {
     /// Into the tissue.
     pub(super) thickness: Option<Spread>,
@@ -15,151 +27,91 @@ pub(super) struct Distances {
 }
 
 pub(super) fn distances(shape: &Shape<'_>) -> Distances {
-    let walls = Walls::new(shape);
-    let points: usize = shape.lumen.iter().map(|ring| ring.len()).sum();
-    let (mut thickness, mut gap) = (Vec::with_capacity(points), Vec::with_capacity(points));
-    for (i, edge) in walls.edges[..points].iter().enumerate() {
-        let (along, length) = direction(edge);
-        if length == 0.0 {
-            continue;
-        }
-        let middle = [0, 1].map(|k| 0.5 * (edge[0][k] + edge[1][k]));
-        let normal = [-along[1], along[0]];
-        let weight = length as f32;
-        gap.extend(walls.first(middle, normal, i).map(|distance| (distance, weight)));
-        thickness.extend(walls.first(middle, normal.map(|x| -x), i).map(|distance| (distance, weight)));
-    }
-    Distances { thickness: Spread::of(&mut thickness), gap: Spread::of(&mut gap) }
+    pulp::Arch::new().dispatch(Rays(shape))
 }
 
-/// Unit vector along an edge, zero if it has no length; and its length.
-fn direction([a, b]: &[P2; 2]) -> (P2, f64) {
-    let length = distance(*a, *b);
+/// Compiled for the widest vectors of the processor. No operation is reordered or fused, so the results are the same on all.
+struct Rays<'a, 'b>(&'a Shape<'b>);
+
+impl pulp::WithSimd for Rays<'_, '_> {
+    type Output = Distances;
+
+    #[inline(always)]
+    fn with_simd<S: pulp::Simd>(self, _: S) -> Distances {
+        let Self(shape) = self;
+        let perimeter = shape.perimeter();
+        let count = (perimeter / SPACING_UM).clamp(RAYS[0], RAYS[1]).ceil();
+        let spacing = perimeter / count;
+        let (mut thickness, mut gap) = (Vec::with_capacity(count as usize + 1), Vec::with_capacity(count as usize + 1));
+        let walls = Walls::new(shape);
+        // Distance along a contour to the next start.
+        let mut next = 0.5 * spacing;
+        for ring in &shape.lumen {
+            let length: f64 = edges(ring).map(|(a, b)| distance(a, b)).sum();
+            if length.is_nan() || length <= 0.0 {
+                continue;
+            }
+            let reach = REACH_UM.min(length / 8.0);
+            let [mut behind, mut here, mut ahead] = [0; 3].map(|_| Walker::new(ring));
+            while next < length {
+                let from = here.at(next);
+                let (chord, _) = direction([behind.at(next + length - reach), ahead.at(next + reach)]);
+                let cosine = chord[0] * here.along[0] + chord[1] * here.along[1];
+                let [x, y] = (if cosine < LEAST_COSINE { here.along } else { chord }).map(|x| x as f32);
+                gap.extend(walls.first(from, [-y, x]));
+                thickness.extend(walls.first(from, [y, -x]));
+                next += spacing;
+            }
+            next -= length;
+        }
+        Distances { thickness: Spread::of(thickness), gap: Spread::of(gap) }
+    }
+}
+
+/// A point that moves forward along a closed contour.
+struct Walker<'a> {
+    ring: &'a [[f32; 2]],
+    /// The edge: its number, beginning, unit vector and length.
+    edge: usize,
+    start: P2,
+    along: P2,
+    length: f64,
+    /// Distance along the contour to the beginning of the edge.
+    passed: f64,
+}
+
+impl<'a> Walker<'a> {
+    #[inline(always)]
+    fn new(ring: &'a [[f32; 2]]) -> Self {
+        let mut walker = Self { ring, edge: 0, start: [0.0; 2], along: [0.0; 2], length: 0.0, passed: 0.0 };
+        walker.enter(0);
+        walker
+    }
+
+    #[inline(always)]
+    fn enter(&mut self, edge: usize) {
+        self.edge = edge % self.ring.len();
+        let ends = [self.edge, (self.edge + 1) % self.ring.len()].map(|i| widen2(self.ring[i]));
+        self.start = ends[0];
+        (self.along, self.length) = direction(ends);
+    }
+
+    /// The point at a distance along the contour, no less than that before.
+    #[inline(always)]
+    fn at(&mut self, along: f64) -> P2 {
+        while along > self.passed + self.length {
+            self.passed += self.length;
+            self.enter(self.edge + 1);
+        }
+        let rest = along - self.passed;
+        [self.start[0] + rest * self.along[0], self.start[1] + rest * self.along[1]]
+    }
+}
+
+/// Unit vector from a point to another, zero if they are the same; and their distance.
+#[inline(always)]
+fn direction([a, b]: [P2; 2]) -> (P2, f64) {
+    let length = distance(a, b);
     let unit = if length > 0.0 { [(b[0] - a[0]) / length, (b[1] - a[1]) / length] } else { [0.0; 2] };
     (unit, length)
-}
-
-/// All edges of a section in a grid of square cells, about one edge a cell.
-struct Walls {
-    edges: Vec<[P2; 2]>,
-    corner: P2,
-    cell: f64,
-    columns: usize,
-    rows: usize,
-    /// First entry of each cell in `items`, and the end.
-    starts: Vec<u32>,
-    items: Vec<u32>,
-}
-
-impl Walls {
-    fn new(shape: &Shape<'_>) -> Self {
-        let rings = shape.lumen.iter().copied().chain([shape.outer]);
-        let edges: Vec<[P2; 2]> = rings.flat_map(|ring| super::shape::edges(ring).map(|(a, b)| [a, b])).collect();
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for point in edges.iter().flatten() {
-            for k in 0..2 {
-                low[k] = low[k].min(point[k]);
-                high[k] = high[k].max(point[k]);
-            }
-        }
-        let extent = [high[0] - low[0], high[1] - low[1]].map(|x| x.max(1e-3));
-        let cell = (extent[0] * extent[1] / edges.len().max(1) as f64).sqrt().max(extent[0].max(extent[1]) / 4096.0);
-        let count = |extent: f64| (extent / cell) as usize + 1;
-        let (columns, rows) = (count(extent[0]), count(extent[1]));
-        let mut walls =
-            Self { edges, corner: low, cell, columns, rows, starts: vec![0; columns * rows + 1], items: Vec::new() };
-        walls.fill();
-        walls
-    }
-
-    fn fill(&mut self) {
-        let mut starts = std::mem::take(&mut self.starts);
-        for edge in &self.edges {
-            self.cells(edge, |cell| starts[cell + 1] += 1);
-        }
-        for i in 1..starts.len() {
-            starts[i] += starts[i - 1];
-        }
-        let mut items = vec![0; starts[starts.len() - 1] as usize];
-        let mut next = starts.clone();
-        for (i, edge) in self.edges.iter().enumerate() {
-            self.cells(edge, |cell| {
-                items[next[cell] as usize] = i as u32;
-                next[cell] += 1;
-            });
-        }
-        (self.starts, self.items) = (starts, items);
-    }
-
-    /// The column or row of a coordinate.
-    #[inline]
-    fn index(&self, axis: usize, x: f64) -> usize {
-        let most = [self.columns, self.rows][axis] - 1;
-        (((x - self.corner[axis]) / self.cell) as usize).min(most)
-    }
-
-    /// The cells that the bounds of an edge meet.
-    #[inline]
-    fn cells(&self, [a, b]: &[P2; 2], mut visit: impl FnMut(usize)) {
-        let range = |axis: usize| self.index(axis, a[axis].min(b[axis]))..=self.index(axis, a[axis].max(b[axis]));
-        for row in range(1) {
-            for column in range(0) {
-                visit(row * self.columns + column);
-            }
-        }
-    }
-
-    /// Distance from a point along a unit vector to the first edge but its own.
-    fn first(&self, from: P2, along: P2, own: usize) -> Option<f32> {
-        let mut at = [self.index(0, from[0]), self.index(1, from[1])];
-        // Distance along the ray to the next border of a cell, and between two such borders, on each axis.
-        let mut border = [f64::INFINITY; 2];
-        for k in 0..2 {
-            if along[k] != 0.0 {
-                let line = self.corner[k] + self.cell * (at[k] as f64 + if along[k] > 0.0 { 1.0 } else { 0.0 });
-                border[k] = (line - from[k]) / along[k];
-            }
-        }
-        let between = along.map(|x| self.cell / x.abs());
-        let ends = [self.columns, self.rows];
-        let mut nearest = f64::INFINITY;
-        loop {
-            let cell = at[1] * self.columns + at[0];
-            for &edge in &self.items[self.starts[cell] as usize..self.starts[cell + 1] as usize] {
-                let edge = edge as usize;
-                if edge != own {
-                    nearest = nearest.min(meeting(from, along, &self.edges[edge]));
-                }
-            }
-            let axis = usize::from(border[1] < border[0]);
-            if nearest <= border[axis] {
-                return Some(nearest as f32);
-            }
-            if along[axis] > 0.0 {
-                at[axis] += 1;
-                if at[axis] == ends[axis] {
-                    break;
-                }
-            } else {
-                at[axis] = at[axis].checked_sub(1)?;
-            }
-            border[axis] += between[axis];
-        }
-        nearest.is_finite().then_some(nearest as f32)
-    }
-}
-
-/// Part of an edge by which it is longer at both ends, for rays through a common point of two edges.
-const SLACK: f64 = 1e-9;
-
-/// Distance along a ray to a segment; infinite if they do not meet.
-#[inline]
-fn meeting(from: P2, along: P2, [a, b]: &[P2; 2]) -> f64 {
-    let (edge, to) = ([b[0] - a[0], b[1] - a[1]], [a[0] - from[0], a[1] - from[1]]);
-    let cross = |u: P2, v: P2| u[0] * v[1] - u[1] * v[0];
-    let across = cross(along, edge);
-    // Multiplied by the sign of `across`, so that a division is made for a hit only.
-    let (t, s) = (cross(to, edge) * across.signum(), cross(to, along) * across.signum());
-    let width = across.abs();
-    if t > 0.0 && s >= -SLACK * width && s <= (1.0 + SLACK) * width { t / width } else { f64::INFINITY }
 }

@@ -169,6 +169,27 @@ fn a_spiral_has_its_gap_and_its_thickness() {
     within_one_percent(measures.thickness_um.unwrap().p50, 80.0);
 }
 
+#[test]
+fn distances_do_not_depend_on_how_a_contour_is_divided() {
+    let outer = circle(1200.0, 240);
+    // A hand's folds and clefts of changing width, with points 9 µm apart.
+    let radius = |t: f32| 600.0 + 250.0 * (9.0 * t).sin().powi(3) + 40.0 * (31.0 * t).cos();
+    let star: Points = (0..700)
+        .map(|i| TAU * i as f32 / 700.0)
+        .map(|t| [radius(t) * (t + 0.2 * (5.0 * t).sin()).cos(), radius(t) * (t + 0.2 * (5.0 * t).sin()).sin()])
+        .collect();
+    for lumen in [star, comb(12, &branched())] {
+        let numbers = |lumen: &[[f32; 2]]| {
+            let measures = of(lumen, &outer);
+            let [thickness, gap] = [measures.thickness_um.unwrap(), measures.gap_um.unwrap()];
+            [thickness, gap].map(|spread| [spread.p5, spread.p50, spread.p95, spread.cv])
+        };
+        for (whole, divided) in numbers(&lumen).iter().flatten().zip(numbers(&dense(&lumen, 0.8)).iter().flatten()) {
+            assert!((divided / whole - 1.0).abs() < 0.003, "{divided} instead of {whole}");
+        }
+    }
+}
+
 /// Koch's snowflake: each edge is replaced by four, `level` times.
 fn koch(side: f32, level: u32) -> Points {
     let high = side * 3.0_f32.sqrt() / 2.0;

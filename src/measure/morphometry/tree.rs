@@ -101,7 +101,7 @@ pub(super) fn folds(shape: &Shape<'_>) -> Option<Folds> {
             }
         }
     }
-    folds.height_um = Spread::even(heights);
+    folds.height_um = Spread::of(heights);
     Some(folds)
 }
 
