@@ -268,7 +268,7 @@ pub(super) struct ProcessArgs {
     /// one core]
     #[arg(long, value_name = "TIME", value_parser = units::positive_duration)]
     pub(super) job_timeout: Option<Duration>,
-    /// Memory that one model may use, such as 2GB [default: no limit]
+    /// Memory that one job may use, such as 2GB [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
     pub(super) memory_limit: Option<u64>,
     /// Time after SIGTERM for running jobs and open downloads to finish; then jobs are released to the queue and downloads

@@ -6,10 +6,12 @@ use super::interrupt::Signals;
 use super::scratch::Scratch;
 use super::{measure, model, term};
 use crate::clock::Stopwatch;
-use crate::fit::{FitError, FitResult, FitSpec, IMAGE_TOLERANCE, SectionImage, Target, Why, fit, image_targets};
-use crate::generate::{CancelToken, Progress, Sink};
+use crate::fit::{
+    FitError, FitProgress, FitResult, FitSink, FitSpec, FitStage, IMAGE_TOLERANCE, SectionImage, Target, Why, fit,
+    image_targets,
+};
+use crate::generate::CancelToken;
 use crate::measure::micrograph::Reading;
-use crate::model::Section;
 use anyhow::Context;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -28,22 +30,12 @@ pub(super) async fn run(args: FitArgs) -> Ended {
     let mut signals = Signals::listen();
     let scratch = Scratch::new(&std::env::temp_dir()).context("a directory for models")?;
     let (cancel, bar) = (CancelToken::default(), term::Bar::new());
-    let mut task = tokio::task::spawn_blocking({
+    let task = tokio::task::spawn_blocking({
         let (cancel, dir) = (cancel.clone(), scratch.dir().to_owned());
         let sink = Shown { bar: bar.clone(), checkpoint: args.checkpoint.clone().map(Kept::new) };
-        move || fit(&spec, before.as_deref(), &dir, &sink, &cancel)
+        move || fit(&spec, before.as_deref(), &dir, args.memory_limit, &sink, &cancel)
     });
-    let ended = tokio::select! {
-        ended = &mut task => ended,
-        () = signals.asked_to_stop() => {
-            bar.clear();
-            cancel.cancel();
-            tokio::select! { _ = &mut task => {} () = signals.asked_to_stop() => {} }
-            return Err(Failure::Interrupted);
-        }
-    };
-    bar.clear();
-    let result = match ended.context("the fit panicked")? {
+    let result = match signals.stoppable(task, &cancel, &bar).await?.context("the fit panicked")? {
         Ok(result) => result,
         Err(FitError::Cancelled) => return Err(Failure::Interrupted),
         Err(error) => return Err(anyhow::Error::from(error).into()),
@@ -97,7 +89,7 @@ fn request(args: &FitArgs) -> Result<FitSpec, Failure> {
         let vary = |text: &String| vary(text).map_err(|detail| Failure::usage(format!("--vary {text}: {detail}")));
         body["vary"] = args.vary.iter().map(vary).collect::<Result<Vec<Value>, Failure>>()?.into();
     }
-    FitSpec::read(&body, images(args)?).map_err(|faults| {
+    FitSpec::read(&body, images(args)?, &[]).map_err(|faults| {
         let line = |fault: &crate::spec::Fault| {
             let detail = &fault.detail;
             let mut parts = fault.pointer.split('/').skip(1);
@@ -235,18 +227,17 @@ impl Kept {
     }
 }
 
-impl Sink for Shown {
-    fn progress(&self, progress: &Progress) {
-        let stage = serde_json::to_value(progress.stage).ok().and_then(|v| v.as_str().map(str::to_owned));
+impl FitSink for Shown {
+    fn progress(&self, progress: &FitProgress) {
         let misfit = progress.misfit.map(|misfit| format!(", misfit {misfit:.3}")).unwrap_or_default();
-        let message = match progress.sections {
-            0 => format!("{} of {} candidates{misfit}", progress.step, progress.steps),
-            models => format!("{models} models{misfit}"),
+        let (stage, message) = match progress.stage {
+            FitStage::Search => {
+                ("search", format!("{} of {} candidates{misfit}", progress.evaluations, progress.evaluations_most))
+            }
+            FitStage::Verify => ("verify", format!("{} models{misfit}", progress.models)),
         };
-        self.bar.show(&stage.unwrap_or_default(), progress.fraction, message);
+        self.bar.show(stage, progress.fraction, message);
     }
-
-    fn section(&self, _: &Section) {}
 
     fn wants_checkpoint(&self) -> bool {
         self.checkpoint.as_ref().is_some_and(Kept::is_due)

@@ -69,22 +69,11 @@ pub(super) async fn grow(
 ) -> Result<(Outcome, Option<String>, Request), Failure> {
     let cancel = CancelToken::default();
     let bar = term::Bar::new();
-    let mut task = tokio::task::spawn_blocking({
+    let task = tokio::task::spawn_blocking({
         let (cancel, sink) = (cancel.clone(), Shown(bar.clone()));
         move || (gpu::grow(&request, gpu, &sink, &cancel), request)
     });
-    let ended = tokio::select! {
-        ended = &mut task => ended,
-        () = signals.asked_to_stop() => {
-            bar.clear();
-            cancel.cancel();
-            // It stops at the next step; a second signal does not wait for that.
-            tokio::select! { _ = &mut task => {} () = signals.asked_to_stop() => {} }
-            return Err(Failure::Interrupted);
-        }
-    };
-    bar.clear();
-    match ended.context("the generation panicked")? {
+    match signals.stoppable(task, &cancel, &bar).await?.context("the generation panicked")? {
         (Ok((outcome, fallback)), request) => Ok((outcome, fallback, request)),
         (Err(GenerateError::Cancelled), _) => Err(Failure::Interrupted),
         (Err(error), _) => Err(error.into()),

@@ -1,7 +1,11 @@
 //! Requests to stop: SIGINT (Ctrl-C) and SIGTERM.
 
+use super::exit::Failure;
+use super::term::Bar;
+use crate::generate::CancelToken;
 #[cfg(unix)]
 use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::task::{JoinError, JoinHandle};
 
 /// Receives the signals from its creation on. A command that creates something to clean up listens before it does.
 pub(super) struct Signals {
@@ -16,6 +20,25 @@ impl Signals {
             #[cfg(unix)]
             signals: [SignalKind::terminate(), SignalKind::interrupt()].map(|kind| signal(kind).ok()),
         }
+    }
+
+    /// Waits for a thread; a signal stops it at its next step, a second one does not wait for that.
+    pub(super) async fn stoppable<T>(
+        &mut self,
+        mut thread: JoinHandle<T>,
+        cancel: &CancelToken,
+        bar: &Bar,
+    ) -> Result<Result<T, JoinError>, Failure> {
+        let ended = tokio::select! {
+            ended = &mut thread => Ok(ended),
+            () = self.asked_to_stop() => Err(Failure::Interrupted),
+        };
+        bar.clear();
+        if ended.is_err() {
+            cancel.cancel();
+            tokio::select! { _ = &mut thread => {} () = self.asked_to_stop() => {} }
+        }
+        ended
     }
 
     /// Waits for the next signal.

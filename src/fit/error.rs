@@ -14,6 +14,14 @@ pub enum FitError {
         /// What went wrong.
         detail: String,
     },
+    /// Its models need more memory than allowed.
+    #[error("a model of the fit needs about {needed} bytes of memory; the limit is {limit}")]
+    Memory {
+        /// Predicted need of the largest.
+        needed: u64,
+        /// The limit.
+        limit: u64,
+    },
     /// A directory for a model could not be made.
     #[error("{0}")]
     Io(#[from] std::io::Error),

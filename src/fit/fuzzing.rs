@@ -16,9 +16,9 @@ pub fn fit(bytes: &[u8]) {
             return;
         }
     };
-    match FitSpec::read(&body, measured) {
+    match FitSpec::read(&body, measured, &[]) {
         Ok(fit) => {
-            assert_eq!(FitSpec::read(&fit.to_json(), Vec::new()).as_ref(), Ok(&fit));
+            assert_eq!(FitSpec::read(&fit.to_json(), Vec::new(), &[]).as_ref(), Ok(&fit));
             for place in [0.0, 0.5, 1.0] {
                 if let Err(faults) = fit.at(&vec![place; fit.variables.len()]) {
                     assert!(!faults.is_empty() && faults.iter().all(|fault| fault.pointer.starts_with('/')));

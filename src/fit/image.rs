@@ -3,7 +3,7 @@
 use super::target::{Target, refused};
 use crate::measure::micrograph::{MAX_BYTES, Micrograph, MicrographError, Reading};
 use crate::measure::morphometry::Quantity;
-use crate::spec::Fault;
+use crate::spec::{Fault, members};
 use base64::Engine;
 use base64::prelude::BASE64_STANDARD;
 use serde_json::Value;
@@ -136,38 +136,24 @@ fn values(image: &SectionImage) -> Result<Vec<(String, f64)>, (&'static str, Str
 /// # Errors
 /// All faults, with pointers that begin with `/images`.
 pub fn read_images(list: &Value) -> Result<Vec<Target>, Vec<Fault>> {
-    let fault = |pointer: String, detail: String| Fault { pointer, detail };
     let Some(items) = list.as_array().filter(|items| items.len() <= MOST_IMAGES) else {
-        return Err(vec![fault("/images".into(), format!("must be an array of at most {MOST_IMAGES} objects"))]);
+        return Err(vec![Fault::new("/images", format!("must be an array of at most {MOST_IMAGES} objects"))]);
     };
     let (mut images, mut faults) = (Vec::new(), Vec::new());
     for (i, item) in items.iter().enumerate() {
-        match read_image(item) {
-            Ok(image) => images.push(image),
-            Err(found) => faults.extend(found.into_iter().map(|(member, detail)| {
-                let at = if member.is_empty() { String::new() } else { format!("/{member}") };
-                fault(format!("/images/{i}{at}"), detail)
-            })),
-        }
+        images.extend(read_image(item, &format!("/images/{i}"), &mut faults));
     }
     if !faults.is_empty() {
         return Err(faults);
     }
-    let at = |(i, member, detail): ImageFault| fault(format!("/images/{i}/{member}"), detail);
+    let at = |(i, member, detail): ImageFault| Fault::new(format!("/images/{i}/{member}"), detail);
     image_targets(&images).map_err(|faults| faults.into_iter().map(at).collect())
 }
 
-fn read_image(item: &Value) -> Result<SectionImage, Vec<(String, String)>> {
-    const NAMES: [&str; 6] = ["region", "png", "pixel_um", "tissue", "quantities", "tolerance"];
-    let Some(members) = item.as_object() else {
-        return Err(vec![(String::new(), "must be an object".into())]);
-    };
-    let mut faults: Vec<(String, String)> = Vec::new();
-    for name in members.keys().filter(|name| !NAMES.contains(&name.as_str())) {
-        let shown: String = name.chars().take(100).collect::<String>().replace('~', "~0").replace('/', "~1");
-        faults.push((shown, format!("is unknown; the members are {}", NAMES.join(", "))));
-    }
-    let mut wrong = |name: &str, detail: &str| faults.push((name.to_owned(), detail.to_owned()));
+fn read_image(item: &Value, at: &str, faults: &mut Vec<Fault>) -> Option<SectionImage> {
+    let before = faults.len();
+    let members = members(at, item, &["region", "png", "pixel_um", "tissue", "quantities", "tolerance"], faults)?;
+    let mut wrong = |name: &str, detail: &str| faults.push(Fault::new(format!("{at}/{name}"), detail));
     let given = |name: &str| members.get(name).filter(|value| !value.is_null());
     let region = given("region").and_then(Value::as_str).unwrap_or_else(|| {
         wrong("region", "must be the name of a region");
@@ -205,13 +191,11 @@ fn read_image(item: &Value) -> Result<SectionImage, Vec<(String, String)>> {
     if !tolerance.is_some_and(|tolerance| (0.001..=1.0).contains(&tolerance)) {
         wrong("tolerance", "must be a number from 0.001 to 1");
     }
-    match (png, pixel_um, tolerance) {
-        (Some(png), Some(pixel_um), Some(tolerance)) if faults.is_empty() => {
-            let reading = Reading { pixel_um, tissue };
-            Ok(SectionImage { region: region.to_owned(), png, reading, quantities, tolerance })
-        }
-        _ => Err(faults),
+    if faults.len() > before {
+        return None;
     }
+    let reading = Reading { pixel_um: pixel_um?, tissue };
+    Some(SectionImage { region: region.to_owned(), png: png?, reading, quantities, tolerance: tolerance? })
 }
 
 #[cfg(test)]

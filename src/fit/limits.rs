@@ -5,14 +5,17 @@ use super::evaluate::Candidate;
 use super::linear::Linear;
 use super::request::FitSpec;
 use super::search::Archive;
+use super::target::Target;
 use crate::spec::End;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 /// A variable lies at its bound within this part of the distance of both.
 const AT_BOUND: f64 = 0.02;
-/// Least change of a deviation from one bound to the other for which a variable counts.
+/// Least change of a deviation from one bound to the other for which a variable counts,
 const LEAST_SLOPE: f64 = 0.5;
+/// or else of the measure itself, as a part of it: where the target is far away, its range is large beside what is measured.
+const LEAST_CHANGE: f64 = 0.05;
 /// Most targets for which corners are tried.
 const MOST_CORNERS: usize = 10;
 
@@ -67,7 +70,8 @@ pub(super) fn unmet(fit: &FitSpec, archive: &Archive<'_>, best: &Candidate) -> R
     }
     let before = archive.candidates();
     let model = Linear::around(best, &before, targets);
-    let corners: Vec<Vec<f64>> = missed.iter().take(MOST_CORNERS).map(|&t| model.corner(t, LEAST_SLOPE)).collect();
+    let corner = |&t: &usize| model.corner(t, least_slope(&targets[t], best.measures[t]));
+    let corners: Vec<Vec<f64>> = missed.iter().take(MOST_CORNERS).map(corner).collect();
     archive.measure(&corners)?;
     let all = archive.candidates();
     Ok(missed.into_iter().map(|t| of(fit, &model, best, &all, t)).collect())
@@ -78,7 +82,8 @@ fn of(fit: &FitSpec, model: &Linear, best: &Candidate, all: &[Candidate], t: usi
     let meets = |candidate: &Candidate, t: usize| fit.targets[t].is_met(candidate.measures[t]);
     let distance = |candidate: &Candidate| target.deviation(candidate.measures[t]).abs();
     let nearest = all.iter().filter(|c| c.measures[t].is_some()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
-    let sensitive = model.slopes[t].iter().any(|slope| slope.abs() >= LEAST_SLOPE);
+    let least = least_slope(target, best.measures[t]);
+    let sensitive = model.slopes[t].iter().any(|slope| slope.abs() >= least);
     let met: Vec<&Candidate> = all.iter().filter(|candidate| meets(candidate, t)).collect();
     let (why, at) = match (met.is_empty(), sensitive) {
         (false, _) => (Why::Conflict, Some(best)),
@@ -104,12 +109,20 @@ fn of(fit: &FitSpec, model: &Linear, best: &Candidate, all: &[Candidate], t: usi
     Unmet { region, quantity, why, nearest: nearest.and_then(|candidate| candidate.measures[t]), conflicts, bounds }
 }
 
+/// Least slope for which a variable counts.
+fn least_slope(target: &Target, measured: Option<f64>) -> f64 {
+    let changed = measured.filter(|&x| x != 0.0).map(|x| (1.0 + LEAST_CHANGE) * x);
+    let change = changed.map(|changed| target.deviation(Some(changed)) - target.deviation(measured));
+    change.map_or(LEAST_SLOPE, |change| change.abs().min(LEAST_SLOPE))
+}
+
 /// The bounds at which a candidate lies, and beyond which the target would come nearer.
 fn bounds(fit: &FitSpec, model: &Linear, at: &Candidate, t: usize) -> Vec<Bound> {
     let towards = -fit.targets[t].deviation(at.measures[t]);
+    let least = least_slope(&fit.targets[t], at.measures[t]);
     let variables = fit.variables.iter().zip(&at.places).zip(&model.slopes[t]);
     variables
-        .filter(|(_, slope)| slope.abs() >= LEAST_SLOPE)
+        .filter(|(_, slope)| slope.abs() >= least)
         .filter_map(|((variable, &place), slope)| {
             let (bound, value) = match slope * towards > 0.0 {
                 true if place >= 1.0 - AT_BOUND => ("to", variable.to),

@@ -40,8 +40,10 @@ pub use result::{Fall, FitResult, Fitted, Grown, Reached, Searched};
 pub use search::Ended;
 pub use target::{TOLERANCE, Target};
 pub use variable::{Variable, Varied};
+pub use watch::{FitProgress, FitSink, FitStage};
 
-use crate::generate::{Backend, CancelToken, GenerateError, Request, Sink, generate};
+use crate::generate::{Backend, CancelToken, GenerateError, Request, generate};
+use crate::spec::ModelSpec;
 use evaluate::{Candidate, Unmeasured};
 use rayon::prelude::*;
 use search::{Archive, search};
@@ -49,8 +51,8 @@ use std::path::Path;
 use watch::Watch;
 
 /// Searches for a spec that meets the targets, and verifies it. Uses all threads of the rayon pool in which it is called; the result does
-/// not depend on their number. `dir` takes the files of models, which are removed again. A search continues from a
-/// `checkpoint` that an earlier one gave to its sink.
+/// not depend on their number. `dir` takes the files of models, which are removed again. No more models are grown at a time than
+/// the limit of predicted memory allows. A search continues from a `checkpoint` that an earlier one gave to its sink.
 ///
 /// # Errors
 /// [`FitError`].
@@ -58,16 +60,18 @@ pub fn fit(
     fit: &FitSpec,
     checkpoint: Option<&[u8]>,
     dir: &Path,
-    sink: &dyn Sink,
+    memory_limit_bytes: Option<u64>,
+    sink: &dyn FitSink,
     cancel: &CancelToken,
 ) -> Result<FitResult, FitError> {
+    check_memory(fit, memory_limit_bytes)?;
     let watch = Watch::new(sink, cancel, fit.evaluations, fit.models);
     let archive = Archive::new(fit, checkpoint, &watch);
     let found = search(fit, &archive)?;
     let unmet = limits::unmet(fit, &archive, &found.best)?;
     watch.verify();
-    let models = models(fit, &found.best, dir, &watch)?;
     let spec = fit.at(&found.best.places).map_err(|_| Unmeasured::Failed("the best candidate is invalid".into()))?;
+    let models = models(fit, &spec, dir, memory_limit_bytes, &watch)?;
     Ok(FitResult {
         preset: fit.preset.name.clone(),
         spec: spec.to_json(),
@@ -87,27 +91,46 @@ pub fn fit(
     })
 }
 
-/// Grows models of a candidate in full.
-fn models(fit: &FitSpec, best: &Candidate, dir: &Path, watch: &Watch<'_>) -> Result<Vec<Grown>, FitError> {
-    let seeds: Vec<u64> = fit.model_seeds().collect();
-    seeds.into_par_iter().map(|seed| model(fit, best, seed, dir, watch)).collect()
+/// Refuses a fit whose start, or whose variables at their upper bounds, need more memory than allowed.
+fn check_memory(fit: &FitSpec, limit: Option<u64>) -> Result<(), FitError> {
+    let Some(limit) = limit else { return Ok(()) };
+    let needed = fit.extremes().map(|spec| spec.cost(&[]).memory_bytes).max().unwrap_or_default();
+    if needed > limit { Err(FitError::Memory { needed, limit }) } else { Ok(()) }
 }
 
-fn model(fit: &FitSpec, best: &Candidate, seed: u64, dir: &Path, watch: &Watch<'_>) -> Result<Grown, FitError> {
-    let spec = fit.at(&best.places).map_err(|_| Unmeasured::Failed("the best candidate is invalid".into()))?;
-    let dir = dir.join(format!("model-{seed}"));
-    std::fs::create_dir_all(&dir)?;
-    let request = Request {
+/// Grows models of the result in full.
+fn models(
+    fit: &FitSpec,
+    spec: &ModelSpec,
+    dir: &Path,
+    memory_limit_bytes: Option<u64>,
+    watch: &Watch<'_>,
+) -> Result<Vec<Grown>, FitError> {
+    let request = |seed: u64| Request {
         preset: fit.preset.name.clone(),
-        spec,
+        spec: spec.clone(),
         seed,
         backend: Backend::Cpu,
         outputs: Vec::new(),
-        dir: dir.clone(),
-        memory_limit_bytes: None,
+        dir: dir.join(format!("model-{seed}")),
+        memory_limit_bytes,
     };
-    let grown = generate(&request, &(), watch.cancel());
-    std::fs::remove_dir_all(&dir)?;
+    let requests: Vec<Request> = fit.model_seeds().map(request).collect();
+    let needed = spec.cost(&[]).memory_bytes.max(1);
+    let at_once = memory_limit_bytes.map_or(usize::MAX, |limit| usize::try_from(limit / needed).unwrap_or(usize::MAX));
+    let mut models = Vec::with_capacity(requests.len());
+    for some in requests.chunks(at_once.max(1)) {
+        let grown: Result<Vec<Grown>, FitError> = some.par_iter().map(|request| model(fit, request, watch)).collect();
+        models.extend(grown?);
+    }
+    Ok(models)
+}
+
+fn model(fit: &FitSpec, request: &Request, watch: &Watch<'_>) -> Result<Grown, FitError> {
+    let (seed, dir) = (request.seed, &request.dir);
+    std::fs::create_dir_all(dir)?;
+    let grown = generate(request, &(), watch.cancel());
+    std::fs::remove_dir_all(dir)?;
     watch.grown();
     let unmeasured = vec![None; fit.targets.len()];
     Ok(match grown {

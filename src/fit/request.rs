@@ -2,7 +2,7 @@
 
 use super::target::{TOLERANCE, Target, refused};
 use super::variable::Variable;
-use crate::spec::{DEFAULT_PRESET, End, Fault, Lever, ModelSpec, Preset, preset, presets};
+use crate::spec::{DEFAULT_PRESET, End, Fault, Lever, ModelSpec, Preset, members, preset, presets};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 use sha2::{Digest, Sha256};
@@ -51,21 +51,15 @@ struct Requested {
 }
 
 impl FitSpec {
-    /// Reads a request. `measured` are targets from images.
+    /// Reads a request. `measured` are targets from images; `others` are members that the caller reads.
     ///
     /// # Errors
     /// All faults.
-    pub fn read(body: &Value, measured: Vec<Target>) -> Result<Self, Vec<Fault>> {
+    pub fn read(body: &Value, measured: Vec<Target>, others: &[&str]) -> Result<Self, Vec<Fault>> {
         let mut faults = Vec::new();
-        let Some(members) = body.as_object() else {
-            return Err(vec![fault("", "must be an object")]);
+        let Some(members) = members("", body, &[&MEMBERS[..], others].concat(), &mut faults) else {
+            return Err(faults);
         };
-        for name in members.keys().filter(|name| !MEMBERS.contains(&name.as_str())) {
-            faults.push(fault(
-                &format!("/{}", escape(name)),
-                &format!("is unknown; the members are {}", MEMBERS.join(", ")),
-            ));
-        }
         let preset = preset_of(members, &mut faults);
         let start = preset.and_then(|preset| spec_of(preset, members, &mut faults));
         let mut targets = measured;
@@ -74,13 +68,11 @@ impl FitSpec {
             targets.extend(csv_of(text, &mut faults));
         }
         if targets.is_empty() && faults.is_empty() {
-            faults.push(fault("/targets", "at least one target is needed"));
+            faults.push(Fault::new("/targets", "at least one target is needed"));
         }
         if targets.len() > MOST_TARGETS {
-            faults.push(fault(
-                "/targets",
-                &format!("there are {} targets; at most {MOST_TARGETS} are allowed", targets.len()),
-            ));
+            let detail = format!("there are {} targets; at most {MOST_TARGETS} are allowed", targets.len());
+            faults.push(Fault::new("/targets", detail));
         }
         let variables = start.as_ref().map(|start| variables_of(members, &targets, start, &mut faults));
         let mut number = |name: &str, [most, usual]: [u32; 2]| {
@@ -138,10 +130,10 @@ impl FitSpec {
         &self.targets
     }
 
-    /// The spec with all variables at their upper bounds, which is the costliest for most; none if that is not valid.
-    #[must_use]
-    pub fn costliest(&self) -> Option<ModelSpec> {
-        self.at(&vec![1.0; self.variables.len()]).ok()
+    /// The spec that the search starts from and, if it is valid, the one with all variables at their upper bounds, which is the
+    /// costliest for most.
+    pub fn extremes(&self) -> impl Iterator<Item = ModelSpec> {
+        std::iter::once(self.start.clone()).chain(self.at(&vec![1.0; self.variables.len()]))
     }
 
     /// Predicted seconds on one core: as many candidates as are allowed, each like the start.
@@ -169,21 +161,12 @@ impl FitSpec {
     }
 }
 
-fn fault(pointer: &str, detail: &str) -> Fault {
-    Fault { pointer: pointer.to_owned(), detail: detail.to_owned() }
-}
-
-/// A member's name as a part of a pointer, shortened.
-fn escape(name: &str) -> String {
-    name.chars().take(100).collect::<String>().replace('~', "~0").replace('/', "~1")
-}
-
 fn preset_of(members: &Map<String, Value>, faults: &mut Vec<Fault>) -> Option<&'static Preset> {
     let name = members.get("preset").map_or(Some(DEFAULT_PRESET), Value::as_str);
     let found = name.and_then(preset);
     if found.is_none() {
         let names: Vec<&str> = presets().iter().map(|preset| preset.name.as_str()).collect();
-        faults.push(fault("/preset", &format!("is unknown; the presets are {}", names.join(", "))));
+        faults.push(Fault::new("/preset", format!("is unknown; the presets are {}", names.join(", "))));
     }
     found
 }
@@ -193,14 +176,14 @@ fn spec_of(preset: &'static Preset, members: &Map<String, Value>, faults: &mut V
     let patch = members.get("spec").unwrap_or(&none);
     let resolved = ModelSpec::resolve(preset, patch);
     resolved
-        .map_err(|found| faults.extend(found.into_iter().map(|f| fault(&format!("/spec{}", f.pointer), &f.detail))))
+        .map_err(|found| faults.extend(found.into_iter().map(|f| Fault::new(format!("/spec{}", f.pointer), f.detail))))
         .ok()
 }
 
 fn targets_of(members: &Map<String, Value>, faults: &mut Vec<Fault>) -> Vec<Target> {
     let Some(list) = members.get("targets") else { return Vec::new() };
     let Some(items) = list.as_array() else {
-        faults.push(fault("/targets", "must be an array of objects"));
+        faults.push(Fault::new("/targets", "must be an array of objects"));
         return Vec::new();
     };
     let items = items.iter().take(MOST_TARGETS + 1).enumerate();
@@ -208,23 +191,13 @@ fn targets_of(members: &Map<String, Value>, faults: &mut Vec<Fault>) -> Vec<Targ
 }
 
 fn target_of(item: &Value, at: &str, faults: &mut Vec<Fault>) -> Option<Target> {
-    const NAMES: [&str; 6] = ["region", "quantity", "value", "low", "high", "source"];
     let before = faults.len();
-    let Some(members) = item.as_object() else {
-        faults.push(fault(at, "must be an object"));
-        return None;
-    };
-    for name in members.keys().filter(|name| !NAMES.contains(&name.as_str())) {
-        faults.push(fault(
-            &format!("{at}/{}", escape(name)),
-            &format!("is unknown; the members are {}", NAMES.join(", ")),
-        ));
-    }
+    let members = members(at, item, &["region", "quantity", "value", "low", "high", "source"], faults)?;
     let mut number = |name: &str| {
         let value = members.get(name).filter(|value| !value.is_null())?;
         let number = value.as_f64().filter(|x| x.is_finite());
         if number.is_none() {
-            faults.push(fault(&format!("{at}/{name}"), "must be a number"));
+            faults.push(Fault::new(format!("{at}/{name}"), "must be a number"));
         }
         number
     };
@@ -232,7 +205,7 @@ fn target_of(item: &Value, at: &str, faults: &mut Vec<Fault>) -> Option<Target> 
     let mut text = |name: &str| {
         let text = members.get(name).and_then(Value::as_str);
         if text.is_none() {
-            faults.push(fault(&format!("{at}/{name}"), "must be a string"));
+            faults.push(Fault::new(format!("{at}/{name}"), "must be a string"));
         }
         text
     };
@@ -240,7 +213,7 @@ fn target_of(item: &Value, at: &str, faults: &mut Vec<Fault>) -> Option<Target> 
     let source = members.get("source").filter(|source| !source.is_null()).map(|source| {
         let text = source.as_str().filter(|text| text.chars().count() <= 300);
         if text.is_none() {
-            faults.push(fault(&format!("{at}/source"), "must be a string of at most 300 characters"));
+            faults.push(Fault::new(format!("{at}/source"), "must be a string of at most 300 characters"));
         }
         text.unwrap_or_default().to_owned()
     });
@@ -248,7 +221,7 @@ fn target_of(item: &Value, at: &str, faults: &mut Vec<Fault>) -> Option<Target> 
         return None;
     }
     let made = target(region?, quantity?, &requested, source);
-    made.map_err(|(member, detail)| faults.push(fault(&format!("{at}/{member}"), &detail))).ok()
+    made.map_err(|(member, detail)| faults.push(Fault::new(format!("{at}/{member}"), detail))).ok()
 }
 
 fn target(
@@ -285,25 +258,25 @@ fn target(
 fn csv_of(text: &Value, faults: &mut Vec<Fault>) -> Vec<Target> {
     let at = "/targets_csv";
     let Some(text) = text.as_str() else {
-        faults.push(fault(at, "must be a string"));
+        faults.push(Fault::new(at, "must be a string"));
         return Vec::new();
     };
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
     let header = match reader.headers() {
         Ok(header) => header.clone(),
         Err(error) => {
-            faults.push(fault(at, &format!("cannot be read: {error}")));
+            faults.push(Fault::new(at, format!("cannot be read: {error}")));
             return Vec::new();
         }
     };
     const NAMES: [&str; 5] = ["region", "quantity", "value", "low", "high"];
     if let Some(name) = header.iter().find(|name| !NAMES.contains(name)) {
         let name: String = name.chars().take(40).collect();
-        faults.push(fault(at, &format!("column `{name}` is unknown; the columns are {}", NAMES.join(", "))));
+        faults.push(Fault::new(at, format!("column `{name}` is unknown; the columns are {}", NAMES.join(", "))));
         return Vec::new();
     }
     if let Some(name) = NAMES[..2].iter().find(|name| !header.iter().any(|column| column == **name)) {
-        faults.push(fault(at, &format!("column `{name}` is missing; the first line names the columns")));
+        faults.push(Fault::new(at, format!("column `{name}` is missing; the first line names the columns")));
         return Vec::new();
     }
     let mut targets = Vec::new();
@@ -314,7 +287,7 @@ fn csv_of(text: &Value, faults: &mut Vec<Fault>) -> Vec<Target> {
         let made = record.map_err(|error| error.to_string()).and_then(|record| csv_target(&header, &record));
         match made {
             Ok(target) => targets.push(target),
-            Err(detail) => faults.push(fault(at, &format!("row {row}: {detail}"))),
+            Err(detail) => faults.push(Fault::new(at, format!("row {row}: {detail}"))),
         }
     }
     targets
@@ -343,7 +316,7 @@ fn variables_of(
         return Variable::chosen(targets, start);
     };
     let Some(items) = list.as_array().filter(|items| (1..=MOST_VARIABLES).contains(&items.len())) else {
-        faults.push(fault("/vary", &format!("must be an array of 1 to {MOST_VARIABLES} objects")));
+        faults.push(Fault::new("/vary", format!("must be an array of 1 to {MOST_VARIABLES} objects")));
         return Vec::new();
     };
     let mut variables: Vec<Variable> = Vec::new();
@@ -356,7 +329,7 @@ fn variables_of(
                 && (other.end == variable.end || other.end.is_none() || variable.end.is_none())
         };
         if variables.iter().any(overlaps) {
-            faults.push(fault(&format!("{at}/parameter"), "is given more than once"));
+            faults.push(Fault::new(format!("{at}/parameter"), "is given more than once"));
         }
         variables.push(variable);
     }
@@ -364,26 +337,16 @@ fn variables_of(
 }
 
 fn variable_of(item: &Value, at: &str, start: &ModelSpec, faults: &mut Vec<Fault>) -> Option<Variable> {
-    const NAMES: [&str; 4] = ["parameter", "end", "from", "to"];
     let before = faults.len();
-    let Some(members) = item.as_object() else {
-        faults.push(fault(at, "must be an object"));
-        return None;
-    };
-    for name in members.keys().filter(|name| !NAMES.contains(&name.as_str())) {
-        faults.push(fault(
-            &format!("{at}/{}", escape(name)),
-            &format!("is unknown; the members are {}", NAMES.join(", ")),
-        ));
-    }
+    let members = members(at, item, &["parameter", "end", "from", "to"], faults)?;
     let lever = match members.get("parameter").and_then(Value::as_str).map(Lever::at) {
         Some(Ok(lever)) => Some(lever),
         Some(Err(detail)) => {
-            faults.push(fault(&format!("{at}/parameter"), &detail));
+            faults.push(Fault::new(format!("{at}/parameter"), detail));
             None
         }
         None => {
-            faults.push(fault(&format!("{at}/parameter"), "must be the JSON pointer of a parameter"));
+            faults.push(Fault::new(format!("{at}/parameter"), "must be the JSON pointer of a parameter"));
             None
         }
     };
@@ -392,7 +355,7 @@ fn variable_of(item: &Value, at: &str, start: &ModelSpec, faults: &mut Vec<Fault
         Some(value) => {
             let end: Option<End> = serde_json::from_value(value.clone()).ok();
             if end.is_none() {
-                faults.push(fault(&format!("{at}/end"), "must be isthmus or ampulla"));
+                faults.push(Fault::new(format!("{at}/end"), "must be isthmus or ampulla"));
             }
             end
         }
@@ -400,7 +363,7 @@ fn variable_of(item: &Value, at: &str, start: &ModelSpec, faults: &mut Vec<Fault
     let bounds = ["from", "to"].map(|name| {
         let value = members.get(name).filter(|value| !value.is_null())?;
         if !value.is_number() {
-            faults.push(fault(&format!("{at}/{name}"), "must be a number"));
+            faults.push(Fault::new(format!("{at}/{name}"), "must be a number"));
         }
         value.as_f64()
     });
@@ -408,7 +371,7 @@ fn variable_of(item: &Value, at: &str, start: &ModelSpec, faults: &mut Vec<Fault
         return None;
     }
     let made = Variable::new(lever?, end, start, bounds);
-    made.map_err(|(member, detail)| faults.push(fault(&format!("{at}/{member}"), &detail))).ok()
+    made.map_err(|(member, detail)| faults.push(Fault::new(format!("{at}/{member}"), detail))).ok()
 }
 
 fn count(
@@ -423,7 +386,7 @@ fn count(
     let real = || value.as_f64().filter(|x| x.fract() == 0.0 && (0.0..=SEED_MAX as f64).contains(x)).map(|x| x as u64);
     let number = value.as_u64().or_else(real).filter(|n| (least..=most).contains(n));
     number.unwrap_or_else(|| {
-        faults.push(fault(&format!("/{name}"), &format!("must be an integer from {least} to {most}")));
+        faults.push(Fault::new(format!("/{name}"), format!("must be an integer from {least} to {most}")));
         usual
     })
 }
@@ -433,7 +396,7 @@ mod tests {
     use super::*;
 
     fn read(body: &Value) -> Result<FitSpec, Vec<String>> {
-        FitSpec::read(body, Vec::new()).map_err(|faults| faults.into_iter().map(|fault| fault.pointer).collect())
+        FitSpec::read(body, Vec::new(), &[]).map_err(|faults| faults.into_iter().map(|fault| fault.pointer).collect())
     }
 
     #[test]
@@ -466,7 +429,7 @@ mod tests {
             ("region,quantity,value\nampulla,fill,0.7\nampulla,fil,0.7", "row 2: quantity: is unknown"),
             ("region,quantity\nampulla,fill", "row 1: value: is needed"),
         ] {
-            let faults = FitSpec::read(&json!({ "targets_csv": csv }), Vec::new()).unwrap_err();
+            let faults = FitSpec::read(&json!({ "targets_csv": csv }), Vec::new(), &[]).unwrap_err();
             assert!(faults[0].detail.contains(hint), "{csv:?}: {faults:?}");
         }
     }
@@ -525,5 +488,15 @@ mod tests {
             assert_eq!(read(&body).unwrap_err().first().map(String::as_str), Some(pointer), "{body}");
         }
         assert!(read(&with("seed", json!(7.0))).is_ok_and(|fit| fit.seed == 7));
+    }
+
+    #[test]
+    fn unknown_members_come_with_a_hint() {
+        let body = json!({ "sede": 1, "labels": {}, "lebals": {}, "targets": [{ "vaule": 1 }] });
+        let faults = FitSpec::read(&body, Vec::new(), &["labels"]).unwrap_err();
+        for (pointer, hint) in [("/sede", "`seed`"), ("/lebals", "`labels`"), ("/targets/0/vaule", "`value`")] {
+            let fault = faults.iter().find(|fault| fault.pointer == pointer).expect("it is unknown");
+            assert!(fault.detail.contains(&format!("did you mean {hint}?")), "{fault:?}");
+        }
     }
 }

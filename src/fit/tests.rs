@@ -1,8 +1,6 @@
 //! Whole fits of small models: hidden parameters, contradictions, checkpoints, cancel, threads.
 
 use super::*;
-use crate::generate::Progress;
-use crate::model::Section;
 use serde_json::{Value, json};
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -23,17 +21,17 @@ fn measures(spec: &Value, names: &[(&str, &str)], seed: u64) -> Vec<f64> {
         names.iter().map(|(region, quantity)| json!({ "region": region, "quantity": quantity, "value": 1 })).collect();
     let body =
         json!({ "spec": spec, "targets": targets, "seeds": 4, "seed": seed, "vary": [{ "parameter": "/bending" }] });
-    let fit = FitSpec::read(&body, Vec::new()).unwrap();
+    let fit = FitSpec::read(&body, Vec::new(), &[]).unwrap();
     let cancel = CancelToken::default();
     let start: Vec<f64> = fit.variables.iter().map(Variable::start).collect();
     let found = evaluate::Evaluator::new(&fit, &cancel).measure(&start).unwrap();
     found.into_iter().map(Option::unwrap).collect()
 }
 
-fn run(body: &Value, sink: &dyn Sink, checkpoint: Option<&[u8]>) -> FitResult {
+fn run(body: &Value, sink: &dyn FitSink, checkpoint: Option<&[u8]>) -> FitResult {
     let dir = tempfile::tempdir().unwrap();
-    let fit = FitSpec::read(body, Vec::new()).unwrap();
-    let result = super::fit(&fit, checkpoint, dir.path(), sink, &CancelToken::default()).unwrap();
+    let fit = FitSpec::read(body, Vec::new(), &[]).unwrap();
+    let result = super::fit(&fit, checkpoint, dir.path(), None, sink, &CancelToken::default()).unwrap();
     assert_eq!(std::fs::read_dir(dir.path()).unwrap().count(), 0, "models are removed");
     result
 }
@@ -96,11 +94,10 @@ struct Keeps {
     candidates: AtomicU32,
 }
 
-impl Sink for Keeps {
-    fn progress(&self, progress: &Progress) {
-        self.candidates.store(progress.step, Ordering::Relaxed);
+impl FitSink for Keeps {
+    fn progress(&self, progress: &FitProgress) {
+        self.candidates.store(progress.evaluations, Ordering::Relaxed);
     }
-    fn section(&self, _: &Section) {}
     fn wants_checkpoint(&self) -> bool {
         true
     }
@@ -156,6 +153,17 @@ fn what_cannot_be_met_is_told_with_its_bounds() {
 }
 
 #[test]
+fn a_target_far_away_is_out_of_reach() {
+    let body = json!({
+        "spec": small(&json!({})), "evaluations": 20, "models": 1,
+        "targets": [{ "region": "ampulla", "quantity": "lumen_perimeter_mm", "value": 100 }],
+        "vary": [{ "parameter": "/particles/total", "from": 500, "to": 700 }],
+    });
+    let result = run(&body, &(), None);
+    assert_eq!((result.unmet[0].why, result.unmet[0].bounds[0].bound.as_str()), (Why::OutOfReach, "to"));
+}
+
+#[test]
 fn contradictions_are_told() {
     // One quantity at two values.
     let value = measures(&small(&json!({})), &[("whole", "tissue_area_mm2")], 0)[0];
@@ -189,17 +197,16 @@ fn what_no_variable_changes_is_told() {
 #[test]
 fn a_cancelled_fit_stops_soon() {
     struct Stops(CancelToken);
-    impl Sink for Stops {
-        fn progress(&self, progress: &Progress) {
-            if progress.step == 3 {
+    impl FitSink for Stops {
+        fn progress(&self, progress: &FitProgress) {
+            if progress.evaluations == 3 {
                 self.0.cancel();
             }
         }
-        fn section(&self, _: &Section) {}
     }
     let (dir, cancel) = (tempfile::tempdir().unwrap(), CancelToken::default());
-    let fit = FitSpec::read(&hidden(), Vec::new()).unwrap();
-    let ended = super::fit(&fit, None, dir.path(), &Stops(cancel.clone()), &cancel);
+    let fit = FitSpec::read(&hidden(), Vec::new(), &[]).unwrap();
+    let ended = super::fit(&fit, None, dir.path(), None, &Stops(cancel.clone()), &cancel);
     assert!(matches!(ended, Err(FitError::Cancelled)));
 }
 
@@ -210,8 +217,31 @@ fn a_search_without_any_candidate_says_why() {
         "spec": small(&json!({})), "targets": [{ "region": "whole", "quantity": "fill", "value": 0.7 }], "evaluations": 12,
         "vary": [{ "parameter": "/particles/outer", "from": 2000, "to": 4000 }],
     });
-    let fit = FitSpec::read(&body, Vec::new()).unwrap();
+    let fit = FitSpec::read(&body, Vec::new(), &[]).unwrap();
     let dir = tempfile::tempdir().unwrap();
-    let ended = super::fit(&fit, None, dir.path(), &(), &CancelToken::default()).unwrap_err();
+    let ended = super::fit(&fit, None, dir.path(), None, &(), &CancelToken::default()).unwrap_err();
     assert!(ended.to_string().contains("/particles/"), "{ended}");
+}
+
+#[test]
+fn a_fit_that_needs_more_memory_than_allowed_is_refused() {
+    let body = json!({
+        "spec": small(&json!({})), "targets": [{ "region": "whole", "quantity": "fill", "value": 0.7 }], "evaluations": 12,
+        "seeds": 1, "models": 3, "vary": [{ "parameter": "/particles/total", "from": 400, "to": 5000 }],
+    });
+    let fit = FitSpec::read(&body, Vec::new(), &[]).unwrap();
+    let run = |limit: u64| {
+        let dir = tempfile::tempdir().unwrap();
+        super::fit(&fit, None, dir.path(), Some(limit), &(), &CancelToken::default())
+    };
+    let needs: Vec<u64> = fit.extremes().map(|spec| spec.cost(&[]).memory_bytes).collect();
+    let costliest = needs[1];
+    assert!(needs[0] < costliest, "{needs:?}");
+    let refused = run(costliest - 1).unwrap_err();
+    assert!(matches!(refused, FitError::Memory { needed, limit } if needed == costliest && limit == costliest - 1));
+    // One model at a time, with the same result as all at once.
+    let dir = tempfile::tempdir().unwrap();
+    let free = super::fit(&fit, None, dir.path(), None, &(), &CancelToken::default()).unwrap();
+    assert_eq!(run(costliest).unwrap(), free);
+    assert_eq!(free.models.len(), 3);
 }

@@ -1,22 +1,71 @@
 //! What a fit tells while it runs: progress, and checkpoints when they are wanted.
 
 use crate::clock::Stopwatch;
-use crate::generate::{CancelToken, Progress, Sink, Stage};
+use crate::generate::CancelToken;
+use serde::{Deserialize, Serialize};
 use std::sync::{Mutex, PoisonError};
 
 /// Part of the whole that the search is counted as.
 const SEARCH: f64 = 0.85;
 
+/// Stage of a fit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum FitStage {
+    /// Searching for parameters.
+    Search,
+    /// Growing models of the result.
+    Verify,
+}
+
+/// Progress of a fit: always the complete current state.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct FitProgress {
+    /// Stage.
+    pub stage: FitStage,
+    /// Fraction of the whole, 0 to 1, never decreasing. A search may end before it has used all evaluations.
+    pub fraction: f64,
+    /// Candidates measured so far.
+    #[schema(minimum = 0)]
+    pub evaluations: u32,
+    /// Candidates at most.
+    #[schema(minimum = 0)]
+    pub evaluations_most: u32,
+    /// Models grown in full so far.
+    #[schema(minimum = 0)]
+    pub models: u32,
+    /// Least misfit so far; see `misfit` of the result.
+    pub misfit: Option<f64>,
+    /// Seconds until all evaluations are used, at the pace so far.
+    pub eta_seconds: Option<f64>,
+}
+
+/// Receives progress and checkpoints. Called on the threads of the fit, so it must not block.
+pub trait FitSink: Sync {
+    /// Called after each candidate and each model.
+    fn progress(&self, progress: &FitProgress);
+    /// Whether a checkpoint is wanted, from which the search can be continued elsewhere; called after each candidate.
+    fn wants_checkpoint(&self) -> bool {
+        false
+    }
+    /// Takes the requested checkpoint.
+    fn checkpoint(&self, _: Vec<u8>) {}
+}
+
+impl FitSink for () {
+    fn progress(&self, _: &FitProgress) {}
+}
+
 /// Tells a sink how far a fit is.
 pub(super) struct Watch<'a> {
-    sink: &'a dyn Sink,
+    sink: &'a dyn FitSink,
     cancel: &'a CancelToken,
     since: Stopwatch,
     now: Mutex<Now>,
 }
 
 struct Now {
-    progress: Progress,
+    progress: FitProgress,
     /// Models that are grown after the search.
     models: u32,
     /// Candidates that this attempt measured itself.
@@ -24,16 +73,15 @@ struct Now {
 }
 
 impl<'a> Watch<'a> {
-    pub(super) fn new(sink: &'a dyn Sink, cancel: &'a CancelToken, evaluations: u32, models: u32) -> Self {
-        let progress = Progress {
-            stage: Stage::Search,
+    pub(super) fn new(sink: &'a dyn FitSink, cancel: &'a CancelToken, evaluations: u32, models: u32) -> Self {
+        let progress = FitProgress {
+            stage: FitStage::Search,
             fraction: 0.0,
-            step: 0,
-            steps: evaluations,
-            particles: 0,
-            sections: 0,
-            eta_seconds: None,
+            evaluations: 0,
+            evaluations_most: evaluations,
+            models: 0,
             misfit: None,
+            eta_seconds: None,
         };
         sink.progress(&progress);
         Self { sink, cancel, since: Stopwatch::start(), now: Mutex::new(Now { progress, models, own: 0 }) }
@@ -63,12 +111,12 @@ impl<'a> Watch<'a> {
 
     /// The search has ended.
     pub(super) fn verify(&self) {
-        self.report(|now| now.progress.stage = Stage::Verify);
+        self.report(|now| now.progress.stage = FitStage::Verify);
     }
 
     /// A model of the result has ended.
     pub(super) fn grown(&self) {
-        self.report(|now| now.progress.sections += 1);
+        self.report(|now| now.progress.models += 1);
     }
 
     fn report(&self, change: impl FnOnce(&mut Now)) {
@@ -77,19 +125,19 @@ impl<'a> Watch<'a> {
         let Now { progress, models, own } = &mut *now;
         let part = |done: u32, all: u32| (f64::from(done) / f64::from(all.max(1))).min(1.0);
         progress.fraction = match progress.stage {
-            Stage::Verify => SEARCH + (0.98 - SEARCH) * part(progress.sections, *models),
-            _ => SEARCH * part(progress.step, progress.steps),
+            FitStage::Verify => SEARCH + (0.98 - SEARCH) * part(progress.models, *models),
+            FitStage::Search => SEARCH * part(progress.evaluations, progress.evaluations_most),
         };
         // Of the candidates alone: how long the models take is not known before.
-        let left = progress.steps.saturating_sub(progress.step);
-        let searching = progress.stage == Stage::Search && *own > 1;
+        let left = progress.evaluations_most.saturating_sub(progress.evaluations);
+        let searching = progress.stage == FitStage::Search && *own > 1;
         progress.eta_seconds = searching.then(|| self.since.seconds() / f64::from(*own) * f64::from(left));
         self.sink.progress(progress);
     }
 }
 
-fn count(progress: &mut Progress, misfit: Option<f64>) {
-    progress.step = (progress.step + 1).min(progress.steps);
+fn count(progress: &mut FitProgress, misfit: Option<f64>) {
+    progress.evaluations = (progress.evaluations + 1).min(progress.evaluations_most);
     progress.misfit = match (progress.misfit, misfit) {
         (Some(best), Some(misfit)) => Some(best.min(misfit)),
         (best, misfit) => best.or(misfit),
@@ -99,16 +147,14 @@ fn count(progress: &mut Progress, misfit: Option<f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Section;
 
     #[derive(Default)]
-    struct Told(Mutex<Vec<Progress>>, Mutex<Vec<Vec<u8>>>);
+    struct Told(Mutex<Vec<FitProgress>>, Mutex<Vec<Vec<u8>>>);
 
-    impl Sink for Told {
-        fn progress(&self, progress: &Progress) {
+    impl FitSink for Told {
+        fn progress(&self, progress: &FitProgress) {
             self.0.lock().unwrap().push(*progress);
         }
-        fn section(&self, _: &Section) {}
         fn wants_checkpoint(&self) -> bool {
             self.1.lock().unwrap().is_empty()
         }
@@ -130,7 +176,10 @@ mod tests {
         let all = told.0.lock().unwrap();
         let fractions: Vec<f64> = all.iter().map(|p| p.fraction).collect();
         assert!(fractions.is_sorted() && fractions.last() < Some(&1.0), "{fractions:?}");
-        assert_eq!(all.last().map(|p| (p.stage, p.step, p.sections, p.misfit)), Some((Stage::Verify, 3, 2, Some(3.0))));
+        assert_eq!(
+            all.last().map(|p| (p.stage, p.evaluations, p.models, p.misfit)),
+            Some((FitStage::Verify, 3, 2, Some(3.0)))
+        );
         assert_eq!(*told.1.lock().unwrap(), [vec![1]]);
     }
 }

@@ -14,8 +14,6 @@ fn begins_at(stage: Stage) -> f64 {
         Stage::Measure => 0.90,
         Stage::Export => 0.93,
         Stage::Store => 0.98,
-        // Stages of fits, which have a pace of their own.
-        Stage::Search | Stage::Verify => 0.0,
     }
 }
 
@@ -48,7 +46,6 @@ impl<'a> Pace<'a> {
             particles: particles(0) as u32,
             sections: 0,
             eta_seconds: None,
-            misfit: None,
         };
         sink.progress(&now);
         Self { sink, watch: Stopwatch::start(), begun: 0.0, burn_in: f64::from(spec.burn_in), work, now }

@@ -89,7 +89,7 @@ impl Output {
     }
 }
 
-/// Stage of a running job.
+/// Stage of a generation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Stage {
@@ -105,10 +105,6 @@ pub enum Stage {
     Export,
     /// Moving files to the artifact store.
     Store,
-    /// Of a fit: searching for parameters.
-    Search,
-    /// Of a fit: growing models of the result.
-    Verify,
 }
 
 /// Progress of a generation: always the complete current state.
@@ -128,10 +124,6 @@ pub struct Progress {
     pub sections: u32,
     /// Estimated seconds to the end; unknown until there is enough data.
     pub eta_seconds: Option<f64>,
-    /// Of a fit: the least misfit so far.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(required = false, nullable = false)]
-    pub misfit: Option<f64>,
 }
 
 /// Receives progress. Called between steps on the simulating thread, so it must not block.

@@ -181,16 +181,21 @@ pub(super) fn created(state: &AppState, submitted: &Submitted, job: &Job, at: At
     };
     let mut response = answer(state, status, job, Detail::Full, at)?;
     let headers = response.headers_mut();
-    if let Ok(location) = HeaderValue::try_from(at.model(job.id)) {
-        headers.insert(header::LOCATION, location);
-    }
+    name_location(headers, &at.model(job.id), matches!(submitted, Submitted::Replayed(_)));
     if status == StatusCode::ACCEPTED {
         headers.insert(header::RETRY_AFTER, retry_after(job));
     }
-    if matches!(submitted, Submitted::Replayed(_)) {
+    Ok(response)
+}
+
+/// Says where the answer to a submission lies, and whether it was replayed.
+pub(super) fn name_location(headers: &mut HeaderMap, location: &str, replayed: bool) {
+    if let Ok(location) = HeaderValue::try_from(location) {
+        headers.insert(header::LOCATION, location);
+    }
+    if replayed {
         headers.insert(IDEMPOTENCY_REPLAYED, HeaderValue::from_static("true"));
     }
-    Ok(response)
 }
 
 /// The idempotency key, if there is one, with a hash of the body.

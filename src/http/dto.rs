@@ -8,7 +8,7 @@ pub use super::shapes::ModelWarning;
 use super::shapes::Summary;
 use super::study::BatchStudy;
 use crate::generate::{Output, Progress, Stage};
-use crate::jobs::{BackendReport, Job, LiveSection, Priority, Status, WorkerInfo, WorkerState};
+use crate::jobs::{BackendReport, Job, JobProgress, LiveSection, Priority, Status, WorkerInfo, WorkerState};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -137,13 +137,6 @@ impl Model {
             bytes: file.bytes,
             sha256: file.sha256.clone(),
         };
-        let problem = |problem: &crate::jobs::Problem| ModelProblem {
-            r#type: format!("{TYPE_PREFIX}{}", problem.kind),
-            title: problem.title.clone(),
-            detail: problem.detail.clone(),
-        };
-        let left = job.started_at.or(job.finished_at);
-        let wait_seconds = left.map(|at| at.duration_since(job.created_at).as_secs_f64().max(0.0));
         Self {
             id: job.id.0,
             status: job.status,
@@ -157,23 +150,53 @@ impl Model {
             batch: job.batch.map(|id| id.0),
             backend: job.backend.clone(),
             worker: job.worker.clone(),
-            queue: Queue { position: job.queue_position, wait_seconds },
-            progress: if job.status == Status::Succeeded { Some(whole(job)) } else { job.progress },
+            queue: Queue::of(job),
+            progress: if job.status == Status::Succeeded { Some(whole(job)) } else { grown(job) },
             attempts: job.attempts,
             created_at: job.created_at,
             started_at: job.started_at,
             finished_at: job.finished_at,
-            expires_at: job.finished_at.zip(keep).and_then(|(end, keep)| end.checked_add(keep).ok()),
+            expires_at: expires_at(job, keep),
             files: job.files.iter().map(file).collect(),
             summary: job.summary.clone().map(without_means),
             warnings: warnings(job),
-            problem: job.problem.as_ref().map(problem),
+            problem: job.problem.as_ref().map(ModelProblem::of),
             digest: job.digest.clone(),
             reused_from: job.reused_from.map(|id| id.0),
             retry_of: job.retry_of.map(|id| id.0),
             spec: (detail == Detail::Full).then(|| job.spec.clone()),
         }
     }
+}
+
+impl Queue {
+    /// Position and waiting time of a job.
+    pub(super) fn of(job: &Job) -> Self {
+        let left = job.started_at.or(job.finished_at);
+        let wait_seconds = left.map(|at| at.duration_since(job.created_at).as_secs_f64().max(0.0));
+        Self { position: job.queue_position, wait_seconds }
+    }
+}
+
+impl ModelProblem {
+    /// The problem of a job.
+    pub(super) fn of(problem: &crate::jobs::Problem) -> Self {
+        Self {
+            r#type: format!("{TYPE_PREFIX}{}", problem.kind),
+            title: problem.title.clone(),
+            detail: problem.detail.clone(),
+        }
+    }
+}
+
+/// When a job is removed, `keep` after its end.
+pub(super) fn expires_at(job: &Job, keep: Option<Duration>) -> Option<Timestamp> {
+    job.finished_at.zip(keep).and_then(|(end, keep)| end.checked_add(keep).ok())
+}
+
+/// The progress that a worker last reported of a model.
+fn grown(job: &Job) -> Option<Progress> {
+    job.progress.and_then(JobProgress::model)
 }
 
 /// A summary without the means by region, 150 numbers for tables of batches; the report of a model has them.
@@ -200,10 +223,9 @@ fn whole(job: &Job) -> Progress {
         fraction: 1.0,
         step: steps,
         steps,
-        particles: found("/particles/end").max(job.progress.map_or(0, |last| last.particles)),
-        sections: found("/sections").max(job.progress.map_or(0, |last| last.sections)),
+        particles: found("/particles/end").max(grown(job).map_or(0, |last| last.particles)),
+        sections: found("/sections").max(grown(job).map_or(0, |last| last.sections)),
         eta_seconds: None,
-        misfit: None,
     }
 }
 
@@ -318,16 +340,16 @@ pub struct ModelEvent {
     pub section: Option<LiveSection>,
 }
 
-/// The data of the `end` event of a deleted model.
+/// The data of the `end` event of a deleted model or fit.
 #[derive(Clone, Copy, Debug, Serialize, ToSchema)]
 pub(super) struct DeletedEvent {
-    /// Id of the model.
+    /// Its id.
     pub id: Uuid,
     /// `deleted`.
     pub status: Deleted,
 }
 
-/// The status in the last event of a deleted model.
+/// The status in the last event of what was deleted.
 #[derive(Clone, Copy, Debug, Serialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Deleted {

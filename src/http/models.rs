@@ -10,7 +10,7 @@ use super::links::At;
 use super::problem::Problem;
 use super::responses::{BadParameters, ModelMissing, StoreAway};
 use super::select::{self, Conditions};
-use crate::jobs::{Job, ListFilter};
+use crate::jobs::{Job, JobProgress, ListFilter};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
@@ -39,7 +39,7 @@ pub(super) fn answer(
 
 /// When to ask again for a model that has not ended: after the time that it will take, between 1 and 30 seconds.
 pub(super) fn retry_after(job: &Job) -> HeaderValue {
-    let eta = job.progress.and_then(|p| p.eta_seconds).unwrap_or(1.0);
+    let eta = job.progress.and_then(JobProgress::eta_seconds).unwrap_or(1.0);
     HeaderValue::from(eta.ceil().clamp(1.0, 30.0) as u32)
 }
 

@@ -1,7 +1,7 @@
 //! Jobs for tests.
 
 use crate::generate::{Backend, Progress, Stage};
-use crate::jobs::{BackendReport, Job, JobId, JobKind, LiveSection, Status};
+use crate::jobs::{BackendReport, Job, JobId, JobKind, JobProgress, LiveSection, Status};
 use serde_json::json;
 
 /// A queued job.
@@ -51,14 +51,13 @@ pub(super) fn running(step: u32) -> Job {
         particles: 710,
         sections: step / 10,
         eta_seconds: None,
-        misfit: None,
     };
     let section = LiveSection { index: step / 10, step, z_um: 1.0, inner: vec![], outer: vec![] };
     Job {
         status: Status::Running,
         queue_position: None,
         attempts: 1,
-        progress: Some(progress),
+        progress: Some(JobProgress::Model(progress)),
         section: Some(section),
         ..job()
     }

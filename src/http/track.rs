@@ -4,8 +4,7 @@
 //! and `section` are ever thinned.
 
 use super::view::Name;
-use crate::generate::Progress;
-use crate::jobs::{BackendReport, Job, Status};
+use crate::jobs::{BackendReport, Job, JobProgress, Status};
 use std::time::Duration;
 
 /// What was published of one model, and when.
@@ -20,7 +19,7 @@ pub(super) struct Track {
 #[derive(Clone, Debug, PartialEq)]
 struct Published {
     state: (Status, Option<u64>, u32, BackendReport, bool),
-    progress: Option<Progress>,
+    progress: Option<JobProgress>,
     section: Option<(u32, u32)>,
 }
 

@@ -1,5 +1,6 @@
 //! The record of a job.
 
+use crate::fit::FitProgress;
 use crate::generate::{Backend, Output, Progress};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -179,6 +180,58 @@ pub struct Quota {
     pub bytes: Option<u64>,
 }
 
+/// Progress of a job, by its kind.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum JobProgress {
+    /// Of a model.
+    Model(Progress),
+    /// Of a fit.
+    Fit(FitProgress),
+}
+
+impl JobProgress {
+    /// The progress of a model.
+    #[must_use]
+    pub fn model(self) -> Option<Progress> {
+        if let Self::Model(progress) = self { Some(progress) } else { None }
+    }
+
+    /// The progress of a fit.
+    #[must_use]
+    pub fn fit(self) -> Option<FitProgress> {
+        if let Self::Fit(progress) = self { Some(progress) } else { None }
+    }
+
+    /// Fraction of the whole, 0 to 1.
+    #[must_use]
+    pub fn fraction(self) -> f64 {
+        match self {
+            Self::Model(progress) => progress.fraction,
+            Self::Fit(progress) => progress.fraction,
+        }
+    }
+
+    /// The same with at least this fraction.
+    #[must_use]
+    pub fn at_least(self, fraction: f64) -> Self {
+        let fraction = fraction.max(self.fraction());
+        match self {
+            Self::Model(progress) => Self::Model(Progress { fraction, ..progress }),
+            Self::Fit(progress) => Self::Fit(FitProgress { fraction, ..progress }),
+        }
+    }
+
+    /// Estimated seconds to the end.
+    #[must_use]
+    pub fn eta_seconds(self) -> Option<f64> {
+        match self {
+            Self::Model(progress) => progress.eta_seconds,
+            Self::Fit(progress) => progress.eta_seconds,
+        }
+    }
+}
+
 /// What a job makes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -294,7 +347,7 @@ pub struct Job {
     /// further back report 1000.
     pub queue_position: Option<u64>,
     /// Last progress, once it has started.
-    pub progress: Option<Progress>,
+    pub progress: Option<JobProgress>,
     /// Last live section.
     pub section: Option<LiveSection>,
     /// Attempts so far.

@@ -21,8 +21,8 @@ mod store;
 pub mod sweep;
 
 pub use job::{
-    BackendReport, BatchId, File, Job, JobId, JobKind, LiveSection, NewJob, NoPriority, Priority, Problem, Quota,
-    Status,
+    BackendReport, BatchId, File, Job, JobId, JobKind, JobProgress, LiveSection, NewJob, NoPriority, Priority, Problem,
+    Quota, Status,
 };
 pub use open::{Database, open};
 pub use operators::{Instruction, Pause, PoolUse, WorkerInfo, WorkerState};

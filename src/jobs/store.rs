@@ -3,13 +3,14 @@
 pub use super::error::{Quantity, StoreError};
 
 use super::job::{
-    BackendReport, BatchId, File, Job, JobId, JobKind, LiveSection, NewJob, Priority, Problem, Quota, Status,
+    BackendReport, BatchId, File, Job, JobId, JobKind, JobProgress, LiveSection, NewJob, Priority, Problem, Quota,
+    Status,
 };
 use super::keys::KeyStore;
 use super::operators::{Instruction, Pause, PoolUse, WorkerInfo};
 use super::state::{AttemptEnd, Fence};
 use crate::clock::Clock;
-use crate::generate::{Backend, Progress};
+use crate::generate::Backend;
 use async_trait::async_trait;
 use jiff::Timestamp;
 use std::collections::BTreeSet;
@@ -415,7 +416,7 @@ pub trait Store: KeyStore {
         claimed: &ClaimedJob,
         lease: Duration,
         backend: &BackendReport,
-        progress: Option<&Progress>,
+        progress: Option<&JobProgress>,
         section: Option<&LiveSection>,
     ) -> Result<Directive, StoreError>;
     /// Records `key` as the newest checkpoint of the job, from which the next attempt continues. Returns the key that it

@@ -1,7 +1,7 @@
 //! Faults of a specification: where they are and how to mend them.
 
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 /// One fault and its place.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
@@ -13,7 +13,8 @@ pub struct Fault {
 }
 
 impl Fault {
-    pub(super) fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
+    /// A fault at a place.
+    pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
         Self { pointer: pointer.into(), detail: detail.into() }
     }
 }
@@ -46,6 +47,25 @@ pub(super) fn unknown<'a>(
     if more > 0 {
         faults.push(Fault::new(at, format!("has {more} more unknown fields")));
     }
+}
+
+/// The members of the value at `at`, which must be an object of no others than the `known` ones.
+pub fn members<'a>(
+    at: &str,
+    value: &'a Value,
+    known: &[&str],
+    faults: &mut Vec<Fault>,
+) -> Option<&'a Map<String, Value>> {
+    let Some(members) = value.as_object() else {
+        faults.push(Fault::new(at, format!("must be an object, not {}", describe(value))));
+        return None;
+    };
+    let hint = |name: &str| match nearest(name, known.iter().copied()) {
+        Some(near) => format!("; did you mean `{near}`?"),
+        None => format!("; the fields are {}", known.join(", ")),
+    };
+    unknown(at, members.keys().filter(|name| !known.contains(&name.as_str())), hint, faults);
+    Some(members)
 }
 
 /// A short description of a value for a message.

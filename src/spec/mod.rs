@@ -47,7 +47,7 @@ mod tests;
 pub use batch_key::batch_key;
 pub use canonical::canonical_json;
 pub use cost::{Cost, Estimate, LEVEL_TRIANGLES};
-pub use fault::Fault;
+pub use fault::{Fault, members};
 pub use lever::{End, Lever, Setting};
 pub use limits::{Limits, OverLimit};
 pub use parameters::{

@@ -177,6 +177,7 @@ impl<'a> Attempt<'a> {
             metrics.stage("simulate", seconds.simulate);
             metrics.stage("mesh", seconds.mesh);
             metrics.stage("certify", seconds.certify);
+            metrics.stage("measure", seconds.measure);
             metrics.stage("export", seconds.export);
         }
         let files = upload::files(&self.claim.job, &made.files);

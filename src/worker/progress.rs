@@ -4,9 +4,10 @@
 //! waits for the store.
 
 use super::checkpoint::Mailbox;
+use crate::fit::{FitProgress, FitSink, FitStage};
 use crate::generate::{CancelToken, Progress, Sink, Stage};
-use crate::jobs::LiveSection;
 use crate::jobs::fault::{Faults, Injected};
+use crate::jobs::{JobProgress, LiveSection};
 use crate::model::{Ring, Section};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tracing::Span;
@@ -20,7 +21,7 @@ pub(super) struct LiveProgress(Mutex<Latest>);
 
 #[derive(Debug, Default)]
 struct Latest {
-    progress: Option<Progress>,
+    progress: Option<JobProgress>,
     /// Whether `progress` has not been fetched yet.
     is_new: bool,
     /// A section that has not been fetched yet.
@@ -34,7 +35,7 @@ struct Latest {
 /// What is new since the last heartbeat.
 #[derive(Debug, Default)]
 pub(super) struct Update {
-    pub(super) progress: Option<Progress>,
+    pub(super) progress: Option<JobProgress>,
     pub(super) section: Option<LiveSection>,
 }
 
@@ -61,9 +62,9 @@ impl LiveProgress {
         }
     }
 
-    fn record(&self, progress: &Progress) {
+    fn record(&self, progress: JobProgress) {
         let mut latest = self.latest();
-        latest.progress = Some(Progress { fraction: progress.fraction.max(latest.floor), ..*progress });
+        latest.progress = Some(progress.at_least(latest.floor));
         latest.is_new = true;
     }
 
@@ -80,23 +81,15 @@ impl LiveProgress {
         });
     }
 
+    /// The progress of a model that is complete but for its files. A fit has none.
     fn record_storing(&self) {
         let mut latest = self.latest();
-        let mut progress = latest.progress.unwrap_or(Progress {
-            stage: Stage::Store,
-            fraction: 0.99,
-            step: 0,
-            steps: 0,
-            particles: 0,
-            sections: 0,
-            eta_seconds: None,
-            misfit: None,
-        });
-        progress.stage = Stage::Store;
-        progress.fraction = progress.fraction.max(0.99);
-        progress.eta_seconds = None;
-        latest.progress = Some(progress);
-        latest.is_new = true;
+        if let Some(JobProgress::Model(progress)) = &mut latest.progress {
+            progress.stage = Stage::Store;
+            progress.fraction = progress.fraction.max(0.99);
+            progress.eta_seconds = None;
+            latest.is_new = true;
+        }
     }
 
     /// Sections are counted from 0 again. The reported fraction stays until the new one has passed it, so that it never falls.
@@ -104,7 +97,7 @@ impl LiveProgress {
         let mut latest = self.latest();
         latest.sections = 0;
         latest.section = None;
-        latest.floor = latest.progress.map_or(0.0, |progress| progress.fraction);
+        latest.floor = latest.progress.map_or(0.0, JobProgress::fraction);
     }
 
     fn latest(&self) -> MutexGuard<'_, Latest> {
@@ -125,8 +118,8 @@ pub(super) struct AttemptSink {
 
 #[derive(Debug)]
 struct Run {
-    /// The current stage, for traces.
-    stage: Option<(Stage, Span)>,
+    /// The current stage by name, and its span.
+    stage: Option<(&'static str, Span)>,
     /// Stops the current generation.
     cancel: CancelToken,
     injected: Option<Injected>,
@@ -146,7 +139,7 @@ impl AttemptSink {
 
     /// The files are being moved to the artifact store.
     pub(super) fn storing(&self) {
-        self.enter(Stage::Store);
+        self.enter(name(Stage::Store), |attempt| span(Stage::Store, attempt));
         self.progress.record_storing();
     }
 
@@ -163,11 +156,21 @@ impl AttemptSink {
     }
 
     /// Starts the span of a stage, and ends that of the stage before.
-    fn enter(&self, stage: Stage) {
+    fn enter(&self, stage: &'static str, span: impl FnOnce(&Span) -> Span) {
         let mut run = self.run();
         if run.stage.as_ref().is_none_or(|(before, _)| *before != stage) {
             run.stage = None;
-            run.stage = Some((stage, span(stage, &self.span)));
+            run.stage = Some((stage, span(&self.span)));
+        }
+    }
+
+    /// Records progress in this stage, which may be a point where a fault is injected.
+    fn advance(&self, stage: &'static str, progress: JobProgress) {
+        self.progress.record(progress);
+        if let Err(injected) = self.faults.point_blocking(stage) {
+            let mut run = self.run();
+            run.injected = Some(injected);
+            run.cancel.cancel();
         }
     }
 
@@ -178,19 +181,37 @@ impl AttemptSink {
 
 impl Sink for AttemptSink {
     fn progress(&self, progress: &Progress) {
-        self.enter(progress.stage);
-        self.progress.record(progress);
-        if let Err(injected) = self.faults.point_blocking(name(progress.stage)) {
-            let mut run = self.run();
-            run.injected = Some(injected);
-            run.cancel.cancel();
-        }
+        let stage = progress.stage;
+        self.enter(name(stage), |attempt| span(stage, attempt));
+        self.advance(name(stage), JobProgress::Model(*progress));
     }
 
     fn section(&self, section: &Section) {
         if !section.added {
             self.progress.record_section(section);
         }
+    }
+
+    fn wants_checkpoint(&self) -> bool {
+        self.checkpoints.wants()
+    }
+
+    fn checkpoint(&self, bytes: Vec<u8>) {
+        self.checkpoints.put(bytes);
+    }
+}
+
+impl FitSink for AttemptSink {
+    fn progress(&self, progress: &FitProgress) {
+        let stage = match progress.stage {
+            FitStage::Search => "search",
+            FitStage::Verify => "verify",
+        };
+        self.enter(stage, |attempt| match progress.stage {
+            FitStage::Search => tracing::info_span!(parent: attempt, "search"),
+            FitStage::Verify => tracing::info_span!(parent: attempt, "verify"),
+        });
+        self.advance(stage, JobProgress::Fit(*progress));
     }
 
     fn wants_checkpoint(&self) -> bool {
@@ -210,8 +231,6 @@ fn name(stage: Stage) -> &'static str {
         Stage::Measure => "measure",
         Stage::Export => "export",
         Stage::Store => "store",
-        Stage::Search => "search",
-        Stage::Verify => "verify",
     }
 }
 
@@ -223,8 +242,6 @@ fn span(stage: Stage, attempt: &Span) -> Span {
         Stage::Measure => tracing::info_span!(parent: attempt, "measure"),
         Stage::Export => tracing::info_span!(parent: attempt, "export"),
         Stage::Store => tracing::info_span!(parent: attempt, "store"),
-        Stage::Search => tracing::info_span!(parent: attempt, "search"),
-        Stage::Verify => tracing::info_span!(parent: attempt, "verify"),
     }
 }
 
@@ -247,8 +264,12 @@ mod tests {
         AttemptSink::new(Mailbox::new(None), Span::none(), faults, cancel)
     }
 
+    fn model(update: &Update) -> Progress {
+        update.progress.and_then(JobProgress::model).expect("it is a model's")
+    }
+
     fn at(stage: Stage, step: u32, fraction: f64) -> Progress {
-        Progress { stage, fraction, step, steps: 10, particles: 3, sections: 1, eta_seconds: None, misfit: None }
+        Progress { stage, fraction, step, steps: 10, particles: 3, sections: 1, eta_seconds: None }
     }
 
     #[test]
@@ -266,45 +287,45 @@ mod tests {
     fn an_update_holds_what_is_newest_and_is_given_once() {
         let sink = sink(Faults::none(), CancelToken::default());
         let section = |step, added| Section { step, added, inner: ring(3), outer: ring(4), ..Section::default() };
-        sink.progress(&at(Stage::Simulate, 1, 0.1));
-        sink.progress(&at(Stage::Simulate, 2, 0.1));
+        Sink::progress(&sink, &at(Stage::Simulate, 1, 0.1));
+        Sink::progress(&sink, &at(Stage::Simulate, 2, 0.1));
         sink.section(&section(0.0, false));
         sink.section(&section(0.5, true));
         sink.section(&section(1.0, false));
         let update = sink.progress.take();
-        assert_eq!(update.progress.unwrap().step, 2);
+        assert_eq!(model(&update).step, 2);
         assert_eq!(update.section.as_ref().unwrap().index, 1);
         assert!(sink.progress.take().is_empty());
         sink.progress.put_back(update);
         assert_eq!(sink.progress.take().section.unwrap().index, 1);
         sink.storing();
-        assert_eq!(sink.progress.take().progress.unwrap().stage, Stage::Store);
+        assert_eq!(model(&sink.progress.take()).stage, Stage::Store);
     }
 
     #[test]
     fn a_restart_counts_sections_from_0_and_the_fraction_never_falls() {
         let sink = sink(Faults::none(), CancelToken::default());
         let section = Section { inner: ring(3), outer: ring(4), ..Section::default() };
-        sink.progress(&at(Stage::Simulate, 1, 0.4));
+        Sink::progress(&sink, &at(Stage::Simulate, 1, 0.4));
         sink.section(&section);
         sink.section(&section);
         sink.restart(CancelToken::default());
         assert!(sink.progress.take().section.is_none());
-        sink.progress(&at(Stage::Simulate, 1, 0.1));
+        Sink::progress(&sink, &at(Stage::Simulate, 1, 0.1));
         sink.section(&section);
         let update = sink.progress.take();
-        assert_eq!((update.progress.unwrap().fraction, update.section.unwrap().index), (0.4, 0));
-        sink.progress(&at(Stage::Simulate, 1, 0.5));
-        assert_eq!(sink.progress.take().progress.unwrap().fraction, 0.5);
+        assert_eq!((model(&update).fraction, update.section.unwrap().index), (0.4, 0));
+        Sink::progress(&sink, &at(Stage::Simulate, 1, 0.5));
+        assert_eq!(model(&sink.progress.take()).fraction, 0.5);
     }
 
     #[test]
     fn an_injected_fault_stops_the_generation() {
         let cancel = CancelToken::default();
         let sink = sink(Faults::parse("mesh:error").unwrap(), cancel.clone());
-        sink.progress(&at(Stage::Simulate, 10, 0.5));
+        Sink::progress(&sink, &at(Stage::Simulate, 10, 0.5));
         assert!(sink.injected().is_none() && !cancel.is_cancelled());
-        sink.progress(&at(Stage::Mesh, 10, 0.5));
+        Sink::progress(&sink, &at(Stage::Mesh, 10, 0.5));
         assert!(sink.injected() == Some(Injected("mesh")) && cancel.is_cancelled());
     }
 }

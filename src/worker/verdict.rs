@@ -42,6 +42,9 @@ pub(super) fn of_error(error: &WorkError) -> Verdict {
         WorkError::Spec { .. } => Verdict::Fail(problem("spec", "The spec is not valid for this engine", detail)),
         WorkError::Fit(error) => match error {
             FitError::Search { .. } => Verdict::Fail(problem("search", "The search found no candidate", detail)),
+            FitError::Memory { .. } => {
+                Verdict::Fail(problem("memory", "The models of the fit need more memory than allowed", detail))
+            }
             FitError::Io(source) if is_storage_fault(source) => of_scratch(detail),
             FitError::Io(_) => Verdict::Retry(problem("io", "Files could not be written", detail)),
             // The worker did not ask for it.

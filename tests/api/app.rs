@@ -15,7 +15,8 @@ use oviduct::jobs::artifacts::{Artifacts, key};
 use oviduct::jobs::keys::{KeyLimits, NewKey, Scope, Secret};
 use oviduct::jobs::sqlite::SqliteStore;
 use oviduct::jobs::{
-    BackendReport, ClaimedJob, Directive, File, Finished, JobId, LiveSection, Store, StoreOptions, WorkerInfo,
+    BackendReport, ClaimedJob, Directive, File, Finished, JobId, JobProgress, LiveSection, Store, StoreOptions,
+    WorkerInfo,
 };
 use oviduct::status::Status;
 use serde_json::{Value, json};
@@ -310,8 +311,8 @@ pub(super) fn used() -> BackendReport {
     }
 }
 
-pub(super) fn progress(step: u32) -> Progress {
-    Progress {
+pub(super) fn progress(step: u32) -> JobProgress {
+    JobProgress::Model(Progress {
         stage: Stage::Simulate,
         fraction: f64::from(step) / 2000.0,
         step,
@@ -319,8 +320,7 @@ pub(super) fn progress(step: u32) -> Progress {
         particles: 710 + step,
         sections: step / 10,
         eta_seconds: Some(f64::from(2000 - step) / 100.0),
-        misfit: None,
-    }
+    })
 }
 
 pub(super) fn contour(step: u32) -> LiveSection {

@@ -2,12 +2,12 @@
 
 use async_trait::async_trait;
 use jiff::Timestamp;
-use oviduct::generate::{Backend, Progress};
+use oviduct::generate::Backend;
 use oviduct::jobs::keys::{Key, KeyStore, NewKey, NewTicket};
 use oviduct::jobs::{
     Applied, Attempt, BackendReport, Batch, BatchFilter, BatchId, BatchPage, Change, ClaimedJob, Counts, Directive,
-    Finished, Instruction, Job, JobId, ListFilter, LiveSection, NewBatch, NewJob, Page, Pause, Problem, Status, Store,
-    StoreError, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo,
+    Finished, Instruction, Job, JobId, JobProgress, ListFilter, LiveSection, NewBatch, NewJob, Page, Pause, Problem,
+    Status, Store, StoreError, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo,
 };
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -109,7 +109,7 @@ impl Store for Faulty {
         _: &ClaimedJob,
         _: Duration,
         _: &BackendReport,
-        _: Option<&Progress>,
+        _: Option<&JobProgress>,
         _: Option<&LiveSection>,
     ) -> Result<Directive, StoreError> {
         away()

@@ -4,9 +4,10 @@ use super::app::App;
 use axum::body::Body;
 use axum::http::{Method, header};
 use http_body_util::BodyExt;
+use oviduct::fit::{FitProgress, FitStage};
 use oviduct::generate::Backend;
-use oviduct::jobs::Finished;
 use oviduct::jobs::keys::Scope;
+use oviduct::jobs::{Finished, JobProgress};
 use serde_json::{Value, json};
 
 fn target() -> Value {
@@ -193,12 +194,25 @@ async fn a_fit_is_followed_to_its_end() {
     let reading = tokio::spawn(async move { stream.into_body().collect().await.unwrap().to_bytes() });
     let mut claimed = app.store.claim("w", Backend::Cpu, super::app::LEASE, 1).await.unwrap();
     let job = claimed.pop().unwrap();
-    app.beat(&job, 7, None).await;
+    let progress = FitProgress {
+        stage: FitStage::Search,
+        fraction: 0.1,
+        evaluations: 7,
+        evaluations_most: 50,
+        models: 0,
+        misfit: Some(2.5),
+        eta_seconds: Some(30.0),
+    };
+    let (lease, used) = (super::app::LEASE, super::app::used());
+    app.store.heartbeat(&job, lease, &used, Some(&JobProgress::Fit(progress)), None).await.unwrap();
+    assert_eq!(app.get(&fit).await.json()["progress"], json!(progress));
     tokio::time::sleep(std::time::Duration::from_millis(300)).await;
     let finished = Finished {
         backend: super::app::used(),
         files: Vec::new(),
-        summary: json!({ "preset": "pig", "spec": {}, "models": [{}, {}] }),
+        summary: json!({
+            "preset": "pig", "spec": {}, "models": [{}, {}], "search": { "evaluations": 9, "misfit": 0.5 },
+        }),
         engine: "test".into(),
     };
     app.store.finish(job, finished).await.unwrap();
@@ -212,7 +226,16 @@ async fn a_fit_is_followed_to_its_end() {
         (&end["status"], &end["result"]["preset"], end.get("request")),
         (&json!("succeeded"), &json!("pig"), None)
     );
-    assert_eq!((&end["progress"]["fraction"], &end["progress"]["models"]), (&json!(1.0), &json!(2)));
+    let whole = FitProgress {
+        stage: FitStage::Verify,
+        fraction: 1.0,
+        evaluations: 9,
+        models: 2,
+        misfit: Some(0.5),
+        eta_seconds: None,
+        ..progress
+    };
+    assert_eq!(end["progress"], json!(whole));
     // Who has the last version gets nothing more.
     let version = end["version"].to_string();
     assert_eq!(app.get_with(&format!("{fit}/events"), &[("last-event-id", &version)]).await.status, 204);

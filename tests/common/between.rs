@@ -2,12 +2,12 @@
 
 use async_trait::async_trait;
 use jiff::Timestamp;
-use oviduct::generate::{Backend, Progress};
+use oviduct::generate::Backend;
 use oviduct::jobs::keys::{Key, KeyStore, NewKey, NewTicket};
 use oviduct::jobs::{
     Applied, Attempt, BackendReport, Batch, BatchFilter, BatchId, BatchPage, Change, ClaimedJob, Counts, Directive,
-    Finished, Instruction, Job, JobId, ListFilter, LiveSection, NewBatch, NewJob, Page, Pause, PoolUse, Problem,
-    Status, Store, StoreError, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo,
+    Finished, Instruction, Job, JobId, JobProgress, ListFilter, LiveSection, NewBatch, NewJob, Page, Pause, PoolUse,
+    Problem, Status, Store, StoreError, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo,
 };
 use std::collections::BTreeSet;
 use std::ops::Deref;
@@ -168,7 +168,7 @@ impl<E: Eye> Store for Between<E> {
         claimed: &ClaimedJob,
         lease: Duration,
         backend: &BackendReport,
-        progress: Option<&Progress>,
+        progress: Option<&JobProgress>,
         section: Option<&LiveSection>,
     ) -> Result<Directive, StoreError> {
         self.eye.before_heartbeat().await;

@@ -2,7 +2,7 @@
 
 use oviduct::clock::Stopwatch;
 use oviduct::generate::{Backend, Output, Progress, Stage};
-use oviduct::jobs::{ClaimedJob, JobId, JobKind, NewJob, Priority, Store, StoreOptions};
+use oviduct::jobs::{ClaimedJob, JobId, JobKind, JobProgress, NewJob, Priority, Store, StoreOptions};
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -137,10 +137,12 @@ pub async fn costs(store: &dyn Store) -> Costs {
 /// Seconds of a heartbeat with progress.
 async fn beat(store: &dyn Store, claimed: &ClaimedJob) -> f64 {
     let (stage, eta_seconds) = (Stage::Simulate, None);
-    let progress =
-        Progress { stage, fraction: 0.5, step: 1, steps: 2, particles: 8, sections: 1, eta_seconds, misfit: None };
+    let progress = Progress { stage, fraction: 0.5, step: 1, steps: 2, particles: 8, sections: 1, eta_seconds };
     let since = Stopwatch::start();
     let backend = &claimed.job().backend;
-    store.heartbeat(claimed, Duration::from_secs(600), backend, Some(&progress), None).await.expect("a heartbeat");
+    store
+        .heartbeat(claimed, Duration::from_secs(600), backend, Some(&JobProgress::Model(progress)), None)
+        .await
+        .expect("a heartbeat");
     since.seconds()
 }

@@ -4,7 +4,7 @@ use crate::scripted::{Database, FakeGpu, Fate, Place, generate, scripted};
 use futures_util::future::join_all;
 use oviduct::clock::Clock;
 use oviduct::generate::{Backend, CancelToken, Outcome, Progress, Sink, Stage};
-use oviduct::jobs::{JobId, NewJob, Status, StoreOptions};
+use oviduct::jobs::{JobId, JobProgress, NewJob, Status, StoreOptions};
 use oviduct::worker::{Generator, Work, WorkError};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
@@ -50,7 +50,6 @@ fn gated(gate: &Arc<Gate>) -> Arc<dyn Generator> {
                 particles: 8,
                 sections: 1,
                 eta_seconds: None,
-                misfit: None,
             });
             let closed = gate.open.lock().unwrap();
             drop(gate.opened.wait_while(closed, |open| !*open).unwrap());
@@ -70,7 +69,11 @@ async fn while_one_worker_is_held_the_other_runs_all_jobs() {
         options.poll = Duration::from_millis(100);
     });
     let held = place.queue("ok", HELD).await;
-    let at = |stage| move |job: &oviduct::jobs::Job| job.progress.is_some_and(|progress| progress.stage == stage);
+    let at = |stage| {
+        move |job: &oviduct::jobs::Job| {
+            job.progress.and_then(JobProgress::model).is_some_and(|progress| progress.stage == stage)
+        }
+    };
     place.until(held, at(Stage::Certify)).await;
     // One at a time, as from a client that waits for each, and many at once.
     for seed in 0..5 {

@@ -95,7 +95,7 @@ async fn an_outage_of(time: Duration) {
         options.workers = 2;
     });
     let watch = Stopwatch::start();
-    let running = place.until(ids[0], |job| job.progress.is_some_and(|p| p.fraction > 0.95)).await;
+    let running = place.until(ids[0], |job| job.progress.is_some_and(|progress| progress.fraction() > 0.95)).await;
     assert_eq!(running.status, Status::Running);
     place.until(ids[1], |job| job.status == Status::Running).await;
     // Reading, cancelling and deleting go on.

@@ -16,7 +16,7 @@ use oviduct::generate::{Backend, CancelToken, Outcome, Sink, Stage};
 use oviduct::http::{AppState, Limits, router};
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{Job, JobId, NewJob, Status, StoreError, StoreOptions};
+use oviduct::jobs::{Job, JobId, JobProgress, NewJob, Status, StoreError, StoreOptions};
 use oviduct::spec::{ModelSpec, preset};
 use oviduct::worker::{Work, WorkError, generate_on_cpu};
 use std::fs::File;
@@ -250,7 +250,9 @@ async fn a_full_artifact_store_costs_no_attempt() {
         full.store(true, Ordering::Relaxed);
         let pool = start(Duration::from_secs(1));
         let waits = place.queue("ok", 2).await;
-        place.until(waits, |job| job.progress.is_some_and(|at| at.stage == Stage::Store)).await;
+        place
+            .until(waits, |job| job.progress.and_then(JobProgress::model).is_some_and(|at| at.stage == Stage::Store))
+            .await;
         for _ in 0..3 {
             store.beats(2).await;
             clock.advance(Duration::from_millis(600));

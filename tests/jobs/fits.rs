@@ -2,9 +2,9 @@
 
 use crate::scripted::{Place, scripted};
 use oviduct::clock::Clock;
-use oviduct::fit::{FitResult, FitSpec};
-use oviduct::generate::{Backend, Stage};
-use oviduct::jobs::{Job, JobId, JobKind, NewJob, Status};
+use oviduct::fit::{FitResult, FitSpec, FitStage};
+use oviduct::generate::Backend;
+use oviduct::jobs::{Job, JobId, JobKind, JobProgress, NewJob, Status};
 use oviduct::worker::{WorkerPool, generate_on_cpu};
 use serde_json::{Value, json};
 use std::sync::Arc;
@@ -21,7 +21,7 @@ fn request(evaluations: u32) -> FitSpec {
         "vary": [{ "parameter": "/collision/gap_um" }, { "parameter": "/friction", "from": 0.2, "to": 0.4 }],
         "evaluations": evaluations, "seeds": 1, "models": 1,
     });
-    FitSpec::read(&body, Vec::new()).unwrap()
+    FitSpec::read(&body, Vec::new(), &[]).unwrap()
 }
 
 async fn submit(place: &Place, fit: &FitSpec) -> JobId {
@@ -57,7 +57,11 @@ async fn a_fit_runs_to_its_result() {
     let found = result(&job);
     assert_eq!((found.targets.len(), found.models.len(), found.unmet.len()), (1, 1, 1));
     assert!(found.models[0].certified && job.files.is_empty() && job.checkpoint.is_none());
-    assert!(job.progress.is_some_and(|progress| progress.misfit.is_some()), "{:?}", job.progress);
+    assert!(
+        job.progress.and_then(JobProgress::fit).is_some_and(|progress| progress.misfit.is_some()),
+        "{:?}",
+        job.progress
+    );
     pool.shutdown(Duration::ZERO).await;
 }
 
@@ -66,7 +70,11 @@ async fn a_running_fit_is_cancelled() {
     let place = Place::fresh(|_| {}).await;
     let pool = start(&place);
     let id = submit(&place, &request(2000)).await;
-    place.until(id, |job| job.progress.is_some_and(|p| p.stage == Stage::Search && p.step > 2)).await;
+    place
+        .until(id, |job| {
+            job.progress.and_then(JobProgress::fit).is_some_and(|at| at.stage == FitStage::Search && at.evaluations > 2)
+        })
+        .await;
     place.store.cancel(id).await.unwrap();
     assert_eq!(place.until(id, |job| job.status.is_ended()).await.status, Status::Cancelled);
     pool.shutdown(Duration::ZERO).await;

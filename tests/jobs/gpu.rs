@@ -153,7 +153,7 @@ async fn a_job_that_a_gpu_cannot_grow_falls_back_within_the_attempt_or_fails_if_
             let job = place.until(auto, |job| job.backend.used == Some(Backend::Cpu)).await;
             assert_eq!((job.status, job.backend.fallback.as_deref()), (Status::Running, Some(reason)));
             let job = place.until(auto, |job| job.section.is_some()).await;
-            assert!(job.progress.unwrap().fraction >= 0.6);
+            assert!(job.progress.unwrap().fraction() >= 0.6);
             assert_eq!(job.section.unwrap().index, 0);
         }
         place.open_gate();

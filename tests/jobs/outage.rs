@@ -13,7 +13,7 @@ use object_store::{
 use oviduct::generate::Stage;
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{Attempt, JobId, Status, StoreOptions};
+use oviduct::jobs::{Attempt, JobId, JobProgress, Status, StoreOptions};
 use oviduct::status::{self, Condition};
 use std::sync::Arc;
 use std::time::Duration;
@@ -243,7 +243,11 @@ async fn the_next_model_grows_while_files_are_being_stored_and_no_more_than_that
     }
     // One worker: the second model grows while the files of the first are being stored; the third is not claimed.
     for id in &ids[..2] {
-        place.until(*id, |job| job.progress.as_ref().is_some_and(|progress| progress.stage == Stage::Store)).await;
+        place
+            .until(*id, |job| {
+                job.progress.and_then(JobProgress::model).is_some_and(|progress| progress.stage == Stage::Store)
+            })
+            .await;
     }
     tokio::time::sleep(Duration::from_millis(300)).await;
     assert_eq!(place.store.get(ids[2]).await.unwrap().unwrap().status, Status::Queued);

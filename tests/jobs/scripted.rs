@@ -36,7 +36,7 @@ pub fn content(seed: u64, name: &str) -> Vec<u8> {
 pub const NAMES: [&str; 2] = ["report.json", "model.glb"];
 
 fn progress(stage: Stage, fraction: f64) -> Progress {
-    Progress { stage, fraction, step: 1, steps: 2, particles: 8, sections: 1, eta_seconds: None, misfit: None }
+    Progress { stage, fraction, step: 1, steps: 2, particles: 8, sections: 1, eta_seconds: None }
 }
 
 fn section() -> Section {

@@ -33,16 +33,7 @@ async fn a_stream_shows_what_another_process_does_within_half_a_second() {
             reported.lock().unwrap().insert(step, since.seconds());
             let fraction = f64::from(step) / 100.0;
             let (stage, eta_seconds) = (Stage::Simulate, None);
-            sink.progress(&Progress {
-                stage,
-                fraction,
-                step,
-                steps: 2000,
-                particles: 8,
-                sections: 1,
-                eta_seconds,
-                misfit: None,
-            });
+            sink.progress(&Progress { stage, fraction, step, steps: 2000, particles: 8, sections: 1, eta_seconds });
             std::thread::sleep(STEP);
         }
         generate(work, sink, cancel)

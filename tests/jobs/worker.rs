@@ -10,7 +10,7 @@ use oviduct::clock::{Clock, Stopwatch};
 use oviduct::generate::{Backend, Stage};
 use oviduct::jobs::fault::{Faults, POINTS};
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{NewJob, Status, StoreOptions, Submitted};
+use oviduct::jobs::{JobProgress, NewJob, Status, StoreOptions, Submitted};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -20,7 +20,10 @@ async fn a_job_succeeds_with_its_files() {
     let pool = place.start(|options| options.heartbeat = Duration::from_millis(100));
     let id = place.queue("hold", 7).await;
     let running = place.until(id, |job| job.section.is_some()).await;
-    assert_eq!((running.status, running.progress.unwrap().stage), (Status::Running, Stage::Simulate));
+    assert_eq!(
+        (running.status, running.progress.and_then(JobProgress::model).unwrap().stage),
+        (Status::Running, Stage::Simulate)
+    );
     assert_eq!((running.backend.used, running.backend.device.as_deref()), (Some(Backend::Cpu), Some("cpu, 2 threads")));
     let section = running.section.unwrap();
     assert_eq!((section.index, section.inner.len(), section.outer.len()), (0, 512, 100));
@@ -236,7 +239,7 @@ async fn a_job_whose_files_cannot_be_stored_is_retried_and_then_released() {
     std::fs::write(&wall, "a file instead of a directory").unwrap();
     let pool = place.start(|_| {});
     let id = place.queue("ok", 2).await;
-    place.until(id, |job| job.progress.is_some_and(|p| p.stage == Stage::Store)).await;
+    place.until(id, |job| job.progress.and_then(JobProgress::model).is_some_and(|p| p.stage == Stage::Store)).await;
     std::fs::remove_file(&wall).unwrap();
     let job = place.ended(id).await;
     assert_eq!((job.status, job.attempts), (Status::Succeeded, 1));

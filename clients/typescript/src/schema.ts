@@ -1446,15 +1446,15 @@ export interface components {
             vary?: components["schemas"]["Vary"];
         };
         /**
-         * @description The status in the last event of a deleted model.
+         * @description The status in the last event of what was deleted.
          * @enum {string}
          */
         Deleted: "deleted";
-        /** @description The data of the `end` event of a deleted model. */
+        /** @description The data of the `end` event of a deleted model or fit. */
         DeletedEvent: {
             /**
              * Format: uuid
-             * @description Id of the model.
+             * @description Its id.
              */
             id: string;
             /** @description `deleted`. */
@@ -1597,7 +1597,7 @@ export interface components {
             /** @description Value of `cursor` for the next page; null on the last page. */
             next?: string | null;
         };
-        /** @description Progress of a fit. */
+        /** @description Progress of a fit: always the complete current state. */
         FitProgress: {
             /**
              * Format: double
@@ -1620,8 +1620,8 @@ export interface components {
             misfit?: number | null;
             /** @description Models grown in full so far. */
             models: number;
-            /** @description `search`, then `verify`. */
-            stage: components["schemas"]["Stage"];
+            /** @description Stage. */
+            stage: components["schemas"]["FitStage"];
         };
         /** @description What to fit. Targets come from `targets`, `targets_csv` and `images`; at least one is needed. */
         FitRequest: {
@@ -1669,6 +1669,11 @@ export interface components {
             /** @description Targets that the search did not meet, and why. */
             unmet: components["schemas"]["Unmet"][];
         };
+        /**
+         * @description Stage of a fit.
+         * @enum {string}
+         */
+        FitStage: "search" | "verify";
         /**
          * @description A measure to be reached. Either `value` or both `low` and `high` are needed: the value is then their middle; the range is by
          *     default 5 % of the value to both sides.
@@ -2331,11 +2336,6 @@ export interface components {
              * @description Fraction of the whole, 0 to 1, never decreasing.
              */
             fraction: number;
-            /**
-             * Format: double
-             * @description Of a fit: the least misfit so far.
-             */
-            misfit?: number;
             /** @description Particles of both loops. */
             particles: number;
             /** @description Sections recorded. */
@@ -2721,10 +2721,10 @@ export interface components {
             stiffness?: number | components["schemas"]["Schedule"] | null;
         };
         /**
-         * @description Stage of a running job.
+         * @description Stage of a generation.
          * @enum {string}
          */
-        Stage: "simulate" | "mesh" | "certify" | "measure" | "export" | "store" | "search" | "verify";
+        Stage: "simulate" | "mesh" | "certify" | "measure" | "export" | "store";
         /**
          * @description Stains.
          * @enum {string}

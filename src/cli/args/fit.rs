@@ -1,5 +1,6 @@
 //! Options of `fit`.
 
+use crate::cli::units;
 use clap::Args;
 use clap::builder::FalseyValueParser;
 use std::path::PathBuf;
@@ -54,6 +55,9 @@ pub(in crate::cli) struct FitArgs {
     /// Keep the candidates in this file while the search runs, and continue from it if it exists
     #[arg(long, value_name = "FILE")]
     pub(in crate::cli) checkpoint: Option<PathBuf>,
+    /// Memory that the models may use, such as 2GB: fewer of them are grown at a time [default: no limit]
+    #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
+    pub(in crate::cli) memory_limit: Option<u64>,
     /// Print the result as JSON
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(in crate::cli) json: bool,

@@ -5,9 +5,8 @@ use super::read::answer;
 use super::request::Seeds;
 use crate::http::AppState;
 use crate::http::access::{Caller, audit, run_to_completion};
-use crate::http::create::{draw_seed, key_of, new_job};
+use crate::http::create::{draw_seed, key_of, name_location, new_job};
 use crate::http::dto::Batch;
-use crate::http::headers::IDEMPOTENCY_REPLAYED;
 use crate::http::json::JsonBody;
 use crate::http::problem::Problem;
 use crate::http::responses::{
@@ -20,7 +19,7 @@ use crate::spec::Cost;
 use crate::spec::study::Study;
 use axum::Json;
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, StatusCode};
 use axum::response::Response;
 use serde::Serialize;
 use serde_json::{Map, Value};
@@ -58,13 +57,8 @@ pub(in crate::http) async fn create(
         Err(refusal) => SubmittedBatch::Replayed(earlier(&state, &caller, key).await.ok_or(refusal)?),
     };
     let mut response = answer(StatusCode::ACCEPTED, &Batch::from(submitted.batch()));
-    let headers = response.headers_mut();
-    if let Ok(location) = HeaderValue::try_from(format!("batches/{}", submitted.batch().id)) {
-        headers.insert(header::LOCATION, location);
-    }
-    if matches!(submitted, SubmittedBatch::Replayed(_)) {
-        headers.insert(IDEMPOTENCY_REPLAYED, HeaderValue::from_static("true"));
-    }
+    let location = format!("batches/{}", submitted.batch().id);
+    name_location(response.headers_mut(), &location, matches!(submitted, SubmittedBatch::Replayed(_)));
     Ok(response)
 }
 

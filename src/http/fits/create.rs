@@ -5,10 +5,9 @@ use super::shape::{Fit, FitValidation, Parts};
 use crate::generate::Backend;
 use crate::http::AppState;
 use crate::http::access::{Caller, audit, run_to_completion};
-use crate::http::create::{earlier, key_of, too_much};
+use crate::http::create::{earlier, key_of, name_location, too_much};
 use crate::http::draw::turn;
 use crate::http::faults::Fault;
-use crate::http::headers::IDEMPOTENCY_REPLAYED;
 use crate::http::json::LargeJsonBody;
 use crate::http::models::retry_after;
 use crate::http::problem::{Kind, Problem};
@@ -17,7 +16,7 @@ use crate::jobs::{JobKind, NewJob, StoreError, Submitted};
 use crate::trace;
 use axum::Json;
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde_json::Value;
 use std::sync::Arc;
@@ -38,8 +37,7 @@ async fn check(state: &AppState, caller: &Caller, body: Value) -> Result<Accepte
         Problem::new(Kind::Internal, "The request could not be read.")
     })?;
     let accepted = accepted.map_err(Problem::invalid)?;
-    let costs = [Some(accepted.fit.start().clone()), accepted.fit.costliest()];
-    for spec in costs.into_iter().flatten() {
+    for spec in accepted.fit.extremes() {
         let cost = spec.cost(&[]);
         state.limits.cost.check(&cost).map_err(|over| too_much(&cost, &over))?;
     }
@@ -89,13 +87,8 @@ pub(in crate::http) async fn create(
     let fit = Fit::of(job, state.limits.keep, Parts::All);
     let mut response = (StatusCode::ACCEPTED, Json(fit)).into_response();
     let headers = response.headers_mut();
-    if let Ok(location) = HeaderValue::try_from(format!("fits/{}", job.id)) {
-        headers.insert(header::LOCATION, location);
-    }
+    name_location(headers, &format!("fits/{}", job.id), matches!(submitted, Submitted::Replayed(_)));
     headers.insert(header::RETRY_AFTER, retry_after(job));
-    if matches!(submitted, Submitted::Replayed(_)) {
-        headers.insert(IDEMPOTENCY_REPLAYED, HeaderValue::from_static("true"));
-    }
     Ok(response)
 }
 

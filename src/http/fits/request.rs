@@ -134,7 +134,8 @@ impl Accepted {
     pub(super) fn read(mut body: Value) -> Result<Self, Faults> {
         let mut faults = Faults::default();
         let mut take = |name: &str| body.as_object_mut().and_then(|members| members.remove(name));
-        let [own_labels, own_priority, images] = ["labels", "priority", "images"].map(&mut take);
+        let others = ["labels", "priority", "images"];
+        let [own_labels, own_priority, images] = others.map(&mut take);
         let labels = own_labels.map_or_else(BTreeMap::new, |value| labels(&value, &mut faults));
         let priority = own_priority.map_or_else(Priority::default, |value| priority(&value, &mut faults));
         let at = |fault: crate::spec::Fault| Fault::at(fault.pointer, fault.detail);
@@ -147,7 +148,7 @@ impl Accepted {
                 return Err(faults);
             }
         };
-        match FitSpec::read(&body, measured) {
+        match FitSpec::read(&body, measured, &others) {
             Ok(fit) if faults.is_empty() => Ok(Self { fit, labels, priority }),
             Ok(_) => Err(faults),
             Err(found) => {

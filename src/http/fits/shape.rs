@@ -1,11 +1,9 @@
 //! Bodies of answers about fits.
 
 use super::request::FitRequest;
-use crate::fit::FitResult;
-use crate::generate::Stage;
-use crate::http::dto::{ModelProblem, Queue};
-use crate::http::problem::TYPE_PREFIX;
-use crate::jobs::{Job, Priority, Status};
+use crate::fit::{FitProgress, FitResult, FitStage};
+use crate::http::dto::{ModelProblem, Queue, expires_at};
+use crate::jobs::{Job, JobProgress, Priority, Status};
 use jiff::Timestamp;
 use serde::Serialize;
 use serde_json::Value;
@@ -68,28 +66,6 @@ pub(in crate::http) struct Fit {
     pub result: Option<Option<Value>>,
 }
 
-/// Progress of a fit.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
-pub(in crate::http) struct FitProgress {
-    /// `search`, then `verify`.
-    pub stage: Stage,
-    /// Fraction of the whole, 0 to 1, never decreasing. A search may end before it has used all evaluations.
-    pub fraction: f64,
-    /// Candidates measured so far.
-    #[schema(minimum = 0)]
-    pub evaluations: u32,
-    /// Candidates at most.
-    #[schema(minimum = 0)]
-    pub evaluations_most: u32,
-    /// Models grown in full so far.
-    #[schema(minimum = 0)]
-    pub models: u32,
-    /// Least misfit so far; see `misfit` of the result.
-    pub misfit: Option<f64>,
-    /// Seconds until all evaluations are used, at the pace so far.
-    pub eta_seconds: Option<f64>,
-}
-
 /// How much of a fit an answer has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Parts {
@@ -104,19 +80,6 @@ pub(super) enum Parts {
 impl Fit {
     /// The fit of a job. Fits are removed `keep` after their end.
     pub(super) fn of(job: &Job, keep: Option<Duration>, parts: Parts) -> Self {
-        let left = job.started_at.or(job.finished_at);
-        let wait_seconds = left.map(|at| at.duration_since(job.created_at).as_secs_f64().max(0.0));
-        // The last progress that a worker reported may be older than the end.
-        let grown = job.summary.as_ref().and_then(|result| result.get("models")?.as_array()).map(Vec::len);
-        let progress = job.progress.map(|progress| FitProgress {
-            stage: progress.stage,
-            fraction: if job.status == Status::Succeeded { 1.0 } else { progress.fraction },
-            evaluations: progress.step,
-            evaluations_most: progress.steps,
-            models: grown.and_then(|models| u32::try_from(models).ok()).unwrap_or(progress.sections),
-            misfit: progress.misfit,
-            eta_seconds: progress.eta_seconds.filter(|_| !job.status.is_ended()),
-        });
         Self {
             id: job.id.0,
             status: job.status,
@@ -126,22 +89,42 @@ impl Fit {
             priority: job.priority,
             owner: job.owner.clone(),
             worker: job.worker.clone(),
-            queue: Queue { position: job.queue_position, wait_seconds },
-            progress,
+            queue: Queue::of(job),
+            progress: progress(job),
             attempts: job.attempts,
             created_at: job.created_at,
             started_at: job.started_at,
             finished_at: job.finished_at,
-            expires_at: job.finished_at.zip(keep).and_then(|(end, keep)| end.checked_add(keep).ok()),
-            problem: job.problem.as_ref().map(|problem| ModelProblem {
-                r#type: format!("{TYPE_PREFIX}{}", problem.kind),
-                title: problem.title.clone(),
-                detail: problem.detail.clone(),
-            }),
+            expires_at: expires_at(job, keep),
+            problem: job.problem.as_ref().map(ModelProblem::of),
             digest: job.digest.clone(),
             request: (parts == Parts::All).then(|| job.spec.clone()),
             result: (parts != Parts::Summary).then(|| job.summary.clone()),
         }
+    }
+}
+
+/// The progress that a worker last reported, or that of the result.
+fn progress(job: &Job) -> Option<FitProgress> {
+    if job.status == Status::Succeeded {
+        return Some(whole(job));
+    }
+    let last = job.progress.and_then(JobProgress::fit)?;
+    Some(FitProgress { eta_seconds: last.eta_seconds.filter(|_| !job.status.is_ended()), ..last })
+}
+
+/// Progress of a fit that has succeeded: complete, while the last that its worker reported may be older than its end.
+fn whole(job: &Job) -> FitProgress {
+    let result = job.summary.as_ref();
+    let count = |value: Option<u64>| value.and_then(|n| u32::try_from(n).ok()).unwrap_or(0);
+    FitProgress {
+        stage: FitStage::Verify,
+        fraction: 1.0,
+        evaluations: count(result.and_then(|result| result.pointer("/search/evaluations")?.as_u64())),
+        evaluations_most: count(job.spec.get("evaluations").and_then(Value::as_u64)),
+        models: count(result.and_then(|result| Some(result.get("models")?.as_array()?.len() as u64))),
+        misfit: result.and_then(|result| result.pointer("/search/misfit")?.as_f64()),
+        eta_seconds: None,
     }
 }
 

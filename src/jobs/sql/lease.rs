@@ -7,8 +7,7 @@ use super::read::{self, known_job};
 use super::share;
 use super::submit::insert_files;
 use super::tx::Tx;
-use crate::generate::Progress;
-use crate::jobs::job::{BackendReport, Job, JobId, LiveSection, Problem, Status};
+use crate::jobs::job::{BackendReport, Job, JobId, JobProgress, LiveSection, Problem, Status};
 use crate::jobs::state::{self, AttemptEnd, Event, Fence, Next, State};
 use crate::jobs::store::{Attempt, Change, Directive, Finished, StoreError, StoreOptions};
 use jiff::Timestamp;
@@ -55,7 +54,7 @@ pub(super) struct Renew {
     pub(super) fence: Fence,
     pub(super) lease: Duration,
     pub(super) backend: BackendReport,
-    pub(super) progress: Option<Progress>,
+    pub(super) progress: Option<JobProgress>,
     pub(super) section: Option<LiveSection>,
 }
 

@@ -15,8 +15,8 @@ use super::upkeep::{self, AcquireUpkeep};
 use super::workers::{self, WorkerSeen};
 use super::{order, read};
 use crate::clock::Stopwatch;
-use crate::generate::{Backend, Progress};
-use crate::jobs::job::{BackendReport, BatchId, Job, JobId, LiveSection, NewJob, Problem, Status};
+use crate::generate::Backend;
+use crate::jobs::job::{BackendReport, BatchId, Job, JobId, JobProgress, LiveSection, NewJob, Problem, Status};
 use crate::jobs::keys::{Key, KeyStore, NewKey, NewTicket};
 use crate::jobs::operators::{Instruction, Pause, PoolUse, WorkerInfo};
 use crate::jobs::state::Event;
@@ -372,7 +372,7 @@ impl<E: Engine> Store for SqlStore<E> {
         claimed: &ClaimedJob,
         lease: Duration,
         backend: &BackendReport,
-        progress: Option<&Progress>,
+        progress: Option<&JobProgress>,
         section: Option<&LiveSection>,
     ) -> Result<Directive, StoreError> {
         let (id, fence, backend) = (claimed.job.id, claimed.fence(), backend.clone());

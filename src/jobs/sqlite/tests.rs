@@ -4,7 +4,7 @@
 use super::*;
 use crate::clock::Clock;
 use crate::generate::{Backend, Progress, Stage};
-use crate::jobs::{Directive, Finished, LiveSection, NewJob, Status, Store};
+use crate::jobs::{Directive, Finished, JobProgress, LiveSection, NewJob, Status, Store};
 
 const LEASE: Duration = Duration::from_secs(8);
 
@@ -58,19 +58,11 @@ async fn leases_that_could_not_be_renewed_on_a_full_disk_do_not_expire() {
     let inner = vec![[0.5, 1.5]; 100_000];
     let section = LiveSection { index: 0, step: 0, z_um: 0.0, inner, outer: Vec::new() };
     let eta_seconds = None;
-    let progress = Progress {
-        stage: Stage::Simulate,
-        fraction: 0.5,
-        step: 1,
-        steps: 2,
-        particles: 8,
-        sections: 1,
-        eta_seconds,
-        misfit: None,
-    };
+    let progress =
+        Progress { stage: Stage::Simulate, fraction: 0.5, step: 1, steps: 2, particles: 8, sections: 1, eta_seconds };
     let beat = async || {
         let backend = &claimed.job().backend;
-        store.heartbeat(&claimed, LEASE, backend, Some(&progress), Some(&section)).await
+        store.heartbeat(&claimed, LEASE, backend, Some(&JobProgress::Model(progress)), Some(&section)).await
     };
     beat().await.unwrap_err();
     clock.advance(3 * LEASE);

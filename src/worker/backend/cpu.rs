@@ -1,7 +1,7 @@
 //! Generations on the CPU of a worker, one at a time.
 
 use super::{GenerateFailure, Generation, Made, Task, fit_of, request};
-use crate::fit::fit;
+use crate::fit::{FitSink, fit};
 use crate::generate::{Backend, CancelToken, Checkpoint, Outcome, Progress, Sink, Stage, generate, resume};
 use crate::jobs::{BackendReport, JobKind};
 use crate::model::Section;
@@ -83,7 +83,7 @@ impl Cpu {
             pool.install(|| {
                 sink.sink.span().in_scope(|| match job.kind {
                     JobKind::Model => generator.generate(work, &sink, cancel).map(Made::from),
-                    JobKind::Fit => fit_on_cpu(work, &sink, cancel),
+                    JobKind::Fit => fit_on_cpu(work, sink.sink, cancel),
                 })
             })
         });
@@ -115,19 +115,19 @@ impl Sink for CertificateWatch<'_> {
         {
             self.nearly_free.send_replace(true);
         }
-        self.sink.progress(progress);
+        Sink::progress(self.sink, progress);
     }
 
     fn section(&self, section: &Section) {
-        self.sink.section(section);
+        Sink::section(self.sink, section);
     }
 
     fn wants_checkpoint(&self) -> bool {
-        self.sink.wants_checkpoint()
+        Sink::wants_checkpoint(self.sink)
     }
 
     fn checkpoint(&self, bytes: Vec<u8>) {
-        self.sink.checkpoint(bytes);
+        Sink::checkpoint(self.sink, bytes);
     }
 }
 
@@ -186,9 +186,9 @@ pub fn generate_on_cpu(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) ->
 }
 
 /// Runs a fit, from the checkpoint if there is one that can be used.
-fn fit_on_cpu(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Made, WorkError> {
+fn fit_on_cpu(work: Work<'_>, sink: &dyn FitSink, cancel: &CancelToken) -> Result<Made, WorkError> {
     let spec = fit_of(work.job)?;
-    let result = fit(&spec, work.checkpoint, work.dir, sink, cancel)?;
+    let result = fit(&spec, work.checkpoint, work.dir, work.memory_limit_bytes, sink, cancel)?;
     let device = device(rayon::current_num_threads());
     let summary = serde_json::json!(result);
     Ok(Made { used: work.backend, device, files: Vec::new(), summary, seconds: None })

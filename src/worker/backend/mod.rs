@@ -130,7 +130,7 @@ pub(super) fn predict(job: &Job) -> Option<Prediction> {
 
 /// The request of a fit.
 fn fit_of(job: &Job) -> std::result::Result<FitSpec, WorkError> {
-    FitSpec::read(&job.spec, Vec::new()).map_err(|faults| {
+    FitSpec::read(&job.spec, Vec::new(), &[]).map_err(|faults| {
         let faults: Vec<String> = faults.iter().map(ToString::to_string).collect();
         WorkError::Spec { detail: faults.join("; ") }
     })

@@ -32,8 +32,8 @@ use oviduct::generate::{Backend, Output, Progress, Stage};
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{
     Applied, BackendReport, BatchFilter, Change, ClaimedJob, Counts, Directive, File, Finished, Instruction, Job,
-    JobId, JobKind, ListFilter, LiveSection, NewBatch, NewJob, Pause, Priority, Problem, Status, Store, StoreError,
-    StoreOptions, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo, WorkerState,
+    JobId, JobKind, JobProgress, ListFilter, LiveSection, NewBatch, NewJob, Pause, Priority, Problem, Status, Store,
+    StoreError, StoreOptions, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo, WorkerState,
 };
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
@@ -161,8 +161,8 @@ fn by_cpu() -> BackendReport {
     }
 }
 
-fn progress(fraction: f64) -> Progress {
-    Progress {
+fn progress(fraction: f64) -> JobProgress {
+    JobProgress::Model(Progress {
         stage: Stage::Simulate,
         fraction,
         step: 10,
@@ -170,8 +170,7 @@ fn progress(fraction: f64) -> Progress {
         particles: 710,
         sections: 2,
         eta_seconds: Some(3.5),
-        misfit: None,
-    }
+    })
 }
 
 fn file(claimed: &ClaimedJob, name: &str) -> File {
