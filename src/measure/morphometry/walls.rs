@@ -159,7 +159,7 @@ fn meet([x, y]: [f32; 2], [dx, dy]: [f32; 2], block: &Block, own: f32, nearest: 
         let distance = (tx * ey[i] - ty * ex[i]) * scale;
         let place = (tx * dy - ty * dx) * scale;
         // Without short cuts, so that all lanes do the same. Comparisons with NaN are false.
-        let hit = (distance > own) & (place >= -SLACK) & (place <= 1.0 + SLACK) & (distance < nearest[i]);
+        let hit = (distance > own) & ((place - 0.5).abs() <= 0.5 + SLACK) & (distance < nearest[i]);
         nearest[i] = if hit { distance } else { nearest[i] };
     }
 }
