@@ -1663,7 +1663,7 @@ export interface components {
             /** @description The search. */
             search: components["schemas"]["Searched"];
             /** @description The complete spec, as a request for a model takes it. */
-            spec: unknown;
+            spec: components["schemas"]["SpecPatch"];
             /** @description The targets, with what the spec gives. */
             targets: components["schemas"]["Reached"][];
             /** @description Targets that the search did not meet, and why. */

@@ -18,6 +18,8 @@ pub(super) fn complete(schemas: &mut Value) {
     schemas["JsonSchema"] = json_schema();
     schemas["ServerSentEvent"] = server_sent_event();
     tuples(schemas);
+    // `fit` cannot name the types of requests.
+    schemas["FitResult"]["properties"]["spec"]["$ref"] = json!("#/components/schemas/SpecPatch");
     schemas["CertificateFigures"] = certificate_figures(&schemas["Certificate"]);
     problems(&mut schemas["Problem"]);
 }
