@@ -1,7 +1,7 @@
-//! A candidate measured on a reduced model: the simulation alone, up to the last region with a target, and as many of its sections
-//! as the means over the regions need. No surface is made.
+//! A candidate measured: the simulation alone, up to the last region with a target, and as many of its sections as the means over
+//! the regions need. No surface is made. The search takes Euler steps, its last candidates those of the spec.
 
-use super::request::FitSpec;
+use super::request::{EARLY_SEEDS, FitSpec};
 use super::target::{Target, loss};
 use crate::generate::CancelToken;
 use crate::measure::morphometry::{Morphometry, Regions, morphometry};
@@ -10,10 +10,15 @@ use crate::sim::cpu::CpuSimulation;
 use crate::sim::{Plan, Simulator};
 use crate::spec::ModelSpec;
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
 /// Sections that are measured in a region.
 const SECTIONS: usize = 12;
+
+/// Where a simulation has cost at most this part of a whole one, in particles times steps, measures are the mean over
+/// [`EARLY_SEEDS`] times the seeds: the isthmus is simulated first, with few particles, and varies most between seeds.
+const EARLY: f64 = 0.125;
 
 /// Why a candidate has no measures.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -22,6 +27,16 @@ pub(super) enum Unmeasured {
     Cancelled,
     /// The parameters together are not valid, or the simulation failed.
     Failed(String),
+}
+
+/// How a candidate is simulated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Physics {
+    /// [`FitSpec::reduced`].
+    Reduced,
+    /// As the spec says.
+    Whole,
 }
 
 /// A candidate: its place between the bounds of each variable, and what its models measure.
@@ -55,22 +70,32 @@ pub(super) fn misfit(targets: &[Target], measures: &[Option<f64>]) -> f64 {
 pub(super) struct Evaluator<'a> {
     fit: &'a FitSpec,
     cancel: &'a CancelToken,
-    /// The same for every candidate, so that differences come from the parameters (common random numbers).
-    seeds: Vec<u64>,
+    /// The seeds, the same for every candidate, so that differences come from the parameters (common random numbers); and which
+    /// targets are measured with each.
+    seeds: Vec<(u64, Vec<usize>)>,
 }
 
 impl<'a> Evaluator<'a> {
     pub(super) fn new(fit: &'a FitSpec, cancel: &'a CancelToken) -> Self {
-        Self { fit, cancel, seeds: fit.search_seeds().collect() }
+        let early: Vec<bool> = fit.targets.iter().map(|target| is_early(&fit.start, target)).collect();
+        let of = |k: u32| (0..early.len()).filter(|&t| k < fit.seeds || early[t]).collect();
+        let seeds = (0..EARLY_SEEDS * fit.seeds).map(|k| (fit.seed + u64::from(k), of(k)));
+        Self { fit, cancel, seeds: seeds.filter(|(_, targets): &(u64, Vec<usize>)| !targets.is_empty()).collect() }
+    }
+
+    /// Number of seeds with which a target is measured.
+    pub(super) fn seeds(&self, target: usize) -> usize {
+        self.seeds.iter().filter(|(_, targets)| targets.contains(&target)).count()
     }
 
     /// Measures a candidate, its seeds in parallel.
-    pub(super) fn measure(&self, places: &[f64]) -> Result<Vec<Option<f64>>, Unmeasured> {
+    pub(super) fn measure(&self, places: &[f64], physics: Physics) -> Result<Vec<Option<f64>>, Unmeasured> {
         let spec = self.fit.at(places).map_err(|faults| {
             Unmeasured::Failed(faults.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))
         })?;
-        let of_seeds: Vec<Vec<Option<f64>>> =
-            self.seeds.par_iter().map(|&seed| self.one(&spec, seed)).collect::<Result<_, _>>()?;
+        let spec = if physics == Physics::Reduced { self.fit.reduced(spec) } else { spec };
+        let one = |(seed, targets): &(u64, Vec<usize>)| self.one(&spec, *seed, targets);
+        let of_seeds: Vec<Vec<Option<f64>>> = self.seeds.par_iter().map(one).collect::<Result<_, _>>()?;
         let mean = |k: usize| {
             let known: Vec<f64> = of_seeds.iter().filter_map(|measures| measures[k]).collect();
             (!known.is_empty()).then(|| known.iter().sum::<f64>() / known.len() as f64)
@@ -78,10 +103,21 @@ impl<'a> Evaluator<'a> {
         Ok((0..self.fit.targets.len()).map(mean).collect())
     }
 
-    fn one(&self, spec: &ModelSpec, seed: u64) -> Result<Vec<Option<f64>>, Unmeasured> {
-        let morphometry = measured(spec, seed, &stations(spec, &self.fit.targets), self.cancel)?;
-        Ok(self.fit.targets.iter().map(|target| target.measured(&morphometry)).collect())
+    /// Measures some of the targets with one seed.
+    fn one(&self, spec: &ModelSpec, seed: u64, targets: &[usize]) -> Result<Vec<Option<f64>>, Unmeasured> {
+        let stations = targets.iter().flat_map(|&t| stations(spec, &self.fit.targets[t])).collect();
+        let morphometry = measured(spec, seed, &stations, self.cancel)?;
+        let all = self.fit.targets.iter().enumerate();
+        Ok(all.map(|(t, target)| target.measured(&morphometry).filter(|_| targets.contains(&t))).collect())
     }
+}
+
+/// Whether the sections of a target are simulated in a small part of the time of a whole model.
+fn is_early(spec: &ModelSpec, target: &Target) -> bool {
+    let last = stations(spec, target).last().copied().unwrap_or(spec.steps);
+    let particles = |step: u32| spec.particles.total.at(f64::from(step) / f64::from(spec.steps));
+    let until = |last: u32| f64::from(spec.burn_in) * particles(0) + (0..last).map(particles).sum::<f64>();
+    until(last) <= EARLY * until(spec.steps)
 }
 
 /// Grows the sections at these steps and measures them.
@@ -112,30 +148,24 @@ fn measured(
     Ok(morphometry(&sections, &[], &Regions { length_mm: spec.length_mm, junction }))
 }
 
-/// The steps whose sections are measured for these targets.
-fn stations(spec: &ModelSpec, targets: &[Target]) -> BTreeSet<u32> {
-    let all: Vec<(u32, f64)> =
-        spec.stations().map(|step| (step, spec.z.at(f64::from(step) / f64::from(spec.steps)))).collect();
+/// The steps whose sections are measured for a target.
+fn stations(spec: &ModelSpec, target: &Target) -> Vec<u32> {
+    let all = spec.stations().map(|step| (step, spec.z.at(f64::from(step) / f64::from(spec.steps))));
     let [from, to] = [spec.regions.junction_from, spec.regions.junction_to];
-    let mut chosen = BTreeSet::new();
-    for target in targets {
-        let [low, high] = match target.region.as_str() {
-            "isthmus" => [0.0, from],
-            "junction" => [from, to],
-            "ampulla" => [to, 1.0],
-            _ => [0.0, 1.0],
-        };
-        let last = high >= 1.0;
-        let within: Vec<u32> =
-            all.iter().filter(|(_, z)| *z >= low && (*z < high || last)).map(|&(step, _)| step).collect();
-        let most = match target.region.as_str() {
-            _ if target.needs_all_sections() => within.len(),
-            "whole" | "tube" => 3 * SECTIONS,
-            _ => SECTIONS,
-        };
-        chosen.extend(spread(&within, most));
-    }
-    chosen
+    let [low, high] = match target.region.as_str() {
+        "isthmus" => [0.0, from],
+        "junction" => [from, to],
+        "ampulla" => [to, 1.0],
+        _ => [0.0, 1.0],
+    };
+    let last = high >= 1.0;
+    let within: Vec<u32> = all.filter(|(_, z)| *z >= low && (*z < high || last)).map(|(step, _)| step).collect();
+    let most = match target.region.as_str() {
+        _ if target.needs_all_sections() => within.len(),
+        "whole" | "tube" => 3 * SECTIONS,
+        _ => SECTIONS,
+    };
+    spread(&within, most).collect()
 }
 
 /// At most `most` of these, evenly spread, with the first and the last.
@@ -157,14 +187,30 @@ mod tests {
     #[test]
     fn sections_are_those_that_the_targets_need() {
         let spec = ModelSpec::resolve(preset("pig").unwrap(), &json!({})).unwrap();
-        let of = |targets: &[Target]| stations(&spec, targets);
-        let isthmus = of(&[target("isthmus", "fill")]);
+        let of = |region, quantity| stations(&spec, &target(region, quantity));
+        let isthmus = of("isthmus", "fill");
         assert_eq!((isthmus.len(), isthmus.first()), (SECTIONS, Some(&0)));
         assert!(isthmus.last().is_some_and(|&step| step < 425), "{isthmus:?}");
-        let ampulla = of(&[target("ampulla", "fill")]);
+        let ampulla = of("ampulla", "fill");
         assert!(ampulla.first().is_some_and(|&step| step > 425) && ampulla.last() == Some(&2000), "{ampulla:?}");
-        assert_eq!(of(&[target("tube", "lumen_volume_mm3")]).len(), 3 * SECTIONS);
-        assert_eq!(of(&[target("whole", "fold_continuity")]).len(), 201);
+        assert_eq!(of("tube", "lumen_volume_mm3").len(), 3 * SECTIONS);
+        assert_eq!(of("whole", "fold_continuity").len(), 201);
+    }
+
+    #[test]
+    fn isthmus_and_junction_are_measured_with_more_seeds() {
+        let target = |region: &str| json!({ "region": region, "quantity": "fill", "value": 0.7 });
+        let seeds = |region: &str| {
+            let body = json!({ "targets": [target(region), target("ampulla")], "seeds": 3, "seed": 20 });
+            let fit = FitSpec::read(&body, Vec::new(), &[]).unwrap();
+            let cancel = CancelToken::default();
+            let evaluator = Evaluator::new(&fit, &cancel);
+            assert_eq!(evaluator.seeds(1), 3);
+            let seeds: Vec<u64> = evaluator.seeds.iter().map(|(seed, _)| *seed).collect();
+            assert!(seeds.is_sorted() && seeds[0] == 20 && fit.model_seeds().all(|seed| !seeds.contains(&seed)));
+            (evaluator.seeds(0), seeds.len())
+        };
+        assert_eq!(["isthmus", "junction", "whole"].map(seeds), [(12, 12), (12, 12), (3, 3)]);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Targets that a search did not meet: out of reach, or not together with others, and the bounds that prevent it.
 
 use super::error::FitError;
-use super::evaluate::Candidate;
+use super::evaluate::{Candidate, Physics};
 use super::linear::Linear;
 use super::request::FitSpec;
 use super::search::Archive;
@@ -72,7 +72,7 @@ pub(super) fn unmet(fit: &FitSpec, archive: &Archive<'_>, best: &Candidate) -> R
     let model = Linear::around(best, &before, targets);
     let corner = |&t: &usize| model.corner(t, least_slope(&targets[t], best.measures[t]));
     let corners: Vec<Vec<f64>> = missed.iter().take(MOST_CORNERS).map(corner).collect();
-    archive.measure(&corners)?;
+    archive.measure(&corners, Physics::Whole)?;
     let all = archive.candidates();
     Ok(missed.into_iter().map(|t| of(fit, &model, best, &all, t)).collect())
 }

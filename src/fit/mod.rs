@@ -36,8 +36,8 @@ pub use error::FitError;
 pub use image::{IMAGE_QUANTITIES, IMAGE_TOLERANCE, ImageFault, MOST_IMAGES, SectionImage, image_targets, read_images};
 pub use limits::{Bound, Unmet, Why};
 pub use request::{EVALUATIONS, FitSpec, MEMBERS, MODELS, MOST_TARGETS, MOST_VARIABLES, SEEDS};
-pub use result::{Fall, FitResult, Fitted, Grown, Reached, Searched};
-pub use search::Ended;
+pub use result::{FitResult, Fitted, Grown, Reached, Searched};
+pub use search::{Ended, Fall};
 pub use target::{TOLERANCE, Target};
 pub use variable::{Variable, Varied};
 pub use watch::{FitProgress, FitSink, FitStage};
@@ -76,16 +76,16 @@ pub fn fit(
         preset: fit.preset.name.clone(),
         spec: spec.to_json(),
         parameters: parameters(fit, &found.best),
-        targets: reached(fit, &found.best, &models),
+        targets: reached(fit, &archive, &found.best, &models),
         unmet,
         search: Searched {
             ended: found.ended,
             seeds: fit.search_seeds().collect(),
-            evaluations: found.candidates.len(),
+            evaluations: found.evaluations,
             failed: found.failed,
             start_misfit: found.start,
             misfit: found.best.misfit(&fit.targets),
-            history: history(fit, &found.candidates),
+            history: found.history,
         },
         models,
     })
@@ -156,7 +156,7 @@ fn parameters(fit: &FitSpec, best: &Candidate) -> Vec<Fitted> {
     fit.variables.iter().zip(&best.places).map(fitted).collect()
 }
 
-fn reached(fit: &FitSpec, best: &Candidate, models: &[Grown]) -> Vec<Reached> {
+fn reached(fit: &FitSpec, archive: &Archive<'_>, best: &Candidate, models: &[Grown]) -> Vec<Reached> {
     let one = |(t, target): (usize, &Target)| {
         let measured = best.measures[t];
         let values: Vec<f64> = models.iter().filter_map(|model| model.measures[t]).collect();
@@ -166,6 +166,7 @@ fn reached(fit: &FitSpec, best: &Candidate, models: &[Grown]) -> Vec<Reached> {
         Reached {
             target: target.clone(),
             measured,
+            seeds: archive.seeds(t),
             deviation: target.deviation(measured),
             met: target.is_met(measured),
             models_mean: mean,
@@ -174,18 +175,6 @@ fn reached(fit: &FitSpec, best: &Candidate, models: &[Grown]) -> Vec<Reached> {
         }
     };
     fit.targets.iter().enumerate().map(one).collect()
-}
-
-/// Where the least misfit fell.
-fn history(fit: &FitSpec, candidates: &[Candidate]) -> Vec<Fall> {
-    let mut least = f64::INFINITY;
-    let fall = |(i, candidate): (usize, &Candidate)| {
-        let misfit = candidate.misfit(&fit.targets);
-        let fell = misfit < least;
-        least = least.min(misfit);
-        fell.then_some(Fall { evaluations: i + 1, misfit })
-    };
-    candidates.iter().enumerate().filter_map(fall).collect()
 }
 
 #[cfg(test)]

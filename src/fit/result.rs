@@ -1,7 +1,7 @@
 //! What a fit gives: the spec, how near it comes to each target, and models of it grown in full.
 
 use super::limits::Unmet;
-use super::search::Ended;
+use super::search::{Ended, Fall};
 use super::target::Target;
 use crate::spec::End;
 use serde::{Deserialize, Serialize};
@@ -54,6 +54,10 @@ pub struct Reached {
     pub target: Target,
     /// Mean over the seeds of the search.
     pub measured: Option<f64>,
+    /// Number of these seeds: more than `seeds` for measures that cost little.
+    #[schema(minimum = 0)]
+    #[serde(default)]
+    pub seeds: usize,
     /// Distance from the value, in distances from the value to the end of the range on that side.
     pub deviation: f64,
     /// Whether it is within the range.
@@ -72,7 +76,7 @@ pub struct Reached {
 pub struct Searched {
     /// Why it ended.
     pub ended: Ended,
-    /// Seeds of every candidate.
+    /// Seeds of every candidate; those of measures that cost little begin with them.
     pub seeds: Vec<u64>,
     /// Candidates that were measured.
     #[schema(minimum = 0)]
@@ -84,18 +88,8 @@ pub struct Searched {
     pub start_misfit: Option<f64>,
     /// Misfit of the result: the mean over the targets of (d² + d⁴)/2 of their deviations d.
     pub misfit: f64,
-    /// Least misfit after so many candidates, where it fell.
+    /// Where the least misfit fell: on reduced models, and then with the physics of the spec.
     pub history: Vec<Fall>,
-}
-
-/// A fall of the misfit.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Fall {
-    /// Number of candidates.
-    #[schema(minimum = 0)]
-    pub evaluations: usize,
-    /// The least misfit of these.
-    pub misfit: f64,
 }
 
 /// A model of the result.

@@ -1,11 +1,12 @@
 //! The search: CMA-ES over the places between the bounds of the variables, and between its generations steps of a linear model of
-//! the deviations, which need far fewer candidates where one holds.
+//! the deviations, which need far fewer candidates where one holds. It goes on reduced models; then more steps of the linear model,
+//! from the best candidate, are measured with the physics of the spec.
 //!
 //! Its state is the list of candidates so far. The optimiser draws from a generator with a fixed seed, so that a search that
 //! continues from a checkpoint asks for the same candidates again and finds them in the list.
 
 use super::error::FitError;
-use super::evaluate::{Candidate, Evaluator, Unmeasured};
+use super::evaluate::{Candidate, Evaluator, Physics, Unmeasured};
 use super::linear::Linear;
 use super::request::FitSpec;
 use super::target::Target;
@@ -15,6 +16,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use utoipa::ToSchema;
 
 /// First standard deviation of the candidates, as a part of the distance of the bounds.
 const SPREAD: f64 = 0.12;
@@ -32,7 +34,7 @@ const LEAST_SPREAD: f64 = 1e-3;
 const NO_MODEL: f64 = 1e6;
 
 /// Why a search ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Ended {
     /// Every target is met closely.
@@ -43,14 +45,30 @@ pub enum Ended {
     Converged,
 }
 
+/// A fall of the misfit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Fall {
+    /// Number of candidates.
+    #[schema(minimum = 0)]
+    pub evaluations: usize,
+    /// The least misfit of these.
+    pub misfit: f64,
+    /// Whether it is that of reduced models.
+    #[serde(default)]
+    pub reduced: bool,
+}
+
 /// A finished search.
 #[derive(Debug)]
 pub(super) struct Found {
+    /// The best candidate with the physics of the spec.
     pub(super) best: Candidate,
     /// Misfit of the spec that the search started from; none if it could not be measured.
     pub(super) start: Option<f64>,
-    /// The candidates that could be measured, in order.
-    pub(super) candidates: Vec<Candidate>,
+    /// Where the least misfit fell: on reduced models, and then with the physics of the spec.
+    pub(super) history: Vec<Fall>,
+    /// Candidates that could be measured.
+    pub(super) evaluations: usize,
     /// Candidates that could not be measured.
     pub(super) failed: usize,
     pub(super) ended: Ended,
@@ -59,6 +77,7 @@ pub(super) struct Found {
 /// A candidate with its measures or why it has none, as in checkpoints.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Entry {
+    physics: Physics,
     places: Vec<f64>,
     #[serde(default)]
     measures: Vec<Option<f64>>,
@@ -73,10 +92,10 @@ struct Checkpoint {
     entries: Vec<Entry>,
 }
 
-type Key = Vec<u64>;
+type Key = (Physics, Vec<u64>);
 
-fn key(places: &[f64]) -> Key {
-    places.iter().map(|place| place.to_bits()).collect()
+fn key(physics: Physics, places: &[f64]) -> Key {
+    (physics, places.iter().map(|place| place.to_bits()).collect())
 }
 
 /// Candidates by place: those of a checkpoint are found instead of measured.
@@ -97,7 +116,12 @@ impl<'a> Archive<'a> {
             entry.places.len() == fit.variables.len()
                 && (entry.failed.is_some() || entry.measures.len() == fit.targets.len())
         };
-        let known = entries.into_iter().flatten().filter(fits).map(|entry| (key(&entry.places), entry)).collect();
+        let known = entries
+            .into_iter()
+            .flatten()
+            .filter(fits)
+            .map(|entry| (key(entry.physics, &entry.places), entry))
+            .collect();
         let evaluator = Evaluator::new(fit, watch.cancel());
         Self { fit, evaluator, watch, known: Mutex::new(known), order: Mutex::default() }
     }
@@ -109,9 +133,9 @@ impl<'a> Archive<'a> {
     }
 
     /// The misfit of a candidate that the optimiser asks for.
-    fn ask(&self, places: &[f64], asked: &Mutex<Vec<Key>>) -> f64 {
-        let entry = self.entry(places);
-        lock(asked).push(key(places));
+    fn ask(&self, places: &[f64], physics: Physics, asked: &Mutex<Vec<Key>>) -> f64 {
+        let entry = self.entry(places, physics);
+        lock(asked).push(key(physics, places));
         let measured = entry.ok().and_then(candidate);
         measured.map_or(NO_MODEL, |candidate| candidate.misfit(&self.fit.targets))
     }
@@ -124,43 +148,90 @@ impl<'a> Archive<'a> {
         lock(&self.order).extend(asked);
     }
 
-    /// The measured candidates in order.
+    /// The candidates that could be measured, in order. Those on reduced models are shifted by as much as the measures of the best one
+    /// of them change with the physics of the spec, so that all are comparable.
     pub(super) fn candidates(&self) -> Vec<Candidate> {
-        self.all().0
+        let (known, order) = (lock(&self.known), lock(&self.order));
+        let measured = |key: &Key| known.get(key).cloned().and_then(candidate);
+        let shift = order.iter().filter(|key| key.0 == Physics::Whole).find_map(|key| {
+            let both = [measured(&(Physics::Reduced, key.1.clone()))?, measured(key)?];
+            Some(both.map(|candidate| candidate.measures))
+        });
+        let shifted = |mut candidate: Candidate| {
+            if let Some([reduced, whole]) = &shift {
+                for ((measure, reduced), whole) in candidate.measures.iter_mut().zip(reduced).zip(whole) {
+                    let change = whole.zip(*reduced).map_or(0.0, |(whole, reduced)| whole - reduced);
+                    *measure = measure.map(|x| x + change);
+                }
+            }
+            candidate
+        };
+        let one = |key: &Key| match key.0 {
+            Physics::Reduced => measured(key).map(shifted),
+            Physics::Whole => measured(key),
+        };
+        order.iter().filter_map(one).collect()
     }
 
-    /// The candidate of least misfit.
-    fn best(&self, targets: &[Target]) -> Option<Candidate> {
-        let (candidates, ..) = self.all();
-        candidates.into_iter().min_by(|a, b| a.misfit(targets).total_cmp(&b.misfit(targets)))
+    fn misfit(&self, places: &[f64], physics: Physics) -> Option<f64> {
+        let known = lock(&self.known).get(&key(physics, places)).cloned();
+        known.and_then(candidate).map(|candidate| candidate.misfit(&self.fit.targets))
+    }
+
+    /// Where the least misfit fell, of each physics for itself.
+    fn history(&self) -> Vec<Fall> {
+        let (known, order) = (lock(&self.known), lock(&self.order));
+        let measured = order.iter().filter_map(|key| Some((key.0, known.get(key).cloned().and_then(candidate)?)));
+        let mut least = None;
+        let fall = |(i, (physics, candidate)): (usize, (Physics, Candidate))| {
+            let misfit = candidate.misfit(&self.fit.targets);
+            let fell = least.is_none_or(|(before, least)| before != physics || misfit < least);
+            if fell {
+                least = Some((physics, misfit));
+            }
+            fell.then_some(Fall { evaluations: i + 1, misfit, reduced: physics == Physics::Reduced })
+        };
+        measured.enumerate().filter_map(fall).collect()
+    }
+
+    /// The candidate of least misfit with some physics.
+    fn best(&self, targets: &[Target], physics: Physics) -> Option<Candidate> {
+        let (known, order) = (lock(&self.known), lock(&self.order));
+        let of = order.iter().filter(|key| key.0 == physics).filter_map(|key| known.get(key).cloned());
+        of.filter_map(candidate).min_by(|a, b| a.misfit(targets).total_cmp(&b.misfit(targets)))
     }
 
     /// Measures candidates in parallel, and lists them in this order.
-    pub(super) fn measure(&self, all: &[Vec<f64>]) -> Result<Vec<Option<Candidate>>, Unmeasured> {
-        let entries: Vec<Entry> = all.par_iter().map(|places| self.entry(places)).collect::<Result<_, _>>()?;
-        lock(&self.order).extend(all.iter().map(|places| key(places)));
-        Ok(entries.into_iter().map(candidate).collect())
+    pub(super) fn measure(&self, all: &[Vec<f64>], physics: Physics) -> Result<(), Unmeasured> {
+        all.par_iter().try_for_each(|places| self.entry(places, physics).map(|_| ()))?;
+        lock(&self.order).extend(all.iter().map(|places| key(physics, places)));
+        Ok(())
     }
 
-    fn entry(&self, places: &[f64]) -> Result<Entry, Unmeasured> {
-        let key = key(places);
+    fn entry(&self, places: &[f64], physics: Physics) -> Result<Entry, Unmeasured> {
+        let key = key(physics, places);
         // Its lock is released before that of the watch is taken: a checkpoint takes them the other way round.
         let known = lock(&self.known).get(&key).cloned();
         if let Some(known) = known {
             let misfit = candidate(known.clone()).map(|candidate| candidate.misfit(&self.fit.targets));
-            self.watch.remembered(misfit);
+            self.watch.remembered(physics, misfit);
             return Ok(known);
         }
-        let (measures, failed) = match self.evaluator.measure(places) {
+        let (measures, failed) = match self.evaluator.measure(places, physics) {
             Ok(measures) => (measures, None),
             Err(Unmeasured::Failed(detail)) => (Vec::new(), Some(detail)),
             Err(Unmeasured::Cancelled) => return Err(Unmeasured::Cancelled),
         };
-        let entry = Entry { places: places.to_vec(), measures, failed };
+        let entry = Entry { physics, places: places.to_vec(), measures, failed };
         lock(&self.known).insert(key, entry.clone());
         let misfit = candidate(entry.clone()).map(|candidate| candidate.misfit(&self.fit.targets));
-        self.watch.measured(misfit, || self.checkpoint());
+        self.watch.measured(physics, misfit, || self.checkpoint());
         Ok(entry)
+    }
+
+    /// Number of seeds with which a target is measured.
+    pub(super) fn seeds(&self, target: usize) -> usize {
+        self.evaluator.seeds(target)
     }
 
     /// Candidates asked for so far.
@@ -168,14 +239,11 @@ impl<'a> Archive<'a> {
         lock(&self.order).len()
     }
 
-    /// The measured candidates in order, the number of the others, and why the last of those failed.
-    fn all(&self) -> (Vec<Candidate>, usize, Option<String>) {
+    /// How many candidates could not be measured, and why the last of them.
+    fn failures(&self) -> (usize, Option<String>) {
         let (known, order) = (lock(&self.known), lock(&self.order));
-        let entries: Vec<&Entry> = order.iter().filter_map(|key| known.get(key)).collect();
-        let measured: Vec<Candidate> = entries.iter().filter_map(|&entry| candidate(entry.clone())).collect();
-        let failure = entries.iter().rev().find_map(|entry| entry.failed.clone());
-        let failed = entries.len() - measured.len();
-        (measured, failed, failure)
+        let failed: Vec<&String> = order.iter().filter_map(|key| known.get(key)?.failed.as_ref()).collect();
+        (failed.len(), failed.last().copied().cloned())
     }
 }
 
@@ -200,68 +268,95 @@ pub(super) fn population(variables: usize) -> usize {
 }
 
 /// Measures where a linear model of the deviations near the best candidate leads: as far as it wants, and a little.
-fn steps(fit: &FitSpec, archive: &Archive<'_>, best: Option<&Candidate>) -> Result<(), FitError> {
-    let Some(best) = best else { return Ok(()) };
-    let (candidates, ..) = archive.all();
-    let model = Linear::around(best, &candidates, &fit.targets);
-    archive.measure(&REACHES.map(|reach| model.step(reach)))?;
+fn steps(fit: &FitSpec, archive: &Archive<'_>, physics: Physics) -> Result<(), FitError> {
+    let Some(best) = archive.best(&fit.targets, physics) else { return Ok(()) };
+    let model = Linear::around(&best, &archive.candidates(), &fit.targets);
+    archive.measure(&REACHES.map(|reach| model.step(reach)), physics)?;
     Ok(())
 }
 
-/// Searches until the targets are met closely, the evaluations are used, or the candidates no longer differ.
+/// Searches on reduced models, and then near the best of them with the physics of the spec.
 pub(super) fn search(fit: &FitSpec, archive: &Archive<'_>) -> Result<Found, FitError> {
     let targets = &fit.targets;
     let start: Vec<f64> = fit.variables.iter().map(super::variable::Variable::start).collect();
-    let first = archive.measure(std::slice::from_ref(&start))?.remove(0);
-    let start_misfit = first.as_ref().map(|candidate| candidate.misfit(targets));
+    let physics = if fit.refined() > 0 { Physics::Reduced } else { Physics::Whole };
+    let explored = explore(fit, archive, &start, physics)?;
+    let ended = if physics == Physics::Reduced { refine(fit, archive, &start, explored)? } else { explored };
+    let start_misfit =
+        [Physics::Reduced, Physics::Whole].into_iter().find_map(|physics| archive.misfit(&start, physics));
+    let (failed, failure) = archive.failures();
+    let Some(best) = archive.best(targets, Physics::Whole) else {
+        let detail = failure.unwrap_or_default();
+        return Err(FitError::Search { detail: format!("no candidate could be measured: {detail}") });
+    };
+    let (history, evaluations) = (archive.history(), archive.len() - failed);
+    Ok(Found { best, start: start_misfit, history, evaluations, failed, ended })
+}
+
+/// Searches until the targets are met closely, the evaluations are used, or the candidates no longer differ.
+fn explore(fit: &FitSpec, archive: &Archive<'_>, start: &[f64], physics: Physics) -> Result<Ended, FitError> {
+    let targets = &fit.targets;
     let population = population(start.len());
-    let budget = fit.evaluations as usize;
+    let budget = fit.explored() as usize;
+    if budget > 0 {
+        archive.measure(&[start.to_vec()], physics)?;
+    }
     let asked = Mutex::default();
-    let objective = |x: &DVector<f64>| archive.ask(&x.iter().map(|&x| reflected(x)).collect::<Vec<_>>(), &asked);
-    let options = CMAESOptions::new(start, SPREAD).seed(fit.seed).population_size(population).tol_x(LEAST_SPREAD);
+    let objective =
+        |x: &DVector<f64>| archive.ask(&x.iter().map(|&x| reflected(x)).collect::<Vec<_>>(), physics, &asked);
+    let options =
+        CMAESOptions::new(start.to_vec(), SPREAD).seed(fit.seed).population_size(population).tol_x(LEAST_SPREAD);
     let mut optimiser =
         options.build(objective).map_err(|error| FitError::Search { detail: format!("the optimiser: {error:?}") })?;
-    let mut best = first;
     let mut steps_pay = false;
     let (mut best_known, mut since) = (f64::INFINITY, 0);
-    let ended = loop {
+    loop {
         if archive.watch.cancel().is_cancelled() {
             return Err(FitError::Cancelled);
         }
+        let best = archive.best(targets, physics);
         if best.as_ref().is_some_and(|best| best.worst(targets) <= CLOSE) {
-            break Ended::Reached;
+            return Ok(Ended::Reached);
         }
         if archive.len() + population > budget {
-            break Ended::Evaluations;
+            return Ok(Ended::Evaluations);
         }
-        let before = best.as_ref().map_or(f64::INFINITY, |best| best.misfit(targets));
+        let before = best.map_or(f64::INFINITY, |best| best.misfit(targets));
         // Steps of the linear model as long as they pay, else a generation of the optimiser.
         if steps_pay {
-            steps(fit, archive, best.as_ref())?;
+            steps(fit, archive, physics)?;
         } else {
             let stopped = optimiser.next_parallel();
             archive.list(std::mem::take(&mut *lock(&asked)), targets);
             if stopped.is_some() {
-                best = archive.best(targets);
-                break Ended::Converged;
+                return Ok(Ended::Converged);
             }
         }
-        best = archive.best(targets);
-        let after = best.as_ref().map_or(f64::INFINITY, |best| best.misfit(targets));
+        let after = archive.best(targets, physics).map_or(f64::INFINITY, |best| best.misfit(targets));
         steps_pay = !steps_pay || after < PAYS * before;
         // Candidates since the misfit last fell clearly.
         if after < PAYS * best_known {
             (best_known, since) = (after, archive.len());
         } else if archive.len() - since > PATIENCE * population {
-            break Ended::Converged;
+            return Ok(Ended::Converged);
         }
-    };
-    let (candidates, failed, failure) = archive.all();
-    let Some(best) = best else {
-        let detail = failure.unwrap_or_default();
-        return Err(FitError::Search { detail: format!("no candidate could be measured: {detail}") });
-    };
-    Ok(Found { best, start: start_misfit, candidates, failed, ended })
+    }
+}
+
+/// Measures the best candidate with the physics of the spec, and follows the linear model from there.
+fn refine(fit: &FitSpec, archive: &Archive<'_>, start: &[f64], explored: Ended) -> Result<Ended, FitError> {
+    let from = archive.best(&fit.targets, Physics::Reduced).map_or_else(|| start.to_vec(), |best| best.places);
+    let most = archive.len() + fit.refined() as usize;
+    archive.measure(&[from], Physics::Whole)?;
+    loop {
+        if archive.best(&fit.targets, Physics::Whole).is_none_or(|best| best.worst(&fit.targets) <= CLOSE) {
+            return Ok(Ended::Reached);
+        }
+        if archive.len() + REACHES.len() > most {
+            return Ok(if explored == Ended::Converged { Ended::Converged } else { Ended::Evaluations });
+        }
+        steps(fit, archive, Physics::Whole)?;
+    }
 }
 
 #[cfg(test)]

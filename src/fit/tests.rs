@@ -24,7 +24,7 @@ fn measures(spec: &Value, names: &[(&str, &str)], seed: u64) -> Vec<f64> {
     let fit = FitSpec::read(&body, Vec::new(), &[]).unwrap();
     let cancel = CancelToken::default();
     let start: Vec<f64> = fit.variables.iter().map(Variable::start).collect();
-    let found = evaluate::Evaluator::new(&fit, &cancel).measure(&start).unwrap();
+    let found = evaluate::Evaluator::new(&fit, &cancel).measure(&start, evaluate::Physics::Whole).unwrap();
     found.into_iter().map(Option::unwrap).collect()
 }
 
@@ -81,10 +81,36 @@ fn hidden_parameters_are_fitted_within_5_percent() {
     assert!(result.models.len() == 3 && result.models.iter().all(|model| model.certified), "{:?}", result.models);
     let wall = result.parameters.iter().find(|fitted| fitted.parameter == "/containment/wall_um").unwrap();
     assert!((wall.value / 520.0 - 1.0).abs() < 0.1, "{wall:?}");
+    // The measures are those of its own physics, not those of reduced models.
+    assert_eq!(
+        result.targets.iter().map(|t| t.measured.unwrap()).collect::<Vec<_>>(),
+        measures(&result.spec, &NAMES, 0)
+    );
     // The spec is complete: a request for a model takes it.
     let preset = crate::spec::preset(&result.preset).unwrap();
     assert!(crate::spec::ModelSpec::resolve(preset, &result.spec).is_ok());
-    assert!(result.search.history.windows(2).all(|pair| pair[1].misfit < pair[0].misfit));
+    let falls = &result.search.history;
+    assert!(falls.windows(2).all(|pair| pair[1].misfit < pair[0].misfit || pair[0].reduced && !pair[1].reduced));
+    assert_eq!(falls.last().map(|last| (last.misfit, last.reduced)), Some((result.search.misfit, false)));
+}
+
+#[test]
+fn the_last_evaluations_have_the_physics_of_the_spec() {
+    let mut body = hidden();
+    body["models"] = json!(1);
+    let mut searched = |evaluations: u32, integrator: &str| {
+        body["evaluations"] = json!(evaluations);
+        body["spec"]["solver"] = json!({ "integrator": integrator });
+        run(&body, &(), None).search
+    };
+    let one = searched(1, "rk4");
+    assert_eq!((one.evaluations, one.start_misfit, one.history.len()), (1, Some(one.misfit), 1));
+    assert!(!one.history[0].reduced);
+    let some = searched(9, "rk4");
+    assert!(some.evaluations <= 9 && some.history[0].reduced && !some.history.last().unwrap().reduced, "{some:?}");
+    // A spec with Euler steps is its own reduced model.
+    let euler = searched(9, "euler");
+    assert!(euler.evaluations >= 7 && euler.history.iter().all(|fall| !fall.reduced), "{euler:?}");
 }
 
 /// Keeps the checkpoints, and counts the candidates that were measured when each was taken.

@@ -1,5 +1,6 @@
 //! What a fit tells while it runs: progress, and checkpoints when they are wanted.
 
+use super::evaluate::Physics;
 use crate::clock::Stopwatch;
 use crate::generate::CancelToken;
 use serde::{Deserialize, Serialize};
@@ -34,7 +35,8 @@ pub struct FitProgress {
     /// Models grown in full so far.
     #[schema(minimum = 0)]
     pub models: u32,
-    /// Least misfit so far; see `misfit` of the result.
+    /// Least misfit so far, on reduced models or, once there are such candidates, with the physics of the spec; see `misfit` of the
+    /// result.
     pub misfit: Option<f64>,
     /// Seconds until all evaluations are used, at the pace so far.
     pub eta_seconds: Option<f64>,
@@ -70,6 +72,8 @@ struct Now {
     models: u32,
     /// Candidates that this attempt measured itself.
     own: u32,
+    /// Of the candidates that the misfit is the least of.
+    physics: Physics,
 }
 
 impl<'a> Watch<'a> {
@@ -84,7 +88,12 @@ impl<'a> Watch<'a> {
             eta_seconds: None,
         };
         sink.progress(&progress);
-        Self { sink, cancel, since: Stopwatch::start(), now: Mutex::new(Now { progress, models, own: 0 }) }
+        Self {
+            sink,
+            cancel,
+            since: Stopwatch::start(),
+            now: Mutex::new(Now { progress, models, own: 0, physics: Physics::Reduced }),
+        }
     }
 
     pub(super) fn cancel(&self) -> &'a CancelToken {
@@ -92,10 +101,10 @@ impl<'a> Watch<'a> {
     }
 
     /// A candidate was measured; takes a checkpoint if one is wanted.
-    pub(super) fn measured(&self, misfit: Option<f64>, checkpoint: impl FnOnce() -> Vec<u8>) {
+    pub(super) fn measured(&self, physics: Physics, misfit: Option<f64>, checkpoint: impl FnOnce() -> Vec<u8>) {
         self.report(|now| {
             now.own += 1;
-            count(&mut now.progress, misfit);
+            now.count(physics, misfit);
         });
         // One thread at a time, so that the others do not take one for the same wish.
         let _now = self.now.lock().unwrap_or_else(PoisonError::into_inner);
@@ -105,8 +114,8 @@ impl<'a> Watch<'a> {
     }
 
     /// A candidate was found in the checkpoint.
-    pub(super) fn remembered(&self, misfit: Option<f64>) {
-        self.report(|now| count(&mut now.progress, misfit));
+    pub(super) fn remembered(&self, physics: Physics, misfit: Option<f64>) {
+        self.report(|now| now.count(physics, misfit));
     }
 
     /// The search has ended.
@@ -122,7 +131,7 @@ impl<'a> Watch<'a> {
     fn report(&self, change: impl FnOnce(&mut Now)) {
         let mut now = self.now.lock().unwrap_or_else(PoisonError::into_inner);
         change(&mut now);
-        let Now { progress, models, own } = &mut *now;
+        let Now { progress, models, own, .. } = &mut *now;
         let part = |done: u32, all: u32| (f64::from(done) / f64::from(all.max(1))).min(1.0);
         progress.fraction = match progress.stage {
             FitStage::Verify => SEARCH + (0.98 - SEARCH) * part(progress.models, *models),
@@ -136,12 +145,17 @@ impl<'a> Watch<'a> {
     }
 }
 
-fn count(progress: &mut FitProgress, misfit: Option<f64>) {
-    progress.evaluations = (progress.evaluations + 1).min(progress.evaluations_most);
-    progress.misfit = match (progress.misfit, misfit) {
-        (Some(best), Some(misfit)) => Some(best.min(misfit)),
-        (best, misfit) => best.or(misfit),
-    };
+impl Now {
+    fn count(&mut self, physics: Physics, misfit: Option<f64>) {
+        let progress = &mut self.progress;
+        progress.evaluations = (progress.evaluations + 1).min(progress.evaluations_most);
+        let before = progress.misfit.filter(|_| physics == self.physics);
+        self.physics = physics;
+        progress.misfit = match (before, misfit) {
+            (Some(best), Some(misfit)) => Some(best.min(misfit)),
+            (best, misfit) => best.or(misfit),
+        };
+    }
 }
 
 #[cfg(test)]
@@ -167,18 +181,21 @@ mod tests {
     fn progress_grows_and_keeps_the_least_misfit() {
         let (told, cancel) = (Told::default(), CancelToken::default());
         let watch = Watch::new(&told, &cancel, 4, 2);
-        watch.remembered(Some(3.0));
-        watch.measured(None, || vec![1]);
-        watch.measured(Some(5.0), || vec![2]);
+        watch.remembered(Physics::Reduced, Some(3.0));
+        watch.measured(Physics::Reduced, None, || vec![1]);
+        watch.measured(Physics::Reduced, Some(5.0), || vec![2]);
         watch.verify();
         watch.grown();
         watch.grown();
+        // The misfits of reduced models do not count any more.
+        assert_eq!(told.0.lock().unwrap().last().and_then(|p| p.misfit), Some(3.0));
+        watch.measured(Physics::Whole, Some(4.0), Vec::new);
         let all = told.0.lock().unwrap();
         let fractions: Vec<f64> = all.iter().map(|p| p.fraction).collect();
         assert!(fractions.is_sorted() && fractions.last() < Some(&1.0), "{fractions:?}");
         assert_eq!(
             all.last().map(|p| (p.stage, p.evaluations, p.models, p.misfit)),
-            Some((FitStage::Verify, 3, 2, Some(3.0)))
+            Some((FitStage::Verify, 4, 2, Some(4.0)))
         );
         assert_eq!(*told.1.lock().unwrap(), [vec![1]]);
     }

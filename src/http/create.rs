@@ -181,7 +181,7 @@ pub(super) fn created(state: &AppState, submitted: &Submitted, job: &Job, at: At
     };
     let mut response = answer(state, status, job, Detail::Full, at)?;
     let headers = response.headers_mut();
-    name_location(headers, &at.model(job.id), matches!(submitted, Submitted::Replayed(_)));
+    set_location(headers, &at.model(job.id), matches!(submitted, Submitted::Replayed(_)));
     if status == StatusCode::ACCEPTED {
         headers.insert(header::RETRY_AFTER, retry_after(job));
     }
@@ -189,7 +189,7 @@ pub(super) fn created(state: &AppState, submitted: &Submitted, job: &Job, at: At
 }
 
 /// Says where the answer to a submission lies, and whether it was replayed.
-pub(super) fn name_location(headers: &mut HeaderMap, location: &str, replayed: bool) {
+pub(super) fn set_location(headers: &mut HeaderMap, location: &str, replayed: bool) {
     if let Ok(location) = HeaderValue::try_from(location) {
         headers.insert(header::LOCATION, location);
     }

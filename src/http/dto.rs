@@ -151,7 +151,7 @@ impl Model {
             backend: job.backend.clone(),
             worker: job.worker.clone(),
             queue: Queue::of(job),
-            progress: if job.status == Status::Succeeded { Some(whole(job)) } else { grown(job) },
+            progress: if job.status == Status::Succeeded { Some(whole(job)) } else { reported(job) },
             attempts: job.attempts,
             created_at: job.created_at,
             started_at: job.started_at,
@@ -195,7 +195,7 @@ pub(super) fn expires_at(job: &Job, keep: Option<Duration>) -> Option<Timestamp>
 }
 
 /// The progress that a worker last reported of a model.
-fn grown(job: &Job) -> Option<Progress> {
+fn reported(job: &Job) -> Option<Progress> {
     job.progress.and_then(JobProgress::model)
 }
 
@@ -223,8 +223,8 @@ fn whole(job: &Job) -> Progress {
         fraction: 1.0,
         step: steps,
         steps,
-        particles: found("/particles/end").max(grown(job).map_or(0, |last| last.particles)),
-        sections: found("/sections").max(grown(job).map_or(0, |last| last.sections)),
+        particles: found("/particles/end").max(reported(job).map_or(0, |last| last.particles)),
+        sections: found("/sections").max(reported(job).map_or(0, |last| last.sections)),
         eta_seconds: None,
     }
 }

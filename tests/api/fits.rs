@@ -30,7 +30,7 @@ async fn a_fit_is_queued_read_and_deleted() {
     assert_eq!((&fit["result"], &fit["progress"], &fit["labels"]["study"]), (&Value::Null, &Value::Null, &json!("A")));
     // What was left open is filled in.
     let filled = &fit["request"];
-    assert_eq!((&filled["evaluations"], &filled["seeds"], &filled["models"]), (&json!(50), &json!(2), &json!(4)));
+    assert_eq!((&filled["evaluations"], &filled["seeds"], &filled["models"]), (&json!(50), &json!(4), &json!(4)));
     assert_eq!((&filled["targets"][0]["low"], &filled["targets"][0]["high"]), (&json!(28.5), &json!(31.5)));
     assert_eq!(filled["vary"].as_array().unwrap().len(), 3);
     assert_eq!(filled["spec"]["steps"], 2000);
@@ -149,7 +149,7 @@ async fn invalid_requests_name_their_members() {
     }
     // What would take too long, or whose models would be too large, is refused before it is queued.
     for body in [
-        json!({ "targets": [target()], "evaluations": 2000, "seeds": 16 }),
+        json!({ "preset": "cow", "targets": [target()], "evaluations": 2000, "seeds": 16 }),
         json!({ "targets": [target()], "vary": [{ "parameter": "/particles/total", "to": 190_000 }] }),
     ] {
         let reply = app.post("/fits", &body).await;

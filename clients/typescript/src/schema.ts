@@ -1523,6 +1523,8 @@ export interface components {
              * @description The least misfit of these.
              */
             misfit: number;
+            /** @description Whether it is that of reduced models. */
+            reduced?: boolean;
         };
         /** @description One fault of a request: where, and what. */
         Fault: {
@@ -1615,7 +1617,8 @@ export interface components {
             fraction: number;
             /**
              * Format: double
-             * @description Least misfit so far; see `misfit` of the result.
+             * @description Least misfit so far, on reduced models or, once there are such candidates, with the physics of the spec; see `misfit` of the
+             *     result.
              */
             misfit?: number | null;
             /** @description Models grown in full so far. */
@@ -1625,7 +1628,7 @@ export interface components {
         };
         /** @description What to fit. Targets come from `targets`, `targets_csv` and `images`; at least one is needed. */
         FitRequest: {
-            /** @description Candidates at most; 120 by default. */
+            /** @description Candidates at most; 70 by default. */
             evaluations?: number;
             /** @description Sections to be measured as targets. */
             images?: components["schemas"]["SectionImage"][];
@@ -1641,7 +1644,7 @@ export interface components {
             priority?: number;
             /** @description First of the seeds, and the seed of the search; 0 by default. */
             seed?: number;
-            /** @description Seeds with which each candidate is measured; 2 by default. */
+            /** @description Seeds with which each candidate is measured; 4 by default. */
             seeds?: number;
             /** @description The spec that the search starts from, as a patch of the preset. */
             spec?: components["schemas"]["SpecPatch"];
@@ -2386,6 +2389,8 @@ export interface components {
              * @description Standard deviation between the models: the spread over seeds; null if fewer than two have it.
              */
             models_sd?: number | null;
+            /** @description Number of these seeds: more than `seeds` for measures that cost little. */
+            seeds?: number;
         };
         /** @description Measures of a region. */
         Region: {
@@ -2484,14 +2489,14 @@ export interface components {
             evaluations: number;
             /** @description Candidates that could not be measured. */
             failed: number;
-            /** @description Least misfit after so many candidates, where it fell. */
+            /** @description Where the least misfit fell: on reduced models, and then with the physics of the spec. */
             history: components["schemas"]["Fall"][];
             /**
              * Format: double
              * @description Misfit of the result: the mean over the targets of (d² + d⁴)/2 of their deviations d.
              */
             misfit: number;
-            /** @description Seeds of every candidate. */
+            /** @description Seeds of every candidate; those of measures that cost little begin with them. */
             seeds: number[];
             /**
              * Format: double

@@ -5,7 +5,7 @@ use super::read::answer;
 use super::request::Seeds;
 use crate::http::AppState;
 use crate::http::access::{Caller, audit, run_to_completion};
-use crate::http::create::{draw_seed, key_of, name_location, new_job};
+use crate::http::create::{draw_seed, key_of, new_job, set_location};
 use crate::http::dto::Batch;
 use crate::http::json::JsonBody;
 use crate::http::problem::Problem;
@@ -58,7 +58,7 @@ pub(in crate::http) async fn create(
     };
     let mut response = answer(StatusCode::ACCEPTED, &Batch::from(submitted.batch()));
     let location = format!("batches/{}", submitted.batch().id);
-    name_location(response.headers_mut(), &location, matches!(submitted, SubmittedBatch::Replayed(_)));
+    set_location(response.headers_mut(), &location, matches!(submitted, SubmittedBatch::Replayed(_)));
     Ok(response)
 }
 

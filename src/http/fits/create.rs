@@ -5,7 +5,7 @@ use super::shape::{Fit, FitValidation, Parts};
 use crate::generate::Backend;
 use crate::http::AppState;
 use crate::http::access::{Caller, audit, run_to_completion};
-use crate::http::create::{earlier, key_of, name_location, too_much};
+use crate::http::create::{earlier, key_of, set_location, too_much};
 use crate::http::draw::turn;
 use crate::http::faults::Fault;
 use crate::http::json::LargeJsonBody;
@@ -87,7 +87,7 @@ pub(in crate::http) async fn create(
     let fit = Fit::of(job, state.limits.keep, Parts::All);
     let mut response = (StatusCode::ACCEPTED, Json(fit)).into_response();
     let headers = response.headers_mut();
-    name_location(headers, &format!("fits/{}", job.id), matches!(submitted, Submitted::Replayed(_)));
+    set_location(headers, &format!("fits/{}", job.id), matches!(submitted, Submitted::Replayed(_)));
     headers.insert(header::RETRY_AFTER, retry_after(job));
     Ok(response)
 }

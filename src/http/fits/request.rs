@@ -33,17 +33,17 @@ pub(super) struct FitRequest {
     /// The parameters to search for; by default those that the targets depend on, between half and twice their values.
     #[schema(required = false, min_items = 1, max_items = 20)]
     vary: Vec<FitVariable>,
-    /// Candidates at most; 120 by default.
+    /// Candidates at most; 70 by default.
     #[schema(required = false, minimum = 1, maximum = 2000)]
     evaluations: u32,
-    /// Seeds with which each candidate is measured; 2 by default.
+    /// Seeds with which each candidate is measured; 4 by default.
     #[schema(required = false, minimum = 1, maximum = 16)]
     seeds: u32,
     /// Models of the result that are grown in full, each with another seed; 4 by default.
     #[schema(required = false, minimum = 1, maximum = 20)]
     models: u32,
     /// First of the seeds, and the seed of the search; 0 by default.
-    #[schema(required = false, minimum = 0, maximum = 9007199254740955i64)]
+    #[schema(required = false, minimum = 0, maximum = 9007199254740907i64)]
     seed: u64,
     /// Names and values of the client's own, to find fits by.
     #[schema(required = false)]

@@ -398,8 +398,8 @@ class Client(Driver):
                 those that the targets depend on.
             preset: Name of a preset; `pig` by default.
             spec: The spec that the search starts from, as a merge patch of the preset.
-            evaluations: Candidates at most; 120 by default.
-            seeds: Number of seeds with which each candidate is measured; 2 by default.
+            evaluations: Candidates at most; 70 by default.
+            seeds: Number of seeds with which each candidate is measured; 4 by default.
             models: Models of the result that are grown in full; 4 by default.
             seed: First of the seeds, and the seed of the search; 0 by default.
             labels: Names and values of your own, to find fits by.

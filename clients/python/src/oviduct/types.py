@@ -684,9 +684,9 @@ class FitOptions(TypedDict, total=False):
     vary: Sequence[FitVariable]
     """The parameters to search for; by default those that the targets depend on."""
     evaluations: int
-    """Candidates at most; 120 by default."""
+    """Candidates at most; 70 by default."""
     seeds: int
-    """Number of seeds with which each candidate is measured; 2 by default."""
+    """Number of seeds with which each candidate is measured; 4 by default."""
     models: int
     """Models of the result that are grown in full; 4 by default."""
     seed: int
