@@ -54,7 +54,9 @@ export class Visit {
   }
 
   static async open(url: string, options: BrowserContextOptions = {}, refusals: number[] = []): Promise<Visit> {
-    browser ??= await chromium.launch({ executablePath: EXECUTABLE, args: FLAGS });
+    const launch = (): Promise<Browser> => chromium.launch({ executablePath: EXECUTABLE, args: FLAGS });
+    // Chromium 156 sometimes crashes as it starts, before it has a page.
+    browser ??= await launch().catch(launch);
     const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, reducedMotion: "reduce", ...options });
     await context.addInitScript(() => {
       addEventListener("securitypolicyviolation", (event) => {
