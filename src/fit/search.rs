@@ -6,10 +6,9 @@
 //! continues from a checkpoint asks for the same candidates again and finds them in the list.
 
 use super::error::FitError;
-use super::evaluate::{Candidate, Evaluator, Physics, Unmeasured};
+use super::evaluate::{Candidate, Evaluator, Physics, Unmeasured, misfit};
 use super::linear::Linear;
 use super::request::FitSpec;
-use super::target::Target;
 use super::watch::Watch;
 use cmaes::{CMAESOptions, DVector};
 use rayon::prelude::*;
@@ -136,14 +135,13 @@ impl<'a> Archive<'a> {
     fn ask(&self, places: &[f64], physics: Physics, asked: &Mutex<Vec<Key>>) -> f64 {
         let entry = self.entry(places, physics);
         lock(asked).push(key(physics, places));
-        let measured = entry.ok().and_then(candidate);
-        measured.map_or(NO_MODEL, |candidate| candidate.misfit(&self.fit.targets))
+        entry.ok().and_then(|entry| self.misfit(&entry)).unwrap_or(NO_MODEL)
     }
 
     /// Lists the candidates of a generation, in an order that does not depend on the threads.
-    fn list(&self, mut asked: Vec<Key>, targets: &[Target]) {
+    fn list(&self, mut asked: Vec<Key>) {
         let known = lock(&self.known);
-        let misfit = |key: &Key| known.get(key).cloned().and_then(candidate).map_or(NO_MODEL, |c| c.misfit(targets));
+        let misfit = |key: &Key| known.get(key).and_then(|entry| self.misfit(entry)).unwrap_or(NO_MODEL);
         asked.sort_by(|a, b| misfit(a).total_cmp(&misfit(b)).then_with(|| a.cmp(b)));
         lock(&self.order).extend(asked);
     }
@@ -173,18 +171,24 @@ impl<'a> Archive<'a> {
         order.iter().filter_map(one).collect()
     }
 
-    fn misfit(&self, places: &[f64], physics: Physics) -> Option<f64> {
-        let known = lock(&self.known).get(&key(physics, places)).cloned();
-        known.and_then(candidate).map(|candidate| candidate.misfit(&self.fit.targets))
+    /// None if the candidate could not be measured.
+    fn misfit(&self, entry: &Entry) -> Option<f64> {
+        entry.failed.is_none().then(|| misfit(&self.fit.targets, &entry.measures))
+    }
+
+    /// The misfit where the search started, on a reduced model if there was one.
+    fn start_misfit(&self, start: &[f64]) -> Option<f64> {
+        let known = lock(&self.known);
+        let of = |physics: Physics| self.misfit(known.get(&key(physics, start))?);
+        of(Physics::Reduced).or_else(|| of(Physics::Whole))
     }
 
     /// Where the least misfit fell, of each physics for itself.
     fn history(&self) -> Vec<Fall> {
         let (known, order) = (lock(&self.known), lock(&self.order));
-        let measured = order.iter().filter_map(|key| Some((key.0, known.get(key).cloned().and_then(candidate)?)));
+        let measured = order.iter().filter_map(|key| Some((key.0, self.misfit(known.get(key)?)?)));
         let mut least = None;
-        let fall = |(i, (physics, candidate)): (usize, (Physics, Candidate))| {
-            let misfit = candidate.misfit(&self.fit.targets);
+        let fall = |(i, (physics, misfit)): (usize, (Physics, f64))| {
             let fell = least.is_none_or(|(before, least)| before != physics || misfit < least);
             if fell {
                 least = Some((physics, misfit));
@@ -195,10 +199,11 @@ impl<'a> Archive<'a> {
     }
 
     /// The candidate of least misfit with some physics.
-    fn best(&self, targets: &[Target], physics: Physics) -> Option<Candidate> {
+    fn best(&self, physics: Physics) -> Option<Candidate> {
         let (known, order) = (lock(&self.known), lock(&self.order));
-        let of = order.iter().filter(|key| key.0 == physics).filter_map(|key| known.get(key).cloned());
-        of.filter_map(candidate).min_by(|a, b| a.misfit(targets).total_cmp(&b.misfit(targets)))
+        let of = order.iter().filter(|key| key.0 == physics).filter_map(|key| known.get(key));
+        let measured = of.filter_map(|entry| Some((self.misfit(entry)?, entry)));
+        measured.min_by(|a, b| a.0.total_cmp(&b.0)).and_then(|(_, entry)| candidate(entry.clone()))
     }
 
     /// Measures candidates in parallel, and lists them in this order.
@@ -213,8 +218,7 @@ impl<'a> Archive<'a> {
         // Its lock is released before that of the watch is taken: a checkpoint takes them the other way round.
         let known = lock(&self.known).get(&key).cloned();
         if let Some(known) = known {
-            let misfit = candidate(known.clone()).map(|candidate| candidate.misfit(&self.fit.targets));
-            self.watch.remembered(physics, misfit);
+            self.watch.remembered(physics, self.misfit(&known));
             return Ok(known);
         }
         let (measures, failed) = match self.evaluator.measure(places, physics) {
@@ -224,8 +228,7 @@ impl<'a> Archive<'a> {
         };
         let entry = Entry { physics, places: places.to_vec(), measures, failed };
         lock(&self.known).insert(key, entry.clone());
-        let misfit = candidate(entry.clone()).map(|candidate| candidate.misfit(&self.fit.targets));
-        self.watch.measured(physics, misfit, || self.checkpoint());
+        self.watch.measured(physics, self.misfit(&entry), || self.checkpoint());
         Ok(entry)
     }
 
@@ -269,7 +272,7 @@ pub(super) fn population(variables: usize) -> usize {
 
 /// Measures where a linear model of the deviations near the best candidate leads: as far as it wants, and a little.
 fn steps(fit: &FitSpec, archive: &Archive<'_>, physics: Physics) -> Result<(), FitError> {
-    let Some(best) = archive.best(&fit.targets, physics) else { return Ok(()) };
+    let Some(best) = archive.best(physics) else { return Ok(()) };
     let model = Linear::around(&best, &archive.candidates(), &fit.targets);
     archive.measure(&REACHES.map(|reach| model.step(reach)), physics)?;
     Ok(())
@@ -277,15 +280,13 @@ fn steps(fit: &FitSpec, archive: &Archive<'_>, physics: Physics) -> Result<(), F
 
 /// Searches on reduced models, and then near the best of them with the physics of the spec.
 pub(super) fn search(fit: &FitSpec, archive: &Archive<'_>) -> Result<Found, FitError> {
-    let targets = &fit.targets;
     let start: Vec<f64> = fit.variables.iter().map(super::variable::Variable::start).collect();
     let physics = if fit.refined() > 0 { Physics::Reduced } else { Physics::Whole };
     let explored = explore(fit, archive, &start, physics)?;
     let ended = if physics == Physics::Reduced { refine(fit, archive, &start, explored)? } else { explored };
-    let start_misfit =
-        [Physics::Reduced, Physics::Whole].into_iter().find_map(|physics| archive.misfit(&start, physics));
+    let start_misfit = archive.start_misfit(&start);
     let (failed, failure) = archive.failures();
-    let Some(best) = archive.best(targets, Physics::Whole) else {
+    let Some(best) = archive.best(Physics::Whole) else {
         let detail = failure.unwrap_or_default();
         return Err(FitError::Search { detail: format!("no candidate could be measured: {detail}") });
     };
@@ -314,7 +315,7 @@ fn explore(fit: &FitSpec, archive: &Archive<'_>, start: &[f64], physics: Physics
         if archive.watch.cancel().is_cancelled() {
             return Err(FitError::Cancelled);
         }
-        let best = archive.best(targets, physics);
+        let best = archive.best(physics);
         if best.as_ref().is_some_and(|best| best.worst(targets) <= CLOSE) {
             return Ok(Ended::Reached);
         }
@@ -327,12 +328,12 @@ fn explore(fit: &FitSpec, archive: &Archive<'_>, start: &[f64], physics: Physics
             steps(fit, archive, physics)?;
         } else {
             let stopped = optimiser.next_parallel();
-            archive.list(std::mem::take(&mut *lock(&asked)), targets);
+            archive.list(std::mem::take(&mut *lock(&asked)));
             if stopped.is_some() {
                 return Ok(Ended::Converged);
             }
         }
-        let after = archive.best(targets, physics).map_or(f64::INFINITY, |best| best.misfit(targets));
+        let after = archive.best(physics).map_or(f64::INFINITY, |best| best.misfit(targets));
         steps_pay = !steps_pay || after < PAYS * before;
         // Candidates since the misfit last fell clearly.
         if after < PAYS * best_known {
@@ -345,11 +346,11 @@ fn explore(fit: &FitSpec, archive: &Archive<'_>, start: &[f64], physics: Physics
 
 /// Measures the best candidate with the physics of the spec, and follows the linear model from there.
 fn refine(fit: &FitSpec, archive: &Archive<'_>, start: &[f64], explored: Ended) -> Result<Ended, FitError> {
-    let from = archive.best(&fit.targets, Physics::Reduced).map_or_else(|| start.to_vec(), |best| best.places);
+    let from = archive.best(Physics::Reduced).map_or_else(|| start.to_vec(), |best| best.places);
     let most = archive.len() + fit.refined() as usize;
     archive.measure(&[from], Physics::Whole)?;
     loop {
-        if archive.best(&fit.targets, Physics::Whole).is_none_or(|best| best.worst(&fit.targets) <= CLOSE) {
+        if archive.best(Physics::Whole).is_none_or(|best| best.worst(&fit.targets) <= CLOSE) {
             return Ok(Ended::Reached);
         }
         if archive.len() + REACHES.len() > most {

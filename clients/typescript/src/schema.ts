@@ -1644,7 +1644,7 @@ export interface components {
             priority?: number;
             /** @description First of the seeds, and the seed of the search; 0 by default. */
             seed?: number;
-            /** @description Seeds with which each candidate is measured; 4 by default. */
+            /** @description Seeds with which each candidate is measured, four times as many for measures that cost little; 4 by default. */
             seeds?: number;
             /** @description The spec that the search starts from, as a patch of the preset. */
             spec?: components["schemas"]["SpecPatch"];

@@ -40,7 +40,7 @@ pub(in crate::cli) struct FitArgs {
     /// Candidates at most
     #[arg(long, value_name = "N", default_value_t = crate::fit::EVALUATIONS[1])]
     pub(in crate::cli) evaluations: u32,
-    /// Seeds with which each candidate is measured
+    /// Seeds with which each candidate is measured, four times as many for measures that cost little
     #[arg(long, value_name = "N", default_value_t = crate::fit::SEEDS[1])]
     pub(in crate::cli) seeds: u32,
     /// Models of the result that are grown in full, each with another seed

@@ -36,7 +36,7 @@ pub(super) struct FitRequest {
     /// Candidates at most; 70 by default.
     #[schema(required = false, minimum = 1, maximum = 2000)]
     evaluations: u32,
-    /// Seeds with which each candidate is measured; 4 by default.
+    /// Seeds with which each candidate is measured, four times as many for measures that cost little; 4 by default.
     #[schema(required = false, minimum = 1, maximum = 16)]
     seeds: u32,
     /// Models of the result that are grown in full, each with another seed; 4 by default.

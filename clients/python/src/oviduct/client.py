@@ -399,7 +399,7 @@ class Client(Driver):
             preset: Name of a preset; `pig` by default.
             spec: The spec that the search starts from, as a merge patch of the preset.
             evaluations: Candidates at most; 70 by default.
-            seeds: Number of seeds with which each candidate is measured; 4 by default.
+            seeds: Number of seeds of each candidate, four times as many for measures that cost little; 4 by default.
             models: Models of the result that are grown in full; 4 by default.
             seed: First of the seeds, and the seed of the search; 0 by default.
             labels: Names and values of your own, to find fits by.

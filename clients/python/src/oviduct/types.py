@@ -686,7 +686,7 @@ class FitOptions(TypedDict, total=False):
     evaluations: int
     """Candidates at most; 70 by default."""
     seeds: int
-    """Number of seeds with which each candidate is measured; 4 by default."""
+    """Number of seeds of each candidate, four times as many for measures that cost little; 4 by default."""
     models: int
     """Models of the result that are grown in full; 4 by default."""
     seed: int
