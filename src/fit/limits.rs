@@ -83,7 +83,9 @@ fn of(fit: &FitSpec, model: &Linear, best: &Candidate, all: &[Candidate], t: usi
     let distance = |candidate: &Candidate| target.deviation(candidate.measures[t]).abs();
     let nearest = all.iter().filter(|c| c.measures[t].is_some()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
     let least = least_slope(target, best.measures[t]);
-    let sensitive = model.slopes[t].iter().any(|slope| slope.abs() >= least);
+    // Without as many other candidates as variables, no slope may be known.
+    let known = all.iter().filter(|candidate| candidate.places != best.places).count() >= fit.variables.len();
+    let sensitive = !known || model.slopes[t].iter().any(|slope| slope.abs() >= least);
     let met: Vec<&Candidate> = all.iter().filter(|candidate| meets(candidate, t)).collect();
     let (why, at) = match (met.is_empty(), sensitive) {
         (false, _) => (Why::Conflict, Some(best)),

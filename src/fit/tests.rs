@@ -101,7 +101,12 @@ fn the_last_evaluations_have_the_physics_of_the_spec() {
     let mut searched = |evaluations: u32, integrator: &str| {
         body["evaluations"] = json!(evaluations);
         body["spec"]["solver"] = json!({ "integrator": integrator });
-        run(&body, &(), None).search
+        let result = run(&body, &(), None);
+        if evaluations == 1 {
+            // One candidate does not tell what has no influence.
+            assert!(!result.unmet.is_empty() && result.unmet.iter().all(|unmet| unmet.why != Why::Insensitive));
+        }
+        result.search
     };
     let one = searched(1, "rk4");
     assert_eq!((one.evaluations, one.start_misfit, one.history.len()), (1, Some(one.misfit), 1));
