@@ -45,6 +45,8 @@ pub const OBJ: Target = Target { name: "obj", run: export::fuzzing::obj, memory:
 pub const STL: Target = Target { name: "stl", run: export::fuzzing::stl, memory: in_proportion };
 /// PLY, binary or text.
 pub const PLY: Target = Target { name: "ply", run: export::fuzzing::ply, memory: in_proportion };
+/// VTK XML.
+pub const VTP: Target = Target { name: "vtp", run: export::fuzzing::vtp, memory: at_most };
 /// `sections.bin`.
 pub const SECTIONS: Target = Target { name: "sections", run: export::sections_bin::fuzzing::sections, memory: at_most };
 /// Requests for fits, with their images.
@@ -58,5 +60,19 @@ pub const STATE: Target = Target { name: "state", run: sim::cpu::fuzzing::state,
 pub const CHECKPOINT: Target = Target { name: "checkpoint", run: generate::fuzzing::checkpoint, memory: at_most };
 
 /// All targets.
-pub const TARGETS: [&Target; 13] =
-    [&REQUEST, &BATCH, &FIT, &HEADERS, &PATCH, &GLTF, &OBJ, &STL, &PLY, &SECTIONS, &MICROGRAPH, &STATE, &CHECKPOINT];
+pub const TARGETS: [&Target; 14] = [
+    &REQUEST,
+    &BATCH,
+    &FIT,
+    &HEADERS,
+    &PATCH,
+    &GLTF,
+    &OBJ,
+    &STL,
+    &PLY,
+    &VTP,
+    &SECTIONS,
+    &MICROGRAPH,
+    &STATE,
+    &CHECKPOINT,
+];

@@ -28,11 +28,12 @@ const ALLOWED: [(&str, &str); 3] = [("jobs", "generate"), ("jobs", "fit"), ("fit
 const FORBIDDEN: [(&str, &str); 4] = [("jobs", "sim"), ("jobs", "mesh"), ("jobs", "measure"), ("jobs", "export")];
 
 /// Crates that only some places may name.
-const NAMES: [(&str, &[&str]); 10] = [
+const NAMES: [(&str, &[&str]); 11] = [
     ("cmaes", &["fit/search"]),
     ("meshopt", &["export/lod", "export/read/level"]),
     ("spade", &["geometry/triangulate"]),
     ("tiff", &["export/labels"]),
+    ("quick_xml", &["export/vtp", "export/read/vtp"]),
     ("object_store", &["jobs/artifacts"]),
     ("sqlx", &["jobs/sqlite", "jobs/postgres", "jobs/sql"]),
     ("axum", &["http", "cli"]),

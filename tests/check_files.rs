@@ -1,10 +1,10 @@
 //! `oviduct check`: the surface that it reads from exported files is the certified one, and it refuses files that are not
 //! surfaces, or too large ones, in bounded time.
 
-use oviduct::export::Metadata;
 use oviduct::export::glb::{GlbOptions, write_glb};
 use oviduct::export::obj::write_obj;
 use oviduct::export::read::{Format, parse};
+use oviduct::export::{Metadata, Shape};
 use oviduct::measure::{Certificate, CheckOptions, certify, check_surface};
 use oviduct::model::{BodyKind, Mesh, Patch, PatchKind};
 use serde_json::{Value, json};
@@ -57,14 +57,14 @@ fn glb_and_obj_hold_the_certified_surface() {
     let options = CheckOptions { euler: Some(0), ..CheckOptions::default() };
     for strips in [false, true] {
         let mut bytes = Vec::new();
-        write_glb(&mesh, &metadata(), &GlbOptions { strips }, &mut bytes).unwrap();
+        write_glb(&Shape::of(&mesh, &metadata()), &GlbOptions { strips }, &mut bytes).unwrap();
         let surface = parse(&bytes, Format::Gltf, None).unwrap();
         let names: Vec<_> = surface.groups.iter().map(|g| &*g.name).collect();
         assert_eq!(names, ["inner_wall", "outer_wall", "cap_isthmus", "cap_ampulla"]);
         same(check_surface(&surface.positions, &surface.triangles, &options), made.clone());
     }
     let mut bytes = Vec::new();
-    write_obj(&mesh, &metadata(), &mut bytes).unwrap();
+    write_obj(&Shape::of(&mesh, &metadata()), &mut bytes).unwrap();
     let surface = parse(&bytes, Format::Obj, None).unwrap();
     assert_eq!(surface.triangles, mesh.triangles);
     assert!(surface.positions.iter().zip(&mesh.positions).all(|(a, b)| *a == b.map(f64::from)));

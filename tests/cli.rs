@@ -6,6 +6,8 @@ mod cluster;
 #[allow(unreachable_pub, reason = "a module of its own")]
 #[path = "cli/collector.rs"]
 mod collector;
+#[path = "cli/convert.rs"]
+mod convert;
 #[path = "cli/figures.rs"]
 mod figures;
 #[path = "cli/fit.rs"]
@@ -249,7 +251,7 @@ fn generate_check_and_a_broken_file() {
     assert_eq!(told["particles"]["start"], 300);
 
     let out = at.path().join("a/out");
-    assert_eq!(names(&out), ["model.glb", "model.obj", "report.json", "sections.bin"]);
+    assert_eq!(names(&out), ["manifest.json", "model.glb", "model.obj", "report.json", "sections.bin"]);
     for file in told["files"].as_array().expect("an array") {
         let bytes = std::fs::read(out.join(file["name"].as_str().expect("a name"))).expect("the file exists");
         assert_eq!(file["bytes"], bytes.len());

@@ -23,7 +23,7 @@ pub(super) use limits::LimitArgs;
 pub(super) use load::LoadArgs;
 pub(super) use model::{ModelArgs, SpecArgs};
 pub(super) use remote::RemoteArgs;
-pub(super) use surfaces::{CheckArgs, MeasureArgs, RenderArgs, ReportArgs, SectionArgs};
+pub(super) use surfaces::{CheckArgs, ConvertArgs, MeasureArgs, RenderArgs, ReportArgs, SectionArgs};
 pub(super) use workers::{WorkersAction, WorkersArgs};
 
 use super::units;
@@ -88,9 +88,11 @@ pub(super) enum Command {
     Demo(DemoArgs),
     /// Request a model from a running service
     Submit(SubmitArgs),
-    /// Certify the surface in a glb, gltf, obj, stl or ply file from any source
+    /// Certify the surface in a glb, gltf, obj, stl, ply or vtp file from any source
     Check(CheckArgs),
-    /// Draw the surface in glb, gltf, obj, stl, ply or sections.bin files as PNG pictures
+    /// Write the surface in a glb, gltf, obj, stl, ply or vtp file in another of these formats or in another unit
+    Convert(ConvertArgs),
+    /// Draw the surface in glb, gltf, obj, stl, ply, vtp or sections.bin files as PNG pictures
     Render(RenderArgs),
     /// Grow models of several seeds and compare what they measure with published anatomy
     Compare(CompareArgs),

@@ -67,7 +67,7 @@ fn grown(preset: &Preset, args: &CompareArgs, bar: &term::Bar, cancel: &CancelTo
             spec: spec.clone(),
             seed,
             backend: Backend::Cpu,
-            outputs: Vec::new(),
+            outputs: Vec::new().into(),
             dir: scratch.dir().to_owned(),
             memory_limit_bytes: None,
         };

@@ -211,14 +211,14 @@ mod tests {
         assert_eq!(serve.process.cpu_workers, 4);
         assert_eq!(serve.process.lease.as_secs(), 20);
         let Command::Generate(generate) = run(file, "generate").expect("parses").command else { panic!("generate") };
-        assert_eq!(generate.model.outputs, [Output::Glb, Output::Obj]);
+        assert_eq!(generate.model.outputs().formats, [Output::Glb, Output::Obj]);
         assert!(generate.json);
         assert_eq!(generate.out.to_str(), Some("models"));
         let Command::Generate(generate) = run(file, "generate --outputs obj --set a=1 --set b=2").expect("ok").command
         else {
             panic!("generate")
         };
-        assert_eq!(generate.model.outputs, [Output::Obj]);
+        assert_eq!(generate.model.outputs().formats, [Output::Obj]);
         assert_eq!(generate.model.of.set, ["a=1", "b=2"]);
     }
 

@@ -5,11 +5,14 @@ use super::exit::{Ended, Failure};
 use super::interrupt::Signals;
 use super::scratch::Scratch;
 use super::{gpu, model, report, term, units};
-use crate::generate::{CancelToken, GenerateError, Outcome, Progress, Request, Sink};
+use crate::generate::{
+    CancelToken, FileOutput, GenerateError, MANIFEST, Manifest, Origin, Outcome, Progress, Request, Sink,
+};
 use crate::model::Section;
 use anyhow::Context;
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
 
 pub(super) async fn run(args: GenerateArgs) -> Ended {
     let (preset, spec) = model::resolve(&args.model.of)?;
@@ -21,11 +24,13 @@ pub(super) async fn run(args: GenerateArgs) -> Ended {
         seed: model::seed(&args.model.of),
         spec,
         backend: args.model.backend,
-        outputs: args.model.outputs.clone(),
+        outputs: args.model.outputs(),
         dir: scratch.dir().to_owned(),
         memory_limit_bytes: args.memory_limit,
     };
-    let (outcome, fallback, request) = grow(request, args.gpu, &mut signals).await?;
+    let (mut outcome, fallback, request) = grow(request, args.gpu, &mut signals).await?;
+    let manifest = manifest(&request, &outcome, scratch.dir()).context(MANIFEST)?;
+    outcome.files.push(manifest);
     let publish = |name: &str| scratch.publish(name).with_context(|| name.to_owned());
     let page = if args.report {
         let dir = scratch.dir().to_owned();
@@ -59,6 +64,26 @@ pub(super) async fn run(args: GenerateArgs) -> Ended {
         term::print(&format!("{}  {}", path.display(), units::show_bytes(bytes)))?;
     }
     Ok(())
+}
+
+/// Writes the manifest of the files of a model.
+fn manifest(request: &Request, outcome: &Outcome, dir: &Path) -> anyhow::Result<FileOutput> {
+    let digest = request.spec.digest(request.seed);
+    let origin = Origin {
+        engine: crate::ENGINE_VERSION,
+        preset: &request.preset,
+        seed: request.seed,
+        digest: &digest,
+        spec: request.spec.to_json(),
+    };
+    let text = serde_json::to_vec_pretty(&Manifest::new(origin, &request.outputs, &outcome.files))?;
+    std::fs::write(dir.join(MANIFEST), &text)?;
+    Ok(FileOutput {
+        name: MANIFEST.to_owned(),
+        media_type: "application/json".to_owned(),
+        bytes: text.len() as u64,
+        sha256: hex::encode(Sha256::digest(&text)),
+    })
 }
 
 /// Grows a model on another thread and shows its progress; stops it when interrupted.

@@ -102,7 +102,7 @@ mod tests {
             spec: ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap(),
             seed: 1,
             backend,
-            outputs: vec![Output::Glb],
+            outputs: vec![Output::Glb].into(),
             dir: dir.path().into(),
             memory_limit_bytes: None,
         };

@@ -10,6 +10,7 @@ mod client;
 mod compare;
 mod config;
 mod connections;
+mod convert;
 mod demo;
 mod exit;
 mod figures;
@@ -94,6 +95,7 @@ async fn dispatch(command: Command) -> Ended {
         Command::Submit(args) => submit::run(args).await,
         Command::Load(args) => load::run(args).await,
         Command::Check(args) => check::run(args).await,
+        Command::Convert(args) => convert::run(args).await,
         Command::Render(args) => render::run(args).await,
         Command::Report(args) => report::run(args).await,
         Command::Fit(args) => fit::run(args).await,

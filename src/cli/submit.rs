@@ -63,7 +63,8 @@ pub(super) async fn run(args: SubmitArgs) -> Ended {
 /// The body of a request for the model that the options describe.
 pub(super) fn request(args: &ModelArgs) -> Result<Value, Failure> {
     let mut body = json!({
-        "preset": args.of.preset, "spec": model::patch(&args.of)?, "outputs": args.outputs, "backend": args.backend,
+        "preset": args.of.preset, "spec": model::patch(&args.of)?, "outputs": args.outputs().formats,
+        "bodies": args.outputs().bodies, "units": args.outputs().units, "backend": args.backend,
     });
     if let Some(seed) = args.of.seed {
         body["seed"] = json!(seed);

@@ -22,6 +22,11 @@ pub fn ply(bytes: &[u8]) {
     surface(bytes, Format::Ply);
 }
 
+/// VTK XML.
+pub fn vtp(bytes: &[u8]) {
+    surface(bytes, Format::Vtp);
+}
+
 /// Triangles name vertices that exist, and groups triangles; groups follow each other. A refusal is short.
 fn surface(bytes: &[u8], format: Format) {
     match parse(bytes, format, None) {

@@ -1,7 +1,10 @@
-//! Files: writers of models and sections over [`std::io::Write`], and readers of surfaces in common formats.
+//! Files: writers of surfaces and sections over [`std::io::Write`], and readers of surfaces in common formats.
 //!
 //! No writer reads a clock or draws a random number: the same input gives the same bytes.
 
+pub mod centreline;
+mod chunks;
+pub mod convert;
 #[cfg(feature = "fuzzing")]
 #[doc(hidden)]
 pub mod fuzzing;
@@ -9,10 +12,17 @@ pub mod glb;
 pub mod hashing;
 pub mod labels;
 pub mod lod;
+mod normals;
 pub mod obj;
+pub mod ply;
 pub mod read;
 pub mod sections_bin;
+pub mod shape;
+pub mod stl;
 pub mod svg;
+pub mod vtp;
+
+pub use shape::{AXES, NamedPatch, Shape};
 
 use serde::{Deserialize, Serialize};
 

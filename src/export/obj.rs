@@ -1,11 +1,12 @@
-//! Wavefront OBJ: text, metres, shared vertices, one group per patch.
+//! Wavefront OBJ: text, shared vertices, one group per patch.
 //!
 //! Positions are the shortest decimals that read back as the same 32-bit floats. Normals are left out: they
 //! would double the size, and readers compute them. Material names (`usemtl`) are written without a material library;
 //! readers use them as labels.
 
-use super::{CITATION, Metadata};
-use crate::model::Mesh;
+use super::CITATION;
+use super::shape::{AXES, Shape};
+use crate::model::LengthUnit;
 use std::io::{self, Write};
 
 /// Media type of the file.
@@ -14,32 +15,40 @@ pub const MEDIA_TYPE: &str = "model/obj";
 /// Text is written in pieces of about this size.
 const CHUNK: usize = 1 << 16;
 
-/// Writes a mesh as OBJ.
+/// Writes a surface as OBJ.
 ///
 /// # Errors
 /// Those of `out`.
-pub fn write_obj(mesh: &Mesh, meta: &Metadata, out: &mut impl Write) -> io::Result<()> {
+pub fn write_obj(shape: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
     let mut text = Vec::with_capacity(CHUNK + 256);
-    writeln!(text, "# generator: oviduct {}", meta.engine)?;
-    writeln!(text, "# method: {CITATION}")?;
-    writeln!(text, "# units: metres; axes: right-handed, y up, z along the tube from isthmus to ampulla")?;
-    writeln!(text, "# preset: {}", one_line(&meta.preset))?;
-    writeln!(text, "# seed: {}", meta.seed)?;
-    writeln!(text, "# digest: {}", one_line(&meta.digest))?;
-    writeln!(text, "# length_mm: {}", meta.length_mm)?;
-    writeln!(text, "# body: {}", mesh.body.name())?;
-    writeln!(text, "# sections: {}", meta.sections)?;
-    writeln!(text, "# vertices: {}", mesh.positions.len())?;
-    writeln!(text, "# triangles: {}", mesh.triangles.len())?;
-    writeln!(text, "o {}", mesh.body.name())?;
-    for [x, y, z] in &mesh.positions {
+    let unit = match shape.unit {
+        LengthUnit::Metre => "metres",
+        unit => unit.name(),
+    };
+    writeln!(text, "# generator: {}", shape.generator())?;
+    if let Some(meta) = shape.meta {
+        writeln!(text, "# method: {CITATION}")?;
+        writeln!(text, "# units: {unit}; axes: {AXES}")?;
+        writeln!(text, "# preset: {}", one_line(&meta.preset))?;
+        writeln!(text, "# seed: {}", meta.seed)?;
+        writeln!(text, "# digest: {}", one_line(&meta.digest))?;
+        writeln!(text, "# length_mm: {}", meta.length_mm)?;
+        writeln!(text, "# body: {}", shape.name)?;
+        writeln!(text, "# sections: {}", meta.sections)?;
+    } else {
+        writeln!(text, "# units: {unit}")?;
+    }
+    writeln!(text, "# vertices: {}", shape.positions.len())?;
+    writeln!(text, "# triangles: {}", shape.triangles.len())?;
+    writeln!(text, "o {}", one_word(shape.name))?;
+    for [x, y, z] in shape.positions {
         writeln!(text, "v {x} {y} {z}")?;
         flush_chunk(&mut text, out)?;
     }
-    for patch in &mesh.patches {
-        let name = patch.kind.name();
+    for patch in &shape.patches {
+        let name = one_word(patch.name);
         writeln!(text, "g {name}\nusemtl {name}")?;
-        for [a, b, c] in &mesh.triangles[patch.triangles.clone()] {
+        for [a, b, c] in shape.triangles_of(patch) {
             text.extend_from_slice(b"f");
             for index in [a, b, c] {
                 text.push(b' ');
@@ -76,20 +85,25 @@ fn push_number(text: &mut Vec<u8>, mut number: u64) {
 }
 
 /// Free text without line ends, for a comment line.
-fn one_line(text: &str) -> String {
+pub(super) fn one_line(text: &str) -> String {
     text.replace(['\n', '\r'], " ")
+}
+
+/// A name without spaces: most readers end a name at the first.
+pub(super) fn one_word(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join("_")
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::export::tests::meta;
-    use crate::model::{Patch, PatchKind, sample};
+    use crate::model::{Mesh, Patch, PatchKind, sample};
     use proptest::prelude::*;
 
     fn obj(mesh: &Mesh) -> String {
         let mut file = Vec::new();
-        write_obj(mesh, &meta(), &mut file).unwrap();
+        write_obj(&Shape::of(mesh, &meta()), &mut file).unwrap();
         String::from_utf8(file).unwrap()
     }
 

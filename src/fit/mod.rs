@@ -111,7 +111,7 @@ fn models(
         spec: spec.clone(),
         seed,
         backend: Backend::Cpu,
-        outputs: Vec::new(),
+        outputs: Vec::new().into(),
         dir: dir.join(format!("model-{seed}")),
         memory_limit_bytes,
     };

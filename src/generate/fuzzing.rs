@@ -24,7 +24,7 @@ static REQUEST: LazyLock<Request> = LazyLock::new(|| {
         spec: spec.expect("the preset exists").expect("the patch is valid"),
         seed: 7,
         backend: Backend::CpuSingle,
-        outputs: Vec::new(),
+        outputs: Vec::new().into(),
         dir: ".".into(),
         memory_limit_bytes: None,
     }

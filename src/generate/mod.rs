@@ -13,14 +13,20 @@ mod files;
 pub mod fuzzing;
 mod grow;
 mod labels;
+mod manifest;
+mod outputs;
 mod pace;
+mod surfaces;
 mod types;
 mod warnings;
 
 pub use batch::{Member, generate_batch};
 pub use checkpoint::{Checkpoint, CheckpointError};
+pub use files::write_surface;
+pub use manifest::{Licence, MANIFEST, Manifest, ManifestFile, Origin};
+pub use outputs::{Output, Outputs};
 pub use types::{
-    Backend, CancelToken, FileOutput, Findings, GenerateError, Outcome, Output, Progress, Request, Seconds, Sink, Stage,
+    Backend, CancelToken, FileOutput, Findings, GenerateError, Outcome, Progress, Request, Seconds, Sink, Stage,
 };
 
 use crate::clock::Stopwatch;
@@ -31,6 +37,7 @@ use crate::spec::preset;
 use grow::Grown;
 use pace::Pace;
 use serde_json::json;
+use surfaces::Surfaces;
 
 /// Grows, certifies and writes one model on the CPU; for a GPU see [`generate_batch`].
 ///
@@ -116,16 +123,18 @@ fn finish(
     stage(Stage::Mesh);
     let watch = Stopwatch::start();
     let mesh = grown.lofter.finish().map_err(grow::unsound)?;
+    let surfaces = Surfaces::new(&mesh, &request.outputs).map_err(grow::unsound)?;
     seconds.mesh = grown.loft_seconds + watch.seconds();
     stop_if_cancelled(cancel)?;
 
     stage(Stage::Certify);
     let watch = Stopwatch::start();
     let certificate = measure::certify(&mesh, &grown.sections);
-    seconds.certify = watch.seconds();
     if let Some(detail) = certificate.first_failure() {
         return Err(GenerateError::Certificate { detail });
     }
+    let others = surfaces.certify(certificate.volume_mm3)?;
+    seconds.certify = watch.seconds();
     stop_if_cancelled(cancel)?;
 
     stage(Stage::Measure);
@@ -164,8 +173,8 @@ fn finish(
     });
     let certificate = serde_json::to_value(&certificate)
         .map_err(|e| GenerateError::Io { name: files::REPORT.into(), source: e.into() })?;
-    let findings = Findings { summary, certificate, morphometry, comparison };
-    let files = files::write(request, &mesh, &grown.sections, &findings, cancel)?;
+    let findings = Findings { summary, certificate, surfaces: others, morphometry, comparison };
+    let files = files::write(request, &surfaces, &grown.sections, &findings, cancel)?;
     seconds.export = watch.seconds();
     stop_if_cancelled(cancel)?;
     seconds.total = ran.total.seconds();
@@ -173,8 +182,7 @@ fn finish(
 }
 
 fn check_memory(request: &Request) -> Result<(), GenerateError> {
-    let outputs: Vec<&str> = request.outputs.iter().map(|o| o.name()).collect();
-    let needed = request.spec.cost(&outputs).memory_bytes;
+    let needed = request.spec.cost(&request.outputs.names()).memory_bytes;
     match request.memory_limit_bytes {
         Some(limit) if needed > limit => Err(GenerateError::Memory { needed, limit }),
         _ => Ok(()),

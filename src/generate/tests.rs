@@ -3,6 +3,7 @@
 mod random;
 
 use super::*;
+use crate::model::{BodyKind, LengthUnit};
 use crate::spec::{ModelSpec, preset};
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -26,7 +27,7 @@ pub(super) fn request(spec: ModelSpec, backend: Backend, dir: &std::path::Path) 
         spec,
         seed: 7,
         backend,
-        outputs: Output::ALL.to_vec(),
+        outputs: Outputs { formats: Output::ALL.to_vec(), bodies: BodyKind::ALL.to_vec(), units: None },
         dir: dir.into(),
         memory_limit_bytes: None,
     }
@@ -42,7 +43,8 @@ fn hashes(spec: ModelSpec, backend: Backend, threads: usize) -> BTreeMap<String,
 #[test]
 fn bytes_do_not_depend_on_threads_or_backend() {
     let one = hashes(small(&json!({})), Backend::CpuSingle, 1);
-    assert_eq!(one.len(), 9, "glb, obj, three levels, two label volumes, sections.bin, report.json: {one:?}");
+    let kinds = "three bodies in eight files, centre line, levels, labels, sections.bin, report.json";
+    assert_eq!(one.len(), 3 * 8 + 2 + 3 + 2 + 2, "{kinds}: {one:?}");
     assert_eq!(one, hashes(small(&json!({})), Backend::Cpu, 1));
     assert_eq!(one, hashes(small(&json!({})), Backend::Auto, 2));
     assert_eq!(one, hashes(small(&json!({})), Backend::Cpu, 5));
@@ -113,7 +115,7 @@ fn the_report_states_the_levels_if_they_were_asked_for() {
     let report = |outputs: &[Output]| -> (serde_json::Value, u64, u64) {
         let dir = tempfile::tempdir().unwrap();
         let mut request = request(small(&json!({})), Backend::Cpu, dir.path());
-        request.outputs = outputs.to_vec();
+        request.outputs = outputs.to_vec().into();
         let outcome = generate(&request, &(), &CancelToken::default()).unwrap();
         let written: u64 =
             outcome.files.iter().filter(|f| Output::Lod.files().contains(&&*f.name)).map(|f| f.bytes).sum();
@@ -135,7 +137,7 @@ fn a_label_volume_has_the_piece_that_was_asked_for_and_about_the_predicted_size(
     let dir = tempfile::tempdir().unwrap();
     let labels = json!({ "labels": { "from": 0.25, "to": 0.75, "slice_um": 500, "voxel_um": 8 } });
     let mut request = request(small(&labels), Backend::Cpu, dir.path());
-    request.outputs = vec![Output::Labels];
+    request.outputs = vec![Output::Labels].into();
     let outcome = generate(&request, &(), &CancelToken::default()).unwrap();
     let report: serde_json::Value =
         serde_json::from_slice(&std::fs::read(dir.path().join("report.json")).unwrap()).unwrap();
@@ -220,4 +222,57 @@ fn a_model_of_one_step_has_two_sections() {
     assert_eq!((&figures["sections"], &figures["certificate"]["passed"]), (&json!(2), &json!(true)));
     assert_eq!(figures["certificate"]["min_angle_deg"], outcome.findings.certificate["min_angle_deg"]);
     assert_eq!((figures["certificate"].get("bodies"), outcome.findings.summary.get("certificate")), (None, None));
+}
+
+#[test]
+fn bodies_are_certified_alone_and_together_in_each_unit() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut request = request(small(&json!({})), Backend::Cpu, dir.path());
+    let surfaces = |request: &Request| -> Vec<serde_json::Value> {
+        generate(request, &(), &CancelToken::default()).unwrap().findings.surfaces
+    };
+    let named = |found: &[serde_json::Value]| -> Vec<String> {
+        assert!(found.iter().all(|surface| surface["certificate"]["passed"] == true), "{found:?}");
+        found.iter().map(|s| format!("{} {}", s["body"].as_str().unwrap(), s["unit"].as_str().unwrap())).collect()
+    };
+    request.outputs = vec![Output::Glb, Output::Obj].into();
+    assert_eq!(named(&surfaces(&request)), [""; 0], "the tissue in metres has the certificate of the model");
+    request.outputs.formats = vec![Output::Stl];
+    assert_eq!(named(&surfaces(&request)), ["tissue mm"]);
+    request.outputs = Outputs { formats: vec![Output::Ply], bodies: vec![BodyKind::Lumen], units: None };
+    assert_eq!(named(&surfaces(&request)), ["lumen m", "regions m", "lumen mm"]);
+    request.outputs.units = Some(LengthUnit::Micrometre);
+    request.outputs.bodies = vec![BodyKind::Regions];
+    let found = surfaces(&request);
+    assert_eq!(named(&found), ["lumen m", "regions m", "tissue um", "lumen um", "regions um"]);
+    let volume = |i: usize| found[i]["certificate"]["volume_mm3"].as_f64().unwrap();
+    assert!((volume(0) / volume(3) - 1.0).abs() < 1e-6 && (volume(1) / volume(4) - 1.0).abs() < 1e-6);
+    assert!((volume(2) + volume(3)) / volume(4) - 1.0 < 1e-12);
+    assert_eq!(found[1]["certificate"]["triangle_intersections"], 0);
+}
+
+#[test]
+fn files_have_about_the_predicted_size() {
+    let dir = tempfile::tempdir().unwrap();
+    let request = request(small(&json!({})), Backend::Cpu, dir.path());
+    let outcome = generate(&request, &(), &CancelToken::default()).unwrap();
+    let predicted = request.spec.cost(&request.outputs.names()).bytes;
+    for output in [
+        Output::Glb,
+        Output::Gltf,
+        Output::Obj,
+        Output::Stl,
+        Output::StlAscii,
+        Output::Ply,
+        Output::Vtp,
+        Output::Centreline,
+    ] {
+        let one = Outputs { formats: vec![output], ..request.outputs.clone() };
+        let written: u64 = outcome.files.iter().filter(|f| one.files().contains(&f.name)).map(|f| f.bytes).sum();
+        let expected = predicted[output.name()];
+        assert!(
+            written < expected + expected / 4 && expected < written + written / 4,
+            "{output:?}: {written}, predicted {expected}"
+        );
+    }
 }

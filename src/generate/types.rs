@@ -1,6 +1,6 @@
 //! Inputs and results of a generation.
 
-use crate::export::{labels, lod};
+use super::outputs::Outputs;
 use crate::measure::comparison::Comparison;
 use crate::measure::morphometry::Morphometry;
 use crate::model::Section;
@@ -36,56 +36,6 @@ impl Backend {
             Self::Cpu => "cpu",
             Self::CpuSingle => "cpu-single",
         }
-    }
-}
-
-/// A format of the model: one file, or several.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, utoipa::ToSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum Output {
-    /// Binary glTF.
-    Glb,
-    /// Wavefront OBJ.
-    Obj,
-    /// Levels of detail for viewers: three binary glTF files with all, about 300,000 and about 60,000 triangles, quantized
-    /// and compressed.
-    Lod,
-    /// The tissue of every voxel of a piece of the tube (`/labels` of the spec) as OME-TIFF and NIfTI-1.
-    Labels,
-}
-
-impl Output {
-    /// All formats.
-    pub const ALL: [Self; 4] = [Self::Glb, Self::Obj, Self::Lod, Self::Labels];
-    /// What is written if a request does not say.
-    pub const DEFAULT: [Self; 2] = [Self::Glb, Self::Lod];
-
-    /// Its name in requests.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Glb => "glb",
-            Self::Obj => "obj",
-            Self::Lod => "lod",
-            Self::Labels => "labels",
-        }
-    }
-
-    /// The names of its files.
-    #[must_use]
-    pub fn files(self) -> &'static [&'static str] {
-        match self {
-            Self::Glb => &["model.glb"],
-            Self::Obj => &["model.obj"],
-            Self::Lod => &lod::FILES,
-            Self::Labels => &labels::FILES,
-        }
-    }
-
-    /// The format that a file belongs to; `None` for files that are always written.
-    #[must_use]
-    pub fn of_file(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|output| output.files().contains(&name))
     }
 }
 
@@ -174,8 +124,8 @@ pub struct Request {
     pub seed: u64,
     /// The backend.
     pub backend: Backend,
-    /// Formats to write besides `sections.bin` and `report.json`, which are always written.
-    pub outputs: Vec<Output>,
+    /// What to write besides `sections.bin` and `report.json`, which are always written.
+    pub outputs: Outputs,
     /// Existing folder for the files.
     pub dir: PathBuf,
     /// Limit of the predicted memory; above it generation fails with [`GenerateError::Memory`].
@@ -237,6 +187,9 @@ pub struct Findings {
     pub summary: serde_json::Value,
     /// The certificate as JSON.
     pub certificate: serde_json::Value,
+    /// The certificates of the other surfaces that are written: bodies and units besides the tissue in metres. Objects with
+    /// `body`, `unit` and `certificate`.
+    pub surfaces: Vec<serde_json::Value>,
     /// What its sections measure.
     pub morphometry: Morphometry,
     /// The measures beside published ones; none if the model is of no known preset.

@@ -27,16 +27,24 @@ pub struct PatchGeometry {
 /// If the patch is not one of this mesh: its range or the indices of its triangles are out of bounds.
 #[must_use]
 pub fn patch_geometry(mesh: &Mesh, patch: &Patch) -> PatchGeometry {
+    part_geometry(&mesh.positions, &mesh.triangles[patch.triangles.clone()])
+}
+
+/// Takes triangles out of a surface, as [`patch_geometry`] does.
+///
+/// # Panics
+/// If an index is out of bounds.
+#[must_use]
+pub fn part_geometry(positions: &[[f32; 3]], source: &[[u32; 3]]) -> PatchGeometry {
     const UNUSED: u32 = u32::MAX;
-    let source = &mesh.triangles[patch.triangles.clone()];
-    let mut local_of = vec![UNUSED; mesh.positions.len()];
+    let mut local_of = vec![UNUSED; positions.len()];
     // A surface has about half as many vertices as triangles.
-    let expected = mesh.positions.len().min(source.len() / 2 + source.len() / 16 + 3);
+    let expected = positions.len().min(source.len() / 2 + source.len() / 16 + 3);
     let mut vertices = Vec::with_capacity(expected);
     let mut sums: Vec<[f64; 3]> = Vec::with_capacity(expected);
     let mut triangles = Vec::with_capacity(source.len());
     for triangle in source {
-        let normal = doubled_area_normal(triangle.map(|v| mesh.positions[v as usize]));
+        let normal = doubled_area_normal(triangle.map(|v| positions[v as usize]));
         let local = triangle.map(|v| {
             let slot = &mut local_of[v as usize];
             if *slot == UNUSED {

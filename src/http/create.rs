@@ -83,7 +83,7 @@ pub(super) fn find_preset(request: &ModelRequest, faults: &mut Faults) -> Option
 
 /// The predicted cost of a model with the outputs of the request.
 pub(super) fn cost(request: &ModelRequest, spec: &ModelSpec) -> Cost {
-    spec.cost(&request.outputs.iter().map(|output| output.name()).collect::<Vec<_>>())
+    spec.cost(&request.outputs.names())
 }
 
 pub(super) fn too_much(cost: &Cost, over: &[OverLimit]) -> Problem {

@@ -9,6 +9,7 @@ use super::shapes::Summary;
 use super::study::BatchStudy;
 use crate::generate::{Output, Progress, Stage};
 use crate::jobs::{BackendReport, Job, JobProgress, LiveSection, Priority, Status, WorkerInfo, WorkerState};
+use crate::model::{BodyKind, LengthUnit};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -34,6 +35,10 @@ pub struct Model {
     pub seed: u64,
     /// Requested file formats.
     pub outputs: Vec<Output>,
+    /// Bodies whose surfaces are written.
+    pub bodies: Vec<BodyKind>,
+    /// Unit of the formats that have a choice; null: the habit of each.
+    pub units: Option<LengthUnit>,
     /// Labels.
     pub labels: BTreeMap<String, String>,
     /// Of the queued models, those of higher priority are started first.
@@ -143,7 +148,9 @@ impl Model {
             version: job.version,
             preset: job.preset.clone(),
             seed: job.seed,
-            outputs: job.outputs.clone(),
+            outputs: job.outputs.formats.clone(),
+            bodies: job.outputs.bodies.clone(),
+            units: job.outputs.units,
             labels: job.labels.clone(),
             priority: job.priority,
             owner: job.owner.clone(),

@@ -81,7 +81,8 @@ fn short(problem: &Problem) {
 /// The members of a request as they were understood.
 pub(super) fn members(request: &ModelRequest) -> Value {
     json!({
-        "preset": request.preset, "spec": request.spec, "outputs": request.outputs, "backend": request.backend,
+        "preset": request.preset, "spec": request.spec, "outputs": request.outputs.formats, "bodies": request.outputs.bodies,
+        "units": request.outputs.units, "backend": request.backend,
         "labels": request.labels, "priority": request.priority.get(), "reuse": request.reuse,
     })
 }

@@ -32,6 +32,7 @@ mod host;
 mod interest;
 mod json;
 mod links;
+mod manifest;
 mod many;
 mod metrics;
 mod models;

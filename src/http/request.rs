@@ -3,8 +3,9 @@
 //! The schema of a request is beside its checks; a test compares the two.
 
 use super::faults::{Fault, Faults};
-use crate::generate::{Backend, Output};
+use crate::generate::{Backend, Output, Outputs};
 use crate::jobs::Priority;
+use crate::model::{BodyKind, LengthUnit};
 use crate::spec::DEFAULT_PRESET;
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value, json};
@@ -12,7 +13,7 @@ use std::collections::BTreeMap;
 
 /// Greatest seed: 2^53 − 1, the greatest integer that all JSON readers represent exactly.
 pub const SEED_MAX: u64 = (1 << 53) - 1;
-/// Most members of `outputs`: more than there are formats, so that each invalid one of a short list is named.
+/// Most members of `outputs` and of `bodies`: more than there are formats, so that each invalid one of a short list is named.
 const OUTPUTS_MAX: usize = 16;
 /// Most labels of a model.
 pub(super) const LABELS_MAX: usize = 16;
@@ -21,7 +22,8 @@ pub(super) const LABEL_KEY_MAX: usize = 64;
 /// Longest value of a label, in characters.
 pub(super) const LABEL_VALUE_MAX: usize = 256;
 
-const MEMBERS: [&str; 8] = ["preset", "seed", "spec", "outputs", "backend", "labels", "priority", "reuse"];
+const MEMBERS: [&str; 10] =
+    ["preset", "seed", "spec", "outputs", "bodies", "units", "backend", "labels", "priority", "reuse"];
 
 /// A request whose members are well formed. The spec is checked later, by resolving it on the preset.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,7 +31,7 @@ pub(super) struct ModelRequest {
     pub(super) preset: String,
     pub(super) seed: Option<u64>,
     pub(super) spec: Value,
-    pub(super) outputs: Vec<Output>,
+    pub(super) outputs: Outputs,
     pub(super) backend: Backend,
     pub(super) labels: BTreeMap<String, String>,
     pub(super) priority: Priority,
@@ -57,7 +59,7 @@ impl ModelRequest {
             preset: members.get("preset").map_or_else(|| DEFAULT_PRESET.to_owned(), |v| text(v, "/preset", faults)),
             seed: members.get("seed").filter(|_| known.contains(&"seed")).and_then(|v| seed(v, "/seed", faults)),
             spec: members.get("spec").map_or_else(|| json!({}), |v| spec(v, faults)),
-            outputs: members.get("outputs").map_or_else(|| Output::DEFAULT.to_vec(), |v| outputs(v, faults)),
+            outputs: outputs(members, faults),
             backend: members
                 .get("backend")
                 .map_or(Backend::Auto, |v| choice(v, "/backend", faults).unwrap_or_default()),
@@ -80,6 +82,11 @@ impl ModelRequest {
                 "spec": { "$ref": "#/components/schemas/SpecPatch" },
                 "outputs": { "type": "array", "uniqueItems": true, "items": { "$ref": "#/components/schemas/Output" },
                     "default": Output::DEFAULT, "description": "File formats. `sections.bin` and `report.json` are always written." },
+                "bodies": { "type": "array", "uniqueItems": true, "minItems": 1,
+                    "items": { "$ref": "#/components/schemas/Body" }, "default": [BodyKind::Tissue],
+                    "description": "The bodies whose surfaces are written in each format that holds one: `tissue` as `model.*`, `lumen` as `lumen.*`, `regions` (both, with their common wall once) as `regions.*`." },
+                "units": { "anyOf": [{ "$ref": "#/components/schemas/LengthUnit" }, { "type": "null" }],
+                    "description": "Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres." },
                 "backend": { "$ref": "#/components/schemas/Backend" },
                 "labels": { "type": "object", "maxProperties": LABELS_MAX,
                     "description": "Names and values of the client's own, to find models by.",
@@ -151,25 +158,42 @@ fn choice<T: DeserializeOwned>(value: &Value, pointer: &str, faults: &mut Faults
     serde_json::from_value(name.into()).map_err(|e| faults.push(Fault::at(pointer, e.to_string()))).ok()
 }
 
-fn outputs(value: &Value, faults: &mut Faults) -> Vec<Output> {
+fn outputs(members: &Map<String, Value>, faults: &mut Faults) -> Outputs {
+    let default = Outputs::default();
+    let bodies = members.get("bodies").map_or(default.bodies, |value| {
+        if value.as_array().is_some_and(Vec::is_empty) {
+            faults.push(Fault::at("/bodies", "must name at least one body"));
+        }
+        distinct::<BodyKind>(value, "/bodies", faults)
+    });
+    Outputs {
+        formats: members.get("outputs").map_or(default.formats, |value| distinct::<Output>(value, "/outputs", faults)),
+        bodies,
+        units: (members.get("units").filter(|value| !value.is_null()))
+            .and_then(|value| choice::<LengthUnit>(value, "/units", faults)),
+    }
+}
+
+/// A list of different names.
+fn distinct<T: DeserializeOwned + PartialEq>(value: &Value, pointer: &str, faults: &mut Faults) -> Vec<T> {
     let Some(items) = value.as_array() else {
-        faults.push(Fault::at("/outputs", format!("must be an array, not {}", describe(value))));
+        faults.push(Fault::at(pointer, format!("must be an array, not {}", describe(value))));
         return Vec::new();
     };
     if items.len() > OUTPUTS_MAX {
-        faults.push(Fault::at("/outputs", format!("may have at most {OUTPUTS_MAX} members, not {}", items.len())));
+        faults.push(Fault::at(pointer, format!("may have at most {OUTPUTS_MAX} members, not {}", items.len())));
         return Vec::new();
     }
-    let mut outputs = Vec::new();
+    let mut found = Vec::new();
     for (i, item) in items.iter().enumerate() {
-        let pointer = format!("/outputs/{i}");
+        let pointer = format!("{pointer}/{i}");
         match choice(item, &pointer, faults) {
-            Some(output) if outputs.contains(&output) => faults.push(Fault::at(pointer, "is given more than once")),
-            Some(output) => outputs.push(output),
+            Some(item) if found.contains(&item) => faults.push(Fault::at(pointer, "is given more than once")),
+            Some(item) => found.push(item),
             None => {}
         }
     }
-    outputs
+    found
 }
 
 pub(super) fn labels(value: &Value, faults: &mut Faults) -> BTreeMap<String, String> {
@@ -249,7 +273,7 @@ mod tests {
         assert_eq!(request.preset, DEFAULT_PRESET);
         assert_eq!(
             (request.seed, request.outputs, request.backend, request.reuse),
-            (None, vec![Output::Glb, Output::Lod], Backend::Auto, true)
+            (None, Outputs::default(), Backend::Auto, true)
         );
     }
 
@@ -320,6 +344,21 @@ mod tests {
         let labels = |n: usize| json!({"labels": (0..n).map(|i| (i.to_string(), json!("x"))).collect::<Map<_, _>>()});
         assert_eq!(read(&labels(16)).unwrap().labels.len(), 16);
         assert_eq!(read(&labels(17)).unwrap_err(), ["/labels"]);
+    }
+
+    #[test]
+    fn bodies_and_units_are_read_and_faults_named() {
+        let outputs =
+            read(&json!({ "outputs": ["stl"], "bodies": ["lumen", "tissue"], "units": "um" })).unwrap().outputs;
+        let bodies = vec![BodyKind::Lumen, BodyKind::Tissue];
+        assert_eq!(outputs, Outputs { formats: vec![Output::Stl], bodies, units: Some(LengthUnit::Micrometre) });
+        assert_eq!(read(&json!({ "units": null })).unwrap().outputs, Outputs::default());
+        let wrong = json!({ "bodies": ["lumen", "lumen", "air", 3], "units": "inch" });
+        assert_eq!(read(&wrong).unwrap_err(), ["/bodies/1", "/bodies/2", "/bodies/3", "/units"]);
+        for (bodies, places) in [(json!([]), ["/bodies"]), (json!("lumen"), ["/bodies"])] {
+            assert_eq!(read(&json!({ "bodies": bodies })).unwrap_err(), places);
+        }
+        assert_eq!(read(&json!({ "units": 3 })).unwrap_err(), ["/units"]);
     }
 
     #[test]

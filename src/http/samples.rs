@@ -15,7 +15,7 @@ pub(super) fn job() -> Job {
         preset: "pig".into(),
         seed: 7,
         spec: json!({}),
-        outputs: vec![],
+        outputs: Vec::new().into(),
         labels: Default::default(),
         priority: Default::default(),
         trace: None,

@@ -2,9 +2,10 @@
 #![expect(dead_code, reason = "describes JSON; only its schema is used")]
 
 use super::responses::{CertificateFigures, ParameterValue, SpecPatch};
-use crate::measure::Certificate;
 use crate::measure::comparison::Comparison;
 use crate::measure::morphometry::Morphometry;
+use crate::measure::{Certificate, RegionsCertificate};
+use crate::model::{BodyKind, LengthUnit};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -96,6 +97,28 @@ pub(super) struct StoredReport {
     /// report, and the files that it asked for.
     #[schema(required = false)]
     levels: Vec<DetailLevel>,
+    /// The other surfaces that are written: lumen, both bodies together, and what is written in other units than metres.
+    #[schema(required = false)]
+    surfaces: Vec<OtherSurface>,
+}
+
+/// A surface besides the tissue in metres, certified in the coordinates that are written.
+#[derive(ToSchema)]
+pub(super) struct OtherSurface {
+    /// Its body.
+    body: BodyKind,
+    /// Unit of its files.
+    unit: LengthUnit,
+    /// What is proved of it.
+    certificate: OtherCertificate,
+}
+
+/// The certificate of one body, or of both together.
+#[derive(Serialize, ToSchema)]
+#[serde(untagged)]
+enum OtherCertificate {
+    Body(Certificate),
+    Regions(RegionsCertificate),
 }
 
 /// A level of detail.

@@ -1,7 +1,7 @@
 //! The record of a job.
 
 use crate::fit::FitProgress;
-use crate::generate::{Backend, Output, Progress};
+use crate::generate::{Backend, Outputs, Progress};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -254,8 +254,8 @@ pub struct NewJob {
     pub seed: u64,
     /// The resolved spec in canonical form.
     pub spec: serde_json::Value,
-    /// Formats.
-    pub outputs: Vec<Output>,
+    /// What to write.
+    pub outputs: Outputs,
     /// Backend asked for.
     pub backend: Backend,
     /// Labels.
@@ -296,7 +296,7 @@ impl NewJob {
             preset: "pig".into(),
             seed,
             spec: serde_json::json!({}),
-            outputs: vec![Output::Glb],
+            outputs: vec![crate::generate::Output::Glb].into(),
             backend: Backend::Auto,
             labels: BTreeMap::new(),
             priority: Priority::default(),
@@ -333,8 +333,8 @@ pub struct Job {
     pub seed: u64,
     /// The resolved spec in canonical form.
     pub spec: serde_json::Value,
-    /// Formats asked for.
-    pub outputs: Vec<Output>,
+    /// The files asked for.
+    pub outputs: Outputs,
     /// Labels.
     pub labels: BTreeMap<String, String>,
     /// How urgent it is.

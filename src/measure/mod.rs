@@ -6,5 +6,6 @@ pub mod micrograph;
 pub mod morphometry;
 
 pub use certificate::{
-    Certificate, CheckOptions, Component, Failure, FailureKind, Place, certify, certify_soup, check_surface,
+    BothCertificate, Certificate, CheckOptions, Component, Failure, FailureKind, Place, RegionsCertificate, certify,
+    certify_body, certify_regions, certify_soup, check_regions, check_surface,
 };

@@ -109,6 +109,12 @@ pub enum LoftError {
         /// Why.
         source: TriangulateError,
     },
+    /// The cap of an end has no rim at the inner wall that a lid could close.
+    #[error("the {end} end has no closed rim around the lumen")]
+    Rim {
+        /// `isthmus` or `ampulla`.
+        end: &'static str,
+    },
     /// More vertices than allowed, or than 32-bit indices can address.
     #[error(
         "the surface would have more than {most} vertices: its walls meet in so many places that too many sections \

@@ -10,6 +10,7 @@
 //! in shared vertices and edges.
 
 mod align;
+mod bodies;
 mod contact;
 mod draft;
 mod error;
@@ -22,6 +23,7 @@ mod synthetic;
 #[cfg(test)]
 mod tests;
 
+pub use bodies::{lumen, regions};
 pub use draft::draft;
 pub use error::{LoftError, Wall};
 pub use loft::{Accepted, Lofter};

@@ -1,30 +1,51 @@
 //! The exported surface: indexed triangles in metres, grouped in named patches.
 
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::ops::Range;
 
-/// The closed body that a mesh bounds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// The closed body, or bodies, that a mesh bounds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
+#[serde(rename_all = "lowercase")]
+#[schema(as = Body)]
 pub enum BodyKind {
     /// Between the walls: a solid torus, Euler number 0.
     Tissue,
     /// Inside the inner wall, capped: Euler number 2.
     Lumen,
+    /// Both bodies, with the wall between them once: three triangles meet at the edges of its rims. Euler number 2.
+    Regions,
 }
 
 impl BodyKind {
+    /// All bodies.
+    pub const ALL: [Self; 3] = [Self::Tissue, Self::Lumen, Self::Regions];
+
     /// The name used in files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Tissue => "tissue",
             Self::Lumen => "lumen",
+            Self::Regions => "regions",
         }
     }
 
     /// The body of a name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
-        [Self::Tissue, Self::Lumen].into_iter().find(|body| body.name() == name)
+        Self::ALL.into_iter().find(|body| body.name() == name)
+    }
+
+    /// The patches of its surface, in the order of its files.
+    #[must_use]
+    pub fn patches(self) -> &'static [PatchKind] {
+        use PatchKind::{CapAmpulla, CapIsthmus, Inlet, InnerWall, OuterWall, Outlet, Wall};
+        match self {
+            Self::Tissue => &[InnerWall, OuterWall, CapIsthmus, CapAmpulla],
+            Self::Lumen => &[Wall, Inlet, Outlet],
+            Self::Regions => &[InnerWall, OuterWall, CapIsthmus, CapAmpulla, Inlet, Outlet],
+        }
     }
 
     /// Euler number of a sound surface of this body.
@@ -32,7 +53,71 @@ impl BodyKind {
     pub fn euler(self) -> i64 {
         match self {
             Self::Tissue => 0,
-            Self::Lumen => 2,
+            Self::Lumen | Self::Regions => 2,
+        }
+    }
+}
+
+/// A unit of length of files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
+pub enum LengthUnit {
+    /// Metres.
+    #[serde(rename = "m")]
+    Metre,
+    /// Millimetres.
+    #[serde(rename = "mm")]
+    Millimetre,
+    /// Micrometres.
+    #[serde(rename = "um")]
+    Micrometre,
+}
+
+impl LengthUnit {
+    /// All units.
+    pub const ALL: [Self; 3] = [Self::Metre, Self::Millimetre, Self::Micrometre];
+
+    /// The name used in files and requests.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Metre => "m",
+            Self::Millimetre => "mm",
+            Self::Micrometre => "um",
+        }
+    }
+
+    /// The unit of a name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|unit| unit.name() == name)
+    }
+
+    /// How many there are in a metre.
+    #[must_use]
+    pub fn per_metre(self) -> f64 {
+        match self {
+            Self::Metre => 1.0,
+            Self::Millimetre => 1e3,
+            Self::Micrometre => 1e6,
+        }
+    }
+
+    /// Its length in metres.
+    #[must_use]
+    pub fn metres(self) -> f64 {
+        match self {
+            Self::Metre => 1.0,
+            Self::Millimetre => 1e-3,
+            Self::Micrometre => 1e-6,
+        }
+    }
+
+    /// Positions in metres in this unit, each coordinate rounded once.
+    #[must_use]
+    pub fn of_metres(self, positions: &[[f32; 3]]) -> Cow<'_, [[f32; 3]]> {
+        match self {
+            Self::Metre => Cow::Borrowed(positions),
+            _ => positions.iter().map(|p| p.map(|x| (f64::from(x) * self.per_metre()) as f32)).collect(),
         }
     }
 }
@@ -110,4 +195,15 @@ pub struct Mesh {
     pub triangles: Vec<[u32; 3]>,
     /// The named patches, in order.
     pub patches: Vec<Patch>,
+}
+
+impl Mesh {
+    /// The triangles of a patch; none if there is no such patch.
+    #[must_use]
+    pub fn patch(&self, kind: PatchKind) -> &[[u32; 3]] {
+        self.patches
+            .iter()
+            .find(|patch| patch.kind == kind)
+            .map_or(&[], |patch| &self.triangles[patch.triangles.clone()])
+    }
 }

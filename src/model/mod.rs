@@ -3,7 +3,7 @@
 mod mesh;
 mod section;
 
-pub use mesh::{BodyKind, Mesh, Patch, PatchKind};
+pub use mesh::{BodyKind, LengthUnit, Mesh, Patch, PatchKind};
 pub use section::{Ring, Section};
 
 #[cfg(test)]

@@ -65,16 +65,28 @@ impl Size {
 
 /// Sizes by output. Binary formats follow from their layout (positions and normals of 4-byte floats, 4-byte
 /// indices; a strip has about one index per triangle); those of texts and compressed files are assumed.
-const SIZES: [Size; 8] = [
+const SIZES: [Size; 10] = [
     Size::new("glb", 4096.0, 24.0, 12.0, 4.1),
-    Size::new("gltf", 4096.0, 24.0 * 4.0 / 3.0, 12.0 * 4.0 / 3.0, 4.1 * 4.0 / 3.0),
+    Size::new("gltf", 8192.0, 24.0, 12.0, 4.1),
     Size::new("obj", 1024.0, 33.0, 24.0, 24.0),
     Size::new("stl", 84.0, 0.0, 50.0, 50.0),
-    Size::new("ply", 512.0, 24.0, 13.0, 13.0),
-    Size::new("vtp", 2048.0, 24.0, 24.0, 24.0),
+    Size::new("stl-ascii", 512.0, 0.0, 195.0, 195.0),
+    Size::new("ply", 1024.0, 24.0, 17.0, 17.0),
+    Size::new("vtp", 4096.0, 24.0, 20.0, 20.0),
+    Size::new("centreline", 4096.0, 0.0, 0.0, 0.0),
     Size::new("sections", 4096.0, 9.0, 0.0, 0.0),
     Size::new("report", 65_536.0, 0.0, 0.0, 0.0),
 ];
+
+/// Formats of which there is one set of files for each body.
+const OF_BODIES: [&str; 7] = ["glb", "gltf", "obj", "stl", "stl-ascii", "ply", "vtp"];
+
+/// Bytes of a section in both files of the centre line.
+const CENTRELINE_SECTION_BYTES: u64 = 300;
+/// Memory per vertex and triangle of the lumen and of both bodies together: positions and indices of each.
+const BODIES_BYTES: u64 = 40;
+/// Seconds per triangle for the certificates of the lumen and of both bodies together, one core; measured on the default model.
+const BODIES_SECONDS: f64 = 0.9e-6;
 
 /// Bytes of the measures of a section in the report; measured on the default model.
 const REPORT_SECTION_BYTES: u64 = 850;
@@ -124,7 +136,8 @@ pub struct Estimate {
 }
 
 impl ModelSpec {
-    /// Predicts the cost of growing this with the given outputs (names such as `glb`; unknown ones are ignored).
+    /// Predicts the cost of growing this with the given outputs: names of formats (such as `glb`) and of bodies (`tissue`, if
+    /// none is named); unknown ones are ignored.
     #[must_use]
     pub fn cost(&self, outputs: &[&str]) -> Cost {
         let steps = f64::from(self.steps);
@@ -136,13 +149,23 @@ impl ModelSpec {
         }
         vertices += particles(self.steps) - particles(0);
         let triangles = 2.0 * vertices;
+        let has = |name: &str| outputs.contains(&name);
+        let needs_lumen = has("lumen") || has("regions");
+        // The lumen has the vertices of the inner loop only.
+        let inner = 1.0 - self.particles.outer.at(1.0) / self.particles.total.at(1.0);
+        let tissues = f64::from(u8::from(has("tissue") || !needs_lumen));
+        let bodies = tissues + f64::from(u8::from(has("regions"))) + inner * f64::from(u8::from(has("lumen")));
         let size = |size: &Size| {
             let triangle = if self.mesh.strips { size.strip } else { size.triangle };
-            (size.name.to_owned(), count(size.fixed + size.vertex * vertices + triangle * triangles))
+            let of = if OF_BODIES.contains(&size.name) { bodies } else { 1.0 };
+            (size.name.to_owned(), count(of * (size.fixed + size.vertex * vertices + triangle * triangles)))
         };
         let kept = |s: &&Size| outputs.contains(&s.name) || ["sections", "report"].contains(&s.name);
         let mut bytes: BTreeMap<String, u64> = SIZES.iter().filter(kept).map(size).collect();
         bytes.entry("report".to_owned()).and_modify(|bytes| *bytes += u64::from(sections) * REPORT_SECTION_BYTES);
+        bytes
+            .entry("centreline".to_owned())
+            .and_modify(|bytes| *bytes += u64::from(sections) * CENTRELINE_SECTION_BYTES);
         if outputs.contains(&"lod") {
             bytes.insert("lod".to_owned(), count(levels_bytes(triangles)));
         }
@@ -166,8 +189,13 @@ impl ModelSpec {
                 + triangles * TRIANGLE_BYTES
                 + history
                 + simplification
+                + if needs_lumen { (vertices + triangles) * BODIES_BYTES } else { 0 }
                 + labels.as_ref().map_or(0, |labels| count(labels.memory)),
-            seconds: self.seconds(triangles, outputs.contains(&"lod"), labels.map_or(0.0, |labels| labels.seconds)),
+            seconds: {
+                #[expect(clippy::cast_precision_loss, reason = "an estimate")]
+                let lumen = if needs_lumen { triangles as f64 * BODIES_SECONDS } else { 0.0 };
+                self.seconds(triangles, has("lod"), lumen + labels.map_or(0.0, |labels| labels.seconds))
+            },
         }
     }
 
@@ -183,10 +211,11 @@ impl ModelSpec {
         }
     }
 
-    fn seconds(&self, triangles: u64, levels: bool, labels: f64) -> BTreeMap<String, Estimate> {
+    /// Seconds by backend; `more` are those of what only some requests ask for.
+    fn seconds(&self, triangles: u64, levels: bool, more: f64) -> BTreeMap<String, Estimate> {
         #[expect(clippy::cast_precision_loss, reason = "an estimate")]
-        let surface = labels
-            + triangles as f64 * (TRIANGLE_SECONDS + MEASURE_SECONDS + if levels { LEVELS_SECONDS } else { 0.0 });
+        let surface =
+            more + triangles as f64 * (TRIANGLE_SECONDS + MEASURE_SECONDS + if levels { LEVELS_SECONDS } else { 0.0 });
         let one = self.simulation_seconds() + surface;
         let work = match self.solver.search {
             Search::Lists => "pairs within reach of neighbour lists",

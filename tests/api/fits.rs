@@ -62,7 +62,9 @@ async fn fits_and_models_do_not_mix() {
     let fits = app.get("/fits").await.json();
     assert_eq!((fits["fits"].as_array().unwrap().len(), &fits["fits"][0]["id"]), (1, &json!(fit_id)));
     assert!(fits["fits"][0].get("request").is_none() && fits["fits"][0].get("result").is_none());
-    for path in ["", "/events", "/files/model.glb", "/report", "/sections/0", "/preview.png", "/report.html"] {
+    for path in
+        ["", "/events", "/files/model.glb", "/report", "/sections/0", "/preview.png", "/report.html", "/manifest.json"]
+    {
         assert_eq!(app.get(&format!("/models/{fit_id}{path}")).await.slug(), "model-not-found", "{path}");
     }
     for path in ["/cancel", "/retry"] {

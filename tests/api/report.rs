@@ -39,3 +39,45 @@ async fn what_has_no_report_has_no_page() {
     assert_eq!(missing.status, 404);
     assert_eq!(app.get("/models/0197a000-0000-7000-8000-000000000000/report.html").await.status, 404);
 }
+
+#[tokio::test]
+async fn a_manifest_says_what_the_files_are_and_where_they_come_from() {
+    let app = App::new().await;
+    let files = [
+        ("model.glb", "model/gltf-binary", b"glb".to_vec()),
+        ("lumen.stl", "model/stl", b"stl".to_vec()),
+        ("report.json", "application/json", stored()),
+        ("sections.bin", MEDIA_TYPE, sections::stored(3)),
+    ];
+    let path = app.finished(7, &files).await;
+    let reply = app.get(&format!("{path}/manifest.json")).await;
+    assert_eq!((reply.status.as_u16(), reply.header(header::CONTENT_TYPE)), (200, Some("application/json")));
+    let model = app.get(&path).await.json();
+    let manifest = reply.json();
+    for member in ["preset", "seed", "digest", "spec"] {
+        assert_eq!(manifest[member], model[member], "{member}");
+    }
+    assert_eq!(manifest["licence"]["software"], "MIT OR Apache-2.0");
+    assert!(manifest["cite"].as_str().unwrap().contains("Burkitt"));
+    let listed = manifest["files"].as_array().unwrap();
+    for (file, of_model) in listed.iter().zip(model["files"].as_array().unwrap()) {
+        for member in ["name", "media_type", "bytes", "sha256"] {
+            assert_eq!(file[member], of_model[member], "{member}");
+        }
+    }
+    let kinds: Vec<_> = listed.iter().map(|file| (&file["body"], &file["unit"])).collect();
+    let (none, tissue, lumen) = (json!(null), json!("tissue"), json!("lumen"));
+    let expected = [(&tissue, &json!("m")), (&lumen, &json!("mm")), (&none, &none), (&none, &none)];
+    assert_eq!(kinds, expected);
+    assert_eq!(listed[1]["patches"], json!(["wall", "inlet", "outlet"]));
+    let tag = reply.header(header::ETAG).unwrap();
+    assert_eq!(app.get_with(&format!("{path}/manifest.json"), &[("if-none-match", tag)]).await.status, 304);
+}
+
+#[tokio::test]
+async fn what_is_not_finished_has_no_manifest() {
+    let app = App::new().await;
+    let queued = app.post("/models", &json!({ "seed": 7 })).await.json();
+    let reply = app.get(&format!("/models/{}/manifest.json", queued["id"].as_str().unwrap())).await;
+    assert_eq!(reply.status, 404);
+}

@@ -65,7 +65,7 @@ fn new_job(n: usize) -> NewJob {
         preset: "pig".into(),
         seed: 1,
         spec: serde_json::json!({}),
-        outputs: vec![Output::Glb],
+        outputs: vec![Output::Glb].into(),
         backend: Backend::Auto,
         labels: BTreeMap::new(),
         priority: Priority::default(),

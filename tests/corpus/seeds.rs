@@ -1,11 +1,14 @@
 //! The binary inputs that the corpora begin with are what the program writes. After a change of a format write them
 //! again: `OVIDUCT_BLESS=1 cargo test --test corpus`.
 
-use oviduct::export::Metadata;
 use oviduct::export::glb::{GlbOptions, write_glb};
 use oviduct::export::lod::levels;
 use oviduct::export::obj::write_obj;
+use oviduct::export::ply::write_ply;
 use oviduct::export::sections_bin::write_sections;
+use oviduct::export::stl::{write_ascii_stl, write_stl};
+use oviduct::export::vtp::write_vtp;
+use oviduct::export::{Metadata, Shape};
 use oviduct::generate::{Backend, CancelToken, Progress, Request, Sink, generate};
 use oviduct::model::{BodyKind, Mesh, Patch, PatchKind, Section};
 use oviduct::sim::cpu::CpuSimulation;
@@ -94,7 +97,7 @@ fn checkpoints() -> Result<(), Box<dyn Error>> {
             spec: spec("lists")?,
             seed: 7,
             backend: Backend::CpuSingle,
-            outputs: Vec::new(),
+            outputs: Vec::new().into(),
             dir: std::env::temp_dir(),
             memory_limit_bytes: None,
         };
@@ -116,15 +119,27 @@ fn surfaces() -> Result<(), Box<dyn Error>> {
     };
     for strips in [false, true] {
         let mut bytes = Vec::new();
-        write_glb(&mesh, &metadata(2), &GlbOptions { strips }, &mut bytes)?;
+        write_glb(&Shape::of(&mesh, &metadata(2)), &GlbOptions { strips }, &mut bytes)?;
         check("gltf", if strips { "own-strips" } else { "own" }, bytes)?;
     }
     let mut bytes = Vec::new();
     levels(&mesh, &|| false)?[0].write(&metadata(2), &mut bytes)?;
     check("gltf", "level", bytes)?;
     let mut bytes = Vec::new();
-    write_obj(&mesh, &metadata(2), &mut bytes)?;
+    write_obj(&Shape::of(&mesh, &metadata(2)), &mut bytes)?;
     check("obj", "own", bytes)?;
+    let mut bytes = Vec::new();
+    write_stl(&Shape::of(&mesh, &metadata(2)), &mut bytes)?;
+    check("stl", "own", bytes)?;
+    let mut bytes = Vec::new();
+    write_ascii_stl(&Shape::of(&mesh, &metadata(2)), &mut bytes)?;
+    check("stl", "own-text", bytes)?;
+    let mut bytes = Vec::new();
+    write_ply(&Shape::of(&mesh, &metadata(2)), &mut bytes)?;
+    check("ply", "own", bytes)?;
+    let mut bytes = Vec::new();
+    write_vtp(&Shape::of(&mesh, &metadata(2)), &mut bytes)?;
+    check("vtp", "own", bytes)?;
     Ok(())
 }
 

@@ -46,7 +46,7 @@ fn digests(preset_name: &str, seed: u64, patch: &Value) -> BTreeMap<String, Stri
         spec,
         seed,
         backend: Backend::CpuSingle,
-        outputs: vec![Output::Glb, Output::Obj],
+        outputs: vec![Output::Glb, Output::Obj].into(),
         dir: dir.path().to_owned(),
         memory_limit_bytes: None,
     };

@@ -33,7 +33,7 @@ fn grow(seeds: &[u64]) -> Vec<Outcome> {
         .map(|&seed| {
             let dir = dir.path().join(seed.to_string());
             std::fs::create_dir(&dir).unwrap();
-            let (preset, backend, outputs) = ("pig".into(), Backend::Gpu, vec![Output::Glb]);
+            let (preset, backend, outputs) = ("pig".into(), Backend::Gpu, vec![Output::Glb].into());
             Request { preset, spec: spec(60, 400), seed, backend, outputs, dir, memory_limit_bytes: None }
         })
         .collect();
@@ -152,7 +152,7 @@ impl Place {
             preset: "pig".into(),
             seed,
             spec: spec.to_json(),
-            outputs: vec![Output::Glb],
+            outputs: vec![Output::Glb].into(),
             backend: Backend::Auto,
             labels: BTreeMap::new(),
             priority: Priority::default(),

@@ -32,7 +32,7 @@ fn request(dir: &Path) -> Request {
         spec: spec(),
         seed: 7,
         backend: Backend::Cpu,
-        outputs: vec![Output::Glb],
+        outputs: vec![Output::Glb].into(),
         dir: dir.into(),
         memory_limit_bytes: None,
     }

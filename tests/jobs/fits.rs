@@ -28,7 +28,7 @@ async fn submit(place: &Place, fit: &FitSpec) -> JobId {
     let new = NewJob {
         kind: JobKind::Fit,
         spec: fit.to_json(),
-        outputs: Vec::new(),
+        outputs: Vec::new().into(),
         backend: Backend::Cpu,
         digest: fit.digest(),
         ..scripted("fit", 1)

@@ -42,8 +42,8 @@ async fn records_of_a_later_version_block_no_others(database: Database) {
     let progress = submit("progress").await;
     let last = submit("last").await;
     let change = format!(
-        "UPDATE jobs SET outputs = '[\"stl\"]' WHERE id = '{}'; \
-         UPDATE jobs SET outputs = '[\"glb\", \"stl\"]' WHERE id = '{}'; \
+        "UPDATE jobs SET outputs = '[\"step\"]' WHERE id = '{}'; \
+         UPDATE jobs SET outputs = '[\"glb\", \"step\"]' WHERE id = '{}'; \
          UPDATE jobs SET spec = 'as it likes' WHERE id = '{spec}'; \
          UPDATE jobs SET progress = '{{\"stage\": \"polish\"}}', section = '[]', summary = 'x', problem = '7', \
          backend_used = 'tpu', rank = 0 WHERE id = '{progress}'; \
@@ -59,8 +59,8 @@ async fn records_of_a_later_version_block_no_others(database: Database) {
     // They are shown as far as they are understood.
     let page = store.list(&ListFilter { limit: 10, ..ListFilter::default() }).await.unwrap();
     assert_eq!(page.jobs.len(), 6);
-    assert_eq!(store.get(outputs[0]).await.unwrap().unwrap().outputs, []);
-    assert_eq!(store.get(outputs[1]).await.unwrap().unwrap().outputs, [Output::Glb]);
+    assert_eq!(store.get(outputs[0]).await.unwrap().unwrap().outputs.formats, []);
+    assert_eq!(store.get(outputs[1]).await.unwrap().unwrap().outputs.formats, [Output::Glb]);
     let shown = store.get(progress).await.unwrap().unwrap();
     assert_eq!((shown.progress, shown.section, shown.problem, shown.backend.used), (None, None, None, None));
     assert_eq!(store.workers().await.unwrap(), []);
@@ -75,7 +75,7 @@ async fn records_of_a_later_version_block_no_others(database: Database) {
         let job = store.get(id).await.unwrap().unwrap();
         let problem = job.problem.unwrap();
         assert_eq!((job.status, problem.kind.as_str()), (Status::Failed, "spec"));
-        let named = if id == spec { "spec: " } else { "outputs: unknown variant `stl`" };
+        let named = if id == spec { "spec: " } else { "outputs: unknown variant `step`" };
         assert!(problem.detail.contains(named), "{}", problem.detail);
         let attempts = store.attempts(id).await.unwrap();
         assert_eq!((attempts.len(), attempts[0].outcome), (1, Some(AttemptEnd::Failed)));
@@ -88,7 +88,7 @@ async fn records_of_a_later_version_block_no_others(database: Database) {
 
     // With nothing else to claim, and with expired leases.
     let alone = submit("alone").await;
-    execute(database, &url, &format!("UPDATE jobs SET outputs = '[\"stl\"]' WHERE id = '{alone}'")).await;
+    execute(database, &url, &format!("UPDATE jobs SET outputs = '[\"step\"]' WHERE id = '{alone}'")).await;
     clock.advance(LEASE + Duration::from_secs(1));
     let again = claim(9).await;
     assert_eq!(again.len(), 2, "jobs with expired leases are claimed");

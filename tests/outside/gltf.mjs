@@ -1,10 +1,10 @@
-// Judges .glb files with the Khronos validator: any error or warning is a failure. A compressed file is judged as it is, and
+// Judges .glb and .gltf files with the Khronos validator: any error or warning is a failure. A compressed file is judged as it is, and
 // again as decoded by meshoptimizer, since the validator does not look into compressed data.
 // Usage: node gltf.mjs <folder that holds node_modules> <file>…
 // Beside each compressed FILE.glb, FILE.decoded.glb is left for other judges.
 import { readFile, writeFile } from "node:fs/promises";
 import { createRequire } from "node:module";
-import { resolve } from "node:path";
+import { dirname, resolve } from "node:path";
 
 const [home, ...files] = process.argv.slice(2);
 const require = createRequire(resolve(home, "package.json"));
@@ -18,7 +18,10 @@ let bad = 0;
 async function judge(file, bytes) {
   // The validator reports every extension that it does not know.
   const ignoredIssues = ["UNSUPPORTED_EXTENSION"];
-  const { issues, info } = await validator.validateBytes(bytes, { uri: file, format: "glb", maxIssues: 20, ignoredIssues });
+  const format = isText(file) ? "gltf" : "glb";
+  const externalResourceFunction = async (uri) => new Uint8Array(await readFile(resolve(dirname(file), uri)));
+  const options = { uri: file, format, maxIssues: 20, ignoredIssues, externalResourceFunction };
+  const { issues, info } = await validator.validateBytes(bytes, options);
   console.log(
     `gltf-validator: ${file}: ${issues.numErrors} errors, ${issues.numWarnings} warnings, ` +
       `${info.totalVertexCount} vertices, ${info.totalTriangleCount} triangles`,
@@ -29,6 +32,10 @@ async function judge(file, bytes) {
       if (severity < 2) console.log(`  ${code} at ${pointer}: ${message}`);
     }
   }
+}
+
+function isText(file) {
+  return file.endsWith(".gltf");
 }
 
 function chunks(bytes) {
@@ -68,6 +75,7 @@ await MeshoptDecoder.ready;
 for (const file of files) {
   const bytes = new Uint8Array(await readFile(file));
   await judge(file, bytes);
+  if (isText(file)) continue;
   const parts = chunks(bytes);
   if (parts.json.extensionsRequired?.includes(COMPRESSION)) {
     const decoded = decode(parts);

@@ -14,11 +14,35 @@ from grown import Oviduct, of_paper_size
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 JUDGES = os.path.join(HERE, "..", "..", "target", "judges")
+SURFACES = {"glb": "glb", "gltf": "gltf", "obj": "obj", "stl": "stl", "stl-ascii": "ascii.stl", "ply": "ply", "vtp": "vtp"}
+STEMS = ["model", "lumen", "regions"]
 SMALL = ["--set", "steps=200", "--set", 'particles.total={"keys":[[0,400],[1,900]]}']
 
 
 def hashes(told):
     return {file["name"]: file["sha256"] for file in told["files"] if file["name"] != "report.json"}
+
+
+def formats(oviduct, out):
+    """Every format of every body, in two units: the same surface for other programs, repeatable, and convertible."""
+    everything = ["--seed", "7", *SMALL, "--outputs", ",".join([*SURFACES, "centreline"]), "--bodies", "tissue,lumen,regions"]
+    judge = [sys.executable, os.path.join(HERE, "formats.py")]
+    grown = oviduct.generate(out("bodies"), *everything)
+    assert hashes(oviduct.generate(out("bodies-again"), *everything)) == hashes(grown), "other bytes"
+    files = [out(f"bodies/{stem}.{ending}") for stem in STEMS for ending in SURFACES.values()]
+    subprocess.run([*judge, out("bodies")], check=True)
+    oviduct.run("check", *files)
+    glbs = [file for file in files if file.endswith((".glb", ".gltf"))]
+    subprocess.run(["node", os.path.join(HERE, "gltf.mjs"), os.path.join(JUDGES, "node"), *glbs], check=True)
+    oviduct.generate(out("bodies-um"), *everything, "--units", "um")
+    subprocess.run([*judge, out("bodies-um")], check=True)
+
+    # From VTP and from text to all the others.
+    for number, source in enumerate(["vtp", "obj"]):
+        for stem in STEMS:
+            for ending in SURFACES.values():
+                oviduct.run("convert", out(f"bodies/{stem}.{source}"), out(f"converted-{number}/{stem}.{ending}"))
+        subprocess.run([*judge, out(f"converted-{number}")], check=True)
 
 
 def main(folder):
@@ -58,6 +82,8 @@ def main(folder):
         subprocess.run([sys.executable, os.path.join(HERE, "levels.py"), out(name)], check=True)
     assert os.path.getsize(out("pig/model.lod2.glb")) < 1_000_000
     oviduct.run("check", "--euler", "0", *models)
+
+    formats(oviduct, out)
 
     # A surface with a hole fails the checks of `oviduct check` and of the other programs.
     with open(out("small/model.obj")) as whole, open(out("hole.obj"), "w") as holed:

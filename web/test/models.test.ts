@@ -10,7 +10,7 @@ const id = (number: number) => `0197c000-0000-7000-8000-${String(number).padStar
 
 function model(number: number, changed: Partial<ModelState> = {}): ModelState {
   return {
-    id: id(number), status: "running", version: 1, preset: "pig", seed: number, outputs: ["glb"], labels: {}, priority: 0,
+    id: id(number), status: "running", version: 1, preset: "pig", seed: number, outputs: ["glb"], bodies: ["tissue"], labels: {}, priority: 0,
     backend: { requested: "auto" }, queue: {}, attempts: 1, created_at: "2026-02-08T09:14:00Z", files: [], warnings: [], digest: "",
     ...changed,
   };

@@ -7,7 +7,7 @@ import { remember, reset, sections, type LiveSection } from "../src/models.ts";
 
 function grow(id: string, count: number, changed: Partial<ModelState> = {}): void {
   const model: ModelState = {
-    id, status: "running", version: 1, preset: "pig", seed: 1, outputs: ["glb"], labels: {}, priority: 0, backend: { requested: "auto" },
+    id, status: "running", version: 1, preset: "pig", seed: 1, outputs: ["glb"], bodies: ["tissue"], labels: {}, priority: 0, backend: { requested: "auto" },
     queue: {}, attempts: 1, created_at: "2026-02-08T09:14:00Z", files: [], warnings: [], digest: "",
   };
   remember([{ ...model, ...changed }]);

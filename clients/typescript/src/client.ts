@@ -18,6 +18,7 @@ import type {
   FitValidation,
   FollowFilter,
   Health,
+  Manifest,
   Model,
   ModelEvent,
   ModelFilter,
@@ -448,6 +449,11 @@ export class Oviduct {
   /** The certificate and the summary of a model, and what computed it. */
   report(id: string, options: CallOptions = {}): Promise<Report> {
     return this.#get(`models/${segment(id)}/report`, options);
+  }
+
+  /** What the files of a model are: bodies, units, patches, sizes, hashes; its origin, licence and how to cite. */
+  manifest(id: string, options: CallOptions = {}): Promise<Manifest> {
+    return this.#get(`models/${segment(id)}/manifest.json`, options);
   }
 
   /** The URL of the report as a page to show or to print, for a link; see {@link downloadUrl}. */

@@ -540,6 +540,29 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/models/{id}/manifest.json": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read what the files of a model are.
+         * @description Names, sizes, hashes, bodies, units and patches of its files, and its origin: spec, seed, digest, engine, licence, how to
+         *     cite. `oviduct generate` writes the same beside the files.
+         *
+         *     Needs a key with the scope `read`.
+         */
+        get: operations["get_manifest"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/models/{id}/preview.png": {
         parameters: {
             query?: never;
@@ -1062,6 +1085,11 @@ export interface components {
             /** @description The seeds of each point; null if they will be drawn. */
             seeds?: number[] | null;
         };
+        /**
+         * @description The closed body, or bodies, that a mesh bounds.
+         * @enum {string}
+         */
+        Body: "tissue" | "lumen" | "regions";
         /** @description A bound of a variable. */
         Bound: {
             /** @description `from` or `to`. */
@@ -1413,6 +1441,13 @@ export interface components {
          */
         CountBatchRequest: {
             backend?: components["schemas"]["Backend"];
+            /**
+             * @description The bodies whose surfaces are written in each format that holds one: `tissue` as `model.*`, `lumen` as `lumen.*`, `regions` (both, with their common wall once) as `regions.*`.
+             * @default [
+             *       "tissue"
+             *     ]
+             */
+            bodies?: components["schemas"]["Body"][];
             /** @description Number of models, of each point of a study. The service draws their seeds. */
             count: number;
             /** @description Names and values of the client's own, to find models by. */
@@ -1443,6 +1478,8 @@ export interface components {
              */
             reuse?: boolean;
             spec?: components["schemas"]["SpecPatch"];
+            /** @description Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres. */
+            units?: components["schemas"]["LengthUnit"] | null;
             vary?: components["schemas"]["Vary"];
         };
         /**
@@ -1513,7 +1550,7 @@ export interface components {
          * @description Kinds of failure.
          * @enum {string}
          */
-        FailureKind: "empty" | "indices" | "coordinates" | "section_ring" | "section_crossing" | "section_nesting" | "open_edges" | "non_manifold_edges" | "non_manifold_vertices" | "orientation" | "volume" | "overlap" | "degenerate_triangles" | "duplicate_triangles" | "triangle_intersections" | "components" | "euler";
+        FailureKind: "empty" | "indices" | "coordinates" | "section_ring" | "section_crossing" | "section_nesting" | "open_edges" | "non_manifold_edges" | "non_manifold_vertices" | "orientation" | "volume" | "overlap" | "degenerate_triangles" | "duplicate_triangles" | "triangle_intersections" | "components" | "euler" | "conformity";
         /** @description A fall of the misfit. */
         Fall: {
             /** @description Number of candidates. */
@@ -1878,6 +1915,18 @@ export interface components {
              */
             voxel_um?: number | null;
         };
+        /**
+         * @description A unit of length of files.
+         * @enum {string}
+         */
+        LengthUnit: "m" | "mm" | "um";
+        /** @description Terms of use. */
+        Licence: {
+            /** @description What holds for a model. */
+            model: string;
+            /** @description SPDX expression of the program's licence. */
+            software: string;
+        };
         /** @description The last section, thinned to at most 512 points per ring, so that a page can draw the growing tube. */
         LiveSection: {
             /** @description Index among the recorded sections. */
@@ -1932,6 +1981,41 @@ export interface components {
             /** @description Greatest value. */
             to: number;
         };
+        /** @description Files of a model with their origin. */
+        Manifest: {
+            /** @description Axes of all files. */
+            axes: string;
+            /** @description How to cite the method. */
+            cite: string;
+            /** @description SHA-256 of spec, seed and engine version. Models of the same digest have the same surface. */
+            digest: string;
+            /** @description The program that made it, with its version: the engine version of the digest. */
+            engine: string;
+            /** @description The files. */
+            files: components["schemas"]["ManifestFile"][];
+            /** @description What the program and the model may be used for. */
+            licence: components["schemas"]["Licence"];
+            /** @description Preset that the spec was resolved on. */
+            preset: string;
+            /** @description Seed. */
+            seed: number;
+            spec: components["schemas"]["SpecPatch"];
+        };
+        /** @description A file of a model. */
+        ManifestFile: {
+            body?: components["schemas"]["Body"] | null;
+            /** @description Size. */
+            bytes: number;
+            /** @description Media type. */
+            media_type: string;
+            /** @description Name. */
+            name: string;
+            /** @description Names of the patches of its surface, in order. */
+            patches: string[];
+            /** @description SHA-256, lower-case hex. */
+            sha256: string;
+            unit?: components["schemas"]["LengthUnit"] | null;
+        };
         /**
          * Surface
          * @description Options of the exported surface.
@@ -1954,6 +2038,8 @@ export interface components {
              * @description Id of the batch that it belongs to.
              */
             batch?: string | null;
+            /** @description Bodies whose surfaces are written. */
+            bodies: components["schemas"]["Body"][];
             /**
              * Format: date-time
              * @description When it was accepted.
@@ -2016,6 +2102,7 @@ export interface components {
             /** @description Status. A model that has succeeded, failed or was cancelled never changes. */
             status: components["schemas"]["Status"];
             summary?: components["schemas"]["Summary"] | null;
+            units?: components["schemas"]["LengthUnit"] | null;
             /** @description Increases with every change. */
             version: number;
             /** @description Signs of poor growth, once it has succeeded; empty if there are none. */
@@ -2065,6 +2152,13 @@ export interface components {
         /** @description What to grow. All members are optional: `{}` requests the default preset with a random seed. */
         ModelRequest: {
             backend?: components["schemas"]["Backend"];
+            /**
+             * @description The bodies whose surfaces are written in each format that holds one: `tissue` as `model.*`, `lumen` as `lumen.*`, `regions` (both, with their common wall once) as `regions.*`.
+             * @default [
+             *       "tissue"
+             *     ]
+             */
+            bodies?: components["schemas"]["Body"][];
             /** @description Names and values of the client's own, to find models by. */
             labels?: {
                 [key: string]: string;
@@ -2095,6 +2189,8 @@ export interface components {
             /** @description The same seed and spec give the same model. If it is absent, the service draws one and reports it. */
             seed?: number;
             spec?: components["schemas"]["SpecPatch"];
+            /** @description Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres. */
+            units?: components["schemas"]["LengthUnit"] | null;
         };
         /** @description A sign of poor growth of a model that has succeeded. */
         ModelWarning: {
@@ -2144,11 +2240,22 @@ export interface components {
             /** @description Standard deviation before truncation. */
             sd: number;
         };
+        /** @description The certificate of one body, or of both together. */
+        OtherCertificate: components["schemas"]["Certificate"] | components["schemas"]["RegionsCertificate"];
+        /** @description A surface besides the tissue in metres, certified in the coordinates that are written. */
+        OtherSurface: {
+            /** @description Its body. */
+            body: components["schemas"]["Body"];
+            /** @description What is proved of it. */
+            certificate: components["schemas"]["OtherCertificate"];
+            /** @description Unit of its files. */
+            unit: components["schemas"]["LengthUnit"];
+        };
         /**
          * @description A format of the model: one file, or several.
          * @enum {string}
          */
-        Output: "glb" | "obj" | "lod" | "labels";
+        Output: "glb" | "gltf" | "obj" | "stl" | "stl-ascii" | "ply" | "vtp" | "centreline" | "lod" | "labels";
         /** @description A value of a parameter or of a part of a schedule; null leaves that of `spec`. */
         ParameterValue: null | boolean | number | string | components["schemas"]["ScheduleKey"][] | components["schemas"]["Schedule"] | components["schemas"]["Fluctuation"];
         /** @description Numbers of particles at the two ends of the tube. */
@@ -2411,6 +2518,33 @@ export interface components {
              */
             to_mm: number;
         };
+        /** @description The findings on both bodies together. */
+        RegionsCertificate: {
+            /** @description The failures, at most one entry per kind. */
+            failures: components["schemas"]["Failure"][];
+            /** @description Whether there are no failures. */
+            passed: boolean;
+            /** @description Edges at which three triangles meet: a wall, a cap and a lid. */
+            rim_edges: number;
+            /** @description Triangles of the common wall. */
+            shared_triangles: number;
+            /** @description Pairs of triangles, of either body, that have a point in common other than vertices and edges they share. */
+            triangle_intersections: number;
+            /** @description Triangles of both bodies, those of their common wall once. */
+            triangles: number;
+            /** @description Vertices of both bodies. */
+            vertices: number;
+            /**
+             * Format: double
+             * @description Relative difference between that and the sum of the volumes of both bodies.
+             */
+            volume_error: number;
+            /**
+             * Format: double
+             * @description Volume enclosed by the outside: outer wall, caps, lids.
+             */
+            volume_mm3: number;
+        };
         /**
          * Regions
          * @description Regions of the tube, for measures.
@@ -2561,6 +2695,13 @@ export interface components {
          */
         SeedsBatchRequest: {
             backend?: components["schemas"]["Backend"];
+            /**
+             * @description The bodies whose surfaces are written in each format that holds one: `tissue` as `model.*`, `lumen` as `lumen.*`, `regions` (both, with their common wall once) as `regions.*`.
+             * @default [
+             *       "tissue"
+             *     ]
+             */
+            bodies?: components["schemas"]["Body"][];
             /** @description Names and values of the client's own, to find models by. */
             labels?: {
                 [key: string]: string;
@@ -2591,6 +2732,8 @@ export interface components {
             /** @description One model per seed, of each point of a study. The greatest number of models is a setting of the service. */
             seeds: number[];
             spec?: components["schemas"]["SpecPatch"];
+            /** @description Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres. */
+            units?: components["schemas"]["LengthUnit"] | null;
             vary?: components["schemas"]["Vary"];
         };
         /** @description One event of the stream (WHATWG server-sent events). */
@@ -2765,6 +2908,8 @@ export interface components {
             spec: components["schemas"]["SpecPatch"];
             /** @description Counts and measures. */
             summary: components["schemas"]["Summary"];
+            /** @description The other surfaces that are written: lumen, both bodies together, and what is written in other units than metres. */
+            surfaces?: components["schemas"]["OtherSurface"][];
         };
         /**
          * Study
@@ -2772,6 +2917,13 @@ export interface components {
          */
         StudyBatchRequest: {
             backend?: components["schemas"]["Backend"];
+            /**
+             * @description The bodies whose surfaces are written in each format that holds one: `tissue` as `model.*`, `lumen` as `lumen.*`, `regions` (both, with their common wall once) as `regions.*`.
+             * @default [
+             *       "tissue"
+             *     ]
+             */
+            bodies?: components["schemas"]["Body"][];
             /** @description Names and values of the client's own, to find models by. */
             labels?: {
                 [key: string]: string;
@@ -2800,6 +2952,8 @@ export interface components {
              */
             reuse?: boolean;
             spec?: components["schemas"]["SpecPatch"];
+            /** @description Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres. */
+            units?: components["schemas"]["LengthUnit"] | null;
             vary: components["schemas"]["Vary"];
         };
         /** @description A model of a study. */
@@ -6565,6 +6719,116 @@ export interface operations {
                 };
             };
             /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); Too many downloads are running (`too-many-downloads`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_manifest: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Entity tags that the client has */
+                "if-none-match"?: string;
+            };
+            path: {
+                /** @description Id of the model */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The manifest */
+            200: {
+                headers: {
+                    /** @description SHA-256 of the manifest */
+                    etag?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Manifest"];
+                };
+            };
+            /** @description The client has this manifest */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description A key is required (`unauthorized`) */
+            401: {
+                headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key does not allow this (`forbidden`) */
+            403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description There is no such model (`model-not-found`); The model has no such file (`file-not-found`) */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests (`rate-limited`) */
+            429: {
+                headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service failed (`internal`) */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`) */
             503: {
                 headers: {
                     /** @description Seconds to wait before the next attempt */

@@ -47,6 +47,7 @@ export type SectionJson = Answer<"get_section">;
 export type NamedView = Schemas["NamedView"];
 /** The certificate and the summary of a model, and what computed it. */
 export type Report = Answer<"get_report">;
+export type Manifest = Answer<"get_manifest">;
 export type PresetList = Answer<"list_presets">;
 export type Preset = Answer<"get_preset">;
 export type Worker = Answer<"drain_worker">;

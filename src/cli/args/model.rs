@@ -1,7 +1,8 @@
 //! Options of commands that grow or submit a model.
 
 use crate::cli::units;
-use crate::generate::{Backend, Output};
+use crate::generate::{Backend, Output, Outputs};
+use crate::model::{BodyKind, LengthUnit};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -30,7 +31,22 @@ pub(in crate::cli) struct ModelArgs {
     /// Backend that computes the model: auto, gpu, cpu or cpu-single
     #[arg(long, value_parser = units::named::<Backend>, default_value = "auto")]
     pub(in crate::cli) backend: Backend,
-    /// Formats of the model, separated by commas: glb, obj, lod, labels. sections.bin and report.json are always written
+    /// Formats of the model, separated by commas: glb, gltf, obj, stl, stl-ascii, ply, vtp, centreline, lod, labels.
+    /// sections.bin and report.json are always written
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = units::named::<Output>, default_value = "glb,lod")]
-    pub(in crate::cli) outputs: Vec<Output>,
+    outputs: Vec<Output>,
+    /// Bodies whose surfaces are written, separated by commas: tissue (model.*), lumen (lumen.*), regions (both, with their
+    /// common wall once: regions.*)
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = units::named::<BodyKind>, default_value = "tissue")]
+    bodies: Vec<BodyKind>,
+    /// Unit of coordinates: m, mm or um [default: m in OBJ, mm in STL, PLY, VTP and the centre line]. glTF is always in metres
+    #[arg(long, value_name = "UNIT", value_parser = units::named::<LengthUnit>)]
+    units: Option<LengthUnit>,
+}
+
+impl ModelArgs {
+    /// What to write.
+    pub(in crate::cli) fn outputs(&self) -> Outputs {
+        Outputs { formats: self.outputs.clone(), bodies: self.bodies.clone(), units: self.units }
+    }
 }

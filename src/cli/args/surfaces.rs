@@ -1,6 +1,7 @@
 //! Options of commands that read files of surfaces and sections.
 
 use crate::cli::units;
+use crate::model::LengthUnit;
 use crate::render::{MAX_SIZE, NamedView, Plane};
 use clap::Args;
 use clap::builder::FalseyValueParser;
@@ -18,6 +19,26 @@ pub(in crate::cli) struct CheckArgs {
     /// Print a JSON array with the certificate of each file
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(in crate::cli) json: bool,
+}
+
+/// Options of `convert`.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct ConvertArgs {
+    /// File to read
+    #[arg(value_name = "FILE")]
+    pub(in crate::cli) file: PathBuf,
+    /// File to write; its ending tells the format: .glb, .gltf (with a .bin beside it), .obj, .stl, .ascii.stl, .ply or .vtp
+    #[arg(value_name = "OUT")]
+    pub(in crate::cli) out: PathBuf,
+    /// Unit to write: m, mm or um [default: m in OBJ and glTF, mm in STL, PLY and VTP]
+    #[arg(long, value_name = "UNIT", value_parser = units::named::<LengthUnit>)]
+    pub(in crate::cli) units: Option<LengthUnit>,
+    /// Unit of FILE: m, mm or um [default: what the file states, or m]
+    #[arg(long, value_name = "UNIT", value_parser = units::named::<LengthUnit>)]
+    pub(in crate::cli) from_units: Option<LengthUnit>,
+    /// Write STL as text, one solid for each patch
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) ascii: bool,
 }
 
 /// Options of `report`.

@@ -99,7 +99,7 @@ async fn measure(
         preset: PRESET.to_owned(),
         spec: Arc::new(spec),
         backend: Backend::CpuSingle,
-        outputs: vec![Output::Glb],
+        outputs: vec![Output::Glb].into(),
     };
     let body = json!({ "preset": PRESET, "spec": patch, "backend": "cpu-single", "outputs": ["glb"] });
     // Enough requests at a time that no worker waits for one.

@@ -74,7 +74,7 @@ pub(super) async fn run(args: FiguresArgs) -> Ended {
             seed,
             spec: spec.clone(),
             backend: args.backend,
-            outputs: vec![Output::Glb],
+            outputs: vec![Output::Glb].into(),
             dir: scratch.dir().to_owned(),
             memory_limit_bytes: None,
         };

@@ -4,7 +4,7 @@ use super::super::exit::Failure;
 use super::errors::Lost;
 use super::seeds::Seeds;
 use crate::clock::Stopwatch;
-use crate::generate::{Backend, CancelToken, Output, Request, generate};
+use crate::generate::{Backend, CancelToken, Outputs, Request, generate};
 use crate::spec::ModelSpec;
 use anyhow::Context;
 use std::sync::Arc;
@@ -16,7 +16,7 @@ pub(in crate::cli) struct Model {
     pub(in crate::cli) preset: String,
     pub(in crate::cli) spec: Arc<ModelSpec>,
     pub(in crate::cli) backend: Backend,
-    pub(in crate::cli) outputs: Vec<Output>,
+    pub(in crate::cli) outputs: Outputs,
 }
 
 /// A model that ended.

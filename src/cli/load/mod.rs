@@ -230,7 +230,7 @@ fn local(args: &LoadArgs) -> Result<Model, Failure> {
         preset: preset.name.clone(),
         spec: Arc::new(spec),
         backend: args.model.backend,
-        outputs: args.model.outputs.clone(),
+        outputs: args.model.outputs(),
     })
 }
 

@@ -1,6 +1,7 @@
 //! The document and the container that all our binary glTF files share: a body, and a child with a mesh and a material for
 //! each patch.
 
+use crate::export::shape::AXES;
 use crate::export::{CITATION, Metadata};
 use crate::model::{BodyKind, PatchKind};
 use gltf_json as json;
@@ -13,7 +14,8 @@ use std::io::{self, Write};
 pub(in crate::export) struct Scene {
     /// The document, to which accessors and buffers are pushed.
     pub(in crate::export) root: json::Root,
-    body: BodyKind,
+    /// Name of the body.
+    body: String,
     children: Vec<json::Index<json::Node>>,
 }
 
@@ -25,31 +27,38 @@ pub(in crate::export) struct Counts {
 
 impl Scene {
     /// An empty document; `more` are members of the asset's extras besides those of `meta`.
-    pub(in crate::export) fn new(body: BodyKind, meta: &Metadata, more: Map<String, Value>) -> io::Result<Self> {
+    pub(in crate::export) fn new(
+        body: &str,
+        generator: String,
+        meta: Option<&Metadata>,
+        more: Map<String, Value>,
+    ) -> io::Result<Self> {
         let mut root = json::Root::default();
-        root.asset.generator = Some(format!("oviduct {}", meta.engine));
-        let mut members = serde_json::json!({
-            "units": "m",
-            "axes": "right-handed, y up, z along the tube from isthmus to ampulla",
-            "preset": meta.preset,
-            "seed": meta.seed,
-            "digest": meta.digest,
-            "engine": meta.engine,
-            "length_mm": meta.length_mm,
-            "sections": meta.sections,
-            "method": CITATION,
-        });
+        root.asset.generator = Some(generator);
+        let mut members = match meta {
+            Some(meta) => serde_json::json!({
+                "units": "m",
+                "axes": AXES,
+                "preset": meta.preset,
+                "seed": meta.seed,
+                "digest": meta.digest,
+                "engine": meta.engine,
+                "length_mm": meta.length_mm,
+                "sections": meta.sections,
+                "method": CITATION,
+            }),
+            None => serde_json::json!({ "units": "m" }),
+        };
         if let Some(members) = members.as_object_mut() {
             members.extend(more);
         }
         root.asset.extras = extras(&members)?;
-        Ok(Self { root, body, children: Vec::new() })
+        Ok(Self { root, body: body.to_owned(), children: Vec::new() })
     }
 
     /// Adds a patch: a node, a mesh of one primitive and a material, all of the patch's name.
-    pub(in crate::export) fn add_patch(&mut self, kind: PatchKind, primitive: json::mesh::Primitive) -> io::Result<()> {
-        let name = kind.name();
-        let material = self.root.push(material(kind, self.body));
+    pub(in crate::export) fn add_patch(&mut self, name: &str, primitive: json::mesh::Primitive) -> io::Result<()> {
+        let material = self.root.push(material(name, &self.body));
         let mesh = self.root.push(json::Mesh {
             extensions: None,
             extras: None,
@@ -60,7 +69,7 @@ impl Scene {
         self.children.push(self.root.push(json::Node {
             mesh: Some(mesh),
             name: Some(name.into()),
-            extras: extras(&serde_json::json!({ "patch": name, "body": self.body.name() }))?,
+            extras: extras(&serde_json::json!({ "patch": name, "body": self.body }))?,
             ..json::Node::default()
         }));
         Ok(())
@@ -68,15 +77,18 @@ impl Scene {
 
     /// Ends the document with the body's node, whose other members are those of `node`.
     pub(in crate::export) fn finish(mut self, counts: &Counts, node: json::Node) -> io::Result<json::Root> {
+        let mut members = serde_json::json!({
+            "body": self.body,
+            "vertices": counts.vertices,
+            "triangles": counts.triangles,
+        });
+        if let Some(body) = BodyKind::named(&self.body) {
+            members["euler"] = body.euler().into();
+        }
         let body = self.root.push(json::Node {
             children: Some(self.children),
-            name: Some(self.body.name().into()),
-            extras: extras(&serde_json::json!({
-                "body": self.body.name(),
-                "vertices": counts.vertices,
-                "triangles": counts.triangles,
-                "euler": self.body.euler(),
-            }))?,
+            name: Some(self.body),
+            extras: extras(&members)?,
             ..node
         });
         let scene = self.root.push(json::Scene {
@@ -180,17 +192,18 @@ fn extras(value: &Value) -> io::Result<json::Extras> {
 }
 
 /// Colours are linear. The inner wall of the tissue faces the lumen, so that the tube is visible from inside without
-/// drawing back faces; the lumen body faces outwards, so that a view from inside needs them.
-fn material(kind: PatchKind, body: BodyKind) -> json::Material {
-    let [r, g, b] = match kind {
-        PatchKind::InnerWall | PatchKind::Wall => [0.694, 0.254, 0.352],
-        PatchKind::OuterWall => [0.839, 0.578, 0.491],
-        PatchKind::CapIsthmus | PatchKind::CapAmpulla => [0.730, 0.301, 0.397],
-        PatchKind::Inlet | PatchKind::Outlet => [0.888, 0.791, 0.687],
+/// drawing back faces; other bodies face outwards, so that a view from inside needs them.
+fn material(patch: &str, body: &str) -> json::Material {
+    let [r, g, b] = match PatchKind::named(patch) {
+        Some(PatchKind::InnerWall | PatchKind::Wall) => [0.694, 0.254, 0.352],
+        Some(PatchKind::OuterWall) => [0.839, 0.578, 0.491],
+        Some(PatchKind::CapIsthmus | PatchKind::CapAmpulla) => [0.730, 0.301, 0.397],
+        Some(PatchKind::Inlet | PatchKind::Outlet) => [0.888, 0.791, 0.687],
+        None => [0.8, 0.8, 0.8],
     };
     json::Material {
-        name: Some(kind.name().into()),
-        double_sided: body == BodyKind::Lumen,
+        name: Some(patch.into()),
+        double_sided: body != BodyKind::Tissue.name(),
         pbr_metallic_roughness: json::material::PbrMetallicRoughness {
             base_color_factor: json::material::PbrBaseColorFactor([r, g, b, 1.0]),
             metallic_factor: json::material::StrengthFactor(0.0),

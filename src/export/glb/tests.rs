@@ -2,12 +2,12 @@
 
 use super::*;
 use crate::export::tests::{meta, turned};
-use crate::model::{BodyKind, sample};
+use crate::model::{BodyKind, Mesh, sample};
 use std::collections::BTreeMap;
 
 fn glb(mesh: &Mesh, strips: bool) -> Vec<u8> {
     let mut file = Vec::new();
-    write_glb(mesh, &meta(), &GlbOptions { strips }, &mut file).unwrap();
+    write_glb(&Shape::of(mesh, &meta()), &GlbOptions { strips }, &mut file).unwrap();
     file
 }
 
@@ -107,7 +107,7 @@ fn the_json_part_is_as_agreed() {
 #[test]
 fn an_empty_mesh_is_refused() {
     let mesh = Mesh { body: BodyKind::Tissue, positions: vec![], triangles: vec![], patches: vec![] };
-    let error = write_glb(&mesh, &meta(), &GlbOptions::default(), &mut Vec::new()).unwrap_err();
+    let error = write_glb(&Shape::of(&mesh, &meta()), &GlbOptions::default(), &mut Vec::new()).unwrap_err();
     assert_eq!(error.kind(), io::ErrorKind::InvalidInput);
 }
 

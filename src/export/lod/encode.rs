@@ -93,7 +93,7 @@ impl Encoded {
 
     /// The JSON part, and the length of the binary part.
     fn document(&self, meta: &Metadata, more: Map<String, Value>) -> io::Result<(json::Root, usize)> {
-        let mut scene = Scene::new(self.body, meta, more)?;
+        let mut scene = Scene::new(self.body.name(), format!("oviduct {}", meta.engine), Some(meta), more)?;
         scene.root.extensions_used = vec![COMPRESSION.into(), QUANTIZATION.into()];
         scene.root.extensions_required = scene.root.extensions_used.clone();
         let data = scene.root.push(buffer(0));
@@ -141,7 +141,7 @@ impl Encoded {
                 ..accessor(Type::Scalar, component, count)
             };
             let indices = root.push(indices);
-            scene.add_patch(patch.kind, primitive(json::mesh::Mode::Triangles, positions, normals, indices))?;
+            scene.add_patch(patch.kind.name(), primitive(json::mesh::Mode::Triangles, positions, normals, indices))?;
         }
         scene.root.buffers[0] = buffer(lengths[0]);
         scene.root.buffers[1] = buffer(lengths[1]);

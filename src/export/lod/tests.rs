@@ -280,7 +280,9 @@ fn damaged_and_foreign_files_are_refused() {
         }
     }
     let mut plain = Vec::new();
-    crate::export::glb::write_glb(&mesh(), &meta(), &crate::export::glb::GlbOptions::default(), &mut plain).unwrap();
+    let (mesh, meta) = (mesh(), meta());
+    let shape = crate::export::Shape::of(&mesh, &meta);
+    crate::export::glb::write_glb(&shape, &crate::export::glb::GlbOptions::default(), &mut plain).unwrap();
     assert!(read_level(&plain).unwrap_err().to_string().contains("EXT_meshopt_compression"));
     // A count of 4 billion is not believed.
     let text = String::from_utf8_lossy(&bytes[20..]).into_owned();

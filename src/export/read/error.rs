@@ -26,7 +26,7 @@ pub enum ReadError {
     #[error(
         "the format is not recognised. Known formats, and how they are recognised: binary glTF by its first bytes \
          (`glTF`); PLY by its first line (`ply`); glTF by its extension (.gltf or .glb) and its first character (`{{`); \
-         STL and OBJ by their extensions (.stl, .obj)"
+         STL, OBJ and VTP by their extensions (.stl, .obj, .vtp)"
     )]
     UnknownFormat,
     /// The file holds more than is read.
@@ -55,10 +55,10 @@ pub enum ReadError {
         /// What is wrong.
         detail: String,
     },
-    /// A glTF document is wrong.
+    /// A part of a glTF document or of a VTP file is wrong.
     #[error("{path}: {detail}")]
     Document {
-        /// The part concerned, such as `accessors[3]`.
+        /// The part concerned, such as `accessors[3]` or `piece 1, Polys, offsets`.
         path: String,
         /// What is wrong.
         detail: String,
@@ -66,7 +66,7 @@ pub enum ReadError {
 }
 
 impl ReadError {
-    /// A fault in a part of a glTF document.
+    /// A fault in a part of a glTF document or of a VTP file.
     pub(super) fn document(path: impl Into<String>, detail: impl Into<String>) -> Self {
         Self::Document { path: path.into(), detail: detail.into() }
     }

@@ -9,8 +9,10 @@ pub(super) const BYTES: u64 = 4 << 30;
 pub(super) const TRIANGLES: u64 = 64_000_000;
 /// Vertices of a surface, after all instances are placed. Formats without shared vertices have three per triangle.
 pub(super) const VERTICES: u64 = 3 * TRIANGLES;
-/// JSON objects of a glTF document; each takes a few hundred bytes in memory, and two in the file.
+/// JSON objects of a glTF document; each takes a few hundred bytes in memory, and two in the file. XML elements of a VTP file.
 pub(super) const OBJECTS: u64 = 2_000_000;
+/// Bytes of an array of strings.
+pub(super) const TEXT: u64 = 1 << 24;
 
 /// Refuses a surface of too many triangles.
 ///

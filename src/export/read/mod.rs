@@ -1,5 +1,5 @@
 //! Reads surfaces from files in common formats, written by oviduct or not: glTF (binary or JSON; compressed
-//! only if it is a level written by oviduct), OBJ, STL, PLY.
+//! only if it is a level written by oviduct), OBJ, STL, PLY, VTP.
 //!
 //! Invariants: no input makes a reader panic; what a reader cannot read it refuses, naming the place. Memory is allocated
 //! for data that exist, never for a count that the file merely states, and within `limits`. All vertex indices of a
@@ -14,11 +14,13 @@ mod gltf;
 mod level;
 mod limits;
 mod obj;
+mod patches;
 mod placement;
 mod ply;
 mod stl;
 mod surface;
 mod text;
+mod vtp;
 
 pub use error::ReadError;
 pub use level::read_level;
@@ -37,6 +39,8 @@ pub enum Format {
     Stl,
     /// PLY, text or binary.
     Ply,
+    /// `PolyData` of VTK in XML, `.vtp`.
+    Vtp,
 }
 
 /// Reads a surface from a regular file.
@@ -59,6 +63,7 @@ pub fn parse(bytes: &[u8], format: Format, folder: Option<&Path>) -> Result<Surf
         Format::Obj => obj::parse(bytes),
         Format::Stl => stl::parse(bytes),
         Format::Ply => ply::parse(bytes),
+        Format::Vtp => vtp::parse(bytes),
     }
 }
 
@@ -75,9 +80,12 @@ fn format_of(path: &Path, bytes: &[u8]) -> Option<Format> {
         "obj" => Some(Format::Obj),
         "stl" => Some(Format::Stl),
         "ply" => Some(Format::Ply),
+        "vtp" => Some(Format::Vtp),
         _ => None,
     }
 }
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod written;

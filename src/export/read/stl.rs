@@ -1,6 +1,10 @@
 //! STL, text or binary. The format has no shared vertices: each triangle has its own three.
+//!
+//! Coordinates are 32-bit floats in either form: text holds decimals of the floats that a binary file would hold. Each solid of
+//! a text file is a group. Binary files have none, except those that oviduct wrote: their attributes number the patches.
 
 use super::error::ReadError;
+use super::patches::Patches;
 use super::surface::Surface;
 use super::text::{quoted, unit, wrong};
 use std::borrow::Cow;
@@ -35,10 +39,17 @@ fn binary(bytes: &[u8]) -> Result<Surface, ReadError> {
     if let Some(unit) = unit(&String::from_utf8_lossy(&header[..HEADER])) {
         surface.unit = unit;
     }
+    let has_patches = header.starts_with(b"oviduct ");
+    let mut patches = Patches::default();
     for record in records.chunks_exact(RECORD) {
         let (floats, _) = record[12..48].as_chunks::<4>();
         let corner = |k: usize| [0, 1, 2].map(|axis| f64::from(f32::from_le_bytes(floats[3 * k + axis])));
         add(&mut surface, [corner(0), corner(1), corner(2)])?;
+        let attribute = i64::from(record[48]) | i64::from(record[49]) << 8;
+        if has_patches && attribute > 0 {
+            let first = surface.triangles.len() - 1;
+            patches.add(&mut surface, first, attribute - 1);
+        }
     }
     Ok(surface)
 }
@@ -130,7 +141,8 @@ impl<'a> Words<'a> {
         let mut point = [0.0; 3];
         for x in &mut point {
             let word = self.next().ok_or_else(|| wrong(self.line, "a coordinate is missing"))?;
-            *x = word.parse().map_err(|_| wrong(self.line, format!("{} is not a number", quoted(word))))?;
+            let value: f32 = word.parse().map_err(|_| wrong(self.line, format!("{} is not a number", quoted(word))))?;
+            *x = f64::from(value);
         }
         Ok(point)
     }

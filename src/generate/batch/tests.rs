@@ -97,7 +97,7 @@ fn request(seed: u64, dir: &Path) -> Request {
         spec: ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap(),
         seed,
         backend: Backend::Cpu,
-        outputs: vec![Output::Glb],
+        outputs: vec![Output::Glb].into(),
         dir,
         memory_limit_bytes: None,
     }

@@ -105,7 +105,7 @@ fn all_certify(accepted: &[(u64, ModelSpec)]) {
         .filter_map(|(seed, spec)| {
             let dir = tempfile::tempdir().unwrap();
             let mut request = request(spec.clone(), Backend::Cpu, dir.path());
-            (request.seed, request.outputs) = (*seed, Vec::new());
+            (request.seed, request.outputs) = (*seed, Vec::new().into());
             generate(&request, &(), &CancelToken::default()).err().map(|error| format!("{seed}: {error}"))
         })
         .collect();

@@ -128,7 +128,7 @@ async fn contents(state: &AppState, batch: &Batch, names: Option<&[String]>) -> 
     let mut manifest = Manifest::begin(batch, study.as_ref());
     let mut known: BTreeSet<String> = ALWAYS.map(str::to_owned).into();
     each_model(state, batch, |place, job| {
-        known.extend(job.outputs.iter().flat_map(|output| output.files()).map(|name| (*name).to_owned()));
+        known.extend(job.outputs.files());
         known.extend(job.files.iter().map(|file| file.name.clone()));
         let chosen = |file: &&File| names.is_none_or(|names| names.contains(&file.name));
         let chosen: Vec<&File> = job.files.iter().filter(chosen).collect();

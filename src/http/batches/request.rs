@@ -5,8 +5,9 @@ use crate::http::request::{ModelRequest, SEED_MAX, describe, seed};
 use crate::spec::study::Study;
 use serde_json::{Value, json};
 
-const MEMBERS: [&str; 10] =
-    ["preset", "seeds", "count", "vary", "spec", "outputs", "backend", "labels", "priority", "reuse"];
+const MEMBERS: [&str; 12] = [
+    "preset", "seeds", "count", "vary", "spec", "outputs", "bodies", "units", "backend", "labels", "priority", "reuse",
+];
 
 /// The seeds of a batch.
 #[derive(Clone, Debug, PartialEq)]

@@ -104,7 +104,7 @@ async fn queue(
         preset: fit.preset().name.clone(),
         seed: fit.seed(),
         spec: fit.to_json(),
-        outputs: Vec::new(),
+        outputs: Vec::new().into(),
         backend: Backend::Cpu,
         labels,
         priority,

@@ -20,6 +20,7 @@ use super::faults::Fault;
 use super::problem::ProblemBody;
 use crate::generate::{Backend, Output};
 use crate::measure::Certificate;
+use crate::model::{BodyKind, LengthUnit};
 use axum::Extension;
 use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse, Response};
@@ -29,7 +30,7 @@ use utoipa::OpenApi;
 
 #[derive(OpenApi)]
 #[openapi(
-    components(schemas(super::detail::Detail, ProblemBody, Fault, Backend, Output, super::sections::Format, super::slides::Stain, crate::render::NamedView, super::batches::table::TableFormat,
+    components(schemas(super::detail::Detail, ProblemBody, Fault, Backend, Output, BodyKind, LengthUnit, super::sections::Format, super::slides::Stain, crate::render::NamedView, super::batches::table::TableFormat,
         super::batches::archive::ArchiveFormat, ModelEvent, DeletedEvent, Certificate)),
     tags(
         (name = "models", description = "Request, find, cancel and delete models"),

@@ -1,12 +1,13 @@
 //! Rows to jobs. Values that only a later version can read are left out; such a job is shown as far as it is understood.
 
-use super::codec::{enum_from_sql, parse};
+use super::codec::{self, enum_from_sql, parse};
 use super::error::SqlError;
 use super::tx::{Row, Tx};
-use crate::generate::{Backend, Output};
+use crate::generate::{Backend, Outputs};
 use crate::jobs::job::{BackendReport, BatchId, Job, JobId, Priority};
+use crate::model::BodyKind;
 use serde::de::DeserializeOwned;
-use serde_json::Value;
+use serde_json::{Value, json};
 
 /// A job with what only the queue needs.
 #[derive(Debug)]
@@ -67,30 +68,53 @@ pub(super) fn priority(value: i64) -> Priority {
     Priority::try_from(value.clamp(Priority::MIN, Priority::MAX)).unwrap_or_default()
 }
 
+/// Outputs as text: the formats; with other bodies than the tissue or with units, an object that names them too. Versions
+/// without bodies wrote formats only.
+pub(super) fn outputs_to_sql(outputs: &Outputs) -> String {
+    if *outputs == Outputs::from(outputs.formats.clone()) {
+        return codec::json(&outputs.formats);
+    }
+    json!({ "formats": outputs.formats, "bodies": outputs.bodies, "units": outputs.units }).to_string()
+}
+
 /// The outputs asked for that this version knows, and why that is not all of them.
-fn outputs(text: &str) -> (Vec<Output>, Option<String>) {
-    let names: Vec<Value> = match serde_json::from_str(text) {
-        Ok(names) => names,
-        Err(error) => return (Vec::new(), Some(format!("outputs: {error}"))),
-    };
-    let (mut known, mut unread) = (Vec::new(), None);
-    for name in names {
-        match serde_json::from_value(name) {
-            Ok(output) => known.push(output),
+pub(super) fn outputs_from_sql(text: &str) -> (Outputs, Option<String>) {
+    let mut unread = None;
+    let stored: Value = serde_json::from_str(text).unwrap_or_else(|error| {
+        unread = Some(format!("outputs: {error}"));
+        json!([])
+    });
+    let mut outputs = Outputs::from(known(stored.get("formats").unwrap_or(&stored), &mut unread));
+    if let Some(bodies) = stored.get("bodies") {
+        outputs.bodies = known::<BodyKind>(bodies, &mut unread);
+    }
+    if let Some(units) = stored.get("units") {
+        match serde_json::from_value(units.clone()) {
+            Ok(units) => outputs.units = units,
             Err(error) => unread = Some(format!("outputs: {error}")),
         }
     }
-    (known, unread)
+    (outputs, unread)
 }
 
-/// Whether a file belongs to a model with these outputs: those of an output only if it was asked for, others always.
-pub(super) fn is_wanted(name: &str, outputs: &[Output]) -> bool {
-    Output::of_file(name).is_none_or(|output| outputs.contains(&output))
+/// The members of a list that this version knows.
+fn known<T: DeserializeOwned>(list: &Value, unread: &mut Option<String>) -> Vec<T> {
+    let mut known = Vec::new();
+    for name in list.as_array().into_iter().flatten() {
+        match serde_json::from_value(name.clone()) {
+            Ok(item) => known.push(item),
+            Err(error) => *unread = Some(format!("outputs: {error}")),
+        }
+    }
+    if !list.is_array() {
+        *unread = Some("outputs: not a list".to_owned());
+    }
+    known
 }
 
 /// A row of [`select_jobs`]; the position in the queue is left empty.
 pub(super) fn to_record(row: &Row) -> Result<Record, SqlError> {
-    let (outputs, mut unread) = outputs(row.text("outputs")?);
+    let (outputs, mut unread) = outputs_from_sql(row.text("outputs")?);
     let spec = serde_json::from_str(row.text("spec")?).unwrap_or_else(|error| {
         unread = Some(format!("spec: {error}"));
         Value::Null

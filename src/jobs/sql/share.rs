@@ -15,14 +15,14 @@
 //! On PostgreSQL a submission locks the job that it will wait for, so that this one does not end unnoticed. Its lock (`FOR KEY
 //! SHARE`) conflicts with that of an end (`FOR UPDATE`), but not with those of claims and heartbeats (`FOR NO KEY UPDATE`).
 
-use super::codec::{Value, enum_to_sql, json, parse, values};
+use super::codec::{Value, enum_to_sql, json, values};
 use super::error::SqlError;
 use super::operation::{Done, Operation};
 use super::order::rank;
 use super::read::known_job;
-use super::record::{is_wanted, submitter};
+use super::record::{outputs_from_sql, submitter};
 use super::tx::{Row, Tx};
-use crate::generate::Output;
+use crate::generate::Outputs;
 use crate::jobs::job::{Job, JobId, NewJob, Status};
 use crate::jobs::state;
 use crate::jobs::store::{Change, StoreOptions};
@@ -70,8 +70,9 @@ pub(super) async fn in_flight(tx: &mut Tx<'_>, new: &NewJob) -> Result<bool, Sql
 }
 
 /// Whether the outputs of a record include all of `wanted`.
-fn includes(outputs: &str, wanted: &[Output]) -> bool {
-    parse::<Vec<Output>>(outputs).is_ok_and(|outputs| wanted.iter().all(|output| outputs.contains(output)))
+fn includes(outputs: &str, wanted: &Outputs) -> bool {
+    let (outputs, unread) = outputs_from_sql(outputs);
+    unread.is_none() && outputs.include(wanted)
 }
 
 /// From FROM on: the jobs `f` that wait for jobs like `l`, whose id is `$1`.
@@ -105,11 +106,9 @@ pub(super) async fn settle(tx: &mut Tx<'_>, id: JobId, ended: Status) -> Result<
     let mut changes = Vec::new();
     for group in groups {
         let outputs = group.text("outputs")?;
-        match parse::<Vec<Output>>(outputs) {
-            Ok(wanted) if same && wanted.iter().all(|output| job.outputs.contains(output)) => {
-                changes.extend(succeed(tx, &job, outputs, &wanted).await?);
-            }
-            _ => {}
+        let (wanted, unread) = outputs_from_sql(outputs);
+        if same && unread.is_none() && job.outputs.include(&wanted) {
+            changes.extend(succeed(tx, &job, outputs, &wanted).await?);
         }
     }
     changes.extend(promote(tx, id).await?);
@@ -117,7 +116,7 @@ pub(super) async fn settle(tx: &mut Tx<'_>, id: JobId, ended: Status) -> Result<
 }
 
 /// Ends the jobs with these outputs that wait for `job` as reuses of its files.
-async fn succeed(tx: &mut Tx<'_>, job: &Job, outputs: &str, wanted: &[Output]) -> Result<Vec<Change>, SqlError> {
+async fn succeed(tx: &mut Tx<'_>, job: &Job, outputs: &str, wanted: &Outputs) -> Result<Vec<Change>, SqlError> {
     let sql = format!(
         "UPDATE jobs SET status = 'succeeded', version = version + 1, finished_at = $2, reused_from = $1, summary = $3, \
          engine_used = engine, backend_used = $4, device = $5, fallback = $6 WHERE id IN (SELECT f.id {} \
@@ -135,7 +134,7 @@ async fn succeed(tx: &mut Tx<'_>, job: &Job, outputs: &str, wanted: &[Output]) -
         outputs,
     ];
     let rows = tx.all(sql, values).await?;
-    let names = job.files.iter().map(|file| &file.name).filter(|name| is_wanted(name, wanted));
+    let names = job.files.iter().map(|file| &file.name).filter(|name| wanted.want(name));
     let sql = format!(
         "INSERT INTO files (job_id, ordinal, name, media_type, bytes, sha256, key) \
          SELECT j.id, o.ordinal, o.name, o.media_type, o.bytes, o.sha256, o.key FROM files o CROSS JOIN jobs j \

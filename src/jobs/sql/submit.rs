@@ -6,7 +6,7 @@ use super::operation::{Before, Done, Operation};
 use super::order::{queue_room, rank, turn};
 use super::quota;
 use super::read::{self, known_job};
-use super::record::{is_wanted, submitter};
+use super::record::{outputs_to_sql, submitter};
 use super::share;
 use super::tx::Tx;
 use crate::generate::Backend;
@@ -167,7 +167,7 @@ pub(super) async fn reusable(tx: &mut Tx<'_>, new: &NewJob) -> Result<Option<Job
         }
         let job = known_job(tx, id).await?;
         let same = job.backend.used.is_some_and(|used| state::same_bytes(new.backend, used));
-        if same && new.outputs.iter().all(|output| job.outputs.contains(output)) {
+        if same && job.outputs.include(&new.outputs) {
             return Ok(Some(job));
         }
     }
@@ -199,7 +199,7 @@ async fn insert(
             &new.preset,
             seed,
             &new.digest,
-            json(&new.outputs),
+            outputs_to_sql(&new.outputs),
             enum_to_sql(new.backend),
             backend.and_then(|backend| backend.used).map(enum_to_sql),
             backend.and_then(|backend| backend.device.clone()),
@@ -229,7 +229,7 @@ async fn insert(
     let labels = new.labels.iter().map(|(name, value)| values![id, name, value]);
     insert_rows(tx, "INSERT INTO labels (job_id, name, value) VALUES ", labels.collect()).await?;
     if let Some(source) = source {
-        insert_files(tx, id, source.files.iter().filter(|file| is_wanted(&file.name, &new.outputs))).await?;
+        insert_files(tx, id, source.files.iter().filter(|file| new.outputs.want(&file.name))).await?;
     }
     Ok(())
 }

@@ -6,15 +6,17 @@
 
 mod collide;
 mod nesting;
+mod regions;
 mod sections;
 mod shape;
 mod surface;
 mod topology;
 mod types;
 
+pub use regions::{BothCertificate, RegionsCertificate, certify_regions, check_regions};
 pub use types::{Certificate, CheckOptions, Component, Failure, FailureKind, Place};
 
-use crate::model::{Mesh, Section};
+use crate::model::{BodyKind, LengthUnit, Mesh, Section};
 use rayon::prelude::*;
 use surface::{Coordinate, Surface};
 use types::{Failures, METRE_UM};
@@ -25,16 +27,32 @@ use types::{Failures, METRE_UM};
 pub fn certify(mesh: &Mesh, sections: &[Section]) -> Certificate {
     let mut failures = Failures::default();
     let contours = sections::examine(sections, &mut failures);
-    let mut certificate = surface(&mesh.positions, &mesh.triangles, METRE_UM, failures);
+    let mut certificate = body(mesh, LengthUnit::Metre, failures);
     certificate.section_crossings = contours.crossings;
     certificate.min_gap_um = contours.gaps_um.iter().copied().flatten().reduce(f64::min);
     certificate.section_gaps_um = contours.gaps_um;
+    certificate
+}
+
+/// Proves that the surface of one body is sound as it is written in `unit`, or lists its faults.
+#[must_use]
+pub fn certify_body(mesh: &Mesh, unit: LengthUnit) -> Certificate {
+    body(mesh, unit, Failures::default())
+}
+
+fn body(mesh: &Mesh, unit: LengthUnit, failures: Failures) -> Certificate {
+    let positions = unit.of_metres(&mesh.positions);
+    demanded(surface(&positions, &mesh.triangles, unit.metres() * METRE_UM, failures), mesh.body)
+}
+
+/// Adds the failures of a surface that is not one component with the Euler number of its body.
+fn demanded(mut certificate: Certificate, body: BodyKind) -> Certificate {
     let mut failures = Failures(std::mem::take(&mut certificate.failures));
     if certificate.components > 1 {
         let detail = format!("the body consists of {} parts instead of one", certificate.components);
         failures.add(FailureKind::Components, certificate.components, detail, Vec::new());
     }
-    demand_euler(&certificate, mesh.body.euler(), &mut failures);
+    demand_euler(&certificate, body.euler(), &mut failures);
     certificate.conclude(failures)
 }
 

@@ -166,6 +166,8 @@ pub enum FailureKind {
     Components,
     /// An Euler number other than the required one.
     Euler,
+    /// Tissue and lumen that do not have their wall in common, vertex for vertex, or do not fill the outside together.
+    Conformity,
 }
 
 /// A failure.

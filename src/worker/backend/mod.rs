@@ -121,8 +121,7 @@ pub(super) fn predict(job: &Job) -> Option<Prediction> {
     if job.kind == JobKind::Fit {
         return fit_of(job).ok().map(|fit| Prediction { seconds: fit.predicted_seconds(), bytes: 0 });
     }
-    let outputs: Vec<&str> = job.outputs.iter().map(|output| output.name()).collect();
-    let cost = resolve(job).ok()?.cost(&outputs);
+    let cost = resolve(job).ok()?.cost(&job.outputs.names());
     let bytes = cost.bytes.values().fold(0_u64, |sum, bytes| sum.saturating_add(*bytes));
     let seconds = cost.seconds.values().map(|estimate| estimate.seconds).fold(0.0, f64::max);
     Some(Prediction { seconds, bytes })

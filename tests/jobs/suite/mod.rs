@@ -28,13 +28,14 @@ pub use submit::*;
 use futures_util::future::{BoxFuture, join_all};
 use jiff::Timestamp;
 use oviduct::clock::Clock;
-use oviduct::generate::{Backend, Output, Progress, Stage};
+use oviduct::generate::{Backend, Output, Outputs, Progress, Stage};
 use oviduct::jobs::state::AttemptEnd;
 use oviduct::jobs::{
     Applied, BackendReport, BatchFilter, Change, ClaimedJob, Counts, Directive, File, Finished, Instruction, Job,
     JobId, JobKind, JobProgress, ListFilter, LiveSection, NewBatch, NewJob, Pause, Priority, Problem, Status, Store,
     StoreError, StoreOptions, Submitted, SubmittedBatch, UpkeepTask, WorkerInfo, WorkerState,
 };
+use oviduct::model::{BodyKind, LengthUnit};
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 use std::time::Duration;
@@ -67,6 +68,7 @@ macro_rules! over {
             an_idempotency_key_gives_one_job
             racing_idempotency_keys_give_one_job
             a_finished_digest_is_reused
+            bodies_and_units_are_kept_and_decide_what_is_reused
             shared_files_go_with_the_last_job
             the_queue_has_a_limit
             lists_are_filtered_and_paged
@@ -131,7 +133,7 @@ pub fn new_job(digest: &str) -> NewJob {
         preset: "pig".into(),
         seed: (1 << 53) - 1,
         spec: serde_json::json!({ "length_mm": 60.0, "steps": 2000 }),
-        outputs: vec![Output::Glb],
+        outputs: vec![Output::Glb].into(),
         backend: Backend::Auto,
         labels: BTreeMap::new(),
         priority: Priority::default(),

@@ -17,7 +17,7 @@ impl Bench {
 
 pub async fn equal_jobs_share_one_growth(factory: Factory) {
     let bench = bench(factory, |_| {}).await;
-    let outputs = |outputs: &[Output]| NewJob { outputs: outputs.to_vec(), ..new_job("d") };
+    let outputs = |outputs: &[Output]| NewJob { outputs: outputs.to_vec().into(), ..new_job("d") };
     let first = bench.submit(outputs(&[Output::Glb, Output::Obj])).await.id;
     let mut others = Vec::new();
     for n in 0..50 {
@@ -47,7 +47,7 @@ pub async fn equal_jobs_share_one_growth(factory: Factory) {
         assert_eq!((job.status, job.reused_from, job.attempts), (Status::Succeeded, Some(first), 0));
         assert_eq!((&job.summary, &job.backend), (&made.summary, &made.backend));
         assert_eq!(job.finished_at, made.finished_at);
-        let expected = made.files.iter().filter(|file| !job.outputs.is_empty() || file.name != "model.glb");
+        let expected = made.files.iter().filter(|file| !job.outputs.formats.is_empty() || file.name != "model.glb");
         assert!(job.files.iter().eq(expected), "{:?}", job.files);
     }
     // The files stay until the last of them is deleted.
@@ -63,7 +63,7 @@ pub async fn jobs_that_differ_share_nothing(factory: Factory) {
         |new| new.digest = "e".into(),
         |new| new.preset = "paper".into(),
         |new| new.backend = Backend::Cpu,
-        |new| new.outputs = vec![Output::Glb, Output::Obj],
+        |new| new.outputs = vec![Output::Glb, Output::Obj].into(),
         |new| new.reuse = false,
         |new| new.priority = 1.try_into().unwrap(),
     ];
@@ -141,7 +141,7 @@ pub async fn unsuitable_files_are_not_shared(factory: Factory) {
     bench.store.finish(claimed, done).await.unwrap();
     assert_eq!(bench.claimable().await, [second]);
 
-    let both = || NewJob { outputs: vec![Output::Glb, Output::Obj], ..new_job("e") };
+    let both = || NewJob { outputs: vec![Output::Glb, Output::Obj].into(), ..new_job("e") };
     let first = bench.submit(new_job("e")).await.id;
     let larger = bench.submit(both()).await.id;
     let waits = bench.submit(both()).await.id;

@@ -140,7 +140,7 @@ pub async fn a_finished_digest_is_reused(factory: Factory) {
     // Another backend, another format, another digest, or no reuse asked for: made anew.
     let refused: [fn(&mut NewJob); 4] = [
         |new| new.backend = Backend::Gpu,
-        |new| new.outputs = vec![Output::Glb, Output::Obj],
+        |new| new.outputs = vec![Output::Glb, Output::Obj].into(),
         |new| new.digest = "e".into(),
         |new| new.reuse = false,
     ];
@@ -155,6 +155,31 @@ pub async fn a_finished_digest_is_reused(factory: Factory) {
     }
     // Reuse needs no room in the queue.
     assert!(matches!(bench.store.submit(new_job("d")).await.unwrap(), Submitted::Reused(_)));
+}
+
+pub async fn bodies_and_units_are_kept_and_decide_what_is_reused(factory: Factory) {
+    let bench = bench(factory, |_| {}).await;
+    let with = |formats: &[Output], bodies: &[BodyKind], units| NewJob {
+        outputs: Outputs { formats: formats.to_vec(), bodies: bodies.to_vec(), units },
+        ..new_job("b")
+    };
+    let (tissue, lumen) = (BodyKind::Tissue, BodyKind::Lumen);
+    let made = with(&[Output::Glb, Output::Stl], &[tissue, lumen], Some(LengthUnit::Micrometre));
+    let id = bench.submit(made.clone()).await.id;
+    assert_eq!(bench.get(id).await.outputs, made.outputs);
+    let claimed = bench.claim("w").await.unwrap();
+    let files = ["model.glb", "lumen.glb", "model.stl", "lumen.stl", "report.json"].map(|name| file(&claimed, name));
+    let finished = Finished { files: files.to_vec(), ..finished(&claimed) };
+    bench.store.finish(claimed, finished).await.unwrap();
+    let names = |job: &Job| job.files.iter().map(|file| file.name.clone()).collect::<Vec<_>>();
+    // glTF has no choice of units.
+    let reused = bench.store.submit(with(&[Output::Glb], &[lumen], None)).await.unwrap();
+    assert!(matches!(reused, Submitted::Reused(_)), "{reused:?}");
+    assert_eq!(names(reused.job()), ["lumen.glb", "report.json"]);
+    let other_unit = bench.store.submit(with(&[Output::Stl], &[lumen], None)).await.unwrap();
+    assert!(matches!(other_unit, Submitted::Queued(_)), "{other_unit:?}");
+    let other_body = bench.store.submit(with(&[Output::Glb], &[BodyKind::Regions], None)).await.unwrap();
+    assert!(matches!(other_body, Submitted::Queued(_)), "{other_body:?}");
 }
 
 pub async fn shared_files_go_with_the_last_job(factory: Factory) {

@@ -41,8 +41,8 @@ async function retry(id: string): Promise<Model> {
 
 /** Submits the request of a model again; without a seed the service draws one. */
 async function again(id: string, seed?: number): Promise<Model> {
-  const { preset, spec, outputs, labels, priority, backend } = await ask((service) => service.get(id));
-  const request: ModelRequest = { preset, outputs, labels, priority, backend: backend.requested };
+  const { preset, spec, outputs, bodies, units, labels, priority, backend } = await ask((service) => service.get(id));
+  const request: ModelRequest = { preset, outputs, bodies, units, labels, priority, backend: backend.requested };
   if (spec) request.spec = spec;
   if (seed !== undefined) request.seed = seed;
   const model = await ask((service) => service.submit(request));

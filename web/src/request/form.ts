@@ -7,6 +7,8 @@ import { readList, readNumber, readSeeds } from "./text.ts";
 
 export type Backend = NonNullable<ModelRequest["backend"]>;
 export type Output = NonNullable<ModelRequest["outputs"]>[number];
+export type Body = NonNullable<ModelRequest["bodies"]>[number];
+export type Units = NonNullable<ModelRequest["units"]>;
 
 export const BACKENDS: Record<Backend, string> = {
   auto: "Automatic (GPU or CPU)",
@@ -17,11 +19,29 @@ export const BACKENDS: Record<Backend, string> = {
 export const OUTPUTS: Record<Output, string> = {
   glb: "glTF, the certified surface (.glb)",
   lod: "Three levels of detail, for this page and other viewers",
+  gltf: "glTF as text (.gltf, .bin)",
   obj: "Wavefront (.obj)",
+  stl: "STL, binary (.stl)",
+  "stl-ascii": "STL as text, one solid a patch (.ascii.stl)",
+  ply: "PLY (.ply)",
+  vtp: "VTK, ParaView (.vtp)",
+  centreline: "Centre line with radii (.vtp, .csv)",
   labels: "Tissue of every voxel (.ome.tif, .nii.gz)",
+};
+export const BODIES: Record<Body, string> = {
+  tissue: "Tissue (model.…)",
+  lumen: "Lumen, with inlet and outlet (lumen.…)",
+  regions: "Both, their wall once (regions.…)",
+};
+export const UNITS: Record<Units | "habit", string> = {
+  habit: "The habit of each format",
+  m: "Metres",
+  mm: "Millimetres",
+  um: "Micrometres",
 };
 /** What a request without `outputs` gets. */
 const DEFAULT_OUTPUTS: readonly Output[] = ["glb", "lod"];
+const DEFAULT_BODIES: readonly Body[] = ["tissue"];
 
 /** A parameter that a study varies. Numbers are as typed. */
 export interface Varied {
@@ -40,6 +60,8 @@ export interface Form {
   changes: Changes;
   labels: readonly { name: string; value: string }[];
   outputs: readonly Output[];
+  bodies: readonly Body[];
+  units: Units | "habit";
   backend: Backend;
   priority: string;
   reuse: boolean;
@@ -59,6 +81,8 @@ export const BLANK: Form = {
   changes: {},
   labels: [],
   outputs: DEFAULT_OUTPUTS,
+  bodies: DEFAULT_BODIES,
+  units: "habit",
   backend: "auto",
   priority: "0",
   reuse: true,
@@ -86,6 +110,8 @@ export function requestOf(form: Form, preset: string, parameters: readonly Param
   const spec = specPatch(form.changes, parameters);
   if (Object.keys(spec).length > 0) body["spec"] = spec;
   if (form.outputs.join() !== DEFAULT_OUTPUTS.join()) body["outputs"] = form.outputs;
+  if (form.bodies.join() !== DEFAULT_BODIES.join()) body["bodies"] = form.bodies;
+  if (form.units !== "habit") body["units"] = form.units;
   const labels = form.labels.filter(({ name, value }) => name !== "" || value !== "");
   if (labels.length > 0) body["labels"] = Object.fromEntries(labels.map(({ name, value }) => [name, value]));
   for (const [i, { name }] of labels.entries()) {

@@ -1,6 +1,6 @@
 // What a request has beside its spec: preset, seed, labels, files, and how it is queued.
 import { Icon } from "../ui/widgets.tsx";
-import { BACKENDS, OUTPUTS, type Backend, type Output } from "./form.ts";
+import { BACKENDS, BODIES, OUTPUTS, UNITS, type Backend, type Form } from "./form.ts";
 import { controlId, controlOf, Faults, Field } from "./inputs.tsx";
 import { catalogue, change, form, preset } from "./state.ts";
 
@@ -37,23 +37,31 @@ export function SeedField() {
 }
 
 export function MoreOptions() {
-  const { outputs, backend, priority, reuse } = form.value;
-  const toggle = (output: Output, wanted: boolean) =>
-    change({ outputs: entriesOf(OUTPUTS).map(([name]) => name).filter((name) => (name === output ? wanted : outputs.includes(name))) });
+  const { outputs, bodies, units, backend, priority, reuse } = form.value;
   return (
     <div class="stack">
       <Labels />
       <div class="columns">
         <fieldset class="field" id={controlId("/outputs")} tabIndex={-1}>
           <legend>Files of the model</legend>
-          {entriesOf(OUTPUTS).map(([name, title]) => (
-            <label key={name} class="row">
-              <input type="checkbox" checked={outputs.includes(name)} onChange={({ currentTarget }) => toggle(name, currentTarget.checked)} /> {title}
-            </label>
-          ))}
+          <Boxes titles={OUTPUTS} chosen={outputs} set={(outputs) => change({ outputs })} />
           <Faults pointer="/outputs" title="The list of files" />
           <div class="hint">Cross sections and a report are always written.</div>
         </fieldset>
+        <div class="stack">
+          <fieldset class="field" id={controlId("/bodies")} tabIndex={-1}>
+            <legend>Surfaces of</legend>
+            <Boxes titles={BODIES} chosen={bodies} set={(bodies) => change({ bodies })} />
+            <Faults pointer="/bodies" title="The list of bodies" />
+          </fieldset>
+          <Field pointer="/units" title="Unit of lengths" hint="glTF is always in metres; by default OBJ too, the others in millimetres.">
+            <select {...controlOf("/units")} value={units} onChange={({ currentTarget }) => change({ units: currentTarget.value as Form["units"] })}>
+              {entriesOf(UNITS).map(([name, title]) => (
+                <option key={name} value={name}>{title}</option>
+              ))}
+            </select>
+          </Field>
+        </div>
         <Field pointer="/backend" title="Computed by">
           <select {...controlOf("/backend", false)} value={backend} onChange={({ currentTarget }) => change({ backend: currentTarget.value as Backend })}>
             {entriesOf(BACKENDS).map(([name, title]) => (
@@ -72,6 +80,22 @@ export function MoreOptions() {
         </Field>
       </div>
     </div>
+  );
+}
+
+/** A box for each name; the chosen ones keep the order of the names. */
+function Boxes<Name extends string>({ titles, chosen, set }: { titles: Record<Name, string>; chosen: readonly Name[]; set: (chosen: readonly Name[]) => void }) {
+  const all = entriesOf(titles);
+  const toggle = (toggled: Name, wanted: boolean) =>
+    set(all.map(([name]) => name).filter((name) => (name === toggled ? wanted : chosen.includes(name))));
+  return (
+    <>
+      {all.map(([name, title]) => (
+        <label key={name} class="row">
+          <input type="checkbox" checked={chosen.includes(name)} onChange={({ currentTarget }) => toggle(name, currentTarget.checked)} /> {title}
+        </label>
+      ))}
+    </>
   );
 }
 

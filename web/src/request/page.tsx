@@ -103,7 +103,7 @@ function Form() {
             ))}
           </section>
           <section class="card folds">
-            <Folded title="Labels, files and queue" pointers={["/labels", "/outputs", "/backend", "/priority", "/reuse"]}>
+            <Folded title="Labels, files and queue" pointers={["/labels", "/outputs", "/bodies", "/units", "/backend", "/priority", "/reuse"]}>
               <MoreOptions />
             </Folded>
             <Folded title="The same request as code" pointers={[]}>

@@ -41,7 +41,7 @@ export const fields = computed<readonly string[]>(() => [
   ...varied.value.flatMap(({ pointer }) => [undefined, ...RANGE].map((member) => variedPointer(pointer, member))),
   "/vary/samples",
   ...parameters.value.map(({ pointer }) => `/spec${pointer}`),
-  ...["/labels", "/outputs", "/backend", "/priority", "/reuse"],
+  ...["/labels", "/outputs", "/bodies", "/units", "/backend", "/priority", "/reuse"],
 ]);
 
 export function localFaults(): Fault[] | undefined {
@@ -131,6 +131,8 @@ export async function fillFrom(query: URLSearchParams): Promise<void> {
         changes: base ? changesOf(model.spec, parametersOf(schema, base)) : {},
         labels: Object.entries(model.labels).map(([name, value]) => ({ name, value })),
         outputs: model.outputs,
+        bodies: model.bodies,
+        units: model.units ?? "habit",
         backend: model.backend.requested,
         priority: String(model.priority),
       };

@@ -98,6 +98,8 @@ const TITLES: Record<string, string> = {
   "/count": "Models",
   "/labels": "Labels",
   "/outputs": "Files of the model",
+  "/bodies": "Surfaces of",
+  "/units": "Unit of lengths",
   "/backend": "Computed by",
   "/priority": "Priority",
   "/reuse": "If an equal model exists",

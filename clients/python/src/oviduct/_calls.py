@@ -130,6 +130,8 @@ def _body(options: ModelOptions, **members: Any) -> Json:
     body = _given({**options, **members})
     if "outputs" in body:
         body["outputs"] = [body["outputs"]] if isinstance(body["outputs"], str) else list(body["outputs"])
+    if "bodies" in body:
+        body["bodies"] = [body["bodies"]] if isinstance(body["bodies"], str) else list(body["bodies"])
     return body
 
 
@@ -230,6 +232,10 @@ def report(ref: ModelRef) -> Call[Json]:
 
 def report_page(ref: ModelRef) -> Call[str]:
     return Request("GET", f"models/{key(ref)}/report.html"), lambda response: response.text
+
+
+def manifest(ref: ModelRef) -> Call[Json]:
+    return Request("GET", f"models/{key(ref)}/manifest.json"), _object
 
 
 def section(ref: ModelRef, index: int) -> Call[Section]:

@@ -149,6 +149,9 @@ class AsyncClient(AsyncDriver):
     async def report(self, model: ModelRef) -> Json:
         return await self._call(_calls.report(model))
 
+    async def manifest(self, model: ModelRef) -> Json:
+        return await self._call(_calls.manifest(model))
+
     async def report_page(self, model: ModelRef) -> str:
         return await self._call(_calls.report_page(model))
 

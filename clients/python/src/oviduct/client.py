@@ -108,7 +108,9 @@ class Client(Driver):
             idempotency_key: The same key with the same request returns the same model; by default a new one is made.
             preset: Name of a preset; `pig` by default.
             spec: Changes of the preset, as a merge patch: `{"collision": {"gap_um": 30}}`.
-            outputs: `glb` and `lod` (the default), `obj`, `labels`.
+            outputs: `glb` and `lod` (the default), `gltf`, `obj`, `stl`, `stl-ascii`, `ply`, `vtp`, `centreline`, `labels`.
+            bodies: The surfaces in these files: `tissue` (the default), `lumen`, `regions` (both, their wall once).
+            units: `m`, `mm` or `um`; by default metres in OBJ and glTF, millimetres in the others.
             labels: Names and values of your own, to find models by.
             backend: `auto` (the default), `gpu`, `cpu` or `cpu-single`.
             priority: -100 to 100.
@@ -241,6 +243,10 @@ class Client(Driver):
     def report(self, model: ModelRef) -> Json:
         """The report of a model: `certificate`, `morphometry`, `comparison`, `summary`, `spec`, `backend`, …"""
         return self._call(_calls.report(model))
+
+    def manifest(self, model: ModelRef) -> Json:
+        """What the files of a model are (bodies, units, patches, sizes, hashes), its origin, licence and how to cite."""
+        return self._call(_calls.manifest(model))
 
     def report_page(self, model: ModelRef) -> str:
         """The report as a page to show or to print: HTML that needs no other file."""

@@ -151,6 +151,8 @@ class Model:
     preset: str
     seed: int
     outputs: tuple[str, ...] = field(default=(), metadata=_TUPLE)
+    bodies: tuple[str, ...] = field(default=(), metadata=_TUPLE)
+    units: str | None = None
     labels: Mapping[str, str] = field(default_factory=dict, hash=False)
     priority: int = 0
     owner: str | None = None
@@ -598,7 +600,12 @@ class ModelOptions(TypedDict, total=False):
     spec: Mapping[str, Any]
     """Changes of the preset, as a merge patch (RFC 7396): `{"collision": {"gap_um": 30}}`."""
     outputs: Sequence[str]
-    """`glb` and `lod` (the default), `obj`, `labels`. `sections.bin` and `report.json` are always written."""
+    """`glb` and `lod` (the default), `gltf`, `obj`, `stl`, `stl-ascii`, `ply`, `vtp`, `centreline`, `labels`. `sections.bin`
+    and `report.json` are always written."""
+    bodies: Sequence[str]
+    """The surfaces in these files: `tissue` (the default), `lumen`, `regions` (both, their wall once)."""
+    units: str
+    """`m`, `mm` or `um`; by default metres in OBJ and glTF, millimetres in the others."""
     labels: Labels
     """Names and values of your own, to find models by."""
     backend: str

@@ -1,0 +1,87 @@
+//! Normals of triangles and vertices for formats that hold them. Only additions, multiplications, divisions and square
+//! roots are used, in a fixed order: the same surface gives the same bits on every machine.
+
+use super::shape::Shape;
+
+/// Unit normal of a triangle; zero if its area is.
+pub(super) fn of_triangle(corners: [[f32; 3]; 3]) -> [f32; 3] {
+    unit(doubled_area(corners)).unwrap_or_default()
+}
+
+/// Unit normal of each vertex: the mean of those of the triangles around it, weighted by area.
+///
+/// At the sharp edge of a wall and a cap the triangles of walls (patches named so) count alone: the mean of both would
+/// shade the wall as if it were bent. Without any direction (no triangles, or they cancel out) it is the z axis.
+///
+/// # Panics
+/// If the triangles or patches of the shape are out of bounds.
+pub(super) fn of_vertices(shape: &Shape<'_>) -> Vec<[f32; 3]> {
+    let mut sums = vec![[0.0; 3]; shape.positions.len()];
+    let mut on_wall = vec![false; shape.positions.len()];
+    // Walls first: then it is known which vertices the other patches leave alone.
+    for walls in [true, false] {
+        for patch in shape.patches.iter().filter(|patch| patch.name.contains("wall") == walls) {
+            for &triangle in &shape.triangles[patch.triangles.clone()] {
+                let normal = doubled_area(shape.corners(triangle));
+                for vertex in triangle.map(|v| v as usize) {
+                    if !walls && on_wall[vertex] {
+                        continue;
+                    }
+                    on_wall[vertex] |= walls;
+                    for (sum, part) in sums[vertex].iter_mut().zip(normal) {
+                        *sum += part;
+                    }
+                }
+            }
+        }
+    }
+    sums.into_iter().map(|sum| unit(sum).unwrap_or([0.0, 0.0, 1.0])).collect()
+}
+
+/// Normal of a triangle with the length of twice its area.
+fn doubled_area(corners: [[f32; 3]; 3]) -> [f64; 3] {
+    let [a, b, c] = corners.map(|p| p.map(f64::from));
+    let u = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
+    let v = [c[0] - a[0], c[1] - a[1], c[2] - a[2]];
+    [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+}
+
+/// `v` scaled to length 1, if it has a direction. Zeros are positive, as they are written as text.
+fn unit(v: [f64; 3]) -> Option<[f32; 3]> {
+    let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+    length.is_normal().then(|| v.map(|x| (x / length) as f32 + 0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::export::shape::NamedPatch;
+    use crate::model::LengthUnit;
+
+    const POSITIONS: [[f32; 3]; 5] = [[0., 0., 0.], [2., 0., 0.], [0., 1., 0.], [0., 0., 3.], [9., 9., 9.]];
+    const TRIANGLES: [[u32; 3]; 2] = [[0, 1, 2], [0, 2, 3]];
+
+    fn normals(names: [&str; 2]) -> Vec<[f32; 3]> {
+        let patches = names.into_iter().enumerate().map(|(i, name)| NamedPatch { name, triangles: i..i + 1 }).collect();
+        let (positions, triangles) = (&POSITIONS, &TRIANGLES);
+        of_vertices(&Shape { name: "x", positions, triangles, patches, unit: LengthUnit::Metre, meta: None })
+    }
+
+    #[test]
+    fn a_border_takes_the_normal_of_the_wall() {
+        let (x, z) = ([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
+        assert_eq!(normals(["cap_isthmus", "inner_wall"]), [x, z, x, x, z]);
+        assert_eq!(normals(["outer_wall", "cap_isthmus"]), [z, z, z, x, z]);
+        // Both alike: by area, 1 and 1.5.
+        let mixed = [1.5 / 3.25_f64.sqrt(), 0.0, 1.0 / 3.25_f64.sqrt()].map(|x| x as f32);
+        assert_eq!(normals(["a", "b"]), [mixed, z, mixed, x, z]);
+        assert_eq!(normals(["a", "b"]), normals(["wall", "wall"]));
+    }
+
+    #[test]
+    fn a_triangle_without_area_has_no_normal() {
+        assert_eq!(of_triangle([[1., 2., 3.], [2., 3., 4.], [3., 4., 5.]]), [0.0; 3]);
+        assert_eq!(of_triangle([[0., 0., 0.], [1e-20, 0., 0.], [0., 1e-20, 0.]]), [0.0, 0.0, 1.0]);
+        assert_eq!(of_triangle([[f32::NAN; 3]; 3]), [0.0; 3]);
+    }
+}

@@ -1,0 +1,125 @@
+//! PLY, binary: vertices with normals, triangles with the number of their patch. The patches are named in comments
+//! (`comment patch 0 inner_wall`), as the format has no place for names.
+
+use super::CITATION;
+use super::chunks::{join, one_line, vec3, write_items};
+use super::normals;
+use super::shape::{Shape, engine};
+use std::io::{self, Write};
+
+/// Media type of the file. None is registered; this one is formed as those of STL and OBJ.
+pub const MEDIA_TYPE: &str = "model/ply";
+
+/// Writes a surface as binary PLY in little-endian order.
+///
+/// # Errors
+/// Those of `out`; [`io::ErrorKind::InvalidInput`] if there are more vertices than a signed 32-bit index can name, the type
+/// that readers expect.
+///
+/// # Panics
+/// If the triangles or patches of the shape are out of bounds.
+pub fn write_ply(shape: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
+    indexable(shape.positions.len() as u64)?;
+    out.write_all(&header(shape)?)?;
+    let normals = normals::of_vertices(shape);
+    write_items(shape.positions.iter().zip(normals), out, |(&p, n)| join::<24>([vec3(p), vec3(n)]))?;
+    write_items(shape.triangles.iter().zip(shape.patch_of_each()), out, |(&[a, b, c], patch)| {
+        let words = [a, b, c, patch as u32].map(u32::to_le_bytes);
+        join::<17>([&[3][..], words.as_flattened()])
+    })
+}
+
+fn indexable(vertices: u64) -> io::Result<()> {
+    const MOST: u64 = 1 << 31;
+    if vertices <= MOST {
+        return Ok(());
+    }
+    let message =
+        format!("a PLY file with 32-bit indices holds at most {MOST} vertices, and the surface has {vertices}");
+    Err(io::Error::new(io::ErrorKind::InvalidInput, message))
+}
+
+fn header(shape: &Shape<'_>) -> io::Result<Vec<u8>> {
+    let mut text = b"ply\nformat binary_little_endian 1.0\n".to_vec();
+    writeln!(text, "comment generator: oviduct {}", one_line(engine(shape.meta)))?;
+    writeln!(text, "comment method: {CITATION}")?;
+    if let Some(meta) = shape.meta {
+        writeln!(text, "comment axes: right-handed, y up, z along the tube from isthmus to ampulla")?;
+        writeln!(text, "comment preset: {}", one_line(&meta.preset))?;
+        writeln!(text, "comment seed: {}", meta.seed)?;
+        writeln!(text, "comment digest: {}", one_line(&meta.digest))?;
+    }
+    writeln!(text, "comment body: {}", one_line(shape.name))?;
+    for (number, patch) in shape.patches.iter().enumerate() {
+        writeln!(text, "comment patch {number} {}", one_line(patch.name))?;
+    }
+    // Last, as a name above may look like a unit to readers.
+    writeln!(text, "comment units: {}", shape.unit.name())?;
+    writeln!(text, "element vertex {}", shape.positions.len())?;
+    for property in ["x", "y", "z", "nx", "ny", "nz"] {
+        writeln!(text, "property float {property}")?;
+    }
+    writeln!(text, "element face {}", shape.triangles.len())?;
+    writeln!(text, "property list uchar int vertex_indices\nproperty int patch\nend_header")?;
+    Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::export::read::{Format, parse};
+    use crate::export::tests::{Sample, bits, samples};
+    use proptest::prelude::*;
+
+    fn ply(sample: &Sample) -> Vec<u8> {
+        let mut file = Vec::new();
+        write_ply(&sample.shape(), &mut file).unwrap();
+        file
+    }
+
+    #[test]
+    fn the_header_is_as_agreed() {
+        let mut sample = Sample::new(7);
+        sample.patches[1].0 = "units: m\nnext".to_owned();
+        let file = ply(&sample);
+        let (header, data) = file.split_at(file.len() - 9 * 24 - 7 * 17);
+        let expected = format!(
+            "ply\nformat binary_little_endian 1.0\ncomment generator: oviduct 0.1.0\ncomment method: {CITATION}\n\
+             comment axes: right-handed, y up, z along the tube from isthmus to ampulla\ncomment preset: pig\n\
+             comment seed: 7\ncomment digest: {}\ncomment body: tissue\ncomment patch 0 inner_wall\n\
+             comment patch 1 units: m next\ncomment patch 2 cap_isthmus\ncomment patch 3 cap_ampulla\n\
+             comment units: mm\nelement vertex 9\nproperty float x\nproperty float y\nproperty float z\n\
+             property float nx\nproperty float ny\nproperty float nz\nelement face 7\n\
+             property list uchar int vertex_indices\nproperty int patch\nend_header\n",
+            "0f3a".repeat(16)
+        );
+        assert_eq!(str::from_utf8(header).unwrap(), expected);
+        assert_eq!(data[9 * 24..][..17], [3, 0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0]);
+        assert_eq!(&*parse(&file, Format::Ply, None).unwrap().groups[1].name, "units: m next");
+        let converted = Sample { meta: None, ..Sample::new(1) };
+        assert!(!String::from_utf8_lossy(&ply(&converted)).contains("seed"));
+    }
+
+    #[test]
+    fn more_vertices_than_indices_can_name_are_refused() {
+        assert!(indexable(1 << 31).is_ok());
+        let refused = indexable((1 << 31) + 1).unwrap_err();
+        assert_eq!(refused.kind(), io::ErrorKind::InvalidInput);
+        assert!(refused.to_string().contains("at most 2147483648 vertices"), "{refused}");
+    }
+
+    #[test]
+    fn a_large_file_is_written_in_pieces() {
+        let sample = Sample::new(10_000);
+        assert_eq!(parse(&ply(&sample), Format::Ply, None).unwrap(), sample.surface());
+    }
+
+    proptest! {
+        #[test]
+        fn a_file_read_back_is_the_same_surface(sample in samples(12)) {
+            let read = parse(&ply(&sample), Format::Ply, None).unwrap();
+            prop_assert_eq!(bits(&read.positions), bits(&sample.surface().positions));
+            prop_assert_eq!(read, sample.surface());
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! What the writers of surfaces are given.
+
+use super::Metadata;
+use crate::model::{LengthUnit, Mesh};
+use std::ops::Range;
+
+/// A surface to be written: a body of a model, or what was read from another file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shape<'a> {
+    /// Name of the whole: `tissue`, `lumen`, `regions`, or that of a converted file.
+    pub name: &'a str,
+    /// Distinct vertex positions in `unit`.
+    pub positions: &'a [[f32; 3]],
+    /// Vertex indices of each triangle.
+    pub triangles: &'a [[u32; 3]],
+    /// Named patches; they cover all triangles in order without overlap.
+    pub patches: Vec<NamedPatch<'a>>,
+    /// Unit of the positions.
+    pub unit: LengthUnit,
+    /// Origin of a generated model; none for a converted file.
+    pub meta: Option<&'a Metadata>,
+}
+
+/// A run of triangles with a name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NamedPatch<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// Its triangles.
+    pub triangles: Range<usize>,
+}
+
+impl<'a> Shape<'a> {
+    /// A body of a model, in metres.
+    #[must_use]
+    pub fn of(mesh: &'a Mesh, meta: &'a Metadata) -> Self {
+        Self {
+            name: mesh.body.name(),
+            positions: &mesh.positions,
+            triangles: &mesh.triangles,
+            patches: (mesh.patches.iter())
+                .map(|patch| NamedPatch { name: patch.kind.name(), triangles: patch.triangles.clone() })
+                .collect(),
+            unit: LengthUnit::Metre,
+            meta: Some(meta),
+        }
+    }
+
+    /// The program that writes it, with its version.
+    pub(super) fn generator(&self) -> String {
+        format!("oviduct {}", engine(self.meta))
+    }
+
+    /// The corners of a triangle.
+    pub(super) fn corners(&self, triangle: [u32; 3]) -> [[f32; 3]; 3] {
+        triangle.map(|v| self.positions[v as usize])
+    }
+
+    /// The number of the patch of each triangle, in order.
+    pub(super) fn patch_of_each(&self) -> impl Iterator<Item = usize> {
+        self.patches.iter().enumerate().flat_map(|(patch, p)| std::iter::repeat_n(patch, p.triangles.len()))
+    }
+
+    /// The triangles of a patch.
+    pub(super) fn triangles_of(&self, patch: &NamedPatch<'_>) -> &'a [[u32; 3]] {
+        &self.triangles[patch.triangles.clone()]
+    }
+}
+
+/// The version of the program that a file names: of a model, the one that grew it.
+pub(super) fn engine(meta: Option<&Metadata>) -> &str {
+    meta.map_or(crate::ENGINE_VERSION, |meta| &meta.engine)
+}
+
+/// Axes of all files of models, in words.
+pub const AXES: &str = "right-handed, y up, z along the tube from isthmus to ampulla";

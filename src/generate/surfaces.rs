@@ -1,0 +1,103 @@
+//! The surfaces of a model that are written: bodies, each in the units of its files.
+
+use super::outputs::Outputs;
+use super::types::GenerateError;
+use crate::export::{Metadata, Shape};
+use crate::measure::{certify_body, certify_regions};
+use crate::mesh::{self, LoftError};
+use crate::model::{BodyKind, LengthUnit, Mesh};
+use serde_json::{Value, json};
+use std::borrow::Cow;
+
+/// The bodies of a model, in metres.
+pub(super) struct Surfaces<'a> {
+    pub(super) tissue: &'a Mesh,
+    /// The lumen, and both bodies together, if either is written.
+    lumen: Option<(Mesh, Mesh)>,
+    /// What is written: each body in each of its units.
+    written: Vec<(BodyKind, LengthUnit)>,
+}
+
+impl<'a> Surfaces<'a> {
+    /// Closes the lumen if it is asked for.
+    pub(super) fn new(tissue: &'a Mesh, outputs: &Outputs) -> Result<Self, LoftError> {
+        let in_unit = |unit| outputs.bodies_in(unit).into_iter().map(move |body| (body, unit));
+        let written: Vec<_> = LengthUnit::ALL.into_iter().flat_map(in_unit).collect();
+        let needs_lumen = written.iter().any(|(body, _)| *body != BodyKind::Tissue);
+        let lumen = needs_lumen.then(|| {
+            let regions = mesh::regions(tissue)?;
+            Ok((mesh::lumen(&regions), regions))
+        });
+        Ok(Self { tissue, lumen: lumen.transpose()?, written })
+    }
+
+    /// The surface of a body; none if it is not written.
+    fn body(&self, body: BodyKind) -> Option<&Mesh> {
+        match (body, &self.lumen) {
+            (BodyKind::Tissue, _) => Some(self.tissue),
+            (BodyKind::Lumen, Some((lumen, _))) => Some(lumen),
+            (BodyKind::Regions, Some((_, regions))) => Some(regions),
+            _ => None,
+        }
+    }
+
+    /// Certifies all but the tissue in metres, whose volume is given: each surface in the coordinates that are written, and
+    /// whether lumen and tissue fit, in metres even if only one of them is written.
+    pub(super) fn certify(&self, tissue_mm3: f64) -> Result<Vec<Value>, GenerateError> {
+        let mut found = Vec::new();
+        for unit in LengthUnit::ALL {
+            let mut add = |body: BodyKind, certificate: Value, failure: Option<String>| match failure {
+                None => {
+                    found.push(json!({ "body": body, "unit": unit, "certificate": certificate }));
+                    Ok(())
+                }
+                Some(detail) => {
+                    let detail = format!("{} in {}: {detail}", body.name(), unit.name());
+                    Err(GenerateError::Certificate { detail })
+                }
+            };
+            let is_written = |body| self.written.contains(&(body, unit));
+            let together = is_written(BodyKind::Regions) || (unit == LengthUnit::Metre && self.lumen.is_some());
+            let mut volumes = [tissue_mm3, 0.0];
+            if unit != LengthUnit::Metre && (together || is_written(BodyKind::Tissue)) {
+                let certificate = certify_body(self.tissue, unit);
+                volumes[0] = certificate.volume_mm3;
+                add(BodyKind::Tissue, json!(certificate), certificate.first_failure())?;
+            }
+            let Some((lumen, regions)) = &self.lumen else { continue };
+            if together || is_written(BodyKind::Lumen) {
+                let certificate = certify_body(lumen, unit);
+                volumes[1] = certificate.volume_mm3;
+                add(BodyKind::Lumen, json!(certificate), certificate.first_failure())?;
+            }
+            if together {
+                let certificate = certify_regions(regions, lumen, volumes, unit);
+                add(BodyKind::Regions, json!(certificate), certificate.first_failure())?;
+            }
+        }
+        Ok(found)
+    }
+
+    /// The positions of all bodies in all units that are written.
+    pub(super) fn placed(&self) -> Vec<Placed<'_>> {
+        let place = |&(body, unit): &(BodyKind, LengthUnit)| {
+            let mesh = self.body(body)?;
+            Some(Placed { mesh, unit, positions: unit.of_metres(&mesh.positions) })
+        };
+        self.written.iter().filter_map(place).collect()
+    }
+}
+
+/// A body in a unit.
+pub(super) struct Placed<'a> {
+    pub(super) mesh: &'a Mesh,
+    pub(super) unit: LengthUnit,
+    positions: Cow<'a, [[f32; 3]]>,
+}
+
+impl<'a> Placed<'a> {
+    /// As the writers take it.
+    pub(super) fn shape(&'a self, meta: &'a Metadata) -> Shape<'a> {
+        Shape { positions: &self.positions, unit: self.unit, ..Shape::of(self.mesh, meta) }
+    }
+}

@@ -1,0 +1,359 @@
+"""Compares files of one surface in several formats, as other programs read them, with the OBJ file.
+
+Usage: formats.py FOLDER    (holds model.* in every format, and likewise lumen.* and regions.*; other .vtp files hold a line)
+
+Each file is read by two programs or more, and must have the vertices, the triangles in their order with their corners in
+their order, and the patch of each triangle that the OBJ file has. Coordinates in the unit of the OBJ file must be equal;
+otherwise they may differ by the rounding of a 32-bit float. meshio reads no PLY with numbers at its faces, and Gmsh no binary
+PLY with anything besides positions and faces, so that neither is asked about PLY.
+"""
+
+import os
+import re
+import sys
+import warnings
+from dataclasses import dataclass, field
+
+import gmsh
+import meshio
+import numpy as np
+import trimesh
+import vtk
+from vtk.util.numpy_support import vtk_to_numpy
+
+METRES = {"m": 1.0, "metres": 1.0, "mm": 1e-3, "um": 1e-6}
+# Of a coordinate, where units differ: two roundings of a 32-bit float.
+ROUNDING = 2.0**-22
+
+
+@dataclass
+class Surface:
+    """A surface as a program reads it."""
+
+    # Coordinates of the corners of each triangle.
+    corners: np.ndarray
+    # Name of the patch of each triangle; none if the program does not read it.
+    patches: list | None = None
+    # All vertices, if the program keeps those of the file.
+    vertices: np.ndarray | None = None
+    # Sentences about anything else that is wrong.
+    faults: list = field(default_factory=list)
+
+
+def indexed(vertices, triangles, patches=None):
+    vertices = np.asarray(vertices, dtype=np.float64)
+    return Surface(vertices[np.asarray(triangles, dtype=np.int64)], patches, vertices)
+
+
+def joined(parts):
+    """A surface of parts, each a patch: (name, vertices, triangles)."""
+    surfaces = [indexed(vertices, triangles) for _, vertices, triangles in parts]
+    patches = [name for (name, _, triangles) in parts for _ in range(len(triangles))]
+    return Surface(np.concatenate([s.corners for s in surfaces]), patches, np.concatenate([s.vertices for s in surfaces]))
+
+
+def yardstick(path):
+    """The surface of an OBJ file, the names of its patches in order, and its unit."""
+    vertices, triangles, patches, names, unit = [], [], [], [], None
+    with open(path, encoding="utf-8") as file:
+        for line in file:
+            match line.split():
+                case ["v", *numbers]:
+                    vertices.append([float(np.float32(x)) for x in numbers[:3]])
+                case ["f", *corners]:
+                    triangles.append([int(c.split("/")[0]) - 1 for c in corners])
+                    patches.append(names[-1])
+                case ["g", *words]:
+                    names.append(" ".join(words))
+                case ["#", *_] if found := re.search(r"units: (\w+)", line):
+                    unit = METRES[found[1]]
+    return indexed(vertices, triangles, patches), names, unit
+
+
+def output(reader, path):
+    reader.SetFileName(path)
+    reader.Update()
+    return reader.GetOutput()
+
+
+def polygons(data):
+    """Points and triangles of PolyData of VTK."""
+    triangles = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    return vtk_to_numpy(data.GetPoints().GetData()), triangles
+
+
+def glb_trimesh(path, _):
+    return joined([(name, part.vertices, part.faces) for name, part in trimesh.load(path, process=False).geometry.items()])
+
+
+def glb_vtk(path, _):
+    blocks = output(vtk.vtkGLTFReader(), path).NewIterator()
+    blocks.InitTraversal()
+    parts = []
+    while not blocks.IsDoneWithTraversal():
+        parts.append((None, *polygons(blocks.GetCurrentDataObject())))
+        blocks.GoToNextItem()
+    surface = joined(parts)
+    surface.patches = None
+    return surface
+
+
+def obj_meshio(path, names):
+    mesh = meshio.read(path)
+    patches = [names[i] for ids in mesh.cell_data["obj:group_ids"] for i in np.ravel(ids)]
+    return indexed(mesh.points.astype(np.float32), np.concatenate([block.data for block in mesh.cells]), patches)
+
+
+def obj_vtk(path, names):
+    data = output(vtk.vtkOBJReader(), path)
+    points, triangles = polygons(data)
+    ids = vtk_to_numpy(data.GetCellData().GetArray("GroupIds")).astype(int)
+    return indexed(points.astype(np.float32), triangles, [names[i] for i in ids])
+
+
+def stl_trimesh(path, names):
+    mesh = trimesh.load(path, process=False)
+    surface = indexed(mesh.vertices, mesh.faces, [names[a - 1] for a in mesh.face_attributes["stl"].ravel()])
+    surface.faults = normals(mesh.face_normals, surface.corners)
+    return surface
+
+
+def stl_meshio(path, _):
+    mesh = meshio.read(path)
+    return indexed(mesh.points.astype(np.float32), mesh.cells[0].data)
+
+
+def stl_vtk(path, _):
+    reader = vtk.vtkSTLReader()
+    reader.MergingOff()
+    return indexed(*polygons(output(reader, path)))
+
+
+def stl_gmsh(path, _):
+    """Gmsh makes a surface of each solid, and keeps its name."""
+    gmsh.initialize()
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        # Otherwise vertices that are near each other become one.
+        gmsh.option.setNumber("Geometry.Tolerance", 0)
+        gmsh.merge(path)
+        tags, points, _ = gmsh.model.mesh.getNodes()
+        at = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+        at[tags.astype(np.int64)] = np.arange(len(tags))
+        parts = []
+        for entity in gmsh.model.getEntities(2):
+            _, _, [nodes] = gmsh.model.mesh.getElements(*entity)
+            triangles = at[nodes.astype(np.int64)].reshape(-1, 3)
+            parts.append((gmsh.model.getEntityName(*entity), points.reshape(-1, 3).astype(np.float32), triangles))
+    finally:
+        gmsh.finalize()
+    surface = joined(parts)
+    if not path.endswith(".ascii.stl"):
+        surface.patches = None
+    return surface
+
+
+def ascii_trimesh(path, _):
+    loaded = trimesh.load(path, process=False)
+    # One solid is a mesh, several are a scene.
+    meshes = loaded.geometry if isinstance(loaded, trimesh.Scene) else {loaded.metadata["name"]: loaded}
+    surface = joined([(name, part.vertices.astype(np.float32), part.faces) for name, part in meshes.items()])
+    surface.faults = normals(np.concatenate([part.face_normals for part in meshes.values()]), surface.corners)
+    return surface
+
+
+def ascii_vtk(path, _):
+    reader = vtk.vtkSTLReader()
+    reader.MergingOff()
+    reader.ScalarTagsOn()
+    data = output(reader, path)
+    solids = reader.GetHeader().split("\n")
+    ids = vtk_to_numpy(data.GetCellData().GetArray("STLSolidLabeling")).astype(int)
+    return indexed(*polygons(data), [solids[i] for i in ids])
+
+
+def ply_trimesh(path, _):
+    mesh = trimesh.load(path, process=False)
+    with open(path, "rb") as file:
+        header = file.read(1 << 20).split(b"end_header\n")[0].decode()
+    names = dict(re.findall(r"^comment patch (\d+) (.*)$", header, re.MULTILINE))
+    ids = mesh.metadata["_ply_raw"]["face"]["data"]["patch"].ravel()
+    surface = indexed(mesh.vertices, mesh.faces, [names[str(i)] for i in ids])
+    surface.faults = unit_length(mesh.vertex_normals)
+    return surface
+
+
+def ply_vtk(path, _):
+    data = output(vtk.vtkPLYReader(), path)
+    surface = indexed(*polygons(data))
+    surface.faults = unit_length(vtk_to_numpy(data.GetPointData().GetNormals()))
+    return surface
+
+
+def strings(data, name):
+    array = data.GetFieldData().GetAbstractArray(name)
+    if not isinstance(array, vtk.vtkStringArray):
+        raise AssertionError(f"the field data {name} are {array and array.GetClassName()}")
+    return [array.GetValue(i) for i in range(array.GetNumberOfValues())]
+
+
+def vtp_vtk(path, _):
+    data = output(vtk.vtkXMLPolyDataReader(), path)
+    names = strings(data, "patch_names")
+    surface = indexed(*polygons(data), [names[i] for i in vtk_to_numpy(data.GetCellData().GetArray("patch"))])
+    surface.faults = unit_length(vtk_to_numpy(data.GetPointData().GetNormals()))
+    for name in ("name", "generator", "citation"):
+        if len(strings(data, name)) != 1:
+            surface.faults.append(f"the field data {name} are {strings(data, name)}")
+    return surface
+
+
+READERS = {
+    "glb": [("trimesh", glb_trimesh), ("vtk", glb_vtk)],
+    "gltf": [("trimesh", glb_trimesh), ("vtk", glb_vtk)],
+    "obj": [("meshio", obj_meshio), ("vtk", obj_vtk)],
+    "stl": [("trimesh", stl_trimesh), ("meshio", stl_meshio), ("vtk", stl_vtk), ("gmsh", stl_gmsh)],
+    "ascii.stl": [("trimesh", ascii_trimesh), ("meshio", stl_meshio), ("vtk", ascii_vtk), ("gmsh", stl_gmsh)],
+    "ply": [("trimesh", ply_trimesh), ("vtk", ply_vtk)],
+    "vtp": [("vtk", vtp_vtk)],
+}
+
+
+def unit_length(vectors):
+    error = np.abs(np.linalg.norm(vectors.astype(np.float64), axis=1) - 1).max(initial=0)
+    return [f"a normal has not the length 1 but differs by {error}"] if error > 1e-6 else []
+
+
+def normals(stated, corners):
+    """Compares normals of triangles with those of their corners; zero stands for no area."""
+    a, b, c = corners.transpose(1, 0, 2)
+    cross = np.cross(b - a, c - a)
+    length = np.linalg.norm(cross, axis=1, keepdims=True)
+    own = np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
+    error = np.abs(own - stated).max(initial=0)
+    return [f"a normal is off by {error}"] if error > 1e-5 else []
+
+
+def unit_of(stem, extension):
+    """Metres in the unit that a file states; text STL has that of the binary file."""
+    path = f"{stem}.{extension}"
+    match extension:
+        case "glb" | "gltf":
+            return 1.0
+        case "ascii.stl":
+            return unit_of(stem, "stl") if os.path.exists(f"{stem}.stl") else 1.0
+        case "vtp":
+            return METRES[strings(output(vtk.vtkXMLPolyDataReader(), path), "units")[0]]
+        case _:
+            with open(path, "rb") as file:
+                head = file.read(80 if extension == "stl" else 1 << 20)
+            if extension == "stl" and head.startswith(b"solid"):
+                raise AssertionError(f"{path} begins as if it were text")
+            return METRES[re.search(rb"units[:=] ?(\w+)", head)[1].decode()]
+
+
+def distinct(points):
+    return np.unique(np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3) + 0.0, axis=0)
+
+
+def compare(found, expected, factor):
+    """A sentence for each difference. `factor` is the unit of the expected surface in that of the found one."""
+    faults = list(found.faults)
+    if found.corners.shape != expected.corners.shape:
+        return [*faults, f"{len(found.corners)} triangles, not {len(expected.corners)}"]
+    scaled = np.float64(np.float32(expected.corners * factor))
+    same = found.corners == scaled
+    if factor != 1.0:
+        same |= np.abs(found.corners - scaled) <= ROUNDING * np.abs(scaled)
+    if not same.all():
+        wrong = np.flatnonzero(~same.all(axis=(1, 2)))
+        first = wrong[0]
+        faults.append(f"{len(wrong)} triangles differ, the first is {first}: {found.corners[first].tolist()}, "
+                      f"not {scaled[first].tolist()}")
+    # All vertices, or in formats without a list of them those that triangles use.
+    own = distinct(found.corners if found.vertices is None else found.vertices)
+    wanted = [distinct(np.float32(points * factor)) for points in (expected.vertices, expected.corners)]
+    # Two vertices may become one where they are rounded, but hardly ever do.
+    if not any(np.array_equal(own, points) if factor == 1.0 else len(own) == len(points) for points in wanted):
+        faults.append(f"its {len(own)} vertices are not the {len(wanted[0])} expected")
+    if found.patches is not None and found.patches != expected.patches:
+        wrong = [i for i, pair in enumerate(zip(found.patches, expected.patches)) if pair[0] != pair[1]]
+        first = wrong[0]
+        faults.append(f"triangle {first} is in {found.patches[first]!r}, not in {expected.patches[first]!r}; {len(wrong)} are wrong")
+    return faults
+
+
+def judge(stem):
+    """A sentence for each fault of the files of a surface."""
+    expected, names, unit = yardstick(f"{stem}.obj")
+    faults = []
+    for extension, readers in READERS.items():
+        path = f"{stem}.{extension}"
+        if not os.path.exists(path):
+            faults.append(f"{path} is missing")
+            continue
+        for program, read in readers:
+            metres = unit_of(stem, extension)
+            found = read(path, names)
+            new = compare(found, expected, 1.0 if metres == unit else unit / metres)
+            patches = "patches" if found.patches is not None else "no patches"
+            print(f"{program}: {path}: {len(found.corners)} triangles, unit {metres} m, {patches}: "
+                  f"{'same' if not new else 'NOT THE SAME'}", flush=True)
+            faults += [f"{program}: {path}: {fault}" for fault in new]
+    text = f"{stem}.ascii.stl"
+    return faults + solids(text, expected.patches) if os.path.exists(text) else faults
+
+
+# Lines of text STL as the lexer of OpenFOAM takes them (STLsurfaceFormatASCII.L of OpenFOAM-dev).
+NUMBERS = r"( [-+]?(\d*\.\d+|\d+\.?)([eE][-+]?\d+)?){3}"
+LINES = re.compile(rf"facet normal{NUMBERS}|outer loop|vertex{NUMBERS}|endloop|endfacet|(end)?solid .+")
+
+
+def solids(path, patches):
+    """A sentence for each line of a text STL file that a flow solver might not take, and for wrong names of solids."""
+    with open(path, encoding="utf-8") as file:
+        lines = file.read().splitlines()
+    faults = [f"{path}: the line {line!r}" for line in lines if not LINES.fullmatch(line)]
+    names = [line for line in lines if line.startswith("solid")]
+    if names != [f"solid {name}" for name in dict.fromkeys(patches)]:
+        faults.append(f"{path}: its solids are {names}")
+    return faults
+
+
+def line(path):
+    """A sentence for each fault of a file of a line."""
+    data = output(vtk.vtkXMLPolyDataReader(), path)
+    points = data.GetNumberOfPoints()
+    order = vtk_to_numpy(data.GetLines().GetConnectivityArray())
+    arrays = [data.GetPointData().GetArray(i) for i in range(data.GetPointData().GetNumberOfArrays())]
+    print(f"vtk: {path}: a line of {points} points with {[array.GetName() for array in arrays]}", flush=True)
+    faults = []
+    if data.GetNumberOfCells() != 1 or not np.array_equal(order, np.arange(points)) or points < 2:
+        faults.append(f"{path}: not one line through all points in order")
+    if data.GetPoints().GetDataType() != vtk.VTK_DOUBLE or any(array.GetDataType() != vtk.VTK_DOUBLE for array in arrays):
+        faults.append(f"{path}: the numbers are not all of 64 bits")
+    if any(array.GetNumberOfTuples() != points or array.GetNumberOfComponents() != 1 for array in arrays):
+        faults.append(f"{path}: an array has not one value for each point")
+    if strings(data, "units")[0] not in METRES:
+        faults.append(f"{path}: its unit is {strings(data, 'units')}")
+    return faults
+
+
+def main(folder):
+    # meshio takes text of STL for a count of triangles, and finds by its size that it is none.
+    warnings.filterwarnings("ignore", category=RuntimeWarning, module="meshio")
+    vtk.vtkObject.GlobalWarningDisplayOff()
+    stems = [os.path.join(folder, stem) for stem in ("model", "lumen", "regions")]
+    stems = [stem for stem in stems if os.path.exists(f"{stem}.obj")]
+    lines = sorted(name for name in os.listdir(folder) if name.endswith(".vtp"))
+    lines = [os.path.join(folder, name) for name in lines if os.path.join(folder, name[:-4]) not in stems]
+    if not stems:
+        sys.exit(f"{folder} holds no OBJ file to compare with")
+    faults = [fault for stem in stems for fault in judge(stem)] + [fault for path in lines for fault in line(path)]
+    for fault in faults:
+        print(fault, file=sys.stderr)
+    sys.exit(1 if faults else 0)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
