@@ -37,7 +37,7 @@ class Surface:
 def read_polydata(path):
     """A .vtp file as VTK's object, and the strings of its field data."""
     if not os.path.exists(path):
-        sys.exit(f"{path} is missing: grow the model with --bodies tissue,lumen,regions --outputs vtp")
+        sys.exit(f"{path} is missing: grow the model with --bodies tissue,lumen,regions --outputs vtp,centreline")
     reader = vtk.vtkXMLPolyDataReader()
     reader.SetFileName(path)
     reader.Update()

@@ -1,9 +1,8 @@
-//! PLY, binary: vertices with normals, triangles with the number of their patch. The patches are named in comments
-//! (`comment patch 0 inner_wall`), as the format has no place for names.
+//! PLY, binary: positions and triangles, and nothing else, as several readers (Gmsh, meshio) take no other properties. Patches
+//! are runs of triangles; comments name them with the first triangle and their number (`comment patch 0 120 inner_wall`).
 
 use super::CITATION;
 use super::chunks::{join, one_line, vec3, write_items};
-use super::normals;
 use super::shape::{Shape, engine};
 use std::io::{self, Write};
 
@@ -21,12 +20,8 @@ pub const MEDIA_TYPE: &str = "model/ply";
 pub fn write_ply(shape: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
     indexable(shape.positions.len() as u64)?;
     out.write_all(&header(shape)?)?;
-    let normals = normals::of_vertices(shape);
-    write_items(shape.positions.iter().zip(normals), out, |(&p, n)| join::<24>([vec3(p), vec3(n)]))?;
-    write_items(shape.triangles.iter().zip(shape.patch_of_each()), out, |(&[a, b, c], patch)| {
-        let words = [a, b, c, patch as u32].map(u32::to_le_bytes);
-        join::<17>([&[3][..], words.as_flattened()])
-    })
+    write_items(shape.positions, out, |&p| vec3(p))?;
+    write_items(shape.triangles, out, |t| join::<13>([&[3][..], t.map(u32::to_le_bytes).as_flattened()]))
 }
 
 fn indexable(vertices: u64) -> io::Result<()> {
@@ -50,17 +45,17 @@ fn header(shape: &Shape<'_>) -> io::Result<Vec<u8>> {
         writeln!(text, "comment digest: {}", one_line(&meta.digest))?;
     }
     writeln!(text, "comment body: {}", one_line(shape.name))?;
-    for (number, patch) in shape.patches.iter().enumerate() {
-        writeln!(text, "comment patch {number} {}", one_line(patch.name))?;
+    for patch in &shape.patches {
+        writeln!(text, "comment patch {} {} {}", patch.triangles.start, patch.triangles.len(), one_line(patch.name))?;
     }
     // Last, as a name above may look like a unit to readers.
     writeln!(text, "comment units: {}", shape.unit.name())?;
     writeln!(text, "element vertex {}", shape.positions.len())?;
-    for property in ["x", "y", "z", "nx", "ny", "nz"] {
+    for property in ["x", "y", "z"] {
         writeln!(text, "property float {property}")?;
     }
     writeln!(text, "element face {}", shape.triangles.len())?;
-    writeln!(text, "property list uchar int vertex_indices\nproperty int patch\nend_header")?;
+    writeln!(text, "property list uchar int vertex_indices\nend_header")?;
     Ok(text)
 }
 
@@ -82,19 +77,18 @@ mod tests {
         let mut sample = Sample::new(7);
         sample.patches[1].0 = "units: m\nnext".to_owned();
         let file = ply(&sample);
-        let (header, data) = file.split_at(file.len() - 9 * 24 - 7 * 17);
+        let (header, data) = file.split_at(file.len() - 9 * 12 - 7 * 13);
         let expected = format!(
             "ply\nformat binary_little_endian 1.0\ncomment generator: oviduct 0.1.0\ncomment method: {CITATION}\n\
              comment axes: right-handed, y up, z along the tube from isthmus to ampulla\ncomment preset: pig\n\
-             comment seed: 7\ncomment digest: {}\ncomment body: tissue\ncomment patch 0 inner_wall\n\
-             comment patch 1 units: m next\ncomment patch 2 cap_isthmus\ncomment patch 3 cap_ampulla\n\
+             comment seed: 7\ncomment digest: {}\ncomment body: tissue\ncomment patch 0 2 inner_wall\n\
+             comment patch 2 1 units: m next\ncomment patch 3 0 cap_isthmus\ncomment patch 3 4 cap_ampulla\n\
              comment units: mm\nelement vertex 9\nproperty float x\nproperty float y\nproperty float z\n\
-             property float nx\nproperty float ny\nproperty float nz\nelement face 7\n\
-             property list uchar int vertex_indices\nproperty int patch\nend_header\n",
+             element face 7\nproperty list uchar int vertex_indices\nend_header\n",
             "0f3a".repeat(16)
         );
         assert_eq!(str::from_utf8(header).unwrap(), expected);
-        assert_eq!(data[9 * 24..][..17], [3, 0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0]);
+        assert_eq!(data[9 * 12..][..13], [3, 0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0]);
         assert_eq!(&*parse(&file, Format::Ply, None).unwrap().groups[1].name, "units: m next");
         let converted = Sample { meta: None, ..Sample::new(1) };
         assert!(!String::from_utf8_lossy(&ply(&converted)).contains("seed"));

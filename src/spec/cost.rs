@@ -71,9 +71,9 @@ const SIZES: [Size; 10] = [
     Size::new("obj", 1024.0, 33.0, 24.0, 24.0),
     Size::new("stl", 84.0, 0.0, 50.0, 50.0),
     Size::new("stl-ascii", 512.0, 0.0, 195.0, 195.0),
-    Size::new("ply", 1024.0, 24.0, 17.0, 17.0),
+    Size::new("ply", 1024.0, 12.0, 13.0, 13.0),
     Size::new("vtp", 4096.0, 24.0, 20.0, 20.0),
-    Size::new("centreline", 4096.0, 0.0, 0.0, 0.0),
+    Size::new("centreline", 2600.0, 0.0, 0.0, 0.0),
     Size::new("sections", 4096.0, 9.0, 0.0, 0.0),
     Size::new("report", 65_536.0, 0.0, 0.0, 0.0),
 ];
@@ -82,7 +82,7 @@ const SIZES: [Size; 10] = [
 const OF_BODIES: [&str; 7] = ["glb", "gltf", "obj", "stl", "stl-ascii", "ply", "vtp"];
 
 /// Bytes of a section in both files of the centre line.
-const CENTRELINE_SECTION_BYTES: u64 = 300;
+const CENTRELINE_SECTION_BYTES: u64 = 270;
 /// Memory per vertex and triangle of the lumen and of both bodies together: positions and indices of each.
 const BODIES_BYTES: u64 = 40;
 /// Seconds per triangle for the certificates of the lumen and of both bodies together, one core; measured on the default model.

@@ -4,8 +4,7 @@ Usage: formats.py FOLDER    (holds model.* in every format, and likewise lumen.*
 
 Each file is read by two programs or more, and must have the vertices, the triangles in their order with their corners in
 their order, and the patch of each triangle that the OBJ file has. Coordinates in the unit of the OBJ file must be equal;
-otherwise they may differ by the rounding of a 32-bit float. meshio reads no PLY with numbers at its faces, and Gmsh no binary
-PLY with anything besides positions and faces, so that neither is asked about PLY.
+otherwise they may differ by the rounding of a 32-bit float.
 """
 
 import os
@@ -129,8 +128,8 @@ def stl_vtk(path, _):
     return indexed(*polygons(output(reader, path)))
 
 
-def stl_gmsh(path, _):
-    """Gmsh makes a surface of each solid, and keeps its name."""
+def by_gmsh(path, _):
+    """Gmsh makes a surface of each solid of text STL, and keeps its name."""
     gmsh.initialize()
     try:
         gmsh.option.setNumber("General.Terminal", 0)
@@ -173,21 +172,25 @@ def ascii_vtk(path, _):
 
 
 def ply_trimesh(path, _):
+    """Readers ignore comments, where the names of the patches are."""
     mesh = trimesh.load(path, process=False)
     with open(path, "rb") as file:
         header = file.read(1 << 20).split(b"end_header\n")[0].decode()
-    names = dict(re.findall(r"^comment patch (\d+) (.*)$", header, re.MULTILINE))
-    ids = mesh.metadata["_ply_raw"]["face"]["data"]["patch"].ravel()
-    surface = indexed(mesh.vertices, mesh.faces, [names[str(i)] for i in ids])
-    surface.faults = unit_length(mesh.vertex_normals)
-    return surface
+    patches, at = [], 0
+    for first, count, name in re.findall(r"^comment patch (\d+) (\d+) (.*)$", header, re.MULTILINE):
+        assert int(first) == at, f"{path}: the patch {name} begins at {first}, not at {at}"
+        at += int(count)
+        patches += int(count) * [name]
+    return indexed(mesh.vertices, mesh.faces, patches)
+
+
+def ply_meshio(path, _):
+    mesh = meshio.read(path)
+    return indexed(mesh.points, mesh.cells_dict["triangle"])
 
 
 def ply_vtk(path, _):
-    data = output(vtk.vtkPLYReader(), path)
-    surface = indexed(*polygons(data))
-    surface.faults = unit_length(vtk_to_numpy(data.GetPointData().GetNormals()))
-    return surface
+    return indexed(*polygons(output(vtk.vtkPLYReader(), path)))
 
 
 def strings(data, name):
@@ -212,9 +215,9 @@ READERS = {
     "glb": [("trimesh", glb_trimesh), ("vtk", glb_vtk)],
     "gltf": [("trimesh", glb_trimesh), ("vtk", glb_vtk)],
     "obj": [("meshio", obj_meshio), ("vtk", obj_vtk)],
-    "stl": [("trimesh", stl_trimesh), ("meshio", stl_meshio), ("vtk", stl_vtk), ("gmsh", stl_gmsh)],
-    "ascii.stl": [("trimesh", ascii_trimesh), ("meshio", stl_meshio), ("vtk", ascii_vtk), ("gmsh", stl_gmsh)],
-    "ply": [("trimesh", ply_trimesh), ("vtk", ply_vtk)],
+    "stl": [("trimesh", stl_trimesh), ("meshio", stl_meshio), ("vtk", stl_vtk), ("gmsh", by_gmsh)],
+    "ascii.stl": [("trimesh", ascii_trimesh), ("meshio", stl_meshio), ("vtk", ascii_vtk), ("gmsh", by_gmsh)],
+    "ply": [("trimesh", ply_trimesh), ("meshio", ply_meshio), ("vtk", ply_vtk), ("gmsh", by_gmsh)],
     "vtp": [("vtk", vtp_vtk)],
 }
 

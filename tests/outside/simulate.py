@@ -74,7 +74,7 @@ def main(folder):
     model, other = out("model"), out("another")
     for seed, place in (("3", model), ("4", other)):
         Oviduct(sys.argv[1]).generate(place, "--seed", seed, "--bodies", "tissue,lumen,regions",
-                                      "--outputs", "vtp,stl-ascii,glb", *SMALL)
+                                      "--outputs", "vtp,stl-ascii,glb,centreline", *SMALL)
     with open(os.path.join(model, "report.json")) as file:
         report = json.load(file)
     # In millimetres, as in the files.

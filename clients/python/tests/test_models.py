@@ -28,6 +28,10 @@ def test_a_model_is_submitted_waited_for_and_saved(client, tmp_path):
     assert client.download(model.id, "report.json", tmp_path) == tmp_path / "report.json"
     assert client.content(model, "model.glb")[:4] == b"glTF"
     assert client.report(model)["certificate"]["passed"] is True
+    files = {file["name"]: file for file in client.manifest(model)["files"]}
+    assert files.keys() == {path.name for path in paths}
+    assert (files["model.glb"]["unit"], files["model.glb"]["body"]) == ("m", "tissue")
+    assert (model.bodies, model.units) == (("tissue",), None)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "report.json"]
 
 

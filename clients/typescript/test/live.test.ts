@@ -283,6 +283,8 @@ test("the service describes itself", async () => {
   assert((await client.preset("pig"))["name"]);
   assert((await problemOf(client.preset("dragon"))).is("preset-not-found"));
   assert((await client.schema())["properties"]);
+  const manifest = await client.manifest(model.id);
+  assert.deepEqual(manifest.files.map((file) => file.sha256), model.files.map((file) => file.sha256));
   const report = await client.report(model.id);
   assert(report.digest === model.digest && report["certificate"]);
   assert.equal((await client.health()).status, "ok");

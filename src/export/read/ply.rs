@@ -1,9 +1,9 @@
-//! PLY, text or binary of either byte order: elements `vertex` (x, y, z) and `face` (a list of vertex indices, and an
-//! integer `patch`, whose values comments such as `comment patch 0 inner_wall` name); other elements and properties are skipped.
+//! PLY, text or binary of either byte order: elements `vertex` (x, y, z) and `face` (a list of vertex indices);
+//! other elements and properties are skipped. Comments such as `comment patch 0 120 inner_wall` name runs of triangles: the
+//! first one, and how many.
 
 use super::error::ReadError;
-use super::patches::Patches;
-use super::surface::Surface;
+use super::surface::{Group, Surface};
 use super::text::{lines, quoted, unit};
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,12 +25,6 @@ enum Scalar {
     F64,
 }
 
-impl Scalar {
-    fn is_integer(self) -> bool {
-        !matches!(self, Self::F32 | Self::F64)
-    }
-}
-
 enum Kind {
     Scalar(Scalar),
     /// Types of the count and of the items.
@@ -50,13 +44,13 @@ struct Element {
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
     let mut surface = Surface::default();
-    let mut patches = Patches::default();
-    let (encoding, elements, begin) = header(bytes, &mut surface, &mut patches)?;
+    let (encoding, elements, begin) = header(bytes, &mut surface)?;
+    let runs = std::mem::take(&mut surface.groups);
     let mut body = Body { bytes, at: begin, encoding };
     for element in &elements {
         match element.name.as_str() {
             "vertex" => vertices(&mut body, element, &mut surface)?,
-            "face" => faces(&mut body, element, &mut patches, &mut surface)?,
+            "face" => faces(&mut body, element, &mut surface)?,
             // Without properties, elements have no data, whatever their count.
             _ if element.properties.is_empty() => {}
             _ => {
@@ -68,14 +62,26 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Surface, ReadError> {
             }
         }
     }
+    let faces = elements.iter().filter(|element| element.name == "face");
+    if faces.fold(0_usize, |sum, element| sum.saturating_add(element.count)) == surface.triangles.len() {
+        surface.groups = sound(runs, surface.triangles.len());
+    }
     Ok(surface)
 }
 
-fn header(
-    bytes: &[u8],
-    surface: &mut Surface,
-    patches: &mut Patches,
-) -> Result<(Encoding, Vec<Element>, usize), ReadError> {
+/// Runs that follow each other within the triangles; none if they do not, as comments of others may look like ours.
+fn sound(runs: Vec<Group>, triangles: usize) -> Vec<Group> {
+    let mut end = 0;
+    for run in &runs {
+        if run.triangles.start < end || run.triangles.end > triangles {
+            return Vec::new();
+        }
+        end = run.triangles.end;
+    }
+    runs.into_iter().filter(|run| !run.triangles.is_empty()).collect()
+}
+
+fn header(bytes: &[u8], surface: &mut Surface) -> Result<(Encoding, Vec<Element>, usize), ReadError> {
     let wrong = |line: usize, detail: String| Err(ReadError::Line { line, detail });
     let (mut encoding, mut elements, mut begin) = (None, Vec::<Element>::new(), 0);
     for ((number, line), raw) in lines(bytes).zip(bytes.split(|&b| b == b'\n')) {
@@ -92,10 +98,11 @@ fn header(
                     _ => return wrong(number, format!("the format {} is not known", quoted(name))),
                 }
             }
-            ["comment", "patch", patch, ..] if patch.parse::<i64>().is_ok() => {
+            ["comment", "patch", first, count, ..] if first.parse::<u32>().is_ok() && count.parse::<u32>().is_ok() => {
                 // The name is the rest of the line, with its spaces.
-                let name = line.split_once(patch).map_or("", |(_, name)| name.trim());
-                patches.name(patch.parse().unwrap_or_default(), name);
+                let name = line.splitn(5, ' ').nth(4).unwrap_or_default().trim();
+                let (first, count) = (first.parse().unwrap_or(0_usize), count.parse().unwrap_or(0_usize));
+                surface.groups.push(Group { name: name.into(), triangles: first..first + count });
             }
             ["comment" | "obj_info", ..] => {
                 if let Some(unit) = unit(&line) {
@@ -252,28 +259,20 @@ fn vertices(body: &mut Body<'_>, element: &Element, surface: &mut Surface) -> Re
     Ok(())
 }
 
-fn faces(
-    body: &mut Body<'_>,
-    element: &Element,
-    patches: &mut Patches,
-    surface: &mut Surface,
-) -> Result<(), ReadError> {
+fn faces(body: &mut Body<'_>, element: &Element, surface: &mut Surface) -> Result<(), ReadError> {
     let is_corners = |p: &Property| p.name == "vertex_indices" || p.name == "vertex_index";
     if element.count > 0 && !element.properties.iter().any(is_corners) {
         return Err(body.wrong("the faces have no list of vertices"));
     }
-    let is_patch = |p: &Property| p.name == "patch" && matches!(p.kind, Kind::Scalar(scalar) if scalar.is_integer());
     let vertices = surface.positions.len();
     let mut face = Vec::new();
     for _ in 0..element.count {
         face.clear();
-        let (mut bad, mut patch) = (None, None);
+        let mut bad = None;
         for property in &element.properties {
             let corners = is_corners(property);
             body.values(property, |value| {
-                if is_patch(property) && value.fract() == 0.0 {
-                    patch = Some(value as i64);
-                } else if corners {
+                if corners {
                     if value >= 0.0 && value < vertices as f64 && value.fract() == 0.0 {
                         face.push(value as u32);
                     } else {
@@ -288,11 +287,7 @@ fn faces(
         if face.len() < 3 {
             return Err(body.wrong("a face has fewer than three corners"));
         }
-        let first = surface.triangles.len();
         surface.add_face(&face)?;
-        if let Some(patch) = patch {
-            patches.add(surface, first, patch);
-        }
     }
     Ok(())
 }

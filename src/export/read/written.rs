@@ -68,21 +68,28 @@ fn each_solid_of_a_text_is_a_group() {
 }
 
 #[test]
-fn patches_of_ply_files_by_others() {
-    let text = |kind: &str, comments: &str| {
-        format!(
+fn runs_of_ply_files_are_taken_only_if_they_are_sound() {
+    let read = |comments: &str, last: &str| {
+        let text = format!(
             "ply\nformat ascii 1.0\n{comments}element vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
-             element face 4\nproperty {kind} patch\nproperty list uchar int vertex_index\nend_header\n\
-             0 0 0\n1 0 0\n1 1 0\n0 1 0\n5 4 0 1 2 3\n5 3 0 1 2\n-1 3 0 1 2\n5 3 0 1 2\n"
-        )
+             element face 3\nproperty list uchar int vertex_index\nend_header\n\
+             0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2\n3 0 1 2\n{last}\n"
+        );
+        parse(text.as_bytes(), Format::Ply, None).unwrap()
     };
-    let read = |kind: &str, comments: &str| parse(text(kind, comments).as_bytes(), Format::Ply, None).unwrap();
-    let surface = read("short", "");
-    assert_eq!(groups(&surface), [("patch 5", 0..3), ("patch -1", 3..4), ("patch 5", 4..5)]);
-    let surface = read("int", "comment patch 5 inner  wall \ncomment patch 5 other\ncomment patch x units: mm\n");
-    assert_eq!(groups(&surface), [("inner  wall", 0..3), ("patch -1", 3..4), ("inner  wall", 4..5)]);
-    assert_eq!(surface.unit, Unit::Stated(1e-3));
-    assert!(read("float", "").groups.is_empty());
+    let triangle = "3 0 1 2";
+    let surface = read("comment patch 0 2 inner  wall \ncomment patch 2 0 none\ncomment patch 2 1 b\n", triangle);
+    assert_eq!(groups(&surface), [("inner  wall", 0..2), ("b", 2..3)]);
+    assert_eq!(read("comment patch of units: mm\n", triangle).unit, Unit::Stated(1e-3));
+    for (comments, last) in [
+        ("comment patch 0 2 a\ncomment patch 1 1 b\n", triangle),
+        ("comment patch 0 4 a\n", triangle),
+        ("comment patch 4294967295 4294967295 a\n", triangle),
+        // Faces of more corners become more triangles.
+        ("comment patch 0 3 a\n", "4 0 1 2 3"),
+    ] {
+        assert!(read(comments, last).groups.is_empty(), "{comments}");
+    }
 }
 
 #[test]

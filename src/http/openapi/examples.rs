@@ -108,7 +108,7 @@ pub(super) fn add(document: &mut Value) {
 
 fn model() -> Value {
     json!({
-        "id": ID, "status": "succeeded", "version": 12, "preset": "pig", "seed": 7, "outputs": ["glb"],
+        "id": ID, "status": "succeeded", "version": 12, "preset": "pig", "seed": 7, "outputs": ["glb"], "bodies": ["tissue"], "units": null,
         "labels": { "study": "A3" }, "priority": 0, "owner": "smith-lab", "batch": null,
         "backend": { "requested": "cpu", "used": "cpu", "device": "cpu, 2 threads", "fallback": null },
         "worker": "node3-812-0", "queue": { "position": null, "wait_seconds": 0.003_909 },
