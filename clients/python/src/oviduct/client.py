@@ -108,7 +108,8 @@ class Client(Driver):
             idempotency_key: The same key with the same request returns the same model; by default a new one is made.
             preset: Name of a preset; `pig` by default.
             spec: Changes of the preset, as a merge patch: `{"collision": {"gap_um": 30}}`.
-            outputs: `glb` and `lod` (the default), `gltf`, `obj`, `stl`, `stl-ascii`, `ply`, `vtp`, `centreline`, `labels`.
+            outputs: `glb` and `lod` (the default), `gltf`, `obj`, `stl`, `stl-ascii`, `ply`, `vtp`, `centreline`,
+                `labels`.
             bodies: The surfaces in these files: `tissue` (the default), `lumen`, `regions` (both, their wall once).
             units: `m`, `mm` or `um`; by default metres in OBJ and glTF, millimetres in the others.
             labels: Names and values of your own, to find models by.
@@ -245,7 +246,7 @@ class Client(Driver):
         return self._call(_calls.report(model))
 
     def manifest(self, model: ModelRef) -> Json:
-        """What the files of a model are (bodies, units, patches, sizes, hashes), its origin, licence and how to cite."""
+        """What the files of a model are (bodies, units, patches, hashes), its origin, licence and how to cite."""
         return self._call(_calls.manifest(model))
 
     def report_page(self, model: ModelRef) -> str:
