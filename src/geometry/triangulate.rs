@@ -5,7 +5,7 @@
 //! and every edge of the contours is an edge of exactly one triangle.
 
 use spade::handles::FixedVertexHandle;
-use spade::{ConstrainedDelaunayTriangulation, Point2, Triangulation};
+use spade::{AngleLimit, ConstrainedDelaunayTriangulation, Point2, RefinementParameters, Triangulation};
 
 use super::predicates::{orient2d, widen2};
 
@@ -80,6 +80,81 @@ pub fn perforated(holes: &[&[[f32; 2]]], outer: &[[f32; 2]]) -> Result<Linked, T
     if found == expected { Ok(linked) } else { Err(TriangulateError::Count { found, expected }) }
 }
 
+/// A region triangulated with additional points inside.
+#[derive(Clone, Debug)]
+pub struct Refined {
+    /// The points added, numbered after those of the contours.
+    pub added: Vec<[f32; 2]>,
+    /// Counter-clockwise triangles.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// Triangulates the region of [`perforated`], with points added inside until triangles have no angles below 25° and no area above
+/// `area`, as far as the edges of the contours, which are kept, permit.
+///
+/// # Errors
+/// [`TriangulateError`] if the contours do not meet the conditions.
+pub fn refined(holes: &[&[[f32; 2]]], outer: &[[f32; 2]], area: f64) -> Result<Refined, TriangulateError> {
+    let contours: Vec<&[[f32; 2]]> = holes.iter().copied().chain([outer]).collect();
+    let mut left = vec![false; holes.len()];
+    left.push(true);
+    let (mut cdt, _) = cover(&contours, &left)?;
+    let given = cdt.num_vertices();
+    let parameters = RefinementParameters::new()
+        .exclude_outer_faces(true)
+        .keep_constraint_edges()
+        .with_max_allowed_area(area)
+        .with_min_required_area(area * 1e-3)
+        .with_angle_limit(AngleLimit::from_deg(27.0))
+        .with_max_additional_vertices(20 * given + 100_000);
+    cdt.refine(parameters);
+    let inside = flood(&cdt, &ring_edges(&contours), &sides(&contours, &left))?;
+    let faces = || cdt.inner_faces().filter(|face| inside[face.index()]);
+    // Points outside the region are left out.
+    let mut number: Vec<u32> =
+        (0..given as u32).chain(std::iter::repeat_n(u32::MAX, cdt.num_vertices() - given)).collect();
+    let mut added = Vec::new();
+    let mut points: Vec<[f64; 2]> = contours.iter().copied().flatten().copied().map(widen2).collect();
+    let mut triangles = Vec::new();
+    for face in faces() {
+        triangles.push(face.vertices().map(|v| {
+            let slot = &mut number[v.index()];
+            if *slot == u32::MAX {
+                *slot = (given + added.len()) as u32;
+                let p = v.position();
+                let rounded = [p.x as f32, p.y as f32];
+                added.push(rounded);
+                points.push(widen2(rounded));
+            }
+            *slot
+        }));
+    }
+    let expected = (given + 2 * added.len() + 2 * holes.len()).saturating_sub(2);
+    let sound = triangles.iter().filter(|t| {
+        let [a, b, c] = t.map(|i| points[i as usize]);
+        orient2d(a, b, c) > 0.0
+    });
+    match sound.count() {
+        found if found == expected && found == triangles.len() => Ok(Refined { added, triangles }),
+        found => Err(TriangulateError::Count { found, expected }),
+    }
+}
+
+/// The edges of contours, by the numbers of their points.
+fn ring_edges(contours: &[&[[f32; 2]]]) -> Vec<[usize; 2]> {
+    let mut edges = Vec::new();
+    for contour in contours {
+        let (base, n) = (edges.len(), contour.len());
+        edges.extend((0..n).map(|i| [base + i, base + (i + 1) % n]));
+    }
+    edges
+}
+
+/// For each edge whether the region lies left of it.
+fn sides(contours: &[&[[f32; 2]]], left: &[bool]) -> Vec<bool> {
+    contours.iter().zip(left).flat_map(|(contour, &left)| std::iter::repeat_n(left, contour.len())).collect()
+}
+
 /// Triangulates the region that lies left of the edges of every contour marked `left` and right of the
 /// others.
 fn region(contours: &[&[[f32; 2]]], left: &[bool], expected: usize) -> Result<Vec<[u32; 3]>, TriangulateError> {
@@ -104,14 +179,7 @@ fn region(contours: &[&[[f32; 2]]], left: &[bool], expected: usize) -> Result<Ve
 /// A triangulation of the convex hull in which all edges of the contours are edges, and which of its faces are in the region.
 fn cover(contours: &[&[[f32; 2]]], left: &[bool]) -> Result<(Cdt, Vec<bool>), TriangulateError> {
     let points: Vec<[f64; 2]> = contours.iter().copied().flatten().copied().map(widen2).collect();
-    let mut edges = Vec::with_capacity(points.len());
-    let mut inside_left = Vec::with_capacity(points.len());
-    for (contour, &left) in contours.iter().zip(left) {
-        let base = edges.len();
-        let n = contour.len();
-        edges.extend((0..n).map(|i| [base + i, base + (i + 1) % n]));
-        inside_left.extend(std::iter::repeat_n(left, n));
-    }
+    let (edges, inside_left) = (ring_edges(contours), sides(contours, left));
     let mut conflict = false;
     let vertices = points.iter().map(|p| Point2::new(p[0], p[1])).collect();
     let cdt = Cdt::try_bulk_load_cdt(vertices, edges.clone(), |_| conflict = true)

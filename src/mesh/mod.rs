@@ -16,7 +16,9 @@ mod draft;
 mod error;
 mod loft;
 mod mend;
+pub mod quality;
 mod slab;
+pub mod smooth;
 
 #[cfg(test)]
 mod synthetic;

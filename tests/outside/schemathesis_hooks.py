@@ -56,6 +56,9 @@ def before_call(context, case, kwargs):
             case.headers[name] = "wait=1"
         if name.lower() == "idempotency-key" and case.headers[name]:
             case.headers[name] = str(uuid.uuid4())
+        # A part of JSON is no JSON, which schemathesis does not know.
+        if name.lower() == "range" and (case.path_parameters or {}).get("name") == "report.json":
+            del case.headers[name]
 
 
 def copy():

@@ -1,0 +1,227 @@
+use super::*;
+use crate::geometry::distance::Triangles;
+use std::collections::HashMap;
+use std::f64::consts::TAU;
+
+/// A ring of points in micrometres with ids from 0.
+fn ring(points: Vec<[f64; 2]>) -> Ring {
+    Ring { ids: (0..points.len() as u32).collect(), points: points.into_iter().map(|p| p.map(|x| x as f32)).collect() }
+}
+
+fn circle(n: usize, radius: impl Fn(f64) -> f64) -> Ring {
+    let at = |i: usize| {
+        let angle = TAU * i as f64 / n as f64;
+        [radius(angle) * angle.cos(), radius(angle) * angle.sin()]
+    };
+    ring((0..n).map(at).collect())
+}
+
+fn section(k: usize, dz: f64, inner: Ring, outer: Ring) -> Section {
+    Section { step: k as f64, z_um: 1000.0 + dz * k as f64, added: false, inner, outer }
+}
+
+fn cylinder() -> Vec<Section> {
+    (0..13).map(|k| section(k, 25.0, circle(80, |_| 100.0), circle(40, |_| 260.0))).collect()
+}
+
+/// Folds that deepen and turn along the tube.
+fn folded() -> Vec<Section> {
+    let inner = |k: usize| {
+        let depth = 0.3 + 0.01 * k as f64;
+        circle(240, move |angle| 160.0 * (1.0 + depth * (7.0 * angle + 0.004 * k as f64).cos()))
+    };
+    (0..13).map(|k| section(k, 25.0, inner(k), circle(60, |_| 400.0))).collect()
+}
+
+/// A collapsed lumen: two waved walls `gap` apart.
+fn slit(gap: f64) -> Vec<Section> {
+    let wall = |k: usize| {
+        let wave = |x: f64| 10.0 * (x / 20.0 + 0.01 * k as f64).sin();
+        let way = |x: f64, side: f64| [x, wave(x) + side * 0.5 * gap];
+        let forth = (0..50).map(|i| way(-198.0 + 8.0 * f64::from(i), -1.0));
+        let back = (0..50).map(|i| way(198.0 - 8.0 * f64::from(i) - 3.0, 1.0));
+        ring(forth.chain(back).collect())
+    };
+    (0..9).map(|k| section(k, 25.0, wall(k), circle(60, |_| 400.0))).collect()
+}
+
+fn made(sections: &[Section], lids: bool) -> Remeshed {
+    let quality = Quality { lids, ..Quality::default() };
+    remesh(sections, &quality, &|| false).unwrap()
+}
+
+/// Every edge once in each direction, and no triangles that meet.
+fn check(mesh: &Mesh) {
+    let mut edges: HashMap<[u32; 2], u32> = HashMap::new();
+    for t in &mesh.triangles {
+        for k in 0..3 {
+            *edges.entry([t[k], t[(k + 1) % 3]]).or_default() += 1;
+        }
+    }
+    assert!(edges.iter().all(|(&[a, b], &count)| count == 1 && edges.contains_key(&[b, a])));
+    let mut used: Vec<u32> = mesh.triangles.iter().flatten().copied().collect();
+    used.sort_unstable();
+    used.dedup();
+    assert_eq!(used.len(), mesh.positions.len());
+    let euler = used.len() as i64 - edges.len() as i64 / 2 + mesh.triangles.len() as i64;
+    assert_eq!(euler, mesh.body.euler());
+    assert_eq!(meeting::pairs(mesh), Vec::<[u32; 2]>::new());
+}
+
+/// The surface of quads between sections with the same ids, as triangles in micrometres.
+fn reference(sections: &[Section], wall: usize) -> Vec<[[f64; 3]; 3]> {
+    let mut triangles = Vec::new();
+    for pair in sections.windows(2) {
+        let point = |s: &Section, i: usize| {
+            let ring = [&s.inner, &s.outer][wall];
+            let [x, y] = ring.points[i % ring.len()].map(f64::from);
+            [x, y, s.z_um]
+        };
+        for i in 0..[&pair[0].inner, &pair[0].outer][wall].len() {
+            let [a, b, c, d] = [(0, i), (0, i + 1), (1, i + 1), (1, i)].map(|(k, i)| point(&pair[k], i));
+            triangles.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    triangles
+}
+
+/// The greatest distance between a wall and the surface through all sections, either way, in micrometres.
+fn distance(mesh: &Mesh, sections: &[Section], wall: usize) -> f64 {
+    let result: Vec<[[f64; 3]; 3]> = mesh.triangles[mesh.patches[wall].triangles.clone()]
+        .iter()
+        .map(|t| t.map(|v| mesh.positions[v as usize].map(|x| f64::from(x) * 1e6)))
+        .collect();
+    let reference = reference(sections, wall);
+    let one_way = |from: &[[[f64; 3]; 3]], to: &[[[f64; 3]; 3]]| {
+        Triangles::new(to.len(), |i| to[i]).farthest(from.len(), |i, visit| {
+            let [a, b, c] = from[i];
+            for j in 0..=8 {
+                for k in 0..=8 - j {
+                    let (v, w) = (f64::from(j) / 8.0, f64::from(k) / 8.0);
+                    visit([0, 1, 2].map(|k| a[k] + (b[k] - a[k]) * v + (c[k] - a[k]) * w));
+                }
+            }
+        })
+    };
+    one_way(&result, &reference).max(one_way(&reference, &result))
+}
+
+#[test]
+fn surfaces_are_sound_even_and_near() {
+    for sections in [cylinder(), folded()] {
+        let mesh = made(&sections, false).tissue;
+        check(&mesh);
+        let figures = figures(&mesh, &mesh.triangles);
+        assert!(figures.share_of_20 > 0.99 && figures.share_of_4 > 0.99, "{figures:?}");
+        for wall in 0..2 {
+            let distance = distance(&mesh, &sections, wall);
+            assert!(distance <= 4.0, "wall {wall}: {distance} µm");
+        }
+    }
+}
+
+#[test]
+fn ends_lie_in_their_planes() {
+    let sections = folded();
+    let mesh = made(&sections, false).tissue;
+    let names: Vec<&str> = mesh.patches.iter().map(|patch| patch.kind.name()).collect();
+    assert_eq!(names, ["inner_wall", "outer_wall", "cap_isthmus", "cap_ampulla"]);
+    let planes = [&sections[0], &sections[sections.len() - 1]].map(|s| (s.z_um * 1e-6) as f32);
+    for (patch, z) in mesh.patches[2..].iter().zip(planes) {
+        let vertices = mesh.triangles[patch.triangles.clone()].iter().flatten();
+        assert!(vertices.clone().count() > 0);
+        assert!(vertices.clone().all(|&v| mesh.positions[v as usize][2].to_bits() == z.to_bits()));
+    }
+}
+
+#[test]
+fn lids_share_the_rims_of_the_inner_wall() {
+    let Remeshed { tissue, lids } = made(&folded(), true);
+    let lids = lids.unwrap();
+    let wall = &tissue.triangles[tissue.patches[0].triangles.clone()];
+    let triangles: Vec<[u32; 3]> =
+        wall.iter().map(|&[a, b, c]| [a, c, b]).chain(lids.inlet.clone()).chain(lids.outlet.clone()).collect();
+    // The lumen by itself: only the vertices that it uses.
+    let all = [&tissue.positions[..], &lids.positions].concat();
+    let mut number = HashMap::new();
+    let mut positions = Vec::new();
+    let triangles: Vec<[u32; 3]> = triangles
+        .iter()
+        .map(|t| {
+            t.map(|v| {
+                *number.entry(v).or_insert_with(|| {
+                    positions.push(all[v as usize]);
+                    positions.len() as u32 - 1
+                })
+            })
+        })
+        .collect();
+    let patches = vec![Patch { kind: PatchKind::Wall, triangles: 0..triangles.len() }];
+    check(&Mesh { body: BodyKind::Lumen, positions, triangles, patches });
+}
+
+#[test]
+fn walls_that_nearly_touch_stay_apart() {
+    for gap in [2.0, 0.6] {
+        let mesh = made(&slit(gap), false).tissue;
+        check(&mesh);
+    }
+}
+
+#[test]
+fn walls_that_meet_are_meshed_again_with_less_tolerance() {
+    // Without a look at gaps, the two sides would meet.
+    let sections = slit(0.6);
+    let walls = [PatchKind::InnerWall, PatchKind::OuterWall].map(|kind| Wall::new(kind, &Quality::default()));
+    let mut plan = Plan {
+        sections: &sections,
+        planes: planes(&sections, 900.0).unwrap(),
+        walls,
+        rows: Vec::new(),
+        blocks: Vec::new(),
+    };
+    let coarse = Spot { centre: [0.0, 0.0, 1100.0], radius: 500.0, tolerance: 1.0, fresh: true };
+    plan.update(&[coarse], &|| false).unwrap();
+    let before = plan.assemble().unwrap().mesh.triangles.len();
+    let spots = plan.tightened(&plan.assemble().unwrap().mesh, &[[0, 1]], &[coarse]);
+    assert!((spots[1].tolerance - 0.4).abs() < 1e-12 && spots[1].fresh && !spots[0].fresh);
+    plan.update(&spots, &|| false).unwrap();
+    assert!(plan.assemble().unwrap().mesh.triangles.len() >= before);
+}
+
+#[test]
+fn the_number_of_threads_does_not_matter() {
+    let sections = folded();
+    let on = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        // Short sheets, so that there are several.
+        let quality = Quality { resolution_um: 10.0, outer_um: 20.0, lids: true, ..Quality::default() };
+        pool.install(|| remesh(&sections, &quality, &|| false)).unwrap()
+    };
+    assert_eq!(on(1), on(3));
+}
+
+#[test]
+fn it_stops_when_asked() {
+    assert_eq!(remesh(&cylinder(), &Quality::default(), &|| true), Err(RemeshError::Stopped));
+}
+
+#[test]
+fn sections_that_form_no_surface_are_refused() {
+    let mut sections = cylinder();
+    assert_eq!(remesh(&sections[..1], &Quality::default(), &|| false), Err(RemeshError::Sections));
+    sections[4].inner.ids[7] = 999;
+    assert_eq!(remesh(&sections, &Quality::default(), &|| false), Err(RemeshError::Sections));
+    let turned: Vec<Section> = cylinder().into_iter().rev().collect();
+    assert_eq!(remesh(&turned, &Quality::default(), &|| false), Err(RemeshError::Sections));
+}
+
+/// Sections of 10 steps: rows are much farther apart than edges are long.
+#[test]
+fn sections_may_be_far_apart() {
+    let sections: Vec<Section> =
+        folded().into_iter().step_by(12).map(|s| Section { z_um: 10.0 * s.z_um, ..s }).collect();
+    let mesh = made(&sections, false).tissue;
+    check(&mesh);
+    assert!(figures(&mesh, &mesh.triangles).share_of_20 > 0.99);
+}
