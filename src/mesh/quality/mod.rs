@@ -2,7 +2,7 @@
 //!
 //! Each wall is cut at section planes into sheets (`sheet`), which are meshed independently, so that time is shared by threads and
 //! memory is bounded. At a plane the contour is resampled once (`row`); both neighbours keep that row. Within a sheet
-//! rows are joined, and edges divided, removed, flipped and moved (`weave`) until their lengths are those of the [`field`].
+//! rows are joined, and edges divided, removed, flipped and moved (`weave`) until their lengths are those of the `field`.
 //! Vertices lie on the sheet, and a triangle is changed only if it stays within the tolerance of it; hence walls can meet only where
 //! they are nearer than that. Triangles that meet are searched exactly, and their neighbourhood is meshed again with less
 //! tolerance.
