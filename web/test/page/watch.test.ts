@@ -9,6 +9,8 @@ after(closeBrowser);
 
 /** Grows for some seconds, also on a fast machine. */
 const SLOW: ModelRequest = { preset: "pig", spec: { steps: 1000, solver: { search: "grid" } } };
+/** Grows until it is cancelled, however slowly the page is drawn. */
+const LONG: ModelRequest = { preset: "pig", spec: { steps: 8000, solver: { search: "grid" } } };
 
 /** Where the page says that a section is. */
 async function place(visit: Visit): Promise<number> {
@@ -99,7 +101,7 @@ test("a service that is restarted in the middle is waited for", async () => {
 
 test("the growing tube comes back after the loss of the graphics context", async () => {
   await withService([], async (service) => {
-    const id = await submit(service, SLOW);
+    const id = await submit(service, LONG);
     const visit = await Visit.open(`${service.url}/#/models/${id}`);
     const { page } = visit;
     await grows(visit);
@@ -118,7 +120,7 @@ test("the growing tube comes back after the loss of the graphics context", async
 
 test("a growing model is cancelled, grown again, and deleted", async () => {
   await withService([], async (service) => {
-    const id = await submit(service, SLOW);
+    const id = await submit(service, LONG);
     const visit = await Visit.open(`${service.url}/#/models/${id}`);
     const { page } = visit;
     await grows(visit);
