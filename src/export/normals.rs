@@ -2,10 +2,11 @@
 //! roots are used, in a fixed order: the same surface gives the same bits on every machine.
 
 use super::shape::Shape;
+use crate::geometry::patch::doubled_area_normal;
 
 /// Unit normal of a triangle; zero if its area is.
 pub(super) fn of_triangle(corners: [[f32; 3]; 3]) -> [f32; 3] {
-    unit(doubled_area(corners)).unwrap_or_default()
+    unit(doubled_area_normal(corners)).unwrap_or_default()
 }
 
 /// Unit normal of each vertex: the mean of those of the triangles around it, weighted by area.
@@ -22,7 +23,7 @@ pub(super) fn of_vertices(shape: &Shape<'_>) -> Vec<[f32; 3]> {
     for walls in [true, false] {
         for patch in shape.patches.iter().filter(|patch| patch.name.contains("wall") == walls) {
             for &triangle in &shape.triangles[patch.triangles.clone()] {
-                let normal = doubled_area(shape.corners(triangle));
+                let normal = doubled_area_normal(shape.corners(triangle));
                 for vertex in triangle.map(|v| v as usize) {
                     if !walls && on_wall[vertex] {
                         continue;
@@ -36,14 +37,6 @@ pub(super) fn of_vertices(shape: &Shape<'_>) -> Vec<[f32; 3]> {
         }
     }
     sums.into_iter().map(|sum| unit(sum).unwrap_or([0.0, 0.0, 1.0])).collect()
-}
-
-/// Normal of a triangle with the length of twice its area.
-fn doubled_area(corners: [[f32; 3]; 3]) -> [f64; 3] {
-    let [a, b, c] = corners.map(|p| p.map(f64::from));
-    let u = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
-    let v = [c[0] - a[0], c[1] - a[1], c[2] - a[2]];
-    [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
 }
 
 /// `v` scaled to length 1, if it has a direction. Zeros are positive, as they are written as text.

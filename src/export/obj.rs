@@ -5,6 +5,7 @@
 //! readers use them as labels.
 
 use super::CITATION;
+use super::chunks::one_line;
 use super::shape::{AXES, Shape};
 use crate::model::LengthUnit;
 use std::io::{self, Write};
@@ -84,13 +85,8 @@ fn push_number(text: &mut Vec<u8>, mut number: u64) {
     text.extend_from_slice(&digits[start..]);
 }
 
-/// Free text without line ends, for a comment line.
-pub(super) fn one_line(text: &str) -> String {
-    text.replace(['\n', '\r'], " ")
-}
-
 /// A name without spaces: most readers end a name at the first.
-pub(super) fn one_word(text: &str) -> String {
+fn one_word(text: &str) -> String {
     text.split_whitespace().collect::<Vec<_>>().join("_")
 }
 

@@ -65,7 +65,7 @@ pub fn part_geometry(positions: &[[f32; 3]], source: &[[u32; 3]]) -> PatchGeomet
 }
 
 /// Normal of a triangle with the length of twice its area.
-fn doubled_area_normal(corners: [[f32; 3]; 3]) -> [f64; 3] {
+pub(crate) fn doubled_area_normal(corners: [[f32; 3]; 3]) -> [f64; 3] {
     let [a, b, c] = corners.map(|p| p.map(f64::from));
     let u = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
     let v = [c[0] - a[0], c[1] - a[1], c[2] - a[2]];

@@ -32,7 +32,7 @@ pub(in crate::cli) struct ModelArgs {
     #[arg(long, value_parser = units::named::<Backend>, default_value = "auto")]
     pub(in crate::cli) backend: Backend,
     /// Formats of the model, separated by commas: glb, gltf, obj, stl, stl-ascii, ply, vtp, centreline, lod, labels.
-    /// sections.bin and report.json are always written
+    /// sections.bin, report.json and, by `generate`, manifest.json are always written
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = units::named::<Output>, default_value = "glb,lod")]
     outputs: Vec<Output>,
     /// Bodies whose surfaces are written, separated by commas: tissue (model.*), lumen (lumen.*), regions (both, with their
