@@ -1,6 +1,6 @@
 //! The part of a wall between two planes, and the rows of vertices at planes.
 
-use super::RemeshError;
+use super::error::RemeshError;
 use super::field::{Aims, Field, Spot};
 use super::row::{resampled, stitched};
 use super::sheet::Sheet;

@@ -11,6 +11,7 @@
 
 mod block;
 mod cap;
+mod error;
 mod field;
 mod figures;
 mod meeting;
@@ -19,9 +20,9 @@ mod sheet;
 mod weave;
 mod web;
 
+pub use error::RemeshError;
 pub use figures::{Figures, figures};
 
-use crate::geometry::triangulate::TriangulateError;
 use crate::model::{BodyKind, Mesh, Patch, PatchKind, Ring, Section};
 use block::{Block, Row};
 use field::{Aims, Spot};
@@ -53,23 +54,6 @@ impl Default for Quality {
     fn default() -> Self {
         Self { resolution_um: 40.0, outer_um: 80.0, tolerance_um: 4.0, lids: false }
     }
-}
-
-/// Why a surface cannot be remeshed.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum RemeshError {
-    /// There are fewer than two sections, or one does not continue the one before.
-    #[error("the sections do not form a surface")]
-    Sections,
-    /// An end cannot be closed.
-    #[error("an end cannot be closed: {0}")]
-    Cap(#[from] TriangulateError),
-    /// Walls meet however small the tolerance.
-    #[error("{0} pairs of triangles meet however small the tolerance is")]
-    Meeting(usize),
-    /// It was asked to stop.
-    #[error("stopped")]
-    Stopped,
 }
 
 /// The result of [`remesh`].

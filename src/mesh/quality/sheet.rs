@@ -5,7 +5,7 @@
 //! with its particles on their straight ways, which never cross (docs/physics.md). Lengths along the sheet
 //! differ little from lengths in (u, z), because particles move by about a hundredth of the distance between sections.
 
-use super::RemeshError;
+use super::error::RemeshError;
 use crate::model::Ring;
 
 /// The contour of a section as part of a sheet, beginning with the first particle of the sheet.

@@ -1,3 +1,5 @@
+//! Tests of the remesher on shapes of known size: distance, angles, folds that nearly touch.
+
 use super::*;
 use crate::geometry::distance::Triangles;
 use std::collections::HashMap;

@@ -1,3 +1,5 @@
+//! Tests of smoothing: greatest turn, distance moved, contours that stay apart.
+
 use super::*;
 use crate::geometry::polygon::{check_contour, check_nested};
 use proptest::prelude::*;
