@@ -144,8 +144,15 @@ fn measured(
         }
         simulation.step().map_err(|error| Unmeasured::Failed(error.to_string()))?;
     }
-    let junction = [spec.regions.junction_from, spec.regions.junction_to];
-    Ok(morphometry(&sections, &[], &Regions { length_mm: spec.length_mm, junction }))
+    Ok(morphometry(
+        &sections,
+        &[],
+        &Regions {
+            length_mm: spec.length_mm,
+            junction: [spec.regions.junction_from, spec.regions.junction_to],
+            piece: [0.0, 1.0],
+        },
+    ))
 }
 
 /// The steps whose sections are measured for a target.

@@ -200,6 +200,12 @@ fn spec_of(preset: &'static Preset, members: &Map<String, Value>, faults: &mut V
     let none = json!({});
     let patch = members.get("spec").unwrap_or(&none);
     let resolved = ModelSpec::resolve(preset, patch);
+    if resolved.as_ref().is_ok_and(|spec| spec.recorded() != (0..=spec.steps)) {
+        faults.push(Fault::new(
+            "/spec/piece",
+            "must be the whole tube: from 0 to 1; models of a piece can be made of the result",
+        ));
+    }
     resolved
         .map_err(|found| faults.extend(found.into_iter().map(|f| Fault::new(format!("/spec{}", f.pointer), f.detail))))
         .ok()
@@ -492,6 +498,7 @@ mod tests {
             (with("preset", json!("dog")), "/preset"),
             (with("preset", json!(1)), "/preset"),
             (with("spec", json!({ "steps": -1 })), "/spec/steps"),
+            (with("spec", json!({ "piece": { "from": 0.5 } })), "/spec/piece"),
             (with("seed", json!(-1)), "/seed"),
             (with("evaluations", json!(0)), "/evaluations"),
             (with("evaluations", json!(2001)), "/evaluations"),

@@ -5,15 +5,17 @@
 //! simulation has ended. Members share only the device: one that fails, panics or is cancelled does not affect the others.
 
 use super::device::{Device, Receiver};
-use super::grow::{Grown, lofter, unsound};
+use super::grow::Grown;
 use super::pace::Pace;
 use super::types::{Backend, CancelToken, GenerateError, Outcome, Request, Sink};
+use super::walls::Walls;
 use super::{Ran, check_memory, finish};
 use crate::clock::Stopwatch;
 use crate::model::Section;
 use crate::sim::gpu::{GpuDevice, GpuError};
 use crate::sim::{Plan, SimError, Statistics};
 use std::any::Any;
+use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -116,18 +118,9 @@ enum Item<M> {
 type Loft<M> = Option<Lofting<M>>;
 
 struct Lofting<M> {
-    grown: Grown,
+    walls: Walls,
     /// The state at the last section of it.
     mark: M,
-}
-
-impl<M> Lofting<M> {
-    fn new(request: &Request, section: Section, mark: M) -> Result<Self, GenerateError> {
-        let sections = vec![section.clone()];
-        let lofter = lofter(request, section)?;
-        let grown = Grown { lofter, sections, flipped: 0, statistics: Statistics::default(), loft_seconds: 0.0 };
-        Ok(Self { grown, mark })
-    }
 }
 
 struct Inbox<M> {
@@ -256,45 +249,30 @@ impl<'a, D: Device> Batch<'a, D> {
         match item {
             Item::Broken(error) => Err(error),
             Item::Section(section, mark) => {
-                match loft {
-                    Some(loft) => {
-                        self.advance(member, loft, &section)?;
-                        loft.mark = mark;
+                if let Some(loft) = loft {
+                    let steps = || Ok(Cow::Owned(self.device.replay(&self.plans[member.slot], &loft.mark)?));
+                    loft.walls.extend(&section, steps)?;
+                    loft.mark = mark;
+                    if !loft.walls.shows(section.step as u32) {
+                        return Ok(None);
                     }
-                    None => *loft = Some(Lofting::new(member.member.request, section.clone(), mark)?),
+                } else if section.step as u32 == *request.spec.recorded().start() {
+                    *loft = Some(Lofting { walls: Walls::new(request, &section)?, mark });
+                } else {
+                    // It lies before the piece.
+                    return Ok(None);
                 }
                 lock(&member.pace).section(&section);
                 Ok(None)
             }
-            Item::Simulated(statistics, simulate) => {
+            Item::Simulated(statistics, seconds) => {
                 tracing::debug!(seed = request.seed, ?statistics, "the device has done the steps of a member");
                 let none = || GenerateError::Simulation { detail: "the device recorded no section".to_owned() };
-                let grown = Grown { statistics, ..loft.take().ok_or_else(none)?.grown };
-                let ran = Ran { used: Backend::Gpu, device: self.device.name(), simulate, total: self.total };
-                finish(request, grown, ran, |stage| lock(&member.pace).stage(stage), cancel).map(Some)
+                let walls = loft.take().ok_or_else(none)?.walls;
+                let ran = Ran { used: Backend::Gpu, device: self.device.name(), total: self.total };
+                finish(request, Grown { walls, statistics, seconds }, ran, &member.pace, cancel).map(Some)
             }
         }
-    }
-
-    /// Lofts the slab up to `section`; if it needs mending, the steps in between are simulated again.
-    fn advance(
-        &self,
-        member: &Growing<'a, D::Mark>,
-        loft: &mut Lofting<D::Mark>,
-        section: &Section,
-    ) -> Result<(), GenerateError> {
-        let watch = Stopwatch::start();
-        let accepted = match loft.grown.lofter.try_advance(section).map_err(unsound)? {
-            Some(accepted) => accepted,
-            None => {
-                let history = self.device.replay(&self.plans[member.slot], &loft.mark)?;
-                loft.grown.lofter.advance(&history).map_err(unsound)?
-            }
-        };
-        loft.grown.loft_seconds += watch.seconds();
-        loft.grown.flipped += accepted.flipped;
-        loft.grown.sections.extend(accepted.sections);
-        Ok(())
     }
 }
 

@@ -1,8 +1,8 @@
 //! Target of the fuzzers: checkpoints.
 
 use super::checkpoint::Checkpoint;
-use super::grow::lofter;
 use super::types::{Backend, Request};
+use super::walls::Walls;
 use crate::ENGINE_VERSION;
 use crate::export::sections_bin::fuzzing::seal;
 use crate::spec::{ModelSpec, preset};
@@ -48,9 +48,7 @@ fn read(bytes: &[u8]) {
     if particles > LOFTED {
         return;
     }
-    let Some((first, others)) = checkpoint.accepted.split_first() else { return };
-    let Ok(mut lofter) = lofter(&REQUEST, first.clone()) else { return };
-    let _ = others.iter().try_for_each(|section| lofter.advance(std::slice::from_ref(section)).map(drop));
+    drop(Walls::restored(&REQUEST, checkpoint.accepted, checkpoint.flipped, || false));
 }
 
 fn write(c: &Checkpoint) -> Vec<u8> {

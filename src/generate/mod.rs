@@ -18,6 +18,7 @@ mod outputs;
 mod pace;
 mod surfaces;
 mod types;
+mod walls;
 mod warnings;
 
 pub use batch::{Member, generate_batch};
@@ -37,6 +38,7 @@ use crate::spec::preset;
 use grow::Grown;
 use pace::Pace;
 use serde_json::json;
+use std::sync::{Mutex, PoisonError};
 use surfaces::Surfaces;
 
 /// Grows, certifies and writes one model on the CPU; for a GPU see [`generate_batch`].
@@ -89,47 +91,48 @@ fn run(
     check_memory(request)?;
     let total = Stopwatch::start();
     let mut pace = Pace::new(&request.spec, sink);
-    let watch = Stopwatch::start();
     let grown = grow::grow(request, from, &mut pace, cancel)?;
-    let simulate = watch.seconds() - grown.loft_seconds;
     let threads = rayon::current_num_threads();
     let ran = Ran {
         used: if request.backend == Backend::CpuSingle { Backend::CpuSingle } else { Backend::Cpu },
         device: format!("cpu, {threads} thread{}", if threads == 1 { "" } else { "s" }),
-        simulate,
         total,
     };
-    finish(request, grown, ran, |stage| pace.stage(stage), cancel)
+    finish(request, grown, ran, &Mutex::new(pace), cancel)
 }
 
-/// Backend, device and times of a simulation.
+/// Backend, device and time of a simulation.
 struct Ran {
     used: Backend,
     device: String,
-    /// Seconds of the simulation.
-    simulate: f64,
     total: Stopwatch,
 }
 
-/// Closes, certifies and writes a grown model; calls `stage` at the beginning of each stage.
+/// Closes, certifies and writes a grown model.
 fn finish(
     request: &Request,
     grown: Grown,
     ran: Ran,
-    mut stage: impl FnMut(Stage),
+    pace: &Mutex<Pace<'_>>,
     cancel: &CancelToken,
 ) -> Result<Outcome, GenerateError> {
-    let mut seconds = Seconds { simulate: ran.simulate, ..Seconds::default() };
+    let mut seconds = Seconds { simulate: grown.seconds, ..Seconds::default() };
+    let done = |stage, part| pace.lock().unwrap_or_else(PoisonError::into_inner).stage(stage, part);
+    let stage = |stage| done(stage, 0.0);
     stage(Stage::Mesh);
+    let closed = grown.walls.close(surfaces::need_lumen(&request.outputs), &|part| {
+        done(Stage::Mesh, part);
+        cancel.is_cancelled()
+    })?;
     let watch = Stopwatch::start();
-    let mesh = grown.lofter.finish().map_err(grow::unsound)?;
-    let surfaces = Surfaces::new(&mesh, &request.outputs).map_err(grow::unsound)?;
-    seconds.mesh = grown.loft_seconds + watch.seconds();
+    let (mesh, sections) = (&closed.tissue, &closed.sections);
+    let surfaces = Surfaces::new(mesh, closed.lids.as_ref(), &request.outputs).map_err(walls::unsound)?;
+    seconds.mesh = closed.seconds + watch.seconds();
     stop_if_cancelled(cancel)?;
 
     stage(Stage::Certify);
     let watch = Stopwatch::start();
-    let certificate = measure::certify(&mesh, &grown.sections);
+    let certificate = measure::certify(mesh, sections);
     if let Some(detail) = certificate.first_failure() {
         return Err(GenerateError::Certificate { detail });
     }
@@ -140,27 +143,32 @@ fn finish(
     stage(Stage::Measure);
     let watch = Stopwatch::start();
     let spec = &request.spec;
-    let regions =
-        Regions { length_mm: spec.length_mm, junction: [spec.regions.junction_from, spec.regions.junction_to] };
-    let morphometry = morphometry(&grown.sections, &certificate.section_gaps_um, &regions);
+    let regions = Regions {
+        length_mm: spec.length_mm,
+        junction: [spec.regions.junction_from, spec.regions.junction_to],
+        piece: spec.piece_um().map(|um| um / (spec.length_mm * 1000.0)),
+    };
+    let morphometry = morphometry(sections, &certificate.section_gaps_um, &regions);
     let comparison = preset(&request.preset).map(|of| compare(&morphometry, &of.organ, &of.species));
     seconds.measure = watch.seconds();
     stop_if_cancelled(cancel)?;
 
     stage(Stage::Export);
     let watch = Stopwatch::start();
-    let added = grown.sections.iter().filter(|s| s.added).count();
-    let ends = [&grown.sections[0], &grown.sections[grown.sections.len() - 1]].map(crate::model::Section::particles);
+    let added = sections.iter().filter(|s| s.added).count();
+    let ends = closed.particles;
+    let last = *spec.recorded().end();
     let warnings = warnings::warnings(&warnings::Growth {
-        splits_missing: grown.statistics.splits_missing,
+        // Before the end of the tube they may still be made.
+        splits_missing: if last == spec.steps { grown.statistics.splits_missing } else { 0 },
         min_gap_um: certificate.min_gap_um,
         particles: ends[1] as u64,
-        target: request.spec.particles.total.at(1.0).round() as u64,
+        target: spec.particles.total.at(f64::from(last) / f64::from(spec.steps)).round() as u64,
     });
     let summary = json!({
-        "sections": grown.sections.len() - added,
+        "sections": sections.len() - added,
         "sections_added": added,
-        "diagonals_flipped": grown.flipped,
+        "diagonals_flipped": closed.flipped,
         "particles": { "start": ends[0], "end": ends[1] },
         "splits_deferred": grown.statistics.splits_deferred,
         "splits_missing": grown.statistics.splits_missing,
@@ -174,7 +182,7 @@ fn finish(
     let certificate = serde_json::to_value(&certificate)
         .map_err(|e| GenerateError::Io { name: files::REPORT.into(), source: e.into() })?;
     let findings = Findings { summary, certificate, surfaces: others, morphometry, comparison };
-    let files = files::write(request, &surfaces, &grown.sections, &findings, cancel)?;
+    let files = files::write(request, &surfaces, sections, &findings, cancel)?;
     seconds.export = watch.seconds();
     stop_if_cancelled(cancel)?;
     seconds.total = ran.total.seconds();

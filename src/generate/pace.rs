@@ -5,22 +5,30 @@ use crate::clock::Stopwatch;
 use crate::model::Section;
 use crate::spec::ModelSpec;
 
-/// Fraction of the whole that is done when a stage begins.
-fn begins_at(stage: Stage) -> f64 {
-    match stage {
-        Stage::Simulate => 0.0,
-        Stage::Mesh => 0.80,
-        Stage::Certify => 0.82,
-        Stage::Measure => 0.90,
-        Stage::Export => 0.93,
-        Stage::Store => 0.98,
-    }
-}
+/// The stages with the fraction of the whole that is done when they end; for a surface that is lofted while the simulation
+/// runs, and for an even one.
+const LOFTED: [(Stage, f64); 6] = [
+    (Stage::Simulate, 0.80),
+    (Stage::Mesh, 0.82),
+    (Stage::Certify, 0.90),
+    (Stage::Measure, 0.93),
+    (Stage::Export, 0.98),
+    (Stage::Store, 1.0),
+];
+const EVEN: [(Stage, f64); 6] = [
+    (Stage::Simulate, 0.10),
+    (Stage::Mesh, 0.86),
+    (Stage::Certify, 0.93),
+    (Stage::Measure, 0.94),
+    (Stage::Export, 0.98),
+    (Stage::Store, 1.0),
+];
 
 /// Converts steps into progress. The weight of a step is its number of particles.
 pub(super) struct Pace<'a> {
     sink: &'a dyn Sink,
     watch: Stopwatch,
+    stages: &'static [(Stage, f64); 6],
     /// Fraction that was done when `watch` was started.
     begun: f64,
     burn_in: f64,
@@ -33,8 +41,9 @@ impl<'a> Pace<'a> {
     pub(super) fn new(spec: &ModelSpec, sink: &'a dyn Sink) -> Self {
         let particles = |t: u32| spec.particles.total.at(f64::from(t) / f64::from(spec.steps));
         let mut sum = f64::from(spec.burn_in) * particles(0);
-        let mut work = Vec::with_capacity(spec.steps as usize + 1);
-        for t in 0..=spec.steps {
+        let last = *spec.recorded().end();
+        let mut work = Vec::with_capacity(last as usize + 1);
+        for t in 0..=last {
             work.push(sum);
             sum += particles(t);
         }
@@ -42,13 +51,14 @@ impl<'a> Pace<'a> {
             stage: Stage::Simulate,
             fraction: 0.0,
             step: 0,
-            steps: spec.steps,
+            steps: last,
             particles: particles(0) as u32,
             sections: 0,
             eta_seconds: None,
         };
         sink.progress(&now);
-        Self { sink, watch: Stopwatch::start(), begun: 0.0, burn_in: f64::from(spec.burn_in), work, now }
+        let stages = if spec.mesh.resolution_um > 0.0 { &EVEN } else { &LOFTED };
+        Self { sink, watch: Stopwatch::start(), stages, begun: 0.0, burn_in: f64::from(spec.burn_in), work, now }
     }
 
     /// A step is done.
@@ -60,7 +70,7 @@ impl<'a> Pace<'a> {
         };
         self.now.step = time.max(0) as u32;
         self.now.particles = particles;
-        self.report(begins_at(Stage::Mesh) * done / all);
+        self.report(self.fraction(Stage::Simulate, done / all));
     }
 
     /// The generation continues from a checkpoint at this step.
@@ -86,10 +96,22 @@ impl<'a> Pace<'a> {
         self.sink.section(section);
     }
 
-    /// A stage begins.
-    pub(super) fn stage(&mut self, stage: Stage) {
+    /// A part of a stage is done.
+    pub(super) fn stage(&mut self, stage: Stage, part: f64) {
         self.now.stage = stage;
-        self.report(begins_at(stage));
+        self.report(self.fraction(stage, part));
+    }
+
+    /// The fraction of the whole after a part of a stage.
+    fn fraction(&self, stage: Stage, part: f64) -> f64 {
+        let mut begin = 0.0;
+        for &(known, end) in self.stages {
+            if known == stage {
+                return begin + part * (end - begin);
+            }
+            begin = end;
+        }
+        1.0
     }
 
     fn report(&mut self, fraction: f64) {

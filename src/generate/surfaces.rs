@@ -4,6 +4,7 @@ use super::outputs::Outputs;
 use super::types::GenerateError;
 use crate::export::{Metadata, Shape};
 use crate::measure::{certify_body, certify_regions};
+use crate::mesh::quality::Lids;
 use crate::mesh::{self, LoftError};
 use crate::model::{BodyKind, LengthUnit, Mesh};
 use serde_json::{Value, json};
@@ -19,13 +20,14 @@ pub(super) struct Surfaces<'a> {
 }
 
 impl<'a> Surfaces<'a> {
-    /// Closes the lumen if it is asked for.
-    pub(super) fn new(tissue: &'a Mesh, outputs: &Outputs) -> Result<Self, LoftError> {
-        let in_unit = |unit| outputs.bodies_in(unit).into_iter().map(move |body| (body, unit));
-        let written: Vec<_> = LengthUnit::ALL.into_iter().flat_map(in_unit).collect();
-        let needs_lumen = written.iter().any(|(body, _)| *body != BodyKind::Tissue);
-        let lumen = needs_lumen.then(|| {
-            let regions = mesh::regions(tissue)?;
+    /// Closes the lumen if it is asked for, with `lids` if there are any.
+    pub(super) fn new(tissue: &'a Mesh, lids: Option<&Lids>, outputs: &Outputs) -> Result<Self, LoftError> {
+        let written = written(outputs);
+        let lumen = need_lumen(outputs).then(|| {
+            let regions = match lids {
+                Some(lids) => lids.regions(tissue),
+                None => mesh::regions(tissue)?,
+            };
             Ok((mesh::lumen(&regions), regions))
         });
         Ok(Self { tissue, lumen: lumen.transpose()?, written })
@@ -86,6 +88,17 @@ impl<'a> Surfaces<'a> {
         };
         self.written.iter().filter_map(place).collect()
     }
+}
+
+/// What is written: each body in each of its units.
+fn written(outputs: &Outputs) -> Vec<(BodyKind, LengthUnit)> {
+    let in_unit = |unit| outputs.bodies_in(unit).into_iter().map(move |body| (body, unit));
+    LengthUnit::ALL.into_iter().flat_map(in_unit).collect()
+}
+
+/// Whether the lumen must be closed.
+pub(super) fn need_lumen(outputs: &Outputs) -> bool {
+    written(outputs).iter().any(|(body, _)| *body != BodyKind::Tissue)
 }
 
 /// A body in a unit.

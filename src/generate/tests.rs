@@ -163,6 +163,80 @@ fn progress_only_grows_and_names_every_stage() {
     assert_eq!((sink.sections.into_inner(), sink.reported.into_inner()), (13, 13));
 }
 
+/// A short tube with a surface of even triangles, whose edges are as long as small tests allow.
+pub(super) fn even(patch: &serde_json::Value) -> serde_json::Value {
+    let mut whole = json!({ "length_mm": 4, "mesh": { "resolution_um": 60, "tolerance_um": 8 } });
+    json_patch::merge(&mut whole, patch);
+    whole
+}
+
+#[test]
+fn an_even_surface_has_good_triangles_and_the_sections_of_the_lofted_one() {
+    let dir = tempfile::tempdir().unwrap();
+    let sink = Recorder::default();
+    let request = request(small(&even(&json!({}))), Backend::Cpu, dir.path());
+    let outcome = generate(&request, &sink, &CancelToken::default()).unwrap();
+    assert_eq!((sink.sections.into_inner(), sink.reported.into_inner()), (13, 13));
+    let seen = sink.fractions.into_inner().unwrap();
+    assert!(seen.windows(2).all(|w| w[0].1 <= w[1].1 && w[1].1 <= 1.0));
+    assert!(seen.iter().filter(|(stage, _)| *stage == Stage::Mesh).count() > 3, "the surface takes most of the time");
+    let certificate = &outcome.findings.certificate;
+    assert!(certificate["quality"]["least_angles_from_20"].as_f64().unwrap() > 0.99, "{}", certificate["quality"]);
+    assert!(certificate["quality"]["edge_ratios_to_4"].as_f64().unwrap() > 0.99, "{}", certificate["quality"]);
+    assert_eq!(outcome.findings.surfaces.len(), 2 + 3, "lumen and regions in metres, all three in millimetres");
+    let triangles = certificate["triangles"].as_u64().unwrap();
+    let predicted = request.spec.cost(&[]).triangles;
+    assert!(predicted < 2 * triangles && triangles < 2 * predicted, "{triangles} triangles, predicted {predicted}");
+
+    let one = hashes(small(&even(&json!({}))), Backend::CpuSingle, 1);
+    assert_eq!(one, outcome.files.into_iter().map(|f| (f.name, f.sha256)).collect());
+}
+
+#[test]
+fn a_run_is_cancelled_while_its_surface_is_remeshed() {
+    struct Stops(CancelToken);
+    impl Sink for Stops {
+        fn progress(&self, progress: &Progress) {
+            if progress.stage == Stage::Mesh && progress.fraction > 0.2 {
+                self.0.cancel();
+            }
+        }
+        fn section(&self, _: &crate::model::Section) {}
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let sink = Stops(CancelToken::default());
+    let result = generate(&request(small(&even(&json!({}))), Backend::Cpu, dir.path()), &sink, &sink.0);
+    assert!(matches!(result, Err(GenerateError::Cancelled)));
+}
+
+#[test]
+fn a_piece_has_the_sections_that_the_whole_tube_has_there() {
+    let read = |patch: &serde_json::Value| {
+        let dir = tempfile::tempdir().unwrap();
+        let outcome = generate(&request(small(patch), Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
+        let file = std::fs::File::open(dir.path().join("sections.bin")).unwrap();
+        let mut reader = crate::export::sections_bin::SectionsReader::open(file).unwrap();
+        let sections: Vec<_> = (0..reader.len()).map(|k| reader.section(k).unwrap()).collect();
+        (sections, outcome.findings)
+    };
+    let (all, _) = read(&json!({}));
+    let ((part, findings), (even, _)) = (
+        read(&json!({ "piece": { "from": 0.3, "to": 0.7 } })),
+        read(&even(&json!({ "length_mm": 60, "mesh": { "resolution_um": 400 }, "piece": { "from": 0.3, "to": 0.7 } }))),
+    );
+    let is_shown = |s: &&crate::model::Section| !s.added;
+    let [begin, end] = [&part[0], &part[part.len() - 1]].map(|s| s.z_um / 60e3);
+    assert!(begin <= 0.3 && end >= 0.7, "{begin} {end}");
+    let within: Vec<_> = all.iter().filter(is_shown).filter(|s| (begin..=end).contains(&(s.z_um / 60e3))).collect();
+    assert!(within.len() >= 3 && within.len() < all.len());
+    assert!(part.iter().filter(is_shown).eq(within.iter().copied()), "the piece has other sections");
+    assert!(even.iter().eq(within), "the even surface has other sections");
+    let bounds = &findings.certificate["bounds_um"];
+    assert!((bounds[0][2].as_f64().unwrap() - part[0].z_um).abs() < 0.01, "{bounds}");
+    assert!((findings.morphometry.tube.length_mm - (end - begin) * 60.0).abs() < 1e-9);
+    assert_eq!(findings.summary["warnings"], json!([]));
+}
+
 #[test]
 fn a_cancelled_run_stops_at_the_next_step() {
     let dir = tempfile::tempdir().unwrap();

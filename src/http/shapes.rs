@@ -117,7 +117,7 @@ pub(super) struct OtherSurface {
 #[derive(Serialize, ToSchema)]
 #[serde(untagged)]
 enum OtherCertificate {
-    Body(Certificate),
+    Body(Box<Certificate>),
     Regions(RegionsCertificate),
 }
 

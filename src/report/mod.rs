@@ -72,7 +72,11 @@ mod tests {
 
     fn stored() -> Value {
         let sections = sections();
-        let found = morphometry(&sections, &[Some(4.0); 13], &Regions { length_mm: 6.0, junction: [0.3, 0.4] });
+        let found = morphometry(
+            &sections,
+            &[Some(4.0); 13],
+            &Regions { length_mm: 6.0, junction: [0.3, 0.4], piece: [0.0, 1.0] },
+        );
         let preset = crate::spec::preset("pig").unwrap();
         let spec = crate::spec::ModelSpec::resolve(preset, &json!({ "friction": 0.25 })).unwrap();
         json!({

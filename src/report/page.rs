@@ -202,6 +202,8 @@ fn certificate(certificate: &Value, summary: &Value) -> Markup {
     let is = |name: &str| certificate[name].as_bool().unwrap_or(false);
     let count = |name: &str| certificate[name].to_string();
     let measure = |name: &str| optional(certificate[name].as_f64());
+    let share = |name: &str| certificate["quality"][name].as_f64().map(|share| 100.0 * share);
+    let (wide, compact) = (share("least_angles_from_20"), share("edge_ratios_to_4"));
     html! {
         h2 { "Certificate" }
         p {
@@ -224,6 +226,8 @@ fn certificate(certificate: &Value, summary: &Value) -> Markup {
                 ("Triangles", count("triangles")),
                 ("Sections", summary["sections"].to_string()),
                 ("Least gap between walls, µm", measure("min_gap_um")),
+                ("Triangles with no angle below 20°, %", optional(wide)),
+                ("Triangles with edges of a ratio up to 4, %", optional(compact)),
                 ("Volume, mm³", measure("volume_mm3")),
                 ("Surface, mm²", measure("area_mm2")),
             ] {

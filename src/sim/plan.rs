@@ -43,7 +43,7 @@ const WAVES: u32 = 24;
 pub struct Plan {
     /// Seed.
     pub seed: u64,
-    /// Steps from the isthmus end to the ampulla end.
+    /// Steps from the isthmus end to the last section of the model.
     pub steps: u32,
     /// Steps before step 0.
     pub burn_in: u32,
@@ -65,7 +65,7 @@ pub struct Plan {
     pub start: [u32; 2],
     /// One row per step; step t is row `burn_in + t`.
     pub rows: Vec<StepRow>,
-    /// Place along the tube at each step 0..=steps, µm.
+    /// Place along the tube at each step from 0 to `steps`, µm.
     pub z_um: Vec<f64>,
     /// The thickness field.
     pub waves: Vec<Wave>,
@@ -78,15 +78,16 @@ impl Plan {
     #[must_use]
     pub fn new(p: &Parameters, seed: u64) -> Self {
         let steps = f64::from(p.steps);
+        let last = *p.recorded().end();
         let row = |t: i64| Self::row(p, seed, t);
-        let rows = (-i64::from(p.burn_in)..=i64::from(p.steps)).map(row).collect();
-        let z_um = (0..=p.steps).map(|t| p.length_mm * 1000.0 * p.z.at(f64::from(t) / steps)).collect();
+        let rows = (-i64::from(p.burn_in)..=i64::from(last)).map(row).collect();
+        let z_um = (0..=last).map(|t| p.length_mm * 1000.0 * p.z.at(f64::from(t) / steps)).collect();
         Self {
             seed,
-            steps: p.steps,
+            steps: last,
             burn_in: p.burn_in,
             grow_every: p.particles.every,
-            record_every: p.solver.record_every,
+            record_every: p.interval(),
             candidates: p.particles.candidates,
             contorted: p.contortion.fraction as f32,
             clearance: p.collision.clearance_um as f32,

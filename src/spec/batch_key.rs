@@ -18,10 +18,10 @@ pub fn batch_key(p: &Parameters) -> String {
     let range = (libm::log(particles) / libm::log(RATIO)).floor();
     format!(
         "{}/{}/{}/{}/{}/{range}",
-        p.steps,
+        p.recorded().end(),
         p.burn_in,
         p.particles.every,
-        p.solver.record_every,
+        p.interval(),
         p.solver.integrator.name()
     )
 }
@@ -46,6 +46,8 @@ mod tests {
             json!({ "particles": { "every": 7 } }),
             json!({ "solver": { "record_every": 5 } }),
             json!({ "solver": { "integrator": "euler" } }),
+            json!({ "mesh": { "resolution_um": 40 } }),
+            json!({ "piece": { "to": 0.5 } }),
             json!({ "particles": { "total": { "keys": [[0, 710], [1, 4000]] } } }),
         ] {
             assert_ne!(key(&other), paper, "{other}");

@@ -19,6 +19,8 @@ const EDGE_CLEARANCES: f64 = 80.0;
 const MIN_SECTION_PLACES: f64 = 64.0;
 /// Fraction of its scheduled particles that a loop must have at every step.
 const KEEPS_UP: f64 = 0.75;
+/// Least edge length of an even surface: about half of the distance between particles.
+const MIN_RESOLUTION_UM: f64 = 5.0;
 /// Places at which slow schedules are compared.
 const PLACES: u32 = 512;
 
@@ -32,6 +34,8 @@ pub(super) fn faults(p: &Parameters, bad: &[String]) -> Vec<Fault> {
     checks.solver(p);
     checks.room(p);
     checks.regions(p);
+    checks.mesh(p);
+    checks.piece(p);
     checks.labels(p);
     checks.faults
 }
@@ -90,6 +94,24 @@ impl Checks<'_> {
         let pointers = ["/regions/junction_to", "/regions/junction_from"];
         self.require(from <= to, pointers[0], &pointers, || {
             format!("is {to}, before the junction's start at {from} (/regions/junction_from)")
+        });
+    }
+
+    fn mesh(&mut self, p: &Parameters) {
+        let (at, resolution) = ("/mesh/resolution_um", p.mesh.resolution_um);
+        self.require(resolution == 0.0 || resolution >= MIN_RESOLUTION_UM, at, &[at], || {
+            format!(
+                "is {}; use at least {MIN_RESOLUTION_UM} µm, or 0 for the surface of the recorded sections",
+                number(resolution)
+            )
+        });
+    }
+
+    fn piece(&mut self, p: &Parameters) {
+        let (from, to) = ("/piece/from", "/piece/to");
+        let piece = &p.piece;
+        self.require(piece.from < piece.to, to, &[from, to], || {
+            format!("is {}, not above /piece/from {}", number(piece.to), number(piece.from))
         });
     }
 
@@ -185,8 +207,8 @@ impl Checks<'_> {
         });
         let slices = p.slices();
         let at = "/labels/slice_um";
-        self.require(slices <= MOST_SLICES, at, &[at, from, to, "/length_mm"], || {
-            format!("makes {slices} slices of the piece; a NIfTI file has at most {MOST_SLICES}")
+        self.require(slices <= MOST_SLICES, at, &[at, from, to, "/length_mm", "/piece/from", "/piece/to"], || {
+            format!("makes {slices} slices; a NIfTI file has at most {MOST_SLICES}")
         });
         let at = "/labels/voxel_um";
         let (side, _) = p.label_voxels();

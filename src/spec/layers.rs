@@ -31,27 +31,35 @@ impl Parameters {
         self.slices().clamp(1.0, MOST_SLICES) as u32
     }
 
-    /// Where the piece of the label volume begins, µm from the isthmus end.
+    /// Where the label volume begins, µm from the isthmus end.
     #[must_use]
     pub fn label_from_um(&self) -> f64 {
-        self.labels.from * self.length_mm * 1000.0
+        self.labels_um()[0]
     }
 
-    /// Slices that fit into the piece.
+    /// Where the label volume begins and ends, µm from the isthmus end.
+    fn labels_um(&self) -> [f64; 2] {
+        let [begin, end] = self.piece_um();
+        [self.labels.from, self.labels.to].map(|part| begin + part * (end - begin))
+    }
+
+    /// Slices that fit into the label volume.
     pub(super) fn slices(&self) -> f64 {
-        // A thousandth of a slice is forgiven, since the ends of the piece are products of rounded numbers.
-        ((self.labels.to - self.labels.from) * self.length_mm * 1000.0 / self.labels.slice_um + 1e-3).floor()
+        let [from, to] = self.labels_um();
+        // A thousandth of a slice is forgiven, since the ends are products of rounded numbers.
+        ((to - from) / self.labels.slice_um + 1e-3).floor()
     }
 
     /// Predicted voxels along the longer side of a slice of the label volume, and in a slice: those over the widest place of
     /// the piece.
     pub(super) fn label_voxels(&self) -> (f64, f64) {
         let c = &self.containment;
+        let ends = self.labels_um().map(|um| um / (self.length_mm * 1000.0));
         let mut half = [0.0_f64; 2];
         for u in (0..=PLACES).map(|k| f64::from(k) / f64::from(PLACES)) {
             let place = self.z.at(u);
-            // A place before and after the piece is within reach of its first and last slab.
-            if place < self.labels.from - 1.0 / f64::from(PLACES) || place > self.labels.to + 1.0 / f64::from(PLACES) {
+            // A place before and after the volume is within reach of its first and last slab.
+            if place < ends[0] - 1.0 / f64::from(PLACES) || place > ends[1] + 1.0 / f64::from(PLACES) {
                 continue;
             }
             let inner = (self.particles.total.at(u) - self.particles.outer.at(u)).max(0.0);

@@ -42,12 +42,16 @@ pub struct OverLimit {
 fn levers(quantity: &str) -> &'static str {
     match quantity {
         "memory" => {
-            "reduce /steps or /particles/total, change /solver/record_every, or, for output labels, raise /labels/voxel_um"
+            "reduce /steps or /particles/total, change /solver/record_every, make a shorter /piece, or, for an even surface, raise \
+             /mesh/resolution_um and /mesh/tolerance_um, or, for output labels, raise /labels/voxel_um"
         }
-        "vertices" => "reduce /steps or /particles/total, or raise /solver/record_every",
+        "vertices" => {
+            "reduce /steps or /particles/total, raise /solver/record_every, make a shorter /piece, or, for an even surface, raise \
+             /mesh/resolution_um and /mesh/tolerance_um"
+        }
         _ => {
-            "reduce /steps or /particles/total, raise /solver/record_every, or, for output labels, raise /labels/voxel_um or \
-             /labels/slice_um"
+            "reduce /steps or /particles/total, raise /solver/record_every, make a shorter /piece, or, for an even surface, raise \
+             /mesh/resolution_um and /mesh/tolerance_um, or, for output labels, raise /labels/voxel_um or /labels/slice_um"
         }
     }
 }

@@ -52,7 +52,7 @@ pub use lever::{End, Lever, Setting};
 pub use limits::{Limits, OverLimit};
 pub use parameters::{
     Collision, Containment, Contortion, Histology, Integrator, Labels, MAX_PARTICLES, MAX_STEPS, MeshOptions,
-    Parameters, Particles, Regions, Regulatory, Search, Solver, Spring, Variation, Wall,
+    Parameters, Particles, Piece, Regions, Regulatory, Search, Solver, Spring, Variation, Wall,
 };
 pub use preset::{DEFAULT_PRESET, Preset, preset, presets};
 pub use schedule::{Ease, Fluctuation, Schedule};
@@ -60,6 +60,7 @@ pub use schema::schema;
 
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
+use std::ops::RangeInclusive;
 use table::Parameter;
 
 /// A resolved, checked specification. Dereferences to its [`Parameters`].
@@ -156,8 +157,44 @@ impl ModelSpec {
 }
 
 impl Parameters {
-    /// The steps at which sections are recorded: 0, every `solver.record_every`th, and the last.
+    /// The steps at which sections are recorded: 0, every `solver.record_every`th, and the last; those of the piece.
     pub fn stations(&self) -> impl Iterator<Item = u32> + '_ {
+        let piece = self.recorded();
+        self.all_stations().filter(move |step| piece.contains(step))
+    }
+
+    /// The steps of the first and of the last section of the piece. No step after the last is simulated.
+    #[must_use]
+    pub fn recorded(&self) -> RangeInclusive<u32> {
+        let place = |step: u32| self.z.at(f64::from(step) / f64::from(self.steps));
+        let (mut first, mut last) = (0, self.steps);
+        for step in self.all_stations() {
+            if place(step) <= self.piece.from {
+                first = step;
+            }
+            if place(step) >= self.piece.to {
+                last = step;
+                break;
+            }
+        }
+        first.min(last)..=last
+    }
+
+    /// Steps between the sections that the surface is made of: an even surface is made of those of every step.
+    #[must_use]
+    pub fn interval(&self) -> u32 {
+        if self.mesh.resolution_um > 0.0 { 1 } else { self.solver.record_every }
+    }
+
+    /// Where the piece begins and ends, µm from the isthmus end.
+    #[must_use]
+    pub fn piece_um(&self) -> [f64; 2] {
+        let piece = self.recorded();
+        [*piece.start(), *piece.end()]
+            .map(|step| self.length_mm * 1000.0 * self.z.at(f64::from(step) / f64::from(self.steps)))
+    }
+
+    fn all_stations(&self) -> impl Iterator<Item = u32> + '_ {
         let every = self.solver.record_every as usize;
         let last = (!self.steps.is_multiple_of(self.solver.record_every)).then_some(self.steps);
         (0..=self.steps).step_by(every).chain(last)

@@ -62,6 +62,8 @@ group! {
         pub solver: Solver = "Solver" [""] ();
         /// Options of the exported surface.
         pub mesh: MeshOptions = "Surface" [""] ();
+        /// The piece of the tube that becomes the model.
+        pub piece: Piece = "Piece" [""] ();
         /// Regions of the tube, for measures.
         pub regions: Regions = "Regions" [""] ();
         /// Layers of the wall in stained sections and labels; they do not affect the surface.
@@ -209,10 +211,30 @@ group! {
 
 group! {
     /// Options of the exported surface.
-    #[derive(Clone, Debug, PartialEq, Eq)]
+    #[derive(Clone, Debug, PartialEq)]
     pub struct MeshOptions {
+        /// Length of edges of an even surface through the sections of every step; they are twice as long on the outer wall. With
+        /// 0, the surface has the particles of the recorded sections as vertices, as in the paper.
+        pub resolution_um: f64 = "Resolution" ["µm"] Range::of(0.0, 500.0);
+        /// Greatest distance of the even surface from the one through all particles of all steps, either way.
+        pub tolerance_um: f64 = "Tolerance" ["µm"] Range::of(1.0, 50.0);
+        /// Greatest distance by which contours are moved so that no two neighbouring edges turn by more than 60 degrees. With
+        /// 0, contours keep the angles that they have at the particles, as in the paper.
+        pub smooth_um: f64 = "Smoothing" ["µm"] Range::of(0.0, 20.0);
         /// Write the walls as triangle strips, as in the paper, instead of separate triangles.
         pub strips: bool = "Triangle strips" [""] ();
+    }
+}
+
+group! {
+    /// The piece of the tube that is recorded: surface, sections, measures and labels. It reaches from the last recorded section
+    /// that is not after its begin to the first that is not before its end. The simulation begins at the isthmus end all the same.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Piece {
+        /// Where the piece begins, as a fraction of the length from the isthmus end.
+        pub from: f64 = "Begin" ["of the length"] Range::of(0.0, 1.0);
+        /// Where it ends; greater than `from`.
+        pub to: f64 = "End" ["of the length"] Range::of(0.0, 1.0);
     }
 }
 
@@ -243,17 +265,17 @@ group! {
 }
 
 group! {
-    /// The piece of the tube that output `labels` covers, and its voxels.
+    /// The part of the model (of its `piece` of the tube) that output `labels` covers, and its voxels.
     #[derive(Clone, Debug, PartialEq)]
     pub struct Labels {
         /// Side of a voxel in the plane of a section.
         pub voxel_um: f64 = "Voxel side" ["µm"] Range::of(0.5, 100.0);
         /// Side of a voxel along the tube: the distance of slices.
         pub slice_um: f64 = "Slice distance" ["µm"] Range::of(0.5, 1000.0);
-        /// Where the piece begins, as a fraction of the length from the isthmus end.
-        pub from: f64 = "Begin" ["of the length"] Range::of(0.0, 1.0);
+        /// Where the part begins, as a fraction of the length of the piece.
+        pub from: f64 = "Begin" ["of the piece"] Range::of(0.0, 1.0);
         /// Where it ends; greater than `from`.
-        pub to: f64 = "End" ["of the length"] Range::of(0.0, 1.0);
+        pub to: f64 = "End" ["of the piece"] Range::of(0.0, 1.0);
     }
 }
 

@@ -146,7 +146,11 @@ fn unknown_fields_are_named_with_the_nearest() {
         (json!({ "stepz": 5 }), "/stepz", "did you mean `steps`?"),
         (json!({ "collision": { "gap_mm": 5 } }), "/collision/gap_mm", "did you mean `gap_um`?"),
         (json!({ "gap_um": 5 }), "/gap_um", "did you mean `/collision/gap_um`?"),
-        (json!({ "mesh": { "whatever it is": 5 } }), "/mesh/whatever it is", "known are strips"),
+        (
+            json!({ "mesh": { "whatever it is": 5 } }),
+            "/mesh/whatever it is",
+            "known are resolution_um, tolerance_um, smooth_um, strips",
+        ),
         (json!({ "a/b": 5 }), "/a~1b", "unknown field `a/b`"),
         (json!({ "k0": 5 }), "/k0", "known are length_mm, steps"),
         (json!({ "friction": { "key": [] } }), "/friction/key", "did you mean `keys`?"),
@@ -190,6 +194,10 @@ fn wrong_types_and_bounds_are_named_with_bound_and_unit() {
         ),
         (json!({ "particles": { "total": "NaN" } }), "/particles/total", "must be a number or an object"),
         (json!({ "mesh": { "strips": 1 } }), "/mesh/strips", "must be true or false"),
+        (json!({ "mesh": { "resolution_um": 3 } }), "/mesh/resolution_um", "is 3; use at least 5 µm, or 0"),
+        (json!({ "mesh": { "tolerance_um": 0 } }), "/mesh/tolerance_um", "below the least allowed 1 µm"),
+        (json!({ "piece": { "to": 1.5 } }), "/piece/to", "above the greatest allowed 1 of the length"),
+        (json!({ "piece": { "from": 0.5, "to": 0.5 } }), "/piece/to", "is 0.5, not above /piece/from 0.5"),
         (json!({ "solver": { "search": "list" } }), "/solver/search", "did you mean \"lists\"?"),
         (json!({ "solver": { "integrator": 4 } }), "/solver/integrator", "must be one of \"rk4\", \"euler\""),
         (
@@ -379,6 +387,9 @@ fn digests_differ_exactly_if_models_differ() {
         json!({ "solver": { "integrator": "euler" } }),
         json!({ "collision": { "gap_um": { "ease": "linear" } } }),
         json!({ "mesh": { "strips": true } }),
+        json!({ "mesh": { "resolution_um": 40 } }),
+        json!({ "mesh": { "smooth_um": 5 } }),
+        json!({ "piece": { "from": 0.5 } }),
     ] {
         assert_ne!(digest(other.clone()), base, "{other}");
     }
@@ -461,4 +472,51 @@ fn a_label_volume_is_a_piece_of_the_tube_within_the_bounds_of_its_formats() {
     assert_eq!(pointers(&json!({ "labels": { "slice_um": 1, "to": 0.5 } })), [""; 0]);
     let wide = json!({ "labels": { "voxel_um": 0.5 }, "containment": { "wall_um": 3000 } });
     assert_eq!(fault(&wide).pointer, "/labels/voxel_um");
+}
+
+#[test]
+fn a_piece_reaches_from_a_section_before_it_to_one_after_it() {
+    let steps = |patch: &Value| {
+        let spec = resolved(patch);
+        let [begin, end] = spec.piece_um().map(|um| um / (spec.length_mm * 1000.0));
+        assert!(begin <= spec.piece.from && end >= spec.piece.to, "{begin} {end}");
+        assert_eq!(spec.stations().next(), Some(*spec.recorded().start()));
+        assert_eq!(spec.stations().last(), Some(*spec.recorded().end()));
+        (spec.stations().count(), spec.recorded())
+    };
+    let (all, whole) = steps(&json!({}));
+    assert_eq!((all, whole), (201, 0..=2000));
+    let (some, piece) = steps(&json!({ "piece": { "from": 0.5, "to": 0.6 } }));
+    assert!((15..30).contains(&some) && piece.start() % 10 == 0 && piece.end() % 10 == 0, "{some} {piece:?}");
+    let (short, piece) = steps(&json!({ "piece": { "from": 0.5, "to": 0.5001 } }));
+    assert_eq!((short, piece.end() - piece.start()), (2, 10));
+    let (last, piece) = steps(&json!({ "piece": { "from": 0.9999 } }));
+    assert_eq!((last, piece), (2, 1990..=2000));
+    let (first, piece) = steps(&json!({ "piece": { "to": 0.0001 } }));
+    assert_eq!((first, piece), (2, 0..=10));
+    let beyond = json!({ "solver": { "record_every": 1000 }, "piece": { "from": 0.999 } });
+    assert_eq!(steps(&beyond), (2, 1000..=2000));
+
+    // Labels are placed within the piece.
+    let spec = resolved(&json!({ "piece": { "from": 0.5, "to": 0.6 }, "labels": { "from": 0.5 } }));
+    let [begin, end] = spec.piece_um();
+    assert!((spec.label_from_um() - 0.5 * (begin + end)).abs() < 1e-6);
+    let covered = f64::from(spec.label_slices()) * spec.labels.slice_um;
+    assert!((0.5 * (end - begin) - covered).abs() <= spec.labels.slice_um, "{covered}");
+}
+
+#[test]
+fn finer_surfaces_and_longer_pieces_cost_more() {
+    let cost = |patch: &Value| resolved(patch).cost(&["glb"]);
+    let (whole, piece) = (cost(&json!({})), cost(&json!({ "piece": { "from": 0.6, "to": 0.7 } })));
+    assert!(piece.triangles < whole.triangles / 5 && piece.memory_bytes < whole.memory_bytes);
+    assert!(piece.seconds["cpu"].seconds < whole.seconds["cpu"].seconds);
+    let even = |um: f64| cost(&json!({ "mesh": { "resolution_um": um } }));
+    assert_eq!(even(40.0).sections, whole.sections);
+    assert!(even(10.0).triangles.abs_diff(4 * even(20.0).triangles) < 8);
+    assert!(even(20.0).triangles > 2 * even(40.0).triangles && even(40.0).triangles > even(80.0).triangles);
+    assert!(even(40.0).seconds["cpu"].seconds > 5.0 * whole.seconds["cpu"].seconds);
+    let smooth = cost(&json!({ "mesh": { "smooth_um": 5 } }));
+    assert_eq!(smooth.triangles, 2 * whole.triangles);
+    assert!(smooth.bytes["sections"] > whole.bytes["sections"] && smooth.particles_end == whole.particles_end);
 }

@@ -9,7 +9,7 @@ const { Flight } = await import("../src/explore/flight.ts");
 const { View } = await import("../src/explore/view.ts");
 
 test("a flight has the speed that it states, and tells its position now and then", () => {
-  const view = new View({ length: 20, radius: 1, x: 0, y: 0 });
+  const view = new View({ begin: 0, length: 20, radius: 1, x: 0, y: 0 });
   const flight = new Flight(view, 20);
   let told = -1;
   const stop = effect(() => {

@@ -53,7 +53,7 @@ test("without a graphics processor a movement begins coarsely, and a picture at 
   resolution.dispose();
 });
 
-const TUBE = { length: 60, radius: 1.5, x: 0, y: 0 };
+const TUBE = { begin: 0, length: 60, radius: 1.5, x: 0, y: 0 };
 
 test("from outside one sees into an open end as far as a line of sight reaches within the tube", () => {
   const seen = (x: number, z: number, ends: Stretch = { from: 0, to: TUBE.length }): Stretch => {

@@ -44,23 +44,23 @@ function file(name: string, positions: Int16Array, normals: Int8Array, scale: nu
   return glb;
 }
 
-test("positions are in millimetres, and normals are perpendicular, whatever the steps of the axes", async () => {
+test("positions are in millimetres from the begin of the piece, and normals are perpendicular, whatever the steps of the axes", async () => {
   const scale = [0.001, 0.002, 0.06];
   // In millimetres: (1, 0, 0), (1, 2, 0) and (2, 0, 60), whose normal is (60, 0, -1) of length 1.
   const positions = Int16Array.of(0, 0, 0, 0, 32767, 0, 32767, 0, 32767);
   const normal = [60 * scale[0]!, 0, -1 * scale[2]!];
   const length = Math.hypot(...normal);
   const normals = Int8Array.from([0, 1, 2].flatMap(() => normal.map((n) => Math.round((127 * n) / length))));
-  const { patches, triangles, difference } = await readSurface(file("inner_wall", positions, normals, scale));
+  const { patches, triangles, difference } = await readSurface(file("inner_wall", positions, normals, scale), 25);
   assert.equal(triangles, 1);
   assert.deepEqual(difference, { distance: 1.25, precision: [0.05, 0.04, 0.9] });
   const [patch] = patches;
-  const expected = [1, 0, 0, 1, 2, 0, 2, 0, 60];
+  const expected = [1, 0, -25, 1, 2, -25, 2, 0, 35];
   patch!.positions.forEach((value, i) => assert.ok(Math.abs(value - expected[i]!) < 1e-4, `${i}: ${value}`));
   const [x, y, z] = patch!.normals;
   assert.ok(x! >= 126 && y === 0 && (z === -2 || z === -3), `${x} ${y} ${z}`);
 });
 
 test("a file without walls is refused", async () => {
-  await assert.rejects(readSurface(file("teapot", new Int16Array(9), new Int8Array(9), [1, 1, 1])), /no walls/);
+  await assert.rejects(readSurface(file("teapot", new Int16Array(9), new Int8Array(9), [1, 1, 1]), 0), /no walls/);
 });

@@ -11,7 +11,7 @@ import { mucosaLight } from "../src/explore/viewer/occlusion.ts";
 import { firstHit } from "../src/explore/viewer/ray.ts";
 import type { Patch } from "../src/explore/viewer/surface.ts";
 
-const tube: Tube = { length: 60, radius: 1.5, x: 0.02, y: -0.01 };
+const tube: Tube = { begin: 0, length: 60, radius: 1.5, x: 0.02, y: -0.01 };
 
 /** Where a point is in the picture: -1 to 1 within it. */
 function seen({ x, y, z, azimuth, elevation, distance }: Placement, aspect: number, point: [number, number, number]): [number, number] {

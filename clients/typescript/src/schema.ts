@@ -1159,6 +1159,8 @@ export interface components {
             oriented: boolean;
             /** @description Whether there are no failures. */
             passed: boolean;
+            /** @description Histograms of the shape of triangles. */
+            quality: components["schemas"]["TriangleQuality"];
             /** @description Pairs of edges of one section that meet other than as neighbours, and inner rings not inside the outer one. */
             section_crossings: number;
             /**
@@ -1228,6 +1230,8 @@ export interface components {
             oriented: boolean;
             /** @description Whether there are no failures. */
             passed: boolean;
+            /** @description Histograms of the shape of triangles. */
+            quality: components["schemas"]["TriangleQuality"];
             /** @description Pairs of edges of one section that meet other than as neighbours, and inner rings not inside the outer one. */
             section_crossings: number;
             /**
@@ -1896,7 +1900,7 @@ export interface components {
         LabelsPatch: {
             /**
              * Begin
-             * @description Where the piece begins, as a fraction of the length from the isthmus end.
+             * @description Where the part begins, as a fraction of the length of the piece.
              */
             from?: number | null;
             /**
@@ -2022,10 +2026,25 @@ export interface components {
          */
         MeshPatch: {
             /**
+             * Resolution
+             * @description Length of edges of an even surface through the sections of every step; they are twice as long on the outer wall. With 0, the surface has the particles of the recorded sections as vertices, as in the paper.
+             */
+            resolution_um?: number | null;
+            /**
+             * Smoothing
+             * @description Greatest distance by which contours are moved so that no two neighbouring edges turn by more than 60 degrees. With 0, contours keep the angles that they have at the particles, as in the paper.
+             */
+            smooth_um?: number | null;
+            /**
              * Triangle strips
              * @description Write the walls as triangle strips, as in the paper, instead of separate triangles.
              */
             strips?: boolean | null;
+            /**
+             * Tolerance
+             * @description Greatest distance of the even surface from the one through all particles of all steps, either way.
+             */
+            tolerance_um?: number | null;
         };
         /** @description A model: the request, its progress and its result. */
         Model: {
@@ -2310,6 +2329,22 @@ export interface components {
              * @description When it began.
              */
             since: string;
+        };
+        /**
+         * Piece
+         * @description The piece of the tube that becomes the model.
+         */
+        PiecePatch: {
+            /**
+             * Begin
+             * @description Where the piece begins, as a fraction of the length from the isthmus end.
+             */
+            from?: number | null;
+            /**
+             * End
+             * @description Where it ends; greater than `from`.
+             */
+            to?: number | null;
         };
         /** @description The place of a failure. */
         Place: {
@@ -2830,6 +2865,7 @@ export interface components {
             length_mm?: number | null;
             mesh?: components["schemas"]["MeshPatch"] | null;
             particles?: components["schemas"]["ParticlesPatch"] | null;
+            piece?: components["schemas"]["PiecePatch"] | null;
             regions?: components["schemas"]["RegionsPatch"] | null;
             regulatory?: components["schemas"]["RegulatoryPatch"] | null;
             solver?: components["schemas"]["SolverPatch"] | null;
@@ -3065,6 +3101,26 @@ export interface components {
         TicketRequest: {
             /** @description Path that the ticket is good for, without a query, such as `/models/{id}/events`. */
             path: string;
+        };
+        /** @description The shape of triangles, as it matters to solvers. */
+        TriangleQuality: {
+            /**
+             * @description Number of triangles by the ratio of their longest to their shortest edge: 1 to 1.5, 1.5 to 2, and so on to 5.5 to 6, then
+             *     6 and above.
+             */
+            edge_ratios: number[];
+            /**
+             * Format: double
+             * @description Share of the triangles whose edges have a ratio of at most 4.
+             */
+            edge_ratios_to_4: number;
+            /** @description Number of triangles by their least angle: 0 to 5 degrees, 5 to 10, and so on to 55 to 60. */
+            least_angles: number[];
+            /**
+             * Format: double
+             * @description Share of the triangles whose least angle is at least 20 degrees.
+             */
+            least_angles_from_20: number;
         };
         /**
          * Distribution triangular

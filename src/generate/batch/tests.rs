@@ -144,6 +144,28 @@ fn a_batch_makes_what_each_would_be_alone() {
     }
 }
 
+#[test]
+fn even_surfaces_and_pieces_are_those_of_a_cpu() {
+    let dir = tempfile::tempdir().unwrap();
+    let of = |seed: u64, patch: &serde_json::Value| {
+        let mut request = request(seed, dir.path());
+        let mut whole = request.spec.to_json();
+        json_patch::merge(&mut whole, patch);
+        request.spec = ModelSpec::from_json(&whole).unwrap();
+        request
+    };
+    let piece = json!({ "piece": { "from": 0.25, "to": 0.6 } });
+    let even = json!({ "length_mm": 4, "mesh": { "resolution_um": 80 }, "piece": { "from": 0.25, "to": 0.6 } });
+    for patch in [piece, even] {
+        let requests = [of(1, &patch), of(2, &patch)];
+        let ends = plainly(&Twin::default(), &requests, 2);
+        for (end, request) in ends.into_iter().zip(&requests) {
+            let alone = generate(request, &(), &CancelToken::default()).unwrap();
+            assert_eq!(hashes(&end.unwrap()), hashes(&alone), "{patch}");
+        }
+    }
+}
+
 /// Measures how many reported sections wait for the loft at most.
 struct Behind<'a> {
     device: &'a Twin,

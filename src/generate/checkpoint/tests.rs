@@ -1,7 +1,7 @@
 //! Runs interrupted at random steps give the same bytes as uninterrupted ones.
 
 use super::*;
-use crate::generate::tests::{request, small};
+use crate::generate::tests::{even, request, small};
 use crate::generate::{Backend, CancelToken, GenerateError, Outcome, Progress, Sink, generate, resume};
 use proptest::prelude::*;
 use serde_json::json;
@@ -82,6 +82,14 @@ proptest! {
         let stops: Vec<(u32, usize)> = steps.into_iter().zip(threads.iter().copied()).collect();
         prop_assert_eq!(hashes(whole.unwrap()), interrupted(&spec, &stops, threads[3]));
     }
+}
+
+#[test]
+fn even_surfaces_of_pieces_continue_from_a_checkpoint() {
+    let spec = even(&json!({ "piece": { "from": 0.3 } }));
+    let dir = tempfile::tempdir().unwrap();
+    let whole = generate(&request(small(&spec), Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
+    assert_eq!(hashes(whole), interrupted(&spec, &[(50, 1), (95, 2)], 2));
 }
 
 /// A tube whose slabs must be mended: sections are added, and diagonals flipped.

@@ -14,7 +14,7 @@ mod topology;
 mod types;
 
 pub use regions::{BothCertificate, RegionsCertificate, certify_regions, check_regions};
-pub use types::{Certificate, CheckOptions, Component, Failure, FailureKind, Place};
+pub use types::{Certificate, CheckOptions, Component, Failure, FailureKind, Place, TriangleQuality};
 
 use crate::model::{BodyKind, LengthUnit, Mesh, Section};
 use rayon::prelude::*;
@@ -145,6 +145,7 @@ fn surface<C: Coordinate>(
         section_gaps_um: Vec::new(),
         min_edge_um: shape.min_edge * unit_um,
         min_angle_deg: shape.min_angle_deg,
+        quality: shape.quality,
         volume_mm3: volume * unit_mm.powi(3),
         area_mm2: shape.area * unit_mm.powi(2),
         bounds_um: shape.bounds.map(|corner| corner.map(|x| x * unit_um)),

@@ -2,7 +2,7 @@
 
 use super::surface::{Coordinate, Surface, few};
 use super::topology::Topology;
-use super::types::{FailureKind, Failures};
+use super::types::{FailureKind, Failures, TriangleQuality};
 use crate::geometry::tri_tri::Triangle;
 use rayon::prelude::*;
 
@@ -15,6 +15,7 @@ pub(super) struct Shape {
     pub(super) volumes: Vec<f64>,
     pub(super) min_edge: f64,
     pub(super) min_angle_deg: f64,
+    pub(super) quality: TriangleQuality,
     pub(super) bounds: [[f64; 3]; 2],
 }
 
@@ -26,6 +27,7 @@ struct Part {
     min_edge_squared: f64,
     /// Square of the tangent of the least angle.
     min_tan_squared: f64,
+    quality: TriangleQuality,
     low: [f64; 3],
     high: [f64; 3],
 }
@@ -45,6 +47,7 @@ pub(super) fn examine<C: Coordinate>(surface: &Surface<'_, C>, topology: &Topolo
         volumes: vec![0.0; topology.bodies.len()],
         min_edge: f64::INFINITY,
         min_angle_deg: f64::INFINITY,
+        quality: TriangleQuality::default(),
         bounds: [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]],
     };
     for part in parts {
@@ -54,12 +57,14 @@ pub(super) fn examine<C: Coordinate>(surface: &Surface<'_, C>, topology: &Topolo
         }
         shape.min_edge = shape.min_edge.min(part.min_edge_squared.sqrt());
         shape.min_angle_deg = shape.min_angle_deg.min(part.min_tan_squared.sqrt().atan().to_degrees());
+        shape.quality.add(&part.quality);
         for axis in 0..3 {
             shape.bounds[0][axis] = shape.bounds[0][axis].min(part.low[axis]);
             shape.bounds[1][axis] = shape.bounds[1][axis].max(part.high[axis]);
         }
         shape.degenerate.extend(part.degenerate);
     }
+    shape.quality = shape.quality.shared();
     let count = shape.degenerate.len() as u64;
     let places = few(&shape.degenerate, |&t| surface.place_of_triangles(&[t]));
     failures.add(FailureKind::DegenerateTriangles, count, format!("{count} triangles have no area"), places);
@@ -79,6 +84,7 @@ fn part<C: Coordinate>(
         volumes: Vec::new(),
         min_edge_squared: f64::INFINITY,
         min_tan_squared: f64::INFINITY,
+        quality: TriangleQuality::default(),
         low: [f64::INFINITY; 3],
         high: [f64::NEG_INFINITY; 3],
     };
@@ -103,9 +109,10 @@ fn part<C: Coordinate>(
         part.min_edge_squared = part.min_edge_squared.min(shortest);
         // The least angle lies opposite to the shortest edge: between two edges whose product is this cosine part.
         let along = (uu + vv + ww) / 2.0 - shortest;
-        if nn < part.min_tan_squared * along * along || along == 0.0 {
-            part.min_tan_squared = if along > 0.0 { nn / (along * along) } else { 0.0 };
-        }
+        let tan_squared = if along > 0.0 { nn / (along * along) } else { 0.0 };
+        part.min_tan_squared = part.min_tan_squared.min(tan_squared);
+        let ratio_squared = if shortest > 0.0 { uu.max(vv).max(ww) / shortest } else { f64::INFINITY };
+        part.quality.count(tan_squared, ratio_squared);
         let six_volumes = dot(sub(a, origin), normal);
         let body = topology.body_of(*t);
         match part.volumes.last_mut() {

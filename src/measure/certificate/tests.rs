@@ -34,6 +34,8 @@ fn sound_bodies_pass_with_their_measures() {
     assert!((c.volume_mm3 - 1.0).abs() < 1e-12 && (c.area_mm2 - 6.0).abs() < 1e-12);
     assert!((c.min_edge_um - 1e3).abs() < 1e-9 && (c.min_angle_deg - 45.0).abs() < 1e-9);
     assert_eq!(c.bounds_um[0], [0.0; 3]);
+    assert_eq!((c.quality.edge_ratios[0], c.quality.edge_ratios_to_4, c.quality.least_angles_from_20), (12, 1.0, 1.0));
+    assert_eq!(c.quality.least_angles[8..10].iter().sum::<u64>(), 12, "45 degrees");
     assert_eq!(c.min_gap_um, None);
     let (positions, triangles) = cube(1.0, [0.0; 3]);
     let millimetres = check_surface(&positions, &triangles, &CheckOptions { unit_metres: 1e-3, ..Default::default() });
@@ -382,5 +384,22 @@ proptest! {
         let positions: Vec<_> = positions.iter().map(|p| p.map(f64::from)).collect();
         let certificate = certify_soup(&positions, &triangles);
         prop_assert_eq!(certificate.passed, certificate.failures.is_empty());
+    }
+}
+
+/// Needles of known angles: the base is 1, the legs are long.
+#[test]
+fn triangles_are_counted_by_their_angles_and_edge_ratios() {
+    for (degrees, angle_bin, ratio_bin) in [(59.0, 11, 0), (31.0, 6, 1), (21.0, 4, 3), (12.0, 2, 7), (2.0, 0, 10)] {
+        let legs = 0.5 / (degrees / 2.0_f64).to_radians().sin();
+        let height = (legs * legs - 0.25).sqrt();
+        let apex = [0.5, height, 0.0];
+        let positions = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], apex];
+        let quality = certify_soup(&positions, &[[0, 1, 2]]).quality;
+        let (mut angles, mut ratios) = ([0; 12], [0; 11]);
+        (angles[angle_bin], ratios[ratio_bin]) = (1, 1);
+        assert_eq!((quality.least_angles, quality.edge_ratios), (angles, ratios), "{degrees}");
+        assert_eq!(quality.least_angles_from_20, f64::from(u8::from(degrees > 20.0)));
+        assert_eq!(quality.edge_ratios_to_4, f64::from(u8::from(legs <= 4.0)));
     }
 }

@@ -60,6 +60,8 @@ pub struct Certificate {
     pub min_edge_um: f64,
     /// Smallest angle of a triangle.
     pub min_angle_deg: f64,
+    /// Histograms of the shape of triangles.
+    pub quality: TriangleQuality,
     /// Enclosed volume; components that are inside out, such as cavities, count as negative.
     pub volume_mm3: f64,
     /// Area of the surface.
@@ -107,6 +109,7 @@ impl Certificate {
             section_gaps_um: Vec::new(),
             min_edge_um: 0.0,
             min_angle_deg: 0.0,
+            quality: TriangleQuality::default(),
             volume_mm3: 0.0,
             area_mm2: 0.0,
             bounds_um: [[0.0; 3]; 2],
@@ -114,6 +117,63 @@ impl Certificate {
         }
     }
 }
+
+/// The shape of triangles, as it matters to solvers.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, ToSchema)]
+pub struct TriangleQuality {
+    /// Number of triangles by their least angle: 0 to 5 degrees, 5 to 10, and so on to 55 to 60.
+    pub least_angles: [u64; 12],
+    /// Number of triangles by the ratio of their longest to their shortest edge: 1 to 1.5, 1.5 to 2, and so on to 5.5 to 6, then
+    /// 6 and above.
+    pub edge_ratios: [u64; 11],
+    /// Share of the triangles whose least angle is at least 20 degrees.
+    pub least_angles_from_20: f64,
+    /// Share of the triangles whose edges have a ratio of at most 4.
+    pub edge_ratios_to_4: f64,
+}
+
+impl TriangleQuality {
+    /// Counts a triangle: the square of the tangent of its least angle, the square of the ratio of its edges.
+    #[inline]
+    pub(super) fn count(&mut self, tan_squared: f64, ratio_squared: f64) {
+        let angle = TAN_SQUARED.partition_point(|&limit| limit <= tan_squared);
+        self.least_angles[angle] += 1;
+        let ratio = RATIO_SQUARED.partition_point(|&limit| limit <= ratio_squared);
+        self.edge_ratios[ratio] += 1;
+    }
+
+    /// Adds the counts of other triangles.
+    pub(super) fn add(&mut self, other: &Self) {
+        self.least_angles.iter_mut().zip(other.least_angles).for_each(|(sum, count)| *sum += count);
+        self.edge_ratios.iter_mut().zip(other.edge_ratios).for_each(|(sum, count)| *sum += count);
+    }
+
+    /// Sets the shares from the counts.
+    #[expect(clippy::cast_precision_loss, reason = "a share")]
+    pub(super) fn shared(mut self) -> Self {
+        let all = self.least_angles.iter().sum::<u64>().max(1) as f64;
+        self.least_angles_from_20 = self.least_angles[4..].iter().sum::<u64>() as f64 / all;
+        self.edge_ratios_to_4 = self.edge_ratios[..6].iter().sum::<u64>() as f64 / all;
+        self
+    }
+}
+
+/// Squares of the tangents of 5, 10, up to 55 degrees.
+const TAN_SQUARED: [f64; 11] = [
+    0.007_654_266_246,
+    0.031_091_204_126,
+    0.071_796_769_724,
+    0.132_474_331_432,
+    0.217_442_832_054,
+    0.333_333_333_333,
+    0.490_290_596_566,
+    0.704_088_191_042,
+    1.0,
+    1.420_276_625_461,
+    2.039_606_729_161,
+];
+/// Squares of 1.5, 2, up to 6.
+const RATIO_SQUARED: [f64; 10] = [2.25, 4.0, 6.25, 9.0, 12.25, 16.0, 20.25, 25.0, 30.25, 36.0];
 
 /// A connected part of a surface.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]

@@ -262,7 +262,7 @@ fn a_turning_tube() {
     // Sections that mend a slab are not measured.
     sections.insert(4, Section { added: true, ..section(circle(100.0, 50), 3500.0) });
     let gaps: Vec<Option<f64>> = (0..sections.len()).map(|k| Some(k as f64)).collect();
-    let found = morphometry(&sections, &gaps, &Regions { length_mm: 10.0, junction: [0.25, 0.45] });
+    let found = morphometry(&sections, &gaps, &Regions { length_mm: 10.0, junction: [0.25, 0.45], piece: [0.0, 1.0] });
     assert!((found.tube.twist_deg - 20.0).abs() < 0.01, "{}", found.tube.twist_deg);
     assert_eq!(found.tube.fold_continuity, Some(1.0));
     let area = std::f64::consts::PI * 0.64 - 12.0 * AREA;
@@ -277,6 +277,10 @@ fn a_turning_tube() {
     assert_eq!(found.mean("folds_on_ring", "ampulla"), Some(12.0));
     assert_eq!(found.mean("length_mm", "tube"), Some(10.0));
     assert!((found.mean("twist_deg_per_mm", "isthmus").unwrap() - 2.0).abs() < 0.01);
+    let piece = Regions { length_mm: 10.0, junction: [0.25, 0.45], piece: [0.1, 0.4] };
+    let found_there = morphometry(&sections[1..6], &gaps[1..6], &piece).tube;
+    assert_eq!((found_there.length_mm, found_there.isthmus_length_mm), ((0.4 - 0.1) * 10.0, 1.5));
+    assert_eq!(found_there.ampulla_length_mm, 0.0);
     assert!(found.along.values().all(|values| values.len() == 11));
     assert_eq!(found.along["least_gap_um"][4], Some(5.0));
     assert_eq!(found.along["twist_deg_per_mm"][10], None);
@@ -302,7 +306,8 @@ fn a_fold_that_divides_does_not_continue() {
     }
     next.inner.ids = ids;
     let sections = [section(many, 0.0), next];
-    let found = morphometry(&sections, &[None, None], &Regions { length_mm: 1.0, junction: [0.3, 0.4] });
+    let found =
+        morphometry(&sections, &[None, None], &Regions { length_mm: 1.0, junction: [0.3, 0.4], piece: [0.0, 1.0] });
     assert_eq!(found.along["fold_continuity"], [Some(0.5), None]);
     assert!(!found.regions.contains_key("junction"));
 }
@@ -313,7 +318,9 @@ fn results_do_not_depend_on_the_threads() {
         (0..8).map(|k| crate::model::sample::section(200, f64::from(k), 500.0 * f64::from(k))).collect();
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| morphometry(&sections, &[None; 8], &Regions { length_mm: 3.5, junction: [0.3, 0.4] }))
+        pool.install(|| {
+            morphometry(&sections, &[None; 8], &Regions { length_mm: 3.5, junction: [0.3, 0.4], piece: [0.0, 1.0] })
+        })
     };
     assert_eq!(on(1), on(3));
 }

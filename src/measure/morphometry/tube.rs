@@ -130,6 +130,8 @@ pub struct Regions {
     pub length_mm: f64,
     /// Where the junction of isthmus and ampulla begins and ends, as parts of the length.
     pub junction: [f64; 2],
+    /// Where the measured piece of the tube begins and ends, as parts of the length.
+    pub piece: [f64; 2],
 }
 
 impl Regions {
@@ -258,10 +260,11 @@ fn tube(regions: &Regions, z_mm: &[f64], measured: &[(Measures, Marked)], steps:
     let volume = integral(|m| m.lumen_area_mm2);
     let surface = integral(|m| m.lumen_perimeter_mm);
     let continued: Vec<f64> = steps.iter().filter_map(|step| step.continued).collect();
+    let ([begin, end], [from, to]) = (regions.piece, regions.junction);
     Tube {
-        length_mm: regions.length_mm,
-        isthmus_length_mm: regions.junction[0] * regions.length_mm,
-        ampulla_length_mm: (1.0 - regions.junction[1]) * regions.length_mm,
+        length_mm: (end - begin) * regions.length_mm,
+        isthmus_length_mm: (from.min(end) - begin).max(0.0) * regions.length_mm,
+        ampulla_length_mm: (end - to.max(begin)).max(0.0) * regions.length_mm,
         fold_ratio: None,
         lumen_volume_mm3: volume,
         tissue_volume_mm3: integral(|m| m.tissue_area_mm2),

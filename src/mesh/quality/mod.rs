@@ -13,7 +13,6 @@ mod block;
 mod cap;
 mod error;
 mod field;
-mod figures;
 mod meeting;
 mod row;
 mod sheet;
@@ -21,12 +20,12 @@ mod weave;
 mod web;
 
 pub use error::RemeshError;
-pub use figures::{Figures, figures};
 
 use crate::model::{BodyKind, Mesh, Patch, PatchKind, Ring, Section};
 use block::{Block, Row};
 use field::{Aims, Spot};
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Length of a sheet as a multiple of the resolution.
 const SPAN: f64 = 24.0;
@@ -76,21 +75,37 @@ pub struct Lids {
     pub outlet: Vec<[u32; 3]>,
 }
 
-/// Makes a surface of good triangles through `sections`, which are consecutive along the tube. `stop` is asked now and then.
+impl Lids {
+    /// Both bodies in one mesh, as [`crate::mesh::regions`] makes it of a lofted surface.
+    #[must_use]
+    pub fn regions(&self, tissue: &Mesh) -> Mesh {
+        let mut regions = Mesh { body: BodyKind::Regions, ..tissue.clone() };
+        regions.positions.extend_from_slice(&self.positions);
+        for (kind, triangles) in [(PatchKind::Inlet, &self.inlet), (PatchKind::Outlet, &self.outlet)] {
+            let start = regions.triangles.len();
+            regions.triangles.extend_from_slice(triangles);
+            regions.patches.push(Patch { kind, triangles: start..regions.triangles.len() });
+        }
+        regions
+    }
+}
+
+/// Makes a surface of good triangles through `sections`, which are consecutive along the tube. `watch` is told the fraction
+/// that is done, and says whether to stop.
 ///
 /// # Errors
 /// [`RemeshError`].
 pub fn remesh(
     sections: &[Section],
     options: &Quality,
-    stop: &(dyn Fn() -> bool + Sync),
+    watch: &(dyn Fn(f64) -> bool + Sync),
 ) -> Result<Remeshed, RemeshError> {
     let walls = [PatchKind::InnerWall, PatchKind::OuterWall].map(|kind| Wall::new(kind, options));
     let planes = planes(sections, SPAN * options.resolution_um)?;
     let mut spots: Vec<Spot> = Vec::new();
     let mut plan = Plan { sections, planes, walls, rows: Vec::new(), blocks: Vec::new() };
     for _ in 0..ROUNDS {
-        plan.update(&spots, stop)?;
+        plan.update(&spots, watch)?;
         let assembled = plan.assemble()?;
         let pairs = meeting::pairs(&assembled.mesh);
         if pairs.is_empty() {
@@ -159,7 +174,7 @@ struct Assembled {
 
 impl Plan<'_> {
     /// Makes the rows and blocks again that spots concern; all, the first time.
-    fn update(&mut self, spots: &[Spot], stop: &(dyn Fn() -> bool + Sync)) -> Result<(), RemeshError> {
+    fn update(&mut self, spots: &[Spot], watch: &(dyn Fn(f64) -> bool + Sync)) -> Result<(), RemeshError> {
         let touched = |from: usize, to: usize| {
             let (low, high) = (self.sections[from].z_um, self.sections[to].z_um);
             spots
@@ -188,11 +203,12 @@ impl Plan<'_> {
         let count = planes.len() - 1;
         let wanted: Vec<(usize, usize)> = (0..2).flat_map(|wall| (0..count).map(move |b| (wall, b))).collect();
         let old_blocks = std::mem::take(&mut self.blocks);
+        let (done, all) = (AtomicUsize::new(0), wanted.len());
         let fresh: Result<Vec<Option<Block>>, RemeshError> = wanted
             .into_par_iter()
             .with_max_len(1)
             .map(|(wall, b)| {
-                if stop() {
+                if watch(done.fetch_add(1, Ordering::Relaxed) as f64 / all as f64) {
                     return Err(RemeshError::Stopped);
                 }
                 let row = wall * planes.len() + b;

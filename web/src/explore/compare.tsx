@@ -90,7 +90,7 @@ function Comparison({ models }: { models: readonly [Model, Model] }) {
           </section>
         ))}
         <div class="compare-controls card">
-          <CutPanel view={view} lengths={explorations.map(({ tube }) => tube.length)} />
+          <CutPanel view={view} tubes={explorations.map(({ tube }) => tube)} />
           <PartsPanel view={view} />
           <FlightPanel explorations={explorations} view={view} flight={flight} />
         </div>

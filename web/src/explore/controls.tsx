@@ -7,6 +7,7 @@ import { stillness } from "../ui/theme.ts";
 import { Icon } from "../ui/widgets.tsx";
 import type { Exploration } from "./exploration.ts";
 import { SPEEDS, type Flight } from "./flight.ts";
+import type { Tube } from "./framing.ts";
 import { glideFrom } from "./motion.ts";
 import { STANDARD_VIEWS } from "./pose.ts";
 import type { View } from "./view.ts";
@@ -35,8 +36,8 @@ export function ViewButtons({ view }: { view: View }) {
   );
 }
 
-/** `lengths` are those of the tubes that are cut, millimetres. */
-export function CutPanel({ view, lengths }: { view: View; lengths: readonly number[] }) {
+/** `tubes` are those that are cut. */
+export function CutPanel({ view, tubes }: { view: View; tubes: readonly Tube[] }) {
   const flying = view.flying.value;
   return (
     <Panel title="Cut open">
@@ -47,7 +48,7 @@ export function CutPanel({ view, lengths }: { view: View; lengths: readonly numb
       <Toggle label="Across" on={view.across} disabled={flying} />
       {view.across.value && (
         <>
-          <Slider label="Position" value={view.position} min={0} max={1} step={0.001} text={(at) => millimetres(lengths.map((length) => at * length))} />
+          <Slider label="Position" value={view.position} min={0} max={1} step={0.001} text={(at) => millimetres(tubes.map(({ begin, length }) => begin + at * length))} />
           <Toggle label="Remove the isthmus side" on={view.flipped} />
         </>
       )}
@@ -123,7 +124,7 @@ export function FlightPanel({ explorations, view, flight }: { explorations: read
         </select>
         <button type="button" class="button" onClick={() => flight.leave()}>Leave</button>
       </div>
-      <Slider label="Along the tube" value={flight.shown} onInput={(at) => (view.flight.value = at)} min={0} max={1} step={0.0005} text={(at) => millimetres(lengths.map((length) => at * length))} />
+      <Slider label="Along the tube" value={flight.shown} onInput={(at) => (view.flight.value = at)} min={0} max={1} step={0.0005} text={(at) => millimetres(explorations.map(({ tube }) => tube.begin + at * tube.length))} />
       <p class="soft small">
         Drag the picture to look around. Rings mark every 0.1 mm, dark ones every millimetre.
         {stillness.value && " Play moves the camera; it does not start by itself."}

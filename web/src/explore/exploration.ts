@@ -28,7 +28,7 @@ export class Exploration {
   readonly reportFault = signal<string | undefined>(undefined);
   readonly measurement = new Measurement();
   /** Sections by their fraction of the tube's length. */
-  readonly fractions = computed(() => this.sections.value?.entries.map(({ z_um }) => z_um / 1000 / this.tube.length) ?? []);
+  readonly fractions = computed(() => this.sections.value?.entries.map(({ z_um }) => (z_um / 1000 - this.tube.begin) / this.tube.length) ?? []);
   readonly #abort = new AbortController();
   #surfaceLoad = new AbortController();
   #leave = () => {};
@@ -92,7 +92,7 @@ export class Exploration {
       if (!signal.aborted) this.loading.value = { level, received };
     };
     onProgress(0);
-    const surface = await readSurface(await ask((service) => service.bytes(this.model.id, level.file.name, { onProgress, signal })));
+    const surface = await readSurface(await ask((service) => service.bytes(this.model.id, level.file.name, { onProgress, signal })), this.tube.begin);
     signal.throwIfAborted();
     batch(() => {
       this.surface.value = surface;
@@ -108,7 +108,7 @@ export class Exploration {
       const sections = await ask((service) => service.sections(this.model.id, { signal }));
       signal.throwIfAborted();
       this.sections.value = sections;
-      this.survey.value = await survey(sections, signal);
+      this.survey.value = await survey(sections, this.tube.begin, signal);
     } catch (error) {
       if (!signal.aborted) this.sectionsFault.value = explain(error);
     }
@@ -139,6 +139,7 @@ function tubeOf({ summary }: Model): Tube {
     x: middle(0),
     y: middle(1),
     radius: Math.max(high[0] - low[0], high[1] - low[1]) / 2000,
-    length: high[2] / 1000,
+    begin: low[2] / 1000,
+    length: (high[2] - low[2]) / 1000,
   };
 }

@@ -51,7 +51,7 @@ function Explorer({ model }: { model: Model }) {
         </div>
       </section>
       <div class="explore-controls card">
-        <CutPanel view={view} lengths={[tube.length]} />
+        <CutPanel view={view} tubes={[tube]} />
         <PartsPanel view={view} />
         <FlightPanel explorations={[exploration]} view={view} flight={flight} />
         <MeasurePanel measurement={measurement} middle={{ x: tube.x, y: tube.y, z: tube.length / 2 }} />

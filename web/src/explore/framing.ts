@@ -3,7 +3,8 @@ import type { Placement, StandardView } from "./pose.ts";
 
 /** A tube along z, millimetres. */
 export interface Tube {
-  /** The isthmus end is at z = 0. */
+  /** Where it begins along the whole tube, if it is a piece of it. Here, its lower end is at z = 0. */
+  begin: number;
   length: number;
   /** Of the smallest cylinder around it. */
   radius: number;

@@ -5,6 +5,7 @@ import { ticks } from "../batches/columns.ts";
 import { short } from "../ui/format.ts";
 import { nearestIndex } from "./ascending.ts";
 import type { Exploration } from "./exploration.ts";
+import type { Tube } from "./framing.ts";
 import { extent, published, seriesOf, type Series } from "./series.ts";
 import type { Profile } from "./survey.ts";
 import type { View } from "./view.ts";
@@ -44,14 +45,17 @@ interface ChartsProps {
   view: View;
 }
 
-function Charts({ all, junction, exploration: { fractions, tube }, view }: ChartsProps) {
+function Charts({ all, junction, exploration: { model, fractions, tube }, view }: ChartsProps) {
   // What is pointed at in one chart is shown in all of them.
   const hovered = useSignal<number | undefined>(undefined);
   const section = (fraction: number) => {
     const known = fractions.value;
     return known.length > 0 ? known[nearestIndex(known, fraction)]! : fraction;
   };
-  const axis = <><span>0 mm, isthmus</span><span>{short(tube.length)} mm, ampulla</span></>;
+  const { begin, length } = tube;
+  const isWhole = begin === 0 && Math.abs(length - (model.spec?.length_mm ?? length)) < 1e-3;
+  const towards = isWhole ? "" : "towards the ";
+  const axis = <><span>{short(begin)} mm, {towards}isthmus</span><span>{short(begin + length)} mm, {towards}ampulla</span></>;
   const many = all.length > 4;
   return (
     <>
@@ -61,10 +65,10 @@ function Charts({ all, junction, exploration: { fractions, tube }, view }: Chart
             key={one.title}
             series={one}
             junction={junction}
-            length={tube.length}
-            present={section(view.section.value) * tube.length}
+            tube={tube}
+            present={begin + section(view.section.value) * length}
             hovered={hovered}
-            onChoose={(z) => (view.section.value = section(z / tube.length))}
+            onChoose={(z) => (view.section.value = section((z - begin) / length))}
           />
         ))}
       </div>
@@ -84,8 +88,7 @@ function Charts({ all, junction, exploration: { fractions, tube }, view }: Chart
 interface ChartProps {
   series: Series;
   junction?: readonly [number, number] | undefined;
-  /** Of the tube, millimetres. */
-  length: number;
+  tube: Tube;
   /** Where the section is that is shown, millimetres. */
   present: number;
   /** Where is pointed at, millimetres. */
@@ -96,13 +99,13 @@ interface ChartProps {
 const [WIDTH, HEIGHT] = [600, 100];
 
 /** A line over the length of the tube; pointing at it shows a value, clicking chooses the section. */
-function Chart({ series, junction, length, present, hovered, onChoose }: ChartProps) {
+function Chart({ series, junction, tube, present, hovered, onChoose }: ChartProps) {
   const { title, unit, z, values, bands } = series;
-  const { line, area, marks, x, y } = useMemo(() => drawing(series, length), [series, length]);
+  const { line, area, marks, x, y } = useMemo(() => drawing(series, tube), [series, tube]);
   const at = nearestIndex(z, hovered.value ?? present);
   const placeAt = (event: MouseEvent) => {
     const box = (event.currentTarget as Element).getBoundingClientRect();
-    return z[nearestIndex(z, ((event.clientX - box.left) / box.width) * length)]!;
+    return z[nearestIndex(z, tube.begin + ((event.clientX - box.left) / box.width) * tube.length)]!;
   };
   const value = (k: number) => `${short(values[k]!)}${unit && ` ${unit}`}`;
   const ranges = published(series);
@@ -146,10 +149,10 @@ function Chart({ series, junction, length, present, hovered, onChoose }: ChartPr
 }
 
 /** Paths of a series, marks of its axis, and the place of a length and of a value in the picture. */
-function drawing(series: Series, length: number) {
+function drawing(series: Series, { begin, length }: Tube) {
   const { z, values, starts } = series;
   const { bottom, top } = extent(series);
-  const x = (at: number) => (at / length) * WIDTH;
+  const x = (at: number) => ((at - begin) / length) * WIDTH;
   const y = (value: number) => HEIGHT * (1 - (value - bottom) / (top - bottom));
   const runs = starts.map((start, k) => {
     const end = starts[k + 1] ?? z.length;

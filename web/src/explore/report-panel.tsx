@@ -32,6 +32,7 @@ function figures({ certificate, summary, engine, seed }: Report): [string, strin
     ["Triangles", short(certificate.triangles)],
     ["Vertices", short(certificate.vertices)],
     ["Smallest angle", `${short(certificate.min_angle_deg)}°`],
+    ["Triangles with no angle below 20°", certificate.quality ? `${short(100 * certificate.quality.least_angles_from_20)} %` : "unknown"],
     ["Shortest edge", micrometres(certificate.min_edge_um)],
     ["Sections", `${short(summary.sections)}${summary.sections_added ? ` and ${short(summary.sections_added)} added` : ""}`],
     ["Particles", `${short(summary.particles.start)} to ${short(summary.particles.end)}`],

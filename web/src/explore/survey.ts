@@ -26,8 +26,8 @@ const WAY_SECTIONS = 400;
 /** Milliseconds of work between two pauses, so that the page stays responsive. */
 const WORK = 12;
 
-/** Reads all sections, in pieces. Throws `signal.reason` if it is aborted. */
-export async function survey(sections: Sections, signal: AbortSignal): Promise<Survey> {
+/** Reads all sections, in pieces; the way through them starts at `begin` millimetres. Throws `signal.reason` if it is aborted. */
+export async function survey(sections: Sections, begin: number, signal: AbortSignal): Promise<Survey> {
   const count = sections.length;
   const figures = () => new Float64Array(count);
   const [z, lumen, tissue, mucosa] = [figures(), figures(), figures(), figures()];
@@ -43,7 +43,7 @@ export async function survey(sections: Sections, signal: AbortSignal): Promise<S
     mucosa[k] = perimeter(inner) / 1000;
     if (k % stride === 0 || k === count - 1) {
       fields.push(new DistanceField(inner));
-      fieldsAt.push(z_um);
+      fieldsAt.push(z_um - 1000 * begin);
     }
     await pause();
   }

@@ -34,15 +34,15 @@ export interface Difference {
   precision: readonly number[];
 }
 
-/** Reads a `.glb`. Throws if it is damaged or has no patch of a tissue. */
-export async function readSurface(file: ArrayBuffer): Promise<Surface> {
+/** Reads a `.glb`; `begin` millimetres along z become 0. Throws if it is damaged or has no patch of a tissue. */
+export async function readSurface(file: ArrayBuffer, begin: number): Promise<Surface> {
   const loader = new GLTFLoader().setMeshoptDecoder(MeshoptDecoder);
   const { scene, asset } = await loader.parseAsync(file, "");
   scene.updateMatrixWorld(true);
   const patches: Patch[] = [];
   scene.traverse((node) => {
     const name = PATCH_NAMES.find((name) => name === node.name);
-    if (name && isMesh(node)) patches.push(patch(name, node));
+    if (name && isMesh(node)) patches.push(patch(name, node, begin));
   });
   if (patches.length === 0) throw new Error("The file has no walls of a tube.");
   return { patches, triangles: patches.reduce((sum, { index }) => sum + index.length / 3, 0), difference: statedDifference(asset.extras) };
@@ -59,14 +59,16 @@ function isMesh(node: Object3D): node is Mesh {
 }
 
 /** Quantized positions and normals are scaled by the transform of the node; glTF is in metres. */
-function patch(name: PatchName, { geometry, matrixWorld }: Mesh): Patch {
+function patch(name: PatchName, { geometry, matrixWorld }: Mesh, begin: number): Patch {
   if (!geometry.hasAttribute("normal")) geometry.computeVertexNormals();
   const [position, normal] = [geometry.getAttribute("position"), geometry.getAttribute("normal")];
   const [vector, direction] = [new Vector3(), new Matrix3().getNormalMatrix(matrixWorld)];
   const positions = new Float32Array(3 * position.count);
   const normals = new Int8Array(3 * position.count);
   for (let i = 0; i < position.count; i++) {
-    vector.fromBufferAttribute(position, i).applyMatrix4(matrixWorld).multiplyScalar(1000).toArray(positions, 3 * i);
+    vector.fromBufferAttribute(position, i).applyMatrix4(matrixWorld).multiplyScalar(1000);
+    vector.z -= begin;
+    vector.toArray(positions, 3 * i);
     vector.fromBufferAttribute(normal, i).applyNormalMatrix(direction).multiplyScalar(127).toArray(normals, 3 * i);
   }
   const order = geometry.index?.array ?? Uint32Array.from({ length: position.count }, (_, i) => i);

@@ -1,0 +1,164 @@
+"""Judges even and smooth surfaces with numpy, trimesh and VTK: angles, distances from the surface of every step, turns of contours.
+
+Usage: surfaces.py OVIDUCT_BINARY [--kind even] [--seeds 1-10] [--presets pig,human] [--length 5] [--set steps=200]
+
+An even surface (mesh.resolution_um) of a piece of the ampulla is compared with the surface that is lofted through the sections of
+every step; a surface with smooth contours (mesh.smooth_um) with that of the same model without smoothing. Distances are from
+wall to wall, both ways, at vertices, midpoints of edges and centres of triangles.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import tempfile
+
+import numpy as np
+import trimesh
+import vtk
+from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+TOLERANCE_UM = 4.0
+SMOOTH_UM = 5.0
+WALLS = ("inner_wall", "outer_wall")
+
+
+def grown(binary, folder, preset, seed, *settings):
+    """Generates a model; returns its folder and report."""
+    options = [f"--set={setting}" for setting in settings]
+    subprocess.run([binary, "generate", "--preset", preset, "--seed", str(seed), "--outputs", "glb", "--out", folder, *options],
+                   check=True, capture_output=True)
+    with open(os.path.join(folder, "report.json"), encoding="utf-8") as file:
+        return json.load(file)
+
+
+def walls(folder):
+    """Vertices in micrometres and triangles of each wall."""
+    scene = trimesh.load(os.path.join(folder, "model.glb"), process=False)
+    found = {}
+    for name in WALLS:
+        mesh = next(mesh for key, mesh in scene.geometry.items() if name in key)
+        found[name] = np.asarray(mesh.vertices) * 1e6, np.asarray(mesh.faces)
+    return found
+
+
+def places(vertices, triangles):
+    """Points on a surface: vertices, midpoints of edges, centres of triangles."""
+    edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    return np.concatenate([vertices[np.unique(triangles)], vertices[edges].mean(axis=1), vertices[triangles].mean(axis=1)])
+
+
+def distances(points, vertices, triangles):
+    """Distances of points from a surface."""
+    surface = vtk.vtkPolyData()
+    corners = vtk.vtkPoints()
+    corners.SetData(numpy_to_vtk(np.ascontiguousarray(vertices), deep=True))
+    surface.SetPoints(corners)
+    cells = vtk.vtkCellArray()
+    cells.SetData(3, numpy_to_vtk(np.ascontiguousarray(triangles.ravel()), deep=True, array_type=vtk.VTK_ID_TYPE))
+    surface.SetPolys(cells)
+    function = vtk.vtkImplicitPolyDataDistance()
+    function.SetInput(surface)
+    found = vtk.vtkDoubleArray()
+    function.EvaluateFunction(numpy_to_vtk(np.ascontiguousarray(points), deep=True), found)
+    return np.abs(vtk_to_numpy(found))
+
+
+def least_angles(vertices, triangles):
+    """The least angle of each triangle, degrees, and the ratio of its longest edge to its shortest."""
+    sides = np.stack([np.linalg.norm(vertices[triangles[:, k]] - vertices[triangles[:, k - 1]], axis=1) for k in range(3)], axis=1)
+    a, b, c = np.sort(sides, axis=1).T
+    return np.degrees(np.arccos(np.clip((b * b + c * c - a * a) / (2 * b * c), -1, 1))), c / a
+
+
+def judge_even(binary, preset, seed, length_mm, resolution_um):
+    # A piece of the ampulla; the one of all steps is a little longer.
+    with open(os.path.join(HERE, "..", "..", "presets", f"{preset}.json"), encoding="utf-8") as file:
+        tube_mm = json.load(file)["spec"]["length_mm"]
+    begin, end = 0.6, 0.6 + length_mm / tube_mm
+    with tempfile.TemporaryDirectory() as folder:
+        even, every = (os.path.join(folder, name) for name in ("even", "every"))
+        report = grown(binary, even, preset, seed, f"mesh.resolution_um={resolution_um}", f"mesh.tolerance_um={TOLERANCE_UM}",
+                       f"piece.from={begin}", f"piece.to={end}")
+        grown(binary, every, preset, seed, "solver.record_every=1", f"piece.from={begin - 0.02}", f"piece.to={end + 0.02}")
+        certificate = report["certificate"]
+        assert certificate["passed"], certificate["failures"]
+        made, reference = walls(even), walls(every)
+        scene = trimesh.load(os.path.join(even, "model.glb"), process=False)
+        angles, ratios = (np.concatenate(part) for part in zip(
+            *(least_angles(np.asarray(mesh.vertices), np.asarray(mesh.faces)) for mesh in scene.geometry.values())))
+    share = np.mean(angles >= 20)
+    quality = certificate["quality"]
+    assert len(angles) == certificate["triangles"]
+    assert abs(share - quality["least_angles_from_20"]) < 1e-6, (share, quality)
+    # A triangle whose angle lies on the edge of a bin may be counted on the other side of it.
+    counted = np.histogram(angles, bins=np.arange(0, 61, 5))[0]
+    assert np.abs(counted - quality["least_angles"]).sum() <= 4, (counted, quality)
+    worst = {}
+    for name in WALLS:
+        z = made[name][0][:, 2]
+        within = places(*reference[name])
+        within = within[(within[:, 2] >= z.min()) & (within[:, 2] <= z.max())]
+        there = distances(places(*made[name]), *reference[name])
+        back = distances(within, *made[name])
+        worst[name] = there.max(), back.max()
+    print(f"{preset} {seed}: {length_mm} mm, {len(angles)} triangles, {100 * share:.3f} % of least angles from 20°, "
+          f"least {angles.min():.1f}°, {100 * np.mean(ratios <= 4):.3f} % of edge ratios to 4; distance there and back: "
+          + ", ".join(f"{name} {there:.2f} and {back:.2f} µm" for name, (there, back) in worst.items()), flush=True)
+    assert share >= 0.99, f"only {share} of the least angles are at least 20 degrees"
+    assert max(map(max, worst.values())) <= TOLERANCE_UM, worst
+
+
+def greatest_turn(vertices, triangles):
+    """The greatest angle by which a contour turns, degrees: contours are the edges within a section."""
+    edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    edges = edges[vertices[edges[:, 0], 2] == vertices[edges[:, 1], 2]]
+    ends = np.concatenate([edges, edges[:, ::-1]])
+    ends = ends[np.argsort(ends[:, 0], kind="stable")]
+    assert np.array_equal(ends[::2, 0], ends[1::2, 0]) and len(np.unique(ends[:, 0])) * 2 == len(ends), "contours are not closed"
+    at, before, after = vertices[ends[::2, 0], :2], vertices[ends[::2, 1], :2], vertices[ends[1::2, 1], :2]
+    u, v = at - before, after - at
+    return np.degrees(np.abs(np.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(axis=1)))).max()
+
+
+def judge_smooth(binary, preset, seed, settings):
+    with tempfile.TemporaryDirectory() as folder:
+        smooth, plain = (os.path.join(folder, name) for name in ("smooth", "plain"))
+        report = grown(binary, smooth, preset, seed, f"mesh.smooth_um={SMOOTH_UM}", *settings)
+        certificate, summary = report["certificate"], report["summary"]
+        assert certificate["passed"], certificate["failures"]
+        assert grown(binary, plain, preset, seed, *settings)["summary"]["particles"] == summary["particles"]
+        made, reference = walls(smooth), walls(plain)
+    turn = max(greatest_turn(*made[name]) for name in WALLS)
+    sharp = max(greatest_turn(*reference[name]) for name in WALLS)
+    worst = max(max(distances(places(*made[name]), *reference[name]).max(), distances(places(*reference[name]), *made[name]).max())
+                for name in WALLS)
+    print(f"{preset} {seed}: {certificate['triangles']} triangles, {summary['sections_added']} sections added; greatest turn "
+          f"{turn:.1f}° (before {sharp:.1f}°), distance {worst:.2f} µm", flush=True)
+    assert turn <= 60, f"a contour turns by {turn} degrees"
+    assert worst <= SMOOTH_UM, f"the wall moved by {worst} µm"
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("binary")
+    parser.add_argument("--kind", choices=["even", "smooth", "both"], default="both")
+    parser.add_argument("--seeds", default="3-3")
+    parser.add_argument("--presets", default="pig")
+    parser.add_argument("--length", type=float, default=0.8, help="of the piece with an even surface, mm")
+    parser.add_argument("--resolution", type=float, default=40)
+    parser.add_argument("--set", action="append", default=[], help="setting of smooth models")
+    options = parser.parse_args()
+    first, last = map(int, options.seeds.split("-"))
+    for preset in options.presets.split(","):
+        for seed in range(first, last + 1):
+            if options.kind != "smooth":
+                judge_even(options.binary, preset, seed, options.length, options.resolution)
+            if options.kind != "even":
+                judge_smooth(options.binary, preset, seed, options.set)
+
+
+if __name__ == "__main__":
+    main()
