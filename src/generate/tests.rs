@@ -192,6 +192,48 @@ fn an_even_surface_has_good_triangles_and_the_sections_of_the_lofted_one() {
     assert_eq!(one, outcome.files.into_iter().map(|f| (f.name, f.sha256)).collect());
 }
 
+/// The greatest angle by which a contour turns, degrees.
+fn greatest_turn(points: &[[f32; 2]]) -> f64 {
+    let n = points.len();
+    let turn = |i: usize| {
+        let [a, b, c] = [i, (i + 1) % n, (i + 2) % n].map(|i| points[i].map(f64::from));
+        let (u, v) = ([b[0] - a[0], b[1] - a[1]], [c[0] - b[0], c[1] - b[1]]);
+        (u[0] * v[1] - u[1] * v[0]).atan2(u[0] * v[0] + u[1] * v[1]).abs().to_degrees()
+    };
+    (0..n).map(turn).fold(0.0, f64::max)
+}
+
+#[test]
+fn smooth_contours_have_two_points_a_particle_and_no_sharp_angles() {
+    let read = |patch: &serde_json::Value| {
+        let dir = tempfile::tempdir().unwrap();
+        let outcome = generate(&request(small(patch), Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
+        let file = std::fs::File::open(dir.path().join("sections.bin")).unwrap();
+        let mut reader = crate::export::sections_bin::SectionsReader::open(file).unwrap();
+        let sections: Vec<_> = (0..reader.len()).map(|k| reader.section(k).unwrap()).collect();
+        (sections, outcome.findings.summary)
+    };
+    let sharp = json!({ "contortion": { "magnitude": 6, "fraction": 0.4 } });
+    let mut smooth = sharp.clone();
+    json_patch::merge(&mut smooth, &json!({ "mesh": { "smooth_um": 5 } }));
+    let ((before, summary), (after, smoothed)) = (read(&sharp), read(&smooth));
+    assert_eq!(summary["particles"], smoothed["particles"]);
+    let turn = |sections: &[crate::model::Section]| {
+        sections.iter().map(|s| greatest_turn(&s.inner.points).max(greatest_turn(&s.outer.points))).fold(0.0, f64::max)
+    };
+    assert!(turn(&before) > 65.0 && turn(&after) <= 60.0, "{} {}", turn(&before), turn(&after));
+    for (before, after) in before.iter().filter(|s| !s.added).zip(after.iter().filter(|s| !s.added)) {
+        assert_eq!(after.inner.len(), 2 * before.inner.len());
+        assert!(
+            before.inner.ids.iter().eq(after.inner.ids.iter().step_by(2).map(|id| id / 2).collect::<Vec<_>>().iter())
+        );
+    }
+    // An even surface follows the smooth contours, and a checkpoint holds them.
+    let both = even(&json!({ "mesh": { "smooth_um": 5 } }));
+    let (sections, _) = read(&both);
+    assert!(turn(&sections) <= 60.0);
+}
+
 #[test]
 fn a_run_is_cancelled_while_its_surface_is_remeshed() {
     struct Stops(CancelToken);

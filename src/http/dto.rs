@@ -10,6 +10,7 @@ use super::study::BatchStudy;
 use crate::generate::{Output, Progress, Stage};
 use crate::jobs::{BackendReport, Job, JobProgress, LiveSection, Priority, Status, WorkerInfo, WorkerState};
 use crate::model::{BodyKind, LengthUnit};
+use crate::spec::ModelSpec;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -224,7 +225,10 @@ fn warnings(job: &Job) -> Vec<ModelWarning> {
 fn whole(job: &Job) -> Progress {
     let number = |value: Option<&Value>| value.and_then(Value::as_u64).and_then(|n| u32::try_from(n).ok()).unwrap_or(0);
     let found = |pointer: &str| number(job.summary.as_ref().and_then(|summary| summary.pointer(pointer)));
-    let steps = number(job.spec.get("steps"));
+    // Only a piece may end before the tube does; reading the whole spec takes time.
+    let to = job.spec.pointer("/piece/to").and_then(Value::as_f64).unwrap_or(1.0);
+    let piece = (to < 1.0).then(|| ModelSpec::from_json(&job.spec).ok()).flatten();
+    let steps = piece.map_or_else(|| number(job.spec.get("steps")), |spec| *spec.recorded().end());
     Progress {
         stage: Stage::Store,
         fraction: 1.0,

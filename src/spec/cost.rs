@@ -52,7 +52,7 @@ const FOLD_EDGE: f64 = 6.0;
 const REMESH_BYTES: f64 = 100.0;
 const REMESH_SECONDS: f64 = 18e-6;
 const POINT_BYTES: f64 = 12.0;
-const SMOOTH_SECONDS: f64 = 0.4e-6;
+const SMOOTH_SECONDS: f64 = 0.15e-6;
 /// Places at which the work is sampled.
 const PLACES: u32 = 256;
 

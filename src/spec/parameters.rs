@@ -218,8 +218,8 @@ group! {
         pub resolution_um: f64 = "Resolution" ["µm"] Range::of(0.0, 500.0);
         /// Greatest distance of the even surface from the one through all particles of all steps, either way.
         pub tolerance_um: f64 = "Tolerance" ["µm"] Range::of(1.0, 50.0);
-        /// Greatest distance by which contours are moved so that no two neighbouring edges turn by more than 60 degrees. With
-        /// 0, contours keep the angles that they have at the particles, as in the paper.
+        /// Greatest distance by which contours are moved to round sharp angles: with 5, no two neighbouring edges of a model turn
+        /// by more than 60 degrees. With 0, contours keep the angles that they have at the particles, as in the paper.
         pub smooth_um: f64 = "Smoothing" ["µm"] Range::of(0.0, 20.0);
         /// Write the walls as triangle strips, as in the paper, instead of separate triangles.
         pub strips: bool = "Triangle strips" [""] ();

@@ -184,6 +184,18 @@ async fn a_replay_of_an_ended_model_shows_it_as_it_is() {
 }
 
 #[tokio::test]
+async fn a_piece_is_complete_at_its_last_step() {
+    let app = App::new().await;
+    let body = json!({ "seed": 7, "spec": { "piece": { "from": 0.4, "to": 0.5 } } });
+    let first = app.post("/models", &body).await.location();
+    let job = app.claim().await;
+    app.finish(job, &files()).await;
+    let progress = &app.get(&first).await.json()["progress"];
+    let last = progress["steps"].as_u64().unwrap();
+    assert!((200..1900).contains(&last) && progress["step"] == last, "{progress}");
+}
+
+#[tokio::test]
 async fn a_finished_model_of_the_same_digest_is_reused() {
     let app = App::new().await;
     let body = json!({ "seed": 7 });

@@ -2032,7 +2032,7 @@ export interface components {
             resolution_um?: number | null;
             /**
              * Smoothing
-             * @description Greatest distance by which contours are moved so that no two neighbouring edges turn by more than 60 degrees. With 0, contours keep the angles that they have at the particles, as in the paper.
+             * @description Greatest distance by which contours are moved to round sharp angles: with 5, no two neighbouring edges of a model turn by more than 60 degrees. With 0, contours keep the angles that they have at the particles, as in the paper.
              */
             smooth_um?: number | null;
             /**

@@ -85,11 +85,12 @@ proptest! {
 }
 
 #[test]
-fn even_surfaces_of_pieces_continue_from_a_checkpoint() {
-    let spec = even(&json!({ "piece": { "from": 0.3 } }));
-    let dir = tempfile::tempdir().unwrap();
-    let whole = generate(&request(small(&spec), Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
-    assert_eq!(hashes(whole), interrupted(&spec, &[(50, 1), (95, 2)], 2));
+fn even_and_smooth_surfaces_continue_from_a_checkpoint() {
+    for spec in [even(&json!({ "piece": { "from": 0.3 } })), json!({ "mesh": { "smooth_um": 5 } })] {
+        let dir = tempfile::tempdir().unwrap();
+        let whole = generate(&request(small(&spec), Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
+        assert_eq!(hashes(whole), interrupted(&spec, &[(50, 1), (95, 2)], 2));
+    }
 }
 
 /// A tube whose slabs must be mended: sections are added, and diagonals flipped.

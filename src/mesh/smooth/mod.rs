@@ -1,13 +1,15 @@
 //! Contours without sharp angles (the paper's limit 6): no two neighbouring edges turn by more than 60 degrees.
 //!
-//! Each edge gets a point between its ends, and each particle moves into the corner between the two points beside it: the turn
-//! at the particle is divided among three points. The points of the edges stay on them; the nearer they are to a sharp
-//! corner, the less is cut off. A particle moves by less than half of its clearance, so contours that do not cross still do not.
+//! Each edge gets a point on it, which is nearer to the corner that has less room. Then each particle moves into the corner between
+//! the two points beside it, so that its turn is divided among three points (`turns`). It moves by less than half of its
+//! clearance (`clearance`), so contours that do not cross still do not.
 //!
 //! The result is a continuous function of the section, and ids are kept: `2·id` for a particle, `2·id + 1` for the point of the edge
-//! that begins at it. Particles that are inserted between two sections therefore leave all older ids in order.
+//! that begins at it. Particles that are inserted between two sections therefore leave all older ids in order. Ids are below
+//! 2³¹. All machines give the same bits: only IEEE operations and `libm` are used.
 
 mod clearance;
+mod turns;
 
 use crate::model::{Ring, Section};
 use clearance::clearances;
@@ -25,95 +27,96 @@ impl Default for Smooth {
     }
 }
 
-/// Part of its clearance by which a particle may move.
+/// Parts of its clearance and of the greatest distance by which a particle may move.
 const OF_CLEARANCE: f64 = 0.45;
-/// Turns at which points of edges begin to move towards a corner, and at which they have done so, in degrees.
-const SHARP: [f64; 2] = [45.0, 75.0];
+const OF_DISTANCE: f64 = 0.9;
+/// A turn that needs no room, in radians (43 degrees).
+const EASY: f64 = 0.75;
+/// Least part of an edge between a particle and the point on the edge.
+const NEAREST: f64 = 0.04;
+
+type Point = [f64; 2];
 
 /// A section with smooth contours.
 #[must_use]
 pub fn smooth(section: &Section, options: &Smooth) -> Section {
-    let [inner, outer] = clearances(&section.inner, &section.outer, 2.0 * options.distance_um);
-    Section {
-        inner: smooth_ring(&section.inner, &inner, options),
-        outer: smooth_ring(&section.outer, &outer, options),
-        ..*section
-    }
+    let most = OF_DISTANCE * options.distance_um;
+    let clearances = clearances(&section.inner, &section.outer, most / OF_CLEARANCE);
+    let [inner, outer] = clearances.map(|ring| ring.iter().map(|c| most.min(OF_CLEARANCE * c)).collect::<Vec<f64>>());
+    Section { inner: smooth_ring(&section.inner, &inner), outer: smooth_ring(&section.outer, &outer), ..*section }
 }
 
-fn smooth_ring(ring: &Ring, clearance: &[f64], options: &Smooth) -> Ring {
+/// `most`: how far each particle may move.
+fn smooth_ring(ring: &Ring, most: &[f64]) -> Ring {
     let n = ring.len();
-    let p = |i: usize| ring.points[i % n].map(f64::from);
-    let edge: Vec<f64> = (0..n).map(|i| length(minus(p(i + 1), p(i)))).collect();
-    let turns: Vec<f64> = (0..n).map(|i| turn(p(i + n - 1), p(i), p(i + 1)).abs().to_degrees()).collect();
-    let need = |i: usize| {
-        let t = ((turns[i % n] - SHARP[0]) / (SHARP[1] - SHARP[0])).clamp(0.0, 1.0);
-        t * t * (3.0 - 2.0 * t)
-    };
-    // Where the points beside a sharp corner should be.
-    let beside = |i: usize| {
-        let i = i % n;
-        let room = 0.5 * edge[(i + n - 1) % n].min(edge[i]);
-        room.min(0.9 * options.distance_um).min((0.9 * clearance[i]).max(0.05))
-    };
-    let middle: Vec<[f64; 2]> = (0..n)
+    let points: Vec<Point> = ring.points.iter().map(|p| p.map(f64::from)).collect();
+    let (before, after) =
+        (|i: usize| if i == 0 { n - 1 } else { i - 1 }, |i: usize| if i + 1 == n { 0 } else { i + 1 });
+    let edges: Vec<Point> = (0..n).map(|i| minus(points[after(i)], points[i])).collect();
+    let turns: Vec<f64> = (0..n).map(|i| angle(edges[before(i)], edges[i])).collect();
+    let rooms: Vec<f64> = turns.iter().zip(most).map(|(turn, most)| room(turn.abs(), *most)).collect();
+    let middles: Vec<Point> = (0..n)
         .map(|i| {
-            const FREE: f64 = 0.05;
-            let (here, next) = (need(i), need(i + 1));
-            let at =
-                (here * beside(i) + next * (edge[i] - beside(i + 1)) + FREE * 0.5 * edge[i]) / (here + next + FREE);
-            along(p(i), p(i + 1), at / edge[i])
+            let edge = length(edges[i]);
+            let (here, next) = (rooms[i].min(edge), rooms[after(i)].min(edge));
+            let at = if here + next > 0.0 { here / (here + next) } else { 0.5 };
+            along(points[i], points[after(i)], at.clamp(NEAREST, 1.0 - NEAREST))
         })
         .collect();
+    // The angles at the points on the edges between a particle and the next such point.
+    let base: Vec<[f64; 2]> = (0..n)
+        .map(|i| {
+            let (a, b) = (middles[before(i)], middles[i]);
+            let first = angle(minus(points[i], a), minus(b, a));
+            [first, turns[i] - first]
+        })
+        .collect();
+    let shares = turns::divide(&turns, &base);
     let mut result = Ring { ids: Vec::with_capacity(2 * n), points: Vec::with_capacity(2 * n) };
     for i in 0..n {
-        let (before, after) = (middle[(i + n - 1) % n], middle[i]);
-        let moved = cut(before, p(i), after, (OF_CLEARANCE * clearance[i]).min(0.9 * options.distance_um));
-        result.ids.extend([2 * ring.ids[i], 2 * ring.ids[i] + 1]);
-        result.points.extend([moved, middle[i]].map(|p| p.map(|x| x as f32)));
+        let wanted = corner(middles[before(i)], points[i], middles[i], shares[i]);
+        let distance = length(minus(wanted, points[i]));
+        let moved = if distance > most[i] { along(points[i], wanted, most[i] / distance) } else { wanted };
+        result.ids.extend([ring.ids[i] << 1, (ring.ids[i] << 1) | 1]);
+        result.points.extend([moved, middles[i]].map(|p| p.map(|x| x as f32)));
     }
     result
 }
 
-/// Where the corner between two points goes: into it, until its turn is half of what it was, at most 55 degrees, or it has moved
-/// by `most`.
-fn cut(before: [f64; 2], corner: [f64; 2], after: [f64; 2], most: f64) -> [f64; 2] {
-    let half = 0.5 * turn(before, corner, after).abs().to_degrees();
-    let wanted = if half <= 50.0 { half } else { 50.0 + 0.125 * (half - 50.0) };
-    let (a, b) = (length(minus(corner, before)), length(minus(after, corner)));
-    let foot = along(before, after, a / (a + b));
-    let depth = length(minus(foot, corner));
-    if depth <= 0.0 {
-        return corner;
-    }
-    // The turn decreases on the way to the foot.
-    let (mut low, mut high) = (0.0, 1.0);
-    for _ in 0..20 {
-        let middle = 0.5 * (low + high);
-        if turn(before, along(corner, foot, middle), after).abs().to_degrees() > wanted {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    along(corner, foot, high.min(most / depth))
+/// How far from a corner the points beside it may be, if it can move by `most`, so that its turn becomes [`EASY`].
+fn room(turn: f64, most: f64) -> f64 {
+    if turn > EASY { most * libm::cos(0.5 * EASY) / libm::sin(0.5 * (turn - EASY)) } else { f64::INFINITY }
 }
 
-/// The angle by which the way from `a` by `b` to `c` turns at `b`.
-fn turn(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
-    let (u, v) = (minus(b, a), minus(c, b));
-    (u[0] * v[1] - u[1] * v[0]).atan2(u[0] * v[0] + u[1] * v[1])
+/// Where a corner goes that leaves `shares` of its turn to the points beside it.
+fn corner(before: Point, corner: Point, after: Point, shares: [f64; 2]) -> Point {
+    let turned = |v: Point, by: f64| {
+        let t = libm::tan(by);
+        [v[0] - t * v[1], v[1] + t * v[0]]
+    };
+    let (u, v) = (turned(minus(corner, before), shares[0]), turned(minus(after, corner), -shares[1]));
+    let t = cross(minus(after, before), v) / cross(u, v);
+    if t.is_finite() { [before[0] + t * u[0], before[1] + t * u[1]] } else { corner }
 }
 
-fn minus(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
+/// The angle by which one direction turns to another.
+fn angle(u: Point, v: Point) -> f64 {
+    libm::atan2(cross(u, v), u[0] * v[0] + u[1] * v[1])
+}
+
+fn cross(u: Point, v: Point) -> f64 {
+    u[0] * v[1] - u[1] * v[0]
+}
+
+fn minus(a: Point, b: Point) -> Point {
     [a[0] - b[0], a[1] - b[1]]
 }
 
-fn length(v: [f64; 2]) -> f64 {
-    v[0].hypot(v[1])
+fn length(v: Point) -> f64 {
+    (v[0] * v[0] + v[1] * v[1]).sqrt()
 }
 
-fn along(a: [f64; 2], b: [f64; 2], t: f64) -> [f64; 2] {
+fn along(a: Point, b: Point, t: f64) -> Point {
     [a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t]
 }
 

@@ -1,7 +1,8 @@
-//! Tests of smoothing: greatest turn, distance moved, contours that stay apart.
+//! Tests of smoothing: greatest turn, distance moved, contours that stay apart, continuity.
 
 use super::*;
 use crate::geometry::polygon::{check_contour, check_nested};
+use crate::mesh::loft::exported;
 use proptest::prelude::*;
 use std::f64::consts::TAU;
 
@@ -19,10 +20,58 @@ fn section(inner: Ring, outer: Ring) -> Section {
     Section { step: 1.0, z_um: 1.0, added: false, inner, outer }
 }
 
+/// A ring of teeth that lean to one side: a tip at angle 0 of each tooth, a root at `lean` of the way to the next tip.
+fn saw(teeth: u32, radius: f64, depth: f64, lean: f64) -> Ring {
+    let at = |i: u32| {
+        let (part, r) = if i.is_multiple_of(2) { (0.0, radius) } else { (lean, radius - depth) };
+        let angle = TAU * (f64::from(i / 2) + part) / f64::from(teeth);
+        [(r * angle.cos()) as f32, (r * angle.sin()) as f32]
+    };
+    Ring { ids: (0..2 * teeth).collect(), points: (0..2 * teeth).map(at).collect() }
+}
+
+/// A ring with a path of given turns (degrees) and edges, closed by a wide way round.
+fn path(steps: &[(f64, f64)]) -> Ring {
+    let (mut p, mut direction) = ([0.0f64, 0.0], 0.0f64);
+    let mut points = vec![[-40.0, 0.0], [-20.0, 0.0], p];
+    for &(turn, edge) in steps {
+        direction += turn.to_radians();
+        p = [p[0] + edge * direction.cos(), p[1] + edge * direction.sin()];
+        points.push(p);
+    }
+    // On in the last direction, then counter-clockwise around all of it.
+    let last = [p[0] + 30.0 * direction.cos(), p[1] + 30.0 * direction.sin()];
+    points.push(last);
+    let end = last[1].atan2(last[0]);
+    let way = (0.5 * TAU - end).rem_euclid(TAU);
+    points.extend((1..24).map(|k| {
+        let angle = end + way * f64::from(k) / 24.0;
+        [120.0 * angle.cos(), 120.0 * angle.sin()]
+    }));
+    let points: Vec<[f32; 2]> = points.iter().map(|p| p.map(|x| x as f32)).collect();
+    Ring { ids: (0..points.len() as u32).collect(), points }
+}
+
+/// As exported, in metres.
+fn metres(ring: &Ring) -> Vec<[f32; 2]> {
+    exported(ring, 0)
+}
+
 fn greatest_turn(ring: &Ring) -> f64 {
-    let n = ring.len();
-    let p = |i: usize| ring.points[i % n].map(f64::from);
-    (0..n).map(|i| turn(p(i), p(i + 1), p(i + 2)).abs().to_degrees()).fold(0.0, f64::max)
+    let points = metres(ring);
+    let n = points.len();
+    let edge = |i: usize| minus(points[(i + 1) % n].map(f64::from), points[i % n].map(f64::from));
+    (0..n).map(|i| angle(edge(i), edge(i + 1)).abs().to_degrees()).fold(0.0, f64::max)
+}
+
+/// Old and new contours are at most 5 µm apart, and the new ones are sound.
+fn check(old: &Section, new: &Section) {
+    for (a, b) in [(&old.inner, &new.inner), (&old.outer, &new.outer)] {
+        let distance = apart(a, b).max(apart(b, a));
+        assert!(distance <= 5.0, "{distance}");
+        check_contour(&metres(b)).unwrap();
+    }
+    check_nested(&metres(&new.inner), &metres(&new.outer)).unwrap();
 }
 
 /// Distance of the points of a ring, and of points between, from another.
@@ -46,10 +95,59 @@ fn corners_of_a_star_are_rounded() {
     assert!(greatest_turn(&old.inner) > 100.0);
     let new = smooth(&old, &Smooth::default());
     assert!(greatest_turn(&new.inner) <= 60.0, "{}", greatest_turn(&new.inner));
-    let distance = apart(&old.inner, &new.inner).max(apart(&new.inner, &old.inner));
-    assert!(distance > 0.5 && distance <= 5.0, "{distance}");
-    check_contour(&new.inner.points).unwrap();
-    check_nested(&new.inner.points, &new.outer.points).unwrap();
+    assert!(apart(&old.inner, &new.inner) > 0.5);
+    check(&old, &new);
+}
+
+#[test]
+fn corners_as_sharp_as_models_have_are_rounded() {
+    // Turns and edges found in models of the presets cow and paper.
+    let found: [&[(f64, f64)]; 6] = [
+        &[(-36.0, 13.0), (84.0, 14.5), (145.4, 8.5), (-113.0, 18.0), (-1.0, 13.0)],
+        &[(24.0, 13.7), (144.0, 9.4), (-118.4, 8.1), (145.3, 13.8), (-5.0, 11.0), (-50.0, 14.0), (-40.0, 14.0)],
+        &[
+            (-60.0, 9.0),
+            (-44.0, 9.0),
+            (50.0, 7.4),
+            (116.0, 12.8),
+            (-102.0, 7.0),
+            (143.6, 13.8),
+            (25.7, 12.0),
+            (-40.0, 15.0),
+        ],
+        &[
+            (8.0, 14.5),
+            (96.0, 10.7),
+            (134.5, 8.3),
+            (-113.0, 7.0),
+            (80.0, 7.7),
+            (-31.0, 8.4),
+            (-60.0, 14.0),
+            (-20.0, 14.0),
+        ],
+        &[(-14.6, 16.0), (22.7, 15.5), (151.0, 8.3), (-87.2, 9.0), (82.5, 7.8), (-51.1, 8.6), (4.2, 9.0)],
+        &[(6.0, 9.0), (24.0, 7.5), (136.0, 6.8), (-25.0, 8.0), (-16.0, 9.0)],
+    ];
+    for steps in found {
+        for sign in [1.0, -1.0] {
+            let steps: Vec<(f64, f64)> = steps.iter().map(|&(turn, edge)| (sign * turn, edge)).collect();
+            let old = section(path(&steps), star(40, 200.0, 0.0));
+            assert!(check_contour(&metres(&old.inner)).is_ok(), "{steps:?}");
+            let new = smooth(&old, &Smooth::default());
+            assert!(greatest_turn(&new.inner) <= 57.0, "{} for {steps:?}", greatest_turn(&new.inner));
+            check(&old, &new);
+        }
+    }
+}
+
+#[test]
+fn rings_of_few_or_equal_points_do_no_harm() {
+    for points in [vec![], vec![[1.0, 2.0]], vec![[1.0, 2.0]; 2], vec![[1.0, 2.0]; 5]] {
+        let ring = Ring { ids: (0..points.len() as u32).collect(), points };
+        let new = smooth(&section(ring.clone(), star(40, 200.0, 0.0)), &Smooth::default());
+        assert!(new.inner.points.iter().flatten().all(|x| x.is_finite()));
+        assert_eq!(new.inner.len(), 2 * ring.len());
+    }
 }
 
 #[test]
@@ -84,9 +182,17 @@ proptest! {
         let old = section(inner, star(40, 80.0, 0.0));
         prop_assume!(check_contour(&old.inner.points).is_ok());
         let new = smooth(&old, &Smooth::default());
-        prop_assert!(check_contour(&new.inner.points).is_ok());
-        prop_assert!(check_nested(&new.inner.points, &new.outer.points).is_ok());
-        prop_assert!(apart(&old.inner, &new.inner).max(apart(&new.inner, &old.inner)) <= 5.0);
+        check(&old, &new);
+    }
+
+    /// Teeth that turn by up to 125 degrees, at edges as long as those of models.
+    #[test]
+    fn teeth_are_rounded(teeth in 40u32..56, depth in 2.0f64..8.0, lean in 0.25f64..0.75) {
+        let old = section(saw(teeth, 70.0, depth, lean), star(40, 200.0, 0.0));
+        prop_assume!(greatest_turn(&old.inner) <= 125.0);
+        let new = smooth(&old, &Smooth::default());
+        prop_assert!(greatest_turn(&new.inner) <= 60.0, "{} was {}", greatest_turn(&new.inner), greatest_turn(&old.inner));
+        check(&old, &new);
     }
 
     /// A small change of the section changes the result by little.
