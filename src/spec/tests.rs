@@ -518,5 +518,7 @@ fn finer_surfaces_and_longer_pieces_cost_more() {
     assert!(even(40.0).seconds["cpu"].seconds > 5.0 * whole.seconds["cpu"].seconds);
     let smooth = cost(&json!({ "mesh": { "smooth_um": 5 } }));
     assert_eq!(smooth.triangles, 2 * whole.triangles);
+    let both = cost(&json!({ "mesh": { "smooth_um": 5, "resolution_um": 40 } }));
+    assert!(both.seconds["cpu"].seconds > 3.0 * even(40.0).seconds["cpu"].seconds);
     assert!(smooth.bytes["sections"] > whole.bytes["sections"] && smooth.particles_end == whole.particles_end);
 }
