@@ -135,6 +135,8 @@ struct Growing<'a, M> {
     /// Index among those that the device runs.
     slot: usize,
     member: Member<'a>,
+    /// The step of its first section; the device reports earlier ones, too.
+    first: u32,
     pace: Mutex<Pace<'a>>,
     inbox: Mutex<Inbox<M>>,
     /// `None` once the member has ended.
@@ -150,6 +152,7 @@ impl<'a, M> Growing<'a, M> {
             index,
             slot,
             member: *member,
+            first: *member.request.spec.recorded().start(),
             pace: Mutex::new(Pace::new(&member.request.spec, member.sink)),
             inbox: Mutex::new(Inbox { items: VecDeque::new(), scheduled: false }),
             loft: Mutex::new(Some(None)),
@@ -256,7 +259,7 @@ impl<'a, D: Device> Batch<'a, D> {
                     if !loft.walls.shows(section.step as u32) {
                         return Ok(None);
                     }
-                } else if section.step as u32 == *request.spec.recorded().start() {
+                } else if section.step as u32 == member.first {
                     *loft = Some(Lofting { walls: Walls::new(request, &section)?, mark });
                 } else {
                     // It lies before the piece.

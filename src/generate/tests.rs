@@ -192,6 +192,15 @@ fn an_even_surface_has_good_triangles_and_the_sections_of_the_lofted_one() {
     assert_eq!(one, outcome.files.into_iter().map(|f| (f.name, f.sha256)).collect());
 }
 
+/// The sections that a model shows, and what was found of it.
+fn grown(patch: &serde_json::Value) -> (Vec<crate::model::Section>, Findings) {
+    let dir = tempfile::tempdir().unwrap();
+    let outcome = generate(&request(small(patch), Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
+    let file = std::fs::File::open(dir.path().join("sections.bin")).unwrap();
+    let mut reader = crate::export::sections_bin::SectionsReader::open(file).unwrap();
+    ((0..reader.len()).map(|k| reader.section(k).unwrap()).collect(), outcome.findings)
+}
+
 /// The greatest angle by which a contour turns, degrees.
 fn greatest_turn(points: &[[f32; 2]]) -> f64 {
     let n = points.len();
@@ -205,19 +214,11 @@ fn greatest_turn(points: &[[f32; 2]]) -> f64 {
 
 #[test]
 fn smooth_contours_have_two_points_a_particle_and_no_sharp_angles() {
-    let read = |patch: &serde_json::Value| {
-        let dir = tempfile::tempdir().unwrap();
-        let outcome = generate(&request(small(patch), Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
-        let file = std::fs::File::open(dir.path().join("sections.bin")).unwrap();
-        let mut reader = crate::export::sections_bin::SectionsReader::open(file).unwrap();
-        let sections: Vec<_> = (0..reader.len()).map(|k| reader.section(k).unwrap()).collect();
-        (sections, outcome.findings.summary)
-    };
     let sharp = json!({ "contortion": { "magnitude": 6, "fraction": 0.4 } });
     let mut smooth = sharp.clone();
     json_patch::merge(&mut smooth, &json!({ "mesh": { "smooth_um": 5 } }));
-    let ((before, summary), (after, smoothed)) = (read(&sharp), read(&smooth));
-    assert_eq!(summary["particles"], smoothed["particles"]);
+    let ((before, sharp), (after, smooth)) = (grown(&sharp), grown(&smooth));
+    assert_eq!(sharp.summary["particles"], smooth.summary["particles"]);
     let turn = |sections: &[crate::model::Section]| {
         sections.iter().map(|s| greatest_turn(&s.inner.points).max(greatest_turn(&s.outer.points))).fold(0.0, f64::max)
     };
@@ -230,7 +231,7 @@ fn smooth_contours_have_two_points_a_particle_and_no_sharp_angles() {
     }
     // An even surface follows the smooth contours, and a checkpoint holds them.
     let both = even(&json!({ "mesh": { "smooth_um": 5 } }));
-    let (sections, _) = read(&both);
+    let (sections, _) = grown(&both);
     assert!(turn(&sections) <= 60.0);
 }
 
@@ -253,18 +254,12 @@ fn a_run_is_cancelled_while_its_surface_is_remeshed() {
 
 #[test]
 fn a_piece_has_the_sections_that_the_whole_tube_has_there() {
-    let read = |patch: &serde_json::Value| {
-        let dir = tempfile::tempdir().unwrap();
-        let outcome = generate(&request(small(patch), Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
-        let file = std::fs::File::open(dir.path().join("sections.bin")).unwrap();
-        let mut reader = crate::export::sections_bin::SectionsReader::open(file).unwrap();
-        let sections: Vec<_> = (0..reader.len()).map(|k| reader.section(k).unwrap()).collect();
-        (sections, outcome.findings)
-    };
-    let (all, _) = read(&json!({}));
+    let (all, _) = grown(&json!({}));
     let ((part, findings), (even, _)) = (
-        read(&json!({ "piece": { "from": 0.3, "to": 0.7 } })),
-        read(&even(&json!({ "length_mm": 60, "mesh": { "resolution_um": 400 }, "piece": { "from": 0.3, "to": 0.7 } }))),
+        grown(&json!({ "piece": { "from": 0.3, "to": 0.7 } })),
+        grown(&even(
+            &json!({ "length_mm": 60, "mesh": { "resolution_um": 400 }, "piece": { "from": 0.3, "to": 0.7 } }),
+        )),
     );
     let is_shown = |s: &&crate::model::Section| !s.added;
     let [begin, end] = [&part[0], &part[part.len() - 1]].map(|s| s.z_um / 60e3);

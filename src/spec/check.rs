@@ -6,7 +6,6 @@ use super::fault::Fault;
 use super::layers::{MOST_SIDE, MOST_SLICES};
 use super::parameters::Parameters;
 use super::schedule::Schedule;
-use std::f64::consts::PI;
 
 /// Fewest particles of the inner loop.
 pub(super) const MIN_INNER: f64 = 16.0;
@@ -172,8 +171,7 @@ impl Checks<'_> {
             [&p.particles.total, &p.particles.outer, &p.particles.edge_um, &c.squash, &c.spacing_um, &c.wall_um];
         let swing = p.wall.lobing.fluctuation.map_or(0.0, |f| f.amplitude);
         let tight = places(&schedules).into_iter().find_map(|u| {
-            let inner = (p.particles.total.at(u) - p.particles.outer.at(u)).max(0.0);
-            let r_in = (inner * p.particles.edge_um.at(u) * c.spacing_um.at(u) / (PI * c.squash.at(u))).sqrt();
+            let r_in = p.inner_radius_um(u);
             let wall = c.wall_um.at(u);
             let lobe = (p.wall.lobing.at(u) + swing) * (r_in + wall);
             (lobe > 0.5 * wall).then_some((u, lobe, wall))

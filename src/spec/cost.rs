@@ -51,10 +51,10 @@ const EVEN_TRIANGLES: [f64; 2] = [5.8, 3.7];
 const FOLD_EDGE: f64 = 6.0;
 const REMESH_BYTES: f64 = 100.0;
 const REMESH_SECONDS: f64 = 18e-6;
-/// By how much remeshing takes longer if contours are smooth: 4 times for `pig`, 8 times for `cow`.
-const SMOOTH_FACTOR: f64 = 6.0;
 const POINT_BYTES: f64 = 12.0;
 const SMOOTH_SECONDS: f64 = 0.15e-6;
+/// By how much remeshing takes longer if contours are smooth: 4 times for `pig`, 8 times for `cow`.
+const SMOOTH_FACTOR: f64 = 6.0;
 /// Places at which the work is sampled.
 const PLACES: u32 = 256;
 
@@ -244,7 +244,7 @@ impl ModelSpec {
             let particle = self.particles.edge_um.at(u);
             let inner = (self.particles.total.at(u) - self.particles.outer.at(u)) * particle;
             let squash = self.containment.squash.at(u);
-            let radius = (inner * self.containment.spacing_um.at(u) / (PI * squash)).sqrt();
+            let radius = self.inner_radius_um(u);
             let outer = PI * (radius * (1.0 + squash) + 2.0 * self.containment.wall_um.at(u));
             let at_folds = edge.min(FOLD_EDGE * (tolerance * particle).sqrt());
             sum += EVEN_TRIANGLES[0] * inner / (at_folds * at_folds) + EVEN_TRIANGLES[1] * outer / (4.0 * edge * edge);

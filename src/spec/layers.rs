@@ -2,7 +2,6 @@
 
 use super::parameters::{Histology, Parameters};
 use crate::tissue::Layers;
-use std::f64::consts::PI;
 
 /// Most slices of a label volume, and most voxels along the side of one: sizes of NIfTI-1 are 16-bit numbers. A predicted
 /// side keeps away from it, since the tube may be wider than predicted.
@@ -62,9 +61,7 @@ impl Parameters {
             if place < ends[0] - 1.0 / f64::from(PLACES) || place > ends[1] + 1.0 / f64::from(PLACES) {
                 continue;
             }
-            let inner = (self.particles.total.at(u) - self.particles.outer.at(u)).max(0.0);
-            let squash = c.squash.at(u);
-            let radius = (inner * self.particles.edge_um.at(u) * c.spacing_um.at(u) / (PI * squash)).sqrt();
+            let (radius, squash) = (self.inner_radius_um(u), c.squash.at(u));
             let lobes = 1.0 + self.wall.lobing.at(u);
             half[0] = half[0].max((radius + c.wall_um.at(u)) * lobes);
             half[1] = half[1].max((radius * squash + c.wall_um.at(u)) * lobes);

@@ -60,6 +60,7 @@ pub use schema::schema;
 
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
+use std::f64::consts::PI;
 use std::ops::RangeInclusive;
 use table::Parameter;
 
@@ -192,6 +193,13 @@ impl Parameters {
         let piece = self.recorded();
         [*piece.start(), *piece.end()]
             .map(|step| self.length_mm * 1000.0 * self.z.at(f64::from(step) / f64::from(self.steps)))
+    }
+
+    /// The x radius of the inner ellipse of the containment region at `u`, the fraction of steps.
+    fn inner_radius_um(&self, u: f64) -> f64 {
+        let (c, particles) = (&self.containment, &self.particles);
+        let inner = (particles.total.at(u) - particles.outer.at(u)).max(0.0);
+        (inner * particles.edge_um.at(u) * c.spacing_um.at(u) / (PI * c.squash.at(u))).sqrt()
     }
 
     fn all_stations(&self) -> impl Iterator<Item = u32> + '_ {

@@ -127,14 +127,21 @@ impl Web {
         }
     }
 
+    /// The corners a, b, c, d of the two triangles at the edge ab, which is `k` of `t` = abc and `j` of `n` = bad; and what is beyond
+    /// the edges bc, ca, ad, db.
+    fn around(&self, t: u32, k: usize, n: u32, j: usize) -> ([u32; 4], [u32; 4]) {
+        let (here, there) = (self.triangles[t as usize], self.triangles[n as usize]);
+        let (across, beyond) = (self.across[t as usize], self.across[n as usize]);
+        (
+            [here[k % 3], here[(k + 1) % 3], here[(k + 2) % 3], there[(j + 2) % 3]],
+            [across[(k + 1) % 3], across[(k + 2) % 3], beyond[(j + 1) % 3], beyond[(j + 2) % 3]],
+        )
+    }
+
     /// Replaces the edge `k` of `t` by the other diagonal of its two triangles.
     pub(super) fn flip(&mut self, t: u32, k: usize) {
         let Some((n, j)) = self.beyond(t, k) else { return };
-        let at = |corners: [u32; 3], k: usize| corners[k % 3];
-        let (here, there) = (self.triangles[t as usize], self.triangles[n as usize]);
-        let (a, b, c, d) = (at(here, k), at(here, k + 1), at(here, k + 2), at(there, j + 2));
-        let (bc, ca) = (self.across[t as usize][(k + 1) % 3], self.across[t as usize][(k + 2) % 3]);
-        let (ad, db) = (self.across[n as usize][(j + 1) % 3], self.across[n as usize][(j + 2) % 3]);
+        let ([a, b, c, d], [bc, ca, ad, db]) = self.around(t, k, n, j);
         self.triangles[t as usize] = [a, d, c];
         self.triangles[n as usize] = [d, b, c];
         self.across[t as usize] = [ad, n, ca];
@@ -149,11 +156,7 @@ impl Web {
     /// Divides the edge `k` of `t` by a new vertex.
     pub(super) fn split(&mut self, t: u32, k: usize, point: [f64; 3], place: [f64; 2]) {
         let Some((n, j)) = self.beyond(t, k) else { return };
-        let at = |corners: [u32; 3], k: usize| corners[k % 3];
-        let (here, there) = (self.triangles[t as usize], self.triangles[n as usize]);
-        let (a, b, c, d) = (at(here, k), at(here, k + 1), at(here, k + 2), at(there, j + 2));
-        let (bc, ca) = (self.across[t as usize][(k + 1) % 3], self.across[t as usize][(k + 2) % 3]);
-        let (ad, db) = (self.across[n as usize][(j + 1) % 3], self.across[n as usize][(j + 2) % 3]);
+        let ([a, b, c, d], [bc, ca, ad, db]) = self.around(t, k, n, j);
         let m = self.points.len() as u32;
         self.points.push(point);
         self.places.push(place);
