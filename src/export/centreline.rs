@@ -18,7 +18,7 @@ const NAMES: [&str; 7] =
     ["step", "arc_length", "lumen_radius", "outer_radius", "hydraulic_radius", "lumen_area", "lumen_perimeter"];
 
 /// The centre line of a tube, micrometres.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Centreline {
     /// A point for each section.
     pub points: Vec<[f64; 3]>,
@@ -40,33 +40,25 @@ impl Centreline {
     /// The centre line through sections.
     #[must_use]
     pub fn of(sections: &[Section]) -> Self {
-        let mut line = Self {
-            points: Vec::new(),
-            step: Vec::new(),
-            arc_length: Vec::new(),
-            lumen_radius: Vec::new(),
-            outer_radius: Vec::new(),
-            hydraulic_radius: Vec::new(),
-            lumen_area: Vec::new(),
-            lumen_perimeter: Vec::new(),
-        };
-        let mut length = 0.0;
-        for section in sections {
-            let (inner, outer) = (Extent::of(&section.inner), Extent::of(&section.outer));
-            let point = [outer.centroid[0], outer.centroid[1], section.z_um];
-            if let Some(last) = line.points.last() {
-                length += (0..3).map(|axis| (point[axis] - last[axis]).powi(2)).sum::<f64>().sqrt();
-            }
-            line.points.push(point);
-            line.step.push(section.step);
-            line.arc_length.push(length);
-            line.lumen_radius.push((inner.area / std::f64::consts::PI).sqrt());
-            line.outer_radius.push((outer.area / std::f64::consts::PI).sqrt());
-            line.hydraulic_radius.push(2.0 * inner.area / inner.perimeter);
-            line.lumen_area.push(inner.area);
-            line.lumen_perimeter.push(inner.perimeter);
-        }
+        let mut line = Self::default();
+        sections.iter().for_each(|section| line.push(section));
         line
+    }
+
+    /// Adds the point of the next section.
+    pub fn push(&mut self, section: &Section) {
+        let (inner, outer) = (Extent::of(&section.inner), Extent::of(&section.outer));
+        let point = [outer.centroid[0], outer.centroid[1], section.z_um];
+        let on = |last: &[f64; 3]| (0..3).map(|axis| (point[axis] - last[axis]).powi(2)).sum::<f64>().sqrt();
+        let so_far = self.arc_length.last().copied().unwrap_or(0.0);
+        self.arc_length.push(so_far + self.points.last().map_or(0.0, on));
+        self.points.push(point);
+        self.step.push(section.step);
+        self.lumen_radius.push((inner.area / std::f64::consts::PI).sqrt());
+        self.outer_radius.push((outer.area / std::f64::consts::PI).sqrt());
+        self.hydraulic_radius.push(2.0 * inner.area / inner.perimeter);
+        self.lumen_area.push(inner.area);
+        self.lumen_perimeter.push(inner.perimeter);
     }
 
     /// The values at the points, in a unit.

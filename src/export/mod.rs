@@ -18,11 +18,12 @@ pub mod ply;
 pub mod read;
 pub mod sections_bin;
 pub mod shape;
+pub mod spool;
 pub mod stl;
 pub mod svg;
 pub mod vtp;
 
-pub use shape::{AXES, NamedPatch, Shape};
+pub use shape::{AXES, NamedPatch, Shape, Source};
 
 use serde::{Deserialize, Serialize};
 

@@ -1,42 +1,73 @@
 //! Normals of triangles and vertices for formats that hold them. Only additions, multiplications, divisions and square
 //! roots are used, in a fixed order: the same surface gives the same bits on every machine.
 
-use super::shape::Shape;
-use crate::geometry::patch::doubled_area_normal;
+use super::chunks::{vec3, write_items};
+use super::shape::Source;
+use crate::geometry::patch::{add, doubled_area_normal};
+use std::io::{self, Write};
 
 /// Unit normal of a triangle; zero if its area is.
 pub(super) fn of_triangle(corners: [[f32; 3]; 3]) -> [f32; 3] {
     unit(doubled_area_normal(corners)).unwrap_or_default()
 }
 
-/// Unit normal of each vertex: the mean of those of the triangles around it, weighted by area.
+/// Writes the unit normal of each vertex: the mean of those of the triangles around it, weighted by area.
 ///
 /// At the sharp edge of a wall and a cap the triangles of walls (patches named so) count alone: the mean of both would
 /// shade the wall as if it were bent. Without any direction (no triangles, or they cancel out) it is the z axis.
 ///
+/// # Errors
+/// Those of the surface and of `out`.
+///
 /// # Panics
-/// If the triangles or patches of the shape are out of bounds.
-pub(super) fn of_vertices(shape: &Shape<'_>) -> Vec<[f32; 3]> {
-    let mut sums = vec![[0.0; 3]; shape.positions.len()];
-    let mut on_wall = vec![false; shape.positions.len()];
-    // Walls first: then it is known which vertices the other patches leave alone.
-    for walls in [true, false] {
-        for patch in shape.patches.iter().filter(|patch| patch.name.contains("wall") == walls) {
-            for &triangle in &shape.triangles[patch.triangles.clone()] {
-                let normal = doubled_area_normal(shape.corners(triangle));
-                for vertex in triangle.map(|v| v as usize) {
-                    if !walls && on_wall[vertex] {
-                        continue;
-                    }
-                    on_wall[vertex] |= walls;
-                    for (sum, part) in sums[vertex].iter_mut().zip(normal) {
-                        *sum += part;
-                    }
-                }
+/// If the triangles or patches of a shape are out of bounds.
+pub(super) fn write_of_vertices(surface: &dyn Source, out: &mut dyn Write) -> io::Result<()> {
+    let head = surface.head();
+    let is_wall: Vec<bool> = head.patches.iter().map(|patch| patch.name.contains("wall")).collect();
+    // Walls first: then most vertices that the other patches leave alone are known.
+    let mut patches: Vec<usize> = (0..is_wall.len()).collect();
+    patches.sort_by_key(|&patch| !is_wall[patch]);
+    // The sums from the vertex `first` on; those before are written.
+    let (mut first, mut sums) = (0, Vec::<Sum>::new());
+    surface.walk(&patches, &mut |piece| {
+        let done = (piece.first - first) as usize;
+        sums.resize(sums.len().max(done + piece.positions.len()), Sum::default());
+        write_items(sums.drain(..done), out, Sum::bytes)?;
+        first = piece.first;
+        let on_wall = is_wall[piece.patch];
+        for &triangle in piece.triangles {
+            let normal = doubled_area_normal(piece.corners(triangle));
+            for vertex in triangle {
+                sums[(vertex - first) as usize].add(normal, on_wall);
             }
         }
+        Ok(())
+    })?;
+    sums.resize(head.vertices - first as usize, Sum::default());
+    write_items(sums, out, Sum::bytes)
+}
+
+/// Sum of the normals of the triangles around a vertex that count.
+#[derive(Clone, Copy, Default)]
+struct Sum {
+    normal: [f64; 3],
+    /// Whether it is of triangles of walls.
+    on_wall: bool,
+}
+
+impl Sum {
+    fn add(&mut self, normal: [f64; 3], on_wall: bool) {
+        if on_wall && !self.on_wall {
+            *self = Self { normal: [0.0; 3], on_wall };
+        }
+        if on_wall == self.on_wall {
+            add(&mut self.normal, normal);
+        }
     }
-    sums.into_iter().map(|sum| unit(sum).unwrap_or([0.0, 0.0, 1.0])).collect()
+
+    fn bytes(self) -> [u8; 12] {
+        vec3(unit(self.normal).unwrap_or([0.0, 0.0, 1.0]))
+    }
 }
 
 /// `v` scaled to length 1, if it has a direction. Zeros are positive, as they are written as text.
@@ -48,7 +79,7 @@ fn unit(v: [f64; 3]) -> Option<[f32; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::export::shape::NamedPatch;
+    use crate::export::shape::{NamedPatch, Shape};
     use crate::model::LengthUnit;
 
     const POSITIONS: [[f32; 3]; 5] = [[0., 0., 0.], [2., 0., 0.], [0., 1., 0.], [0., 0., 3.], [9., 9., 9.]];
@@ -57,7 +88,12 @@ mod tests {
     fn normals(names: [&str; 2]) -> Vec<[f32; 3]> {
         let patches = names.into_iter().enumerate().map(|(i, name)| NamedPatch { name, triangles: i..i + 1 }).collect();
         let (positions, triangles) = (&POSITIONS, &TRIANGLES);
-        of_vertices(&Shape { name: "x", positions, triangles, patches, unit: LengthUnit::Metre, meta: None })
+        let shape = Shape { name: "x", positions, triangles, patches, unit: LengthUnit::Metre, meta: None };
+        let mut bytes = Vec::new();
+        write_of_vertices(&shape, &mut bytes).unwrap();
+        let (floats, _) = bytes.as_chunks::<4>();
+        let (normals, _) = floats.as_chunks::<3>();
+        normals.iter().map(|normal| normal.map(f32::from_le_bytes)).collect()
     }
 
     #[test]

@@ -6,7 +6,7 @@
 
 use super::CITATION;
 use super::chunks::one_line;
-use super::shape::{AXES, Shape};
+use super::shape::{AXES, Source};
 use crate::model::LengthUnit;
 use std::io::{self, Write};
 
@@ -19,45 +19,50 @@ const CHUNK: usize = 1 << 16;
 /// Writes a surface as OBJ.
 ///
 /// # Errors
-/// Those of `out`.
-pub fn write_obj(shape: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
+/// Those of the surface and of `out`.
+pub fn write_obj(surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
+    let head = surface.head();
     let mut text = Vec::with_capacity(CHUNK + 256);
-    let unit = match shape.unit {
+    let unit = match head.unit {
         LengthUnit::Metre => "metres",
         unit => unit.name(),
     };
-    writeln!(text, "# generator: {}", shape.generator())?;
-    if let Some(meta) = shape.meta {
+    writeln!(text, "# generator: {}", head.generator())?;
+    if let Some(meta) = head.meta {
         writeln!(text, "# method: {CITATION}")?;
         writeln!(text, "# units: {unit}; axes: {AXES}")?;
         writeln!(text, "# preset: {}", one_line(&meta.preset))?;
         writeln!(text, "# seed: {}", meta.seed)?;
         writeln!(text, "# digest: {}", one_line(&meta.digest))?;
         writeln!(text, "# length_mm: {}", meta.length_mm)?;
-        writeln!(text, "# body: {}", shape.name)?;
+        writeln!(text, "# body: {}", head.name)?;
         writeln!(text, "# sections: {}", meta.sections)?;
     } else {
         writeln!(text, "# units: {unit}")?;
     }
-    writeln!(text, "# vertices: {}", shape.positions.len())?;
-    writeln!(text, "# triangles: {}", shape.triangles.len())?;
-    writeln!(text, "o {}", one_word(shape.name))?;
-    for [x, y, z] in shape.positions {
-        writeln!(text, "v {x} {y} {z}")?;
-        flush_chunk(&mut text, out)?;
-    }
-    for patch in &shape.patches {
+    writeln!(text, "# vertices: {}", head.vertices)?;
+    writeln!(text, "# triangles: {}", head.triangles)?;
+    writeln!(text, "o {}", one_word(head.name))?;
+    surface.positions(&mut |positions| {
+        positions.iter().try_for_each(|[x, y, z]| {
+            writeln!(text, "v {x} {y} {z}")?;
+            flush_chunk(&mut text, out)
+        })
+    })?;
+    for (number, patch) in head.patches.iter().enumerate() {
         let name = one_word(patch.name);
         writeln!(text, "g {name}\nusemtl {name}")?;
-        for [a, b, c] in shape.triangles_of(patch) {
-            text.extend_from_slice(b"f");
-            for index in [a, b, c] {
-                text.push(b' ');
-                push_number(&mut text, u64::from(*index) + 1);
-            }
-            text.push(b'\n');
-            flush_chunk(&mut text, out)?;
-        }
+        surface.walk(&[number], &mut |piece| {
+            piece.triangles.iter().try_for_each(|triangle| {
+                text.extend_from_slice(b"f");
+                for index in triangle {
+                    text.push(b' ');
+                    push_number(&mut text, u64::from(*index) + 1);
+                }
+                text.push(b'\n');
+                flush_chunk(&mut text, out)
+            })
+        })?;
     }
     out.write_all(&text)
 }
@@ -93,6 +98,7 @@ fn one_word(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::export::Shape;
     use crate::export::tests::meta;
     use crate::model::{Mesh, Patch, PatchKind, sample};
     use proptest::prelude::*;

@@ -3,7 +3,7 @@
 
 use super::CITATION;
 use super::chunks::{join, one_line, vec3, write_items};
-use super::shape::{Shape, engine};
+use super::shape::{Head, Source};
 use std::io::{self, Write};
 
 /// Media type of the file. None is registered; this one is formed as those of STL and OBJ.
@@ -12,16 +12,19 @@ pub const MEDIA_TYPE: &str = "model/ply";
 /// Writes a surface as binary PLY in little-endian order.
 ///
 /// # Errors
-/// Those of `out`; [`io::ErrorKind::InvalidInput`] if there are more vertices than a signed 32-bit index can name, the type
+/// Those of the surface and of `out`; [`io::ErrorKind::InvalidInput`] if there are more vertices than a signed 32-bit index can name, the type
 /// that readers expect.
 ///
 /// # Panics
 /// If the triangles or patches of the shape are out of bounds.
-pub fn write_ply(shape: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
-    indexable(shape.positions.len() as u64)?;
-    out.write_all(&header(shape)?)?;
-    write_items(shape.positions, out, |&p| vec3(p))?;
-    write_items(shape.triangles, out, |t| join::<13>([&[3][..], t.map(u32::to_le_bytes).as_flattened()]))
+pub fn write_ply(surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
+    let head = surface.head();
+    indexable(head.vertices as u64)?;
+    out.write_all(&header(&head)?)?;
+    surface.positions(&mut |positions| write_items(positions, out, |&p| vec3(p)))?;
+    surface.walk_in_order(&mut |piece| {
+        write_items(piece.triangles, out, |t| join::<13>([&[3][..], t.map(u32::to_le_bytes).as_flattened()]))
+    })
 }
 
 fn indexable(vertices: u64) -> io::Result<()> {
@@ -34,27 +37,27 @@ fn indexable(vertices: u64) -> io::Result<()> {
     Err(io::Error::new(io::ErrorKind::InvalidInput, message))
 }
 
-fn header(shape: &Shape<'_>) -> io::Result<Vec<u8>> {
+fn header(head: &Head<'_>) -> io::Result<Vec<u8>> {
     let mut text = b"ply\nformat binary_little_endian 1.0\n".to_vec();
-    writeln!(text, "comment generator: oviduct {}", one_line(engine(shape.meta)))?;
+    writeln!(text, "comment generator: {}", one_line(&head.generator()))?;
     writeln!(text, "comment method: {CITATION}")?;
-    if let Some(meta) = shape.meta {
+    if let Some(meta) = head.meta {
         writeln!(text, "comment axes: right-handed, y up, z along the tube from isthmus to ampulla")?;
         writeln!(text, "comment preset: {}", one_line(&meta.preset))?;
         writeln!(text, "comment seed: {}", meta.seed)?;
         writeln!(text, "comment digest: {}", one_line(&meta.digest))?;
     }
-    writeln!(text, "comment body: {}", one_line(shape.name))?;
-    for patch in &shape.patches {
+    writeln!(text, "comment body: {}", one_line(head.name))?;
+    for patch in &head.patches {
         writeln!(text, "comment patch {} {} {}", patch.triangles.start, patch.triangles.len(), one_line(patch.name))?;
     }
     // Last, as a name above may look like a unit to readers.
-    writeln!(text, "comment units: {}", shape.unit.name())?;
-    writeln!(text, "element vertex {}", shape.positions.len())?;
+    writeln!(text, "comment units: {}", head.unit.name())?;
+    writeln!(text, "element vertex {}", head.vertices)?;
     for property in ["x", "y", "z"] {
         writeln!(text, "property float {property}")?;
     }
-    writeln!(text, "element face {}", shape.triangles.len())?;
+    writeln!(text, "element face {}", head.triangles)?;
     writeln!(text, "property list uchar int vertex_indices\nend_header")?;
     Ok(text)
 }

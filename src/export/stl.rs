@@ -6,7 +6,7 @@
 
 use super::chunks::{CHUNK, join, one_line, vec3, write_items};
 use super::normals;
-use super::shape::{Shape, engine};
+use super::shape::{Head, Piece, Source, engine};
 use std::io::{self, Write};
 
 /// Media type of the file.
@@ -24,19 +24,22 @@ const MAX_ATTRIBUTE: u16 = (1 << 15) - 1;
 /// The attribute of a triangle is the number of its patch, from 1; it is 0 for patches beyond 32,767.
 ///
 /// # Errors
-/// Those of `out`; [`io::ErrorKind::InvalidInput`] if there are more triangles than the format can count.
+/// Those of the surface and of `out`; [`io::ErrorKind::InvalidInput`] if there are more triangles than the format can count.
 ///
 /// # Panics
-/// If the triangles or patches of the shape are out of bounds.
-pub fn write_stl(shape: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
-    let count = count(shape.triangles.len() as u64)?;
-    out.write_all(&header(shape))?;
+/// If the triangles or patches of a shape are out of bounds.
+pub fn write_stl(surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
+    let head = surface.head();
+    let count = count(head.triangles as u64)?;
+    out.write_all(&header(&head))?;
     out.write_all(&count.to_le_bytes())?;
-    write_items(shape.triangles.iter().zip(shape.patch_of_each()), out, |(&triangle, patch)| {
-        let corners = shape.corners(triangle);
-        let attribute = u16::try_from(patch + 1).ok().filter(|&a| a <= MAX_ATTRIBUTE).unwrap_or_default();
-        let [a, b, c] = corners.map(vec3);
-        join::<RECORD>([&vec3(normals::of_triangle(corners))[..], &a, &b, &c, &attribute.to_le_bytes()])
+    surface.walk_in_order(&mut |piece| {
+        let attribute = u16::try_from(piece.patch + 1).ok().filter(|&a| a <= MAX_ATTRIBUTE).unwrap_or_default();
+        write_items(piece.triangles, out, |&triangle| {
+            let corners = piece.corners(triangle);
+            let [a, b, c] = corners.map(vec3);
+            join::<RECORD>([&vec3(normals::of_triangle(corners))[..], &a, &b, &c, &attribute.to_le_bytes()])
+        })
     })
 }
 
@@ -45,59 +48,62 @@ pub fn write_stl(shape: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
 /// Positions are the shortest decimals that read back as the same 32-bit floats. Patches without triangles are left out.
 ///
 /// # Errors
-/// Those of `out`.
+/// Those of the surface and of `out`.
 ///
 /// # Panics
-/// If the triangles or patches of the shape are out of bounds.
-pub fn write_ascii_stl(shape: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
-    let points = Points::new(shape.positions)?;
+/// If the triangles or patches of a shape are out of bounds.
+pub fn write_ascii_stl(surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
+    let head = surface.head();
+    let mut points = Points::new();
     let mut text = Vec::with_capacity(CHUNK + 1024);
-    for patch in shape.patches.iter().filter(|patch| !patch.triangles.is_empty()) {
+    for (number, patch) in head.patches.iter().enumerate().filter(|(_, patch)| !patch.triangles.is_empty()) {
         let name = one_line(patch.name);
         writeln!(text, "solid {name}")?;
-        for &triangle in &shape.triangles[patch.triangles.clone()] {
-            let [x, y, z] = normals::of_triangle(shape.corners(triangle));
-            writeln!(text, "facet normal {x} {y} {z}\nouter loop")?;
-            for vertex in triangle {
-                text.extend_from_slice(b"vertex");
-                text.extend_from_slice(points.get(vertex));
+        surface.walk(&[number], &mut |piece| {
+            for &triangle in piece.triangles {
+                let [x, y, z] = normals::of_triangle(piece.corners(triangle));
+                writeln!(text, "facet normal {x} {y} {z}\nouter loop")?;
+                for vertex in triangle {
+                    text.extend_from_slice(b"vertex");
+                    text.extend_from_slice(points.get(vertex, piece)?);
+                }
+                text.extend_from_slice(b"endloop\nendfacet\n");
+                if text.len() >= CHUNK {
+                    out.write_all(&text)?;
+                    text.clear();
+                }
             }
-            text.extend_from_slice(b"endloop\nendfacet\n");
-            if text.len() >= CHUNK {
-                out.write_all(&text)?;
-                text.clear();
-            }
-        }
+            Ok(())
+        })?;
         writeln!(text, "endsolid {name}")?;
     }
-    if shape.triangles.is_empty() {
-        let name = one_line(shape.name);
+    if head.triangles == 0 {
+        let name = one_line(head.name);
         write!(text, "solid {name}\nendsolid {name}\n")?;
     }
     out.write_all(&text)
 }
 
-/// The text of each vertex, made once: each is written for about six triangles.
-struct Points {
-    text: Vec<u8>,
-    /// Where the text of each vertex ends.
-    ends: Vec<usize>,
-}
+/// The text of the vertices last used, since each is written for about six triangles.
+struct Points(Vec<(Option<u32>, Vec<u8>)>);
 
 impl Points {
-    fn new(positions: &[[f32; 3]]) -> io::Result<Self> {
-        let (mut text, mut ends) = (Vec::new(), Vec::with_capacity(positions.len()));
-        for [x, y, z] in positions {
-            writeln!(text, " {x} {y} {z}")?;
-            ends.push(text.len());
-        }
-        Ok(Self { text, ends })
+    /// How many are kept: more than two sections have, the vertices that a wall needs at a time.
+    const KEPT: usize = 1 << 16;
+
+    fn new() -> Self {
+        Self(vec![(None, Vec::new()); Self::KEPT])
     }
 
-    fn get(&self, vertex: u32) -> &[u8] {
-        let vertex = vertex as usize;
-        let begin = vertex.checked_sub(1).map_or(0, |before| self.ends[before]);
-        &self.text[begin..self.ends[vertex]]
+    fn get(&mut self, vertex: u32, piece: &Piece<'_>) -> io::Result<&[u8]> {
+        let (kept, text) = &mut self.0[vertex as usize % Self::KEPT];
+        if *kept != Some(vertex) {
+            let [x, y, z] = piece.position(vertex);
+            text.clear();
+            writeln!(text, " {x} {y} {z}")?;
+            *kept = Some(vertex);
+        }
+        Ok(text)
     }
 }
 
@@ -111,12 +117,12 @@ fn count(triangles: u64) -> io::Result<u32> {
 }
 
 /// Generator and unit first, as the end is cut off. It must not begin with the word `solid`, which marks text.
-fn header(shape: &Shape<'_>) -> [u8; HEADER] {
+fn header(head: &Head<'_>) -> [u8; HEADER] {
     // Only letters, digits and a few signs: some readers look for colours and the like in the header.
     let plain = |text: &str| text.replace(|c: char| !(c.is_ascii_alphanumeric() || "._-".contains(c)), "_");
-    let (engine, name) = (plain(engine(shape.meta)), plain(shape.name));
-    let mut text = format!("oviduct {engine:.16} units={} {name}", shape.unit.name());
-    if let Some(meta) = shape.meta {
+    let (engine, name) = (plain(engine(head.meta)), plain(head.name));
+    let mut text = format!("oviduct {engine:.16} units={} {name}", head.unit.name());
+    if let Some(meta) = head.meta {
         text += &format!(" digest={}", plain(&meta.digest));
     }
     let mut header = [0; HEADER];
@@ -153,7 +159,7 @@ mod tests {
         let mut shape = sample.shape();
         shape.name = "units µm, solid";
         let expected = format!("oviduct {} units=mm units__m__solid\0", env!("CARGO_PKG_VERSION"));
-        assert!(header(&shape).starts_with(expected.as_bytes()));
+        assert!(header(&shape.head()).starts_with(expected.as_bytes()));
     }
 
     #[test]

@@ -6,7 +6,7 @@
 
 use super::chunks::{one_line, vec3, write_items};
 use super::normals;
-use super::shape::{Shape, engine};
+use super::shape::{Source, engine};
 use super::{CITATION, Metadata};
 use crate::model::LengthUnit;
 use quick_xml::escape::escape;
@@ -22,51 +22,53 @@ pub const MEDIA_TYPE: &str = "application/octet-stream";
 /// `patch_names` in the order of the numbers, `generator`, `citation`, and the origin of a model.
 ///
 /// # Errors
-/// Those of `out`.
+/// Those of the surface and of `out`.
 ///
 /// # Panics
-/// If the triangles or patches of the shape are out of bounds.
-pub fn write_vtp(shape: &Shape<'_>, out: &mut impl Write) -> io::Result<()> {
-    let (points, triangles) = (shape.positions.len() as u64, shape.triangles.len() as u64);
-    let normals = normals::of_vertices(shape);
-    let mut document = Document::new(shape.unit, shape.meta);
-    let names: Vec<&str> = shape.patches.iter().map(|patch| patch.name).collect();
-    document.strings("name", &[shape.name]);
+/// If the triangles or patches of a shape are out of bounds.
+pub fn write_vtp(surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
+    let head = surface.head();
+    let (points, triangles) = (head.vertices as u64, head.triangles as u64);
+    let mut document = Document::new(head.unit, head.meta);
+    let names: Vec<&str> = head.patches.iter().map(|patch| patch.name).collect();
+    document.strings("name", &[head.name]);
     document.strings("patch_names", &names);
     document.piece(points, 0, triangles);
 
     document.open("PointData Normals=\"Normals\"");
-    document.array("Float32", "Normals", 3, 12 * points, |out| vectors(&normals, out));
+    document.array("Float32", "Normals", 3, 12 * points, |out| normals::write_of_vertices(surface, out));
     document.close();
     document.open("CellData Scalars=\"patch\"");
     document.array("Int32", "patch", 1, 4 * triangles, |out| {
-        write_items(shape.patch_of_each(), out, |patch| (patch as i32).to_le_bytes())
+        let patches = head.patches.iter().zip(0_i32..);
+        let each = patches.flat_map(|(patch, number)| std::iter::repeat_n(number, patch.triangles.len()));
+        write_items(each, out, i32::to_le_bytes)
     });
     document.close();
     document.open("Points");
-    document.array("Float32", "Points", 3, 12 * points, |out| vectors(shape.positions, out));
+    document.array("Float32", "Points", 3, 12 * points, |out| {
+        surface.positions(&mut |positions| write_items(positions, out, |&p| vec3(p)))
+    });
     document.close();
     document.open("Polys");
-    let corners = || shape.triangles.iter().flatten();
     let ends = || (1..=triangles).map(|i| 3 * i);
     if i32::try_from(points.max(3 * triangles)).is_ok() {
-        document
-            .array("Int32", "connectivity", 1, 12 * triangles, |out| write_items(corners(), out, |&v| v.to_le_bytes()));
+        document.array("Int32", "connectivity", 1, 12 * triangles, |out| {
+            surface.walk_in_order(&mut |piece| write_items(piece.triangles.as_flattened(), out, |v| v.to_le_bytes()))
+        });
         document.array("Int32", "offsets", 1, 4 * triangles, |out| {
             write_items(ends(), out, |end| (end as u32).to_le_bytes())
         });
     } else {
         document.array("Int64", "connectivity", 1, 24 * triangles, |out| {
-            write_items(corners(), out, |&v| u64::from(v).to_le_bytes())
+            surface.walk_in_order(&mut |piece| {
+                write_items(piece.triangles.as_flattened(), out, |&v| u64::from(v).to_le_bytes())
+            })
         });
         document.array("Int64", "offsets", 1, 8 * triangles, |out| write_items(ends(), out, u64::to_le_bytes));
     }
     document.close();
     document.write(out)
-}
-
-fn vectors(vectors: &[[f32; 3]], out: &mut dyn Write) -> io::Result<()> {
-    write_items(vectors, out, |&v| vec3(v))
 }
 
 /// Writes a line through `points`, for example the axis of a tube, with `arrays` of named values at them.

@@ -9,7 +9,7 @@ use super::grow::Grown;
 use super::pace::Pace;
 use super::types::{Backend, CancelToken, GenerateError, Outcome, Request, Sink};
 use super::walls::Walls;
-use super::{Ran, check_memory, finish};
+use super::{Ran, check, finish};
 use crate::clock::Stopwatch;
 use crate::model::Section;
 use crate::sim::gpu::{GpuDevice, GpuError};
@@ -58,7 +58,7 @@ pub fn generate_batch(
 fn on<D: Device>(device: &D, members: &[Member<'_>], ended: &(dyn Fn(usize, Result<Outcome, GenerateError>) + Sync)) {
     let (mut growing, mut plans) = (Vec::new(), Vec::new());
     for (index, member) in members.iter().enumerate() {
-        match check_memory(member.request) {
+        match check(member.request) {
             Ok(()) => {
                 plans.push(Plan::new(&member.request.spec, member.request.seed));
                 growing.push(Growing::new(index, growing.len(), member));
@@ -153,7 +153,7 @@ impl<'a, M> Growing<'a, M> {
             slot,
             member: *member,
             first: *member.request.spec.recorded().start(),
-            pace: Mutex::new(Pace::new(&member.request.spec, member.sink)),
+            pace: Mutex::new(Pace::new(member.request, member.sink)),
             inbox: Mutex::new(Inbox { items: VecDeque::new(), scheduled: false }),
             loft: Mutex::new(Some(None)),
             simulated: AtomicBool::new(false),

@@ -5,21 +5,30 @@
 //! lofted again from its sections, including those added to mend slabs: whether a section is accepted, and with which
 //! diagonals, depends only on the surface so far.
 //!
-//! Format: magic, version (u32), length of the header (u32), header (JSON), state of the simulation, accepted sections,
-//! sections since the last recorded one (each as `sections.bin`), SHA-256 of all before.
+//! Format: magic, version (u32), state of the simulation, accepted sections, sections since the last recorded one (each as
+//! `sections.bin`), header (JSON), its length (u32), SHA-256 of all before. It is written and read as a file, of which only the
+//! state is in memory at once.
 
 use super::types::Request;
 use crate::ENGINE_VERSION;
-use crate::export::Metadata;
+use crate::export::hashing::HashingWriter;
 use crate::export::sections_bin::{SectionsError, SectionsReader, write_sections};
 use crate::model::Section;
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
-use std::io::Cursor;
+use std::fs::File;
+use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::path::Path;
+use tempfile::{NamedTempFile, TempPath};
 
 const MAGIC: &[u8; 8] = b"OVCHKPT\n";
-const VERSION: u32 = 1;
-const HASH: usize = 32;
+const VERSION: u32 = 2;
+const HASH: u64 = 32;
+/// Bytes before the first part: magic and version.
+const START: u64 = 12;
+/// Bytes after the header: its length and the hash.
+const END: u64 = 4 + HASH;
+/// Most bytes of a header.
+const MAX_HEADER: u64 = 1 << 16;
 
 /// Why a checkpoint cannot be used; the generation then starts from the beginning.
 #[derive(Debug, thiserror::Error)]
@@ -33,6 +42,9 @@ pub enum CheckpointError {
     /// Its sections cannot be read.
     #[error("the sections of the checkpoint cannot be read")]
     Sections(#[from] SectionsError),
+    /// It cannot be read.
+    #[error("the checkpoint cannot be read")]
+    Io(#[from] io::Error),
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -46,13 +58,12 @@ struct Header {
     history: u64,
 }
 
-/// A generation between two steps of its simulation.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Checkpoint {
+/// A generation between two steps of its simulation. The sections of its surface stay in the file until they are read.
+pub struct Checkpoint<R = BufReader<File>> {
     /// State of the simulation, as saved by it.
     pub(super) simulation: Vec<u8>,
     /// The sections of the surface.
-    pub(super) accepted: Vec<Section>,
+    pub(super) accepted: SectionsReader<Window<R>>,
     /// The sections of the steps since the last recorded one.
     pub(super) history: Vec<Section>,
     /// Diagonals flipped so far.
@@ -62,97 +73,162 @@ pub struct Checkpoint {
 }
 
 impl Checkpoint {
+    /// Opens a checkpoint of the model of `request`.
+    ///
+    /// # Errors
+    /// [`CheckpointError`].
+    pub fn open(request: &Request, path: &Path) -> Result<Self, CheckpointError> {
+        Self::read(request, BufReader::with_capacity(1 << 18, File::open(path)?))
+    }
+}
+
+impl<R: Read + Seek> Checkpoint<R> {
     /// Reads a checkpoint of the model of `request`.
     ///
     /// # Errors
     /// [`CheckpointError`].
-    pub fn read(request: &Request, bytes: &[u8]) -> Result<Self, CheckpointError> {
+    pub fn read(request: &Request, mut input: R) -> Result<Self, CheckpointError> {
         let damaged = CheckpointError::Damaged;
-        let (body, hash) = bytes.split_last_chunk::<HASH>().ok_or(damaged("it is truncated"))?;
-        if <[u8; HASH]>::from(Sha256::digest(body)) != *hash {
+        let length = input.seek(SeekFrom::End(0))?;
+        let body = length.checked_sub(HASH).filter(|body| *body >= START + 4).ok_or(damaged("it is truncated"))?;
+        input.seek(SeekFrom::Start(0))?;
+        let mut hashing = HashingWriter::new(io::sink());
+        io::copy(&mut input.by_ref().take(body), &mut hashing)?;
+        if array::<32>(&mut input)? != hashing.sha256() {
             return Err(damaged("its hash differs"));
         }
-        let body = body.strip_prefix(MAGIC).ok_or(damaged("it is not a checkpoint"))?;
-        let (version, body) = number(body).ok_or(damaged("it is truncated"))?;
-        if version != VERSION {
+        input.seek(SeekFrom::Start(0))?;
+        if array::<8>(&mut input)? != *MAGIC {
+            return Err(damaged("it is not a checkpoint"));
+        }
+        if u32::from_le_bytes(array(&mut input)?) != VERSION {
             return Err(damaged("it is of another version"));
         }
-        let (length, body) = number(body).ok_or(damaged("it is truncated"))?;
-        let (header, body) = body.split_at_checked(length as usize).ok_or(damaged("it is truncated"))?;
-        let header: Header = serde_json::from_slice(header).map_err(|_| damaged("its header is invalid"))?;
+        input.seek(SeekFrom::Start(length - END))?;
+        let header_len = u64::from(u32::from_le_bytes(array(&mut input)?));
+        let parts = (length - END).checked_sub(header_len).filter(|end| *end >= START && header_len <= MAX_HEADER);
+        let parts = parts.ok_or(damaged("its header is invalid"))?;
+        let mut header = vec![0; header_len as usize];
+        input.seek(SeekFrom::Start(parts))?;
+        input.read_exact(&mut header)?;
+        let header: Header = serde_json::from_slice(&header).map_err(|_| damaged("its header is invalid"))?;
         if header.digest != request.spec.digest(request.seed) || header.engine != ENGINE_VERSION {
             return Err(CheckpointError::Foreign);
         }
-        let part = |body: &'_ [u8], length: u64| -> Option<usize> {
-            usize::try_from(length).ok().filter(|length| *length <= body.len())
-        };
-        let (simulation, body) =
-            body.split_at(part(body, header.simulation).ok_or(damaged("its parts are inconsistent"))?);
-        let (accepted, body) = body.split_at(part(body, header.accepted).ok_or(damaged("its parts are inconsistent"))?);
-        let (history, rest) = body.split_at(part(body, header.history).ok_or(damaged("its parts are inconsistent"))?);
-        let checkpoint = Self {
-            simulation: simulation.to_vec(),
-            accepted: sections(accepted)?,
-            history: sections(history)?,
-            flipped: usize::try_from(header.flipped).map_err(|_| damaged("its header is invalid"))?,
-            recorded: header.recorded,
-        };
-        if !rest.is_empty() || checkpoint.accepted.is_empty() {
+        let lengths = [header.simulation, header.accepted, header.history];
+        let end = lengths.into_iter().try_fold(START, u64::checked_add);
+        if end != Some(parts) {
             return Err(damaged("its parts are inconsistent"));
         }
-        Ok(checkpoint)
+        // The lengths were checked against that of the file, so this allocates no more than the file has.
+        let mut simulation = vec![0; header.simulation as usize];
+        input.seek(SeekFrom::Start(START))?;
+        input.read_exact(&mut simulation)?;
+        let begin = START + header.simulation + header.accepted;
+        let mut history = SectionsReader::open(Window { input: &mut input, begin, length: header.history, at: 0 })?;
+        let history = (0..history.len()).map(|k| history.section(k)).collect::<Result<_, _>>()?;
+        let begin = START + header.simulation;
+        let accepted = SectionsReader::open(Window { input, begin, length: header.accepted, at: 0 })?;
+        if accepted.is_empty() {
+            return Err(damaged("its parts are inconsistent"));
+        }
+        let flipped = usize::try_from(header.flipped).map_err(|_| damaged("its header is invalid"))?;
+        Ok(Self { simulation, accepted, history, flipped, recorded: header.recorded })
     }
 
-    /// The bytes of a checkpoint, from borrowed parts.
-    pub(super) fn write(
-        request: &Request,
-        simulation: &[u8],
-        accepted: &[Section],
-        history: &[Section],
-        flipped: usize,
-        recorded: u32,
-    ) -> std::io::Result<Vec<u8>> {
-        let meta = Metadata {
-            preset: request.preset.clone(),
-            seed: request.seed,
-            digest: request.spec.digest(request.seed),
-            engine: ENGINE_VERSION.into(),
-            length_mm: request.spec.length_mm,
-            sections: accepted.len(),
-        };
-        let (mut surface, mut since) = (Vec::new(), Vec::new());
-        write_sections(accepted, &meta, &mut surface)?;
-        write_sections(history, &meta, &mut since)?;
+    /// The sections of the surface, read one by one.
+    pub(super) fn accepted(&mut self) -> impl Iterator<Item = Result<Section, SectionsError>> + '_ {
+        (0..self.accepted.len()).map(|k| self.accepted.section(k))
+    }
+}
+
+/// What a checkpoint is written from.
+pub(super) struct Parts<'a> {
+    /// State of the simulation.
+    pub(super) simulation: &'a [u8],
+    /// Writes the sections of the surface as a sections file.
+    pub(super) accepted: &'a mut dyn FnMut(&mut dyn Write) -> io::Result<()>,
+    pub(super) history: &'a [Section],
+    pub(super) flipped: usize,
+    pub(super) recorded: u32,
+}
+
+impl Parts<'_> {
+    /// Writes a checkpoint to a file in the directory of the request, which is removed when the path is dropped.
+    pub(super) fn save(self, request: &Request) -> io::Result<TempPath> {
+        let (file, path) = NamedTempFile::with_suffix_in(".checkpoint", &request.dir)?.into_parts();
+        self.write(request, BufWriter::with_capacity(1 << 18, file))?.flush()?;
+        Ok(path)
+    }
+
+    /// Writes a checkpoint, and returns the output.
+    pub(super) fn write<W: Write>(self, request: &Request, out: W) -> io::Result<W> {
+        let meta = request.metadata(0);
+        let mut out = HashingWriter::new(out);
+        out.write_all(MAGIC)?;
+        out.write_all(&VERSION.to_le_bytes())?;
+        let mut last = out.bytes();
+        let mut length = |out: &HashingWriter<W>| out.bytes() - std::mem::replace(&mut last, out.bytes());
+        out.write_all(self.simulation)?;
+        let simulation = length(&out);
+        (self.accepted)(&mut out)?;
+        let accepted = length(&out);
+        write_sections(self.history, &meta, &mut out)?;
+        let history = length(&out);
         let header = Header {
             digest: meta.digest,
             engine: meta.engine,
-            flipped: flipped as u64,
-            recorded,
-            simulation: simulation.len() as u64,
-            accepted: surface.len() as u64,
-            history: since.len() as u64,
+            flipped: self.flipped as u64,
+            recorded: self.recorded,
+            simulation,
+            accepted,
+            history,
         };
         let header = serde_json::to_vec(&header)?;
-        let mut bytes = Vec::with_capacity(16 + header.len() + simulation.len() + surface.len() + since.len() + HASH);
-        bytes.extend_from_slice(MAGIC);
-        bytes.extend_from_slice(&VERSION.to_le_bytes());
-        bytes.extend_from_slice(&(header.len() as u32).to_le_bytes());
-        for part in [header.as_slice(), simulation, &surface, &since] {
-            bytes.extend_from_slice(part);
-        }
-        let hash = Sha256::digest(&bytes);
-        bytes.extend_from_slice(&hash);
-        Ok(bytes)
+        out.write_all(&header)?;
+        out.write_all(&(header.len() as u32).to_le_bytes())?;
+        let hash = out.sha256();
+        let (mut out, _) = out.finish();
+        out.write_all(&hash)?;
+        Ok(out)
     }
 }
 
-fn number(bytes: &[u8]) -> Option<(u32, &[u8])> {
-    bytes.split_first_chunk::<4>().map(|(head, rest)| (u32::from_le_bytes(*head), rest))
+fn array<const N: usize>(input: &mut impl Read) -> io::Result<[u8; N]> {
+    let mut bytes = [0; N];
+    input.read_exact(&mut bytes)?;
+    Ok(bytes)
 }
 
-fn sections(bytes: &[u8]) -> Result<Vec<Section>, SectionsError> {
-    let mut reader = SectionsReader::open(Cursor::new(bytes))?;
-    (0..reader.len()).map(|k| reader.section(k)).collect()
+/// A part of a file as a file of its own.
+pub(super) struct Window<R> {
+    input: R,
+    begin: u64,
+    length: u64,
+    at: u64,
+}
+
+impl<R: Read + Seek> Read for Window<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let left = usize::try_from(self.length.saturating_sub(self.at)).unwrap_or(usize::MAX);
+        let wanted = buffer.len().min(left);
+        let read = self.input.read(&mut buffer[..wanted])?;
+        self.at += read as u64;
+        Ok(read)
+    }
+}
+
+impl<R: Read + Seek> Seek for Window<R> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        let at = match to {
+            SeekFrom::Start(at) => Some(at),
+            SeekFrom::End(by) => self.length.checked_add_signed(by),
+            SeekFrom::Current(by) => self.at.checked_add_signed(by),
+        };
+        self.at = at.ok_or(io::ErrorKind::InvalidInput)?;
+        self.input.seek(SeekFrom::Start(self.begin.saturating_add(self.at)))?;
+        Ok(self.at)
+    }
 }
 
 #[cfg(test)]

@@ -2,70 +2,89 @@
 
 use super::labels;
 use super::outputs::{Output, stem};
-use super::surfaces::Surfaces;
 use super::types::{CancelToken, FileOutput, Findings, GenerateError, Request};
-use crate::ENGINE_VERSION;
 use crate::export::centreline::{self, Centreline};
 use crate::export::glb::{GlbOptions, write_glb, write_gltf, write_gltf_data};
-use crate::export::hashing::HashingWriter;
+use crate::export::hashing::{FileDigest, HashingWriter};
 use crate::export::lod::levels;
 use crate::export::obj::write_obj;
 use crate::export::ply::write_ply;
 use crate::export::sections_bin::write_sections;
 use crate::export::stl::{write_ascii_stl, write_stl};
 use crate::export::vtp::write_vtp;
-use crate::export::{Metadata, Shape, glb, lod, sections_bin};
-use crate::model::{LengthUnit, Section};
+use crate::export::{Metadata, Source, glb, lod, sections_bin};
+use crate::model::{BodyKind, LengthUnit, Mesh, Section};
 use rayon::prelude::*;
 use serde_json::json;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
+use std::path::Path;
 
 /// Name of the report.
 pub(super) const REPORT: &str = "report.json";
+/// Name of the file of the sections.
+pub(super) const SECTIONS: &str = "sections.bin";
 
-type Buffered = HashingWriter<BufWriter<File>>;
+/// What the files of a model are made from.
+pub(super) struct Stock<'a> {
+    pub(super) meta: &'a Metadata,
+    /// The surface of each body in each unit that is written.
+    pub(super) surfaces: Vec<(BodyKind, LengthUnit, Box<dyn Source + 'a>)>,
+    /// The tissue; none if it is not in memory, as levels and labels are not asked for then.
+    pub(super) tissue: Option<&'a Mesh>,
+    pub(super) sections: Sections<'a>,
+    pub(super) centreline: Centreline,
+}
+
+/// The sections of a model.
+pub(super) enum Sections<'a> {
+    Here(&'a [Section]),
+    Written(FileOutput),
+}
+
+pub(super) type Buffered = HashingWriter<BufWriter<File>>;
 
 /// Writes `report.json`, `sections.bin` and the requested outputs. The report contains neither times nor
 /// the backend, so its bytes do not depend on where the model is grown.
 pub(super) fn write(
     request: &Request,
-    surfaces: &Surfaces<'_>,
-    sections: &[Section],
+    stock: Stock<'_>,
     findings: &Findings,
     cancel: &CancelToken,
 ) -> Result<Vec<FileOutput>, GenerateError> {
-    let meta = Metadata {
-        preset: request.preset.clone(),
-        seed: request.seed,
-        digest: request.spec.digest(request.seed),
-        engine: ENGINE_VERSION.into(),
-        length_mm: request.spec.length_mm,
-        sections: sections.len(),
-    };
-    let mesh = surfaces.tissue;
+    let Stock { meta, surfaces, tissue, sections, centreline } = stock;
     let options = GlbOptions { strips: request.spec.mesh.strips };
     let wants = |output| request.outputs.has(output);
-    let placed = surfaces.placed();
     let mut tasks: Vec<(String, &str, Task<'_>)> = Vec::new();
     for &output in &request.outputs.formats {
-        for of in placed.iter().filter(|of| output.unit(request.outputs.units) == Some(of.unit)) {
-            tasks.extend(surface_tasks(output, &of.shape(&meta), options, stem(of.mesh.body)));
+        let unit = output.unit(request.outputs.units);
+        for (body, _, surface) in surfaces.iter().filter(|(_, of, _)| unit == Some(*of)) {
+            tasks.extend(surface_tasks(output, surface.as_ref(), options, stem(*body)));
         }
     }
     if let Some(unit) = Output::Centreline.unit(request.outputs.units).filter(|_| wants(Output::Centreline)) {
-        tasks.extend(centreline_tasks(sections, unit, &meta));
+        tasks.extend(centreline_tasks(&centreline, unit, meta));
     }
-    let name = "sections.bin".to_owned();
-    tasks.push((name, sections_bin::MEDIA_TYPE, Box::new(|out| write_sections(sections, &meta, out))));
+    let written = match sections {
+        Sections::Here(sections) => {
+            let task: Task<'_> = Box::new(|out| write_sections(sections, meta, out));
+            tasks.push((SECTIONS.to_owned(), sections_bin::MEDIA_TYPE, task));
+            None
+        }
+        Sections::Written(file) => Some(file),
+    };
     let (files, levels) = rayon::join(
-        || write_all(request, tasks),
-        || if wants(Output::Lod) { levels(mesh, &|| cancel.is_cancelled()).map(Some) } else { Ok(None) },
+        || write_all(request, tasks, cancel),
+        || {
+            let mesh = tissue.filter(|_| wants(Output::Lod));
+            mesh.map(|mesh| levels(mesh, &|| cancel.is_cancelled())).transpose()
+        },
     );
     if cancel.is_cancelled() {
         return Err(GenerateError::Cancelled);
     }
-    let labels = wants(Output::Labels).then(|| labels::write(request, mesh, &meta, cancel)).transpose()?;
+    let mesh = tissue.filter(|_| wants(Output::Labels));
+    let labels = mesh.map(|mesh| labels::write(request, mesh, meta, cancel)).transpose()?;
     let levels = levels.map_err(|source| GenerateError::Io { name: lod::FILES[0].into(), source })?;
     let mut report = json!({
         "digest": meta.digest,
@@ -89,7 +108,7 @@ pub(super) fn write(
     }
     let mut tasks: Vec<(String, &str, Task<'_>)> = Vec::new();
     for level in levels.iter().flatten() {
-        tasks.push((level.report.file.to_owned(), glb::MEDIA_TYPE, Box::new(|out| level.write(&meta, out))));
+        tasks.push((level.report.file.to_owned(), glb::MEDIA_TYPE, Box::new(|out| level.write(meta, out))));
     }
     tasks.push((
         REPORT.to_owned(),
@@ -97,21 +116,21 @@ pub(super) fn write(
         Box::new(|out| Ok(serde_json::to_writer_pretty(out, &report)?)),
     ));
     let mut files = files?;
+    files.extend(written);
     files.extend(labels.into_iter().flat_map(|(files, _)| files));
-    files.extend(write_all(request, tasks)?);
+    files.extend(write_all(request, tasks, cancel)?);
     Ok(files)
 }
 
 /// The files of a format of a body.
 fn surface_tasks<'a>(
     output: Output,
-    shape: &Shape<'a>,
+    surface: &'a dyn Source,
     options: GlbOptions,
     stem: &'static str,
 ) -> impl Iterator<Item = (String, &'static str, Task<'a>)> {
     output.endings().iter().map(move |&(ending, media_type)| {
-        let shape = shape.clone();
-        let task: Task<'a> = Box::new(move |out| write_surface(output, ending, &shape, options, stem, out));
+        let task: Task<'a> = Box::new(move |out| write_surface(output, ending, surface, options, stem, out));
         (format!("{stem}.{ending}"), media_type, task)
     })
 }
@@ -123,57 +142,91 @@ fn surface_tasks<'a>(
 pub fn write_surface(
     output: Output,
     ending: &str,
-    shape: &Shape<'_>,
+    surface: &dyn Source,
     options: GlbOptions,
     stem: &str,
     out: &mut impl Write,
 ) -> io::Result<()> {
     match (output, ending) {
-        (Output::Glb, _) => write_glb(shape, &options, out),
-        (Output::Gltf, "bin") => write_gltf_data(shape, &options, out),
-        (Output::Gltf, _) => write_gltf(shape, &options, &format!("{stem}.bin"), out),
-        (Output::Obj, _) => write_obj(shape, out),
-        (Output::Stl, _) => write_stl(shape, out),
-        (Output::StlAscii, _) => write_ascii_stl(shape, out),
-        (Output::Ply, _) => write_ply(shape, out),
-        (Output::Vtp, _) => write_vtp(shape, out),
+        (Output::Glb, _) => write_glb(surface, &options, out),
+        (Output::Gltf, "bin") => write_gltf_data(surface, &options, out),
+        (Output::Gltf, _) => write_gltf(surface, &options, &format!("{stem}.bin"), out),
+        (Output::Obj, _) => write_obj(surface, out),
+        (Output::Stl, _) => write_stl(surface, out),
+        (Output::StlAscii, _) => write_ascii_stl(surface, out),
+        (Output::Ply, _) => write_ply(surface, out),
+        (Output::Vtp, _) => write_vtp(surface, out),
         (Output::Centreline | Output::Lod | Output::Labels, _) => Ok(()),
     }
 }
 
 /// The files of the centre line.
 fn centreline_tasks<'a>(
-    sections: &'a [Section],
+    line: &'a Centreline,
     unit: LengthUnit,
     meta: &'a Metadata,
 ) -> Vec<(String, &'static str, Task<'a>)> {
     let [vtp, csv] = centreline::FILES.map(str::to_owned);
     let [vtp_type, csv_type] = centreline::MEDIA_TYPES;
     vec![
-        (vtp, vtp_type, Box::new(move |out| Centreline::of(sections).write_vtp(unit, meta, out))),
-        (csv, csv_type, Box::new(move |out| Centreline::of(sections).write_csv(unit, out))),
+        (vtp, vtp_type, Box::new(move |out| line.write_vtp(unit, meta, out))),
+        (csv, csv_type, Box::new(move |out| line.write_csv(unit, out))),
     ]
 }
 
 /// Writes files in parallel: name, media type and writer of each.
-fn write_all(request: &Request, tasks: Vec<(String, &str, Task<'_>)>) -> Result<Vec<FileOutput>, GenerateError> {
+fn write_all(
+    request: &Request,
+    tasks: Vec<(String, &str, Task<'_>)>,
+    cancel: &CancelToken,
+) -> Result<Vec<FileOutput>, GenerateError> {
     tasks
         .into_par_iter()
         .map(|(name, media_type, task)| {
-            let digest = write_one(&request.dir.join(&name), task)
-                .map_err(|source| GenerateError::Io { name: name.clone(), source })?;
-            Ok(FileOutput { name, media_type: media_type.into(), bytes: digest.bytes, sha256: digest.sha256 })
+            let digest = write_one(&request.dir.join(&name), task, cancel).map_err(|source| match source.kind() {
+                // Writers refuse what their format cannot hold.
+                io::ErrorKind::InvalidInput => GenerateError::Format { name: name.clone(), detail: source.to_string() },
+                _ => GenerateError::Io { name: name.clone(), source },
+            })?;
+            Ok(output(&name, media_type, digest))
         })
         .collect()
 }
 
-type Task<'a> = Box<dyn FnOnce(&mut Buffered) -> io::Result<()> + Send + 'a>;
+type Task<'a> = Box<dyn FnOnce(&mut Cancellable<'_>) -> io::Result<()> + Send + 'a>;
 
-fn write_one(path: &std::path::Path, task: Task<'_>) -> io::Result<crate::export::hashing::FileDigest> {
-    let file = BufWriter::with_capacity(1 << 18, File::create(path)?);
-    let mut out = HashingWriter::new(file);
+fn write_one(path: &Path, task: Task<'_>, cancel: &CancelToken) -> io::Result<FileDigest> {
+    let mut out = Cancellable { out: buffered(path)?, cancel };
     task(&mut out)?;
-    let (mut file, digest) = out.finish();
+    let (mut file, digest) = out.out.finish();
     file.flush()?;
     Ok(digest)
+}
+
+/// A file that is hashed as it is written.
+pub(super) fn buffered(path: &Path) -> io::Result<Buffered> {
+    Ok(HashingWriter::new(BufWriter::with_capacity(1 << 18, File::create(path)?)))
+}
+
+pub(super) fn output(name: &str, media_type: &str, digest: FileDigest) -> FileOutput {
+    FileOutput { name: name.into(), media_type: media_type.into(), bytes: digest.bytes, sha256: digest.sha256 }
+}
+
+/// A file whose writer fails once the generation is cancelled.
+struct Cancellable<'a> {
+    out: Buffered,
+    cancel: &'a CancelToken,
+}
+
+impl Write for Cancellable<'_> {
+    fn write(&mut self, data: &[u8]) -> io::Result<usize> {
+        if self.cancel.is_cancelled() {
+            return Err(io::Error::other("the generation was cancelled"));
+        }
+        self.out.write(data)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
+    }
 }

@@ -1,13 +1,16 @@
 //! Target of the fuzzers: checkpoints.
 
-use super::checkpoint::Checkpoint;
+use super::checkpoint::{Checkpoint, Parts};
+use super::outputs::Output;
 use super::types::{Backend, Request};
 use super::walls::Walls;
 use crate::ENGINE_VERSION;
 use crate::export::sections_bin::fuzzing::seal;
+use crate::export::sections_bin::{SectionsError, write_sections};
 use crate::spec::{ModelSpec, preset};
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
+use std::io::{Cursor, Read, Seek};
 use std::sync::LazyLock;
 
 /// Most particles of a checkpoint whose surface is lofted again.
@@ -24,7 +27,8 @@ static REQUEST: LazyLock<Request> = LazyLock::new(|| {
         spec: spec.expect("the preset exists").expect("the patch is valid"),
         seed: 7,
         backend: Backend::CpuSingle,
-        outputs: Vec::new().into(),
+        // Not streamed, so that no file is written.
+        outputs: vec![Output::Lod].into(),
         dir: ".".into(),
         memory_limit_bytes: None,
     }
@@ -40,32 +44,45 @@ pub fn checkpoint(bytes: &[u8]) {
 }
 
 fn read(bytes: &[u8]) {
-    let Ok(checkpoint) = Checkpoint::read(&REQUEST, bytes) else { return };
-    let written = write(&checkpoint);
-    let again = Checkpoint::read(&REQUEST, &written).expect("what was written can be read");
-    assert!(write(&again) == written, "another checkpoint was read than was written");
-    let particles: usize = checkpoint.accepted.iter().map(crate::model::Section::particles).sum();
+    let Ok(mut checkpoint) = Checkpoint::read(&REQUEST, Cursor::new(bytes)) else { return };
+    let Ok(written) = write(&mut checkpoint) else { return };
+    let mut again = Checkpoint::read(&REQUEST, Cursor::new(&written)).expect("what was written can be read");
+    let twice = write(&mut again).expect("what was read whole can be read again");
+    assert!(twice == written, "another checkpoint was read than was written");
+    let Ok(accepted) = checkpoint.accepted().collect::<Result<Vec<_>, _>>() else { return };
+    let particles: usize = accepted.iter().map(crate::model::Section::particles).sum();
     if particles > LOFTED {
         return;
     }
-    drop(Walls::restored(&REQUEST, checkpoint.accepted, checkpoint.flipped, || false));
+    drop(Walls::restored(&REQUEST, accepted.into_iter().map(Ok::<_, SectionsError>), checkpoint.flipped, || false));
 }
 
-fn write(c: &Checkpoint) -> Vec<u8> {
-    Checkpoint::write(&REQUEST, &c.simulation, &c.accepted, &c.history, c.flipped, c.recorded)
-        .expect("a checkpoint that was read can be written")
+/// Writes a checkpoint again; fails if one of its sections cannot be read.
+fn write<R: Read + Seek>(c: &mut Checkpoint<R>) -> Result<Vec<u8>, SectionsError> {
+    let accepted = c.accepted().collect::<Result<Vec<_>, _>>()?;
+    let meta = REQUEST.metadata(accepted.len());
+    let parts = Parts {
+        simulation: &c.simulation,
+        accepted: &mut |mut out| write_sections(&accepted, &meta, &mut out),
+        history: &c.history,
+        flipped: c.flipped,
+        recorded: c.recorded,
+    };
+    Ok(parts.write(&REQUEST, Vec::new())?)
 }
 
 /// The checkpoint with its header made that of [`REQUEST`], and all checksums made right; `None` if it has not these parts.
 fn sealed(bytes: &[u8]) -> Option<Vec<u8>> {
     let (start, rest) = bytes.split_at_checked(12)?;
-    let (length, rest) = rest.split_first_chunk::<4>()?;
-    let (header, parts) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+    let (rest, _) = rest.split_last_chunk::<32>()?;
+    let (rest, length) = rest.split_last_chunk::<4>()?;
+    let parts = rest.len().checked_sub(u32::from_le_bytes(*length) as usize)?;
+    let (parts, header) = rest.split_at(parts);
     let mut header: Value = serde_json::from_slice(header).ok()?;
     let members = header.as_object_mut()?;
     members.insert("digest".to_owned(), REQUEST.spec.digest(REQUEST.seed).into());
     members.insert("engine".to_owned(), ENGINE_VERSION.into());
-    let mut parts = parts.get(..parts.len().checked_sub(32)?)?.to_vec();
+    let mut parts = parts.to_vec();
     let length = |name: &str| header.get(name).and_then(Value::as_u64).and_then(|n| usize::try_from(n).ok());
     let accepted = length("simulation")?;
     let history = accepted.checked_add(length("accepted")?)?;
@@ -74,7 +91,7 @@ fn sealed(bytes: &[u8]) -> Option<Vec<u8>> {
     seal(parts.get_mut(history..end)?);
     let header = serde_json::to_vec(&header).ok()?;
     let length = u32::try_from(header.len()).ok()?.to_le_bytes();
-    let mut sealed = [start, &length, &header, &parts].concat();
+    let mut sealed = [start, &parts, &header, &length].concat();
     let hash = Sha256::digest(&sealed);
     sealed.extend_from_slice(&hash);
     Some(sealed)

@@ -1,7 +1,7 @@
 //! Runs the simulation and makes walls of its sections: each slab is tested while the steps between its two sections are still
 //! in memory, so that it can be mended with one of them.
 
-use super::checkpoint::Checkpoint;
+use super::checkpoint::{Checkpoint, Parts};
 use super::pace::Pace;
 use super::types::{CancelToken, GenerateError, Request};
 use super::walls::Walls;
@@ -89,16 +89,22 @@ impl<'a> Growth<'a> {
     /// Restores the simulation, and the walls from their sections. Reports the sections once all is restored.
     fn resume(
         request: &'a Request,
-        from: Checkpoint,
+        mut from: Checkpoint,
         pace: &mut Pace<'_>,
         cancel: &CancelToken,
     ) -> Result<Self, GenerateError> {
         let plan = Plan::new(&request.spec, request.seed);
         let simulation = CpuSimulation::restore(plan, rayon::current_num_threads(), &from.simulation)
             .map_err(|error| GenerateError::Simulation { detail: error.to_string() })?;
-        let walls = Walls::restored(request, from.accepted, from.flipped, || cancel.is_cancelled())?;
+        let flipped = from.flipped;
+        let walls = Walls::restored(request, from.accepted(), flipped, || cancel.is_cancelled())?;
         pace.resumed(simulation.time(), simulation.particles());
-        walls.sections().iter().filter(|section| !section.added).for_each(|section| pace.section(section));
+        for section in from.accepted() {
+            let section = section?;
+            if !section.added && walls.shows(section.step as u32) {
+                pace.section(&section);
+            }
+        }
         Ok(Self { request, simulation, walls, history: from.history, recorded: from.recorded })
     }
 
@@ -115,12 +121,18 @@ impl<'a> Growth<'a> {
     }
 
     /// Writes a checkpoint between two steps.
-    fn save(&self, pace: &Pace<'_>) -> Result<(), GenerateError> {
-        let state = self.simulation.save();
-        let (walls, history) = (&self.walls, &self.history);
-        let bytes = Checkpoint::write(self.request, &state, walls.accepted(), history, walls.flipped(), self.recorded)
-            .map_err(|source| GenerateError::Io { name: "checkpoint".into(), source })?;
-        pace.checkpoint(bytes);
+    fn save(&mut self, pace: &Pace<'_>) -> Result<(), GenerateError> {
+        let Self { request, simulation, walls, history, recorded } = self;
+        let flipped = walls.flipped();
+        let parts = Parts {
+            simulation: &simulation.save(),
+            accepted: &mut |out| walls.save(&request.metadata(0), out),
+            history,
+            flipped,
+            recorded: *recorded,
+        };
+        let path = parts.save(request).map_err(|source| GenerateError::Io { name: "checkpoint".into(), source })?;
+        pace.checkpoint(path);
         Ok(())
     }
 }

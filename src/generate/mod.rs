@@ -16,6 +16,7 @@ mod labels;
 mod manifest;
 mod outputs;
 mod pace;
+mod stream;
 mod surfaces;
 mod types;
 mod walls;
@@ -31,15 +32,23 @@ pub use types::{
 };
 
 use crate::clock::Stopwatch;
+use crate::export::Source;
+use crate::export::centreline::Centreline;
 use crate::measure;
+use crate::measure::Certificate;
 use crate::measure::comparison::compare;
-use crate::measure::morphometry::{Regions, morphometry};
+use crate::measure::morphometry::{Morphometry, Regions, morphometry};
+use crate::model::{BodyKind, LengthUnit, Section};
+use crate::sim::Statistics;
 use crate::spec::preset;
+use files::{Sections, Stock};
 use grow::Grown;
 use pace::Pace;
 use serde_json::json;
 use std::sync::{Mutex, PoisonError};
+use stream::Streamed;
 use surfaces::Surfaces;
+use walls::{Closed, Whole};
 
 /// Grows, certifies and writes one model on the CPU; for a GPU see [`generate_batch`].
 ///
@@ -88,9 +97,9 @@ fn run(
     sink: &dyn Sink,
     cancel: &CancelToken,
 ) -> Result<Outcome, GenerateError> {
-    check_memory(request)?;
+    check(request)?;
     let total = Stopwatch::start();
-    let mut pace = Pace::new(&request.spec, sink);
+    let mut pace = Pace::new(request, sink);
     let grown = grow::grow(request, from, &mut pace, cancel)?;
     let threads = rayon::current_num_threads();
     let ran = Ran {
@@ -116,89 +125,184 @@ fn finish(
     pace: &Mutex<Pace<'_>>,
     cancel: &CancelToken,
 ) -> Result<Outcome, GenerateError> {
-    let mut seconds = Seconds { simulate: grown.seconds, ..Seconds::default() };
-    let done = |stage, part| pace.lock().unwrap_or_else(PoisonError::into_inner).stage(stage, part);
-    let stage = |stage| done(stage, 0.0);
-    stage(Stage::Mesh);
-    let closed = grown.walls.close(surfaces::need_lumen(&request.outputs), &|part| {
-        done(Stage::Mesh, part);
-        cancel.is_cancelled()
-    })?;
-    let watch = Stopwatch::start();
-    let (mesh, sections) = (&closed.tissue, &closed.sections);
-    let surfaces = Surfaces::new(mesh, closed.lids.as_ref(), &request.outputs).map_err(walls::unsound)?;
-    seconds.mesh = closed.seconds + watch.seconds();
-    stop_if_cancelled(cancel)?;
-
-    stage(Stage::Certify);
-    let watch = Stopwatch::start();
-    let certificate = measure::certify(mesh, sections);
-    if let Some(detail) = certificate.first_failure() {
-        return Err(GenerateError::Certificate { detail });
-    }
-    let others = surfaces.certify(certificate.volume_mm3)?;
-    seconds.certify = watch.seconds();
-    stop_if_cancelled(cancel)?;
-
-    stage(Stage::Measure);
-    let watch = Stopwatch::start();
-    let spec = &request.spec;
-    let regions = Regions {
-        length_mm: spec.length_mm,
-        junction: [spec.regions.junction_from, spec.regions.junction_to],
-        piece: spec.piece_um().map(|um| um / (spec.length_mm * 1000.0)),
+    let stage = |stage, part| {
+        pace.lock().unwrap_or_else(PoisonError::into_inner).stage(stage, part);
+        if cancel.is_cancelled() { Err(GenerateError::Cancelled) } else { Ok(()) }
     };
-    let morphometry = morphometry(sections, &certificate.section_gaps_um, &regions);
-    let comparison = preset(&request.preset).map(|of| compare(&morphometry, &of.organ, &of.species));
-    seconds.measure = watch.seconds();
-    stop_if_cancelled(cancel)?;
-
-    stage(Stage::Export);
+    let seconds = Seconds { simulate: grown.seconds, mesh: grown.walls.seconds(), ..Seconds::default() };
+    let (statistics, flipped) = (grown.statistics, grown.walls.flipped());
     let watch = Stopwatch::start();
-    let added = sections.iter().filter(|s| s.added).count();
-    let ends = closed.particles;
-    let last = *spec.recorded().end();
-    let warnings = warnings::warnings(&warnings::Growth {
-        // Before the end of the tube they may still be made.
-        splits_missing: if last == spec.steps { grown.statistics.splits_missing } else { 0 },
-        min_gap_um: certificate.min_gap_um,
-        particles: ends[1] as u64,
-        target: spec.particles.total.at(f64::from(last) / f64::from(spec.steps)).round() as u64,
-    });
-    let summary = json!({
-        "sections": sections.len() - added,
-        "sections_added": added,
-        "diagonals_flipped": closed.flipped,
-        "particles": { "start": ends[0], "end": ends[1] },
-        "splits_deferred": grown.statistics.splits_deferred,
-        "splits_missing": grown.statistics.splits_missing,
-        "vertices": certificate.vertices,
-        "triangles": certificate.triangles,
-        "min_gap_um": certificate.min_gap_um,
-        "volume_mm3": certificate.volume_mm3,
-        "area_mm2": certificate.area_mm2,
-        "warnings": warnings,
-    });
-    let certificate = serde_json::to_value(&certificate)
-        .map_err(|e| GenerateError::Io { name: files::REPORT.into(), source: e.into() })?;
-    let findings = Findings { summary, certificate, surfaces: others, morphometry, comparison };
-    let files = files::write(request, &surfaces, sections, &findings, cancel)?;
-    seconds.export = watch.seconds();
-    stop_if_cancelled(cancel)?;
-    seconds.total = ran.total.seconds();
-    Ok(Outcome { used: ran.used, device: ran.device, files, findings, seconds })
-}
-
-fn check_memory(request: &Request) -> Result<(), GenerateError> {
-    let needed = request.spec.cost(&request.outputs.names()).memory_bytes;
-    match request.memory_limit_bytes {
-        Some(limit) if needed > limit => Err(GenerateError::Memory { needed, limit }),
-        _ => Ok(()),
+    stage(Stage::Mesh, 0.0)?;
+    let closed =
+        grown.walls.close(surfaces::need_lumen(&request.outputs), &|part| stage(Stage::Mesh, part).is_err())?;
+    let finishing = Finishing { request, statistics, flipped, ran, stage: &stage, cancel };
+    match closed {
+        Closed::Whole(whole) => finishing.whole(&whole, watch, seconds),
+        Closed::Streamed(streamed) => finishing.streamed(*streamed, watch, seconds),
     }
 }
 
-fn stop_if_cancelled(cancel: &CancelToken) -> Result<(), GenerateError> {
-    if cancel.is_cancelled() { Err(GenerateError::Cancelled) } else { Ok(()) }
+/// What is known of a model while it is finished.
+struct Finishing<'a> {
+    request: &'a Request,
+    statistics: Statistics,
+    /// Diagonals flipped to mend slabs.
+    flipped: usize,
+    ran: Ran,
+    /// Reports a part of a stage; fails if the generation is cancelled.
+    stage: &'a dyn Fn(Stage, f64) -> Result<(), GenerateError>,
+    cancel: &'a CancelToken,
+}
+
+/// What was found of a model, and what its files are made from.
+struct Examined<'a> {
+    certificate: Certificate,
+    others: Vec<serde_json::Value>,
+    morphometry: Morphometry,
+    /// Sections that were added to mend slabs.
+    added: usize,
+    /// Points of the first and of the last section.
+    ends: [usize; 2],
+    stock: Stock<'a>,
+}
+
+impl Finishing<'_> {
+    /// Examines a surface that is in memory; `watch` runs since its loft was ended.
+    fn whole(self, whole: &Whole, watch: Stopwatch, mut seconds: Seconds) -> Result<Outcome, GenerateError> {
+        let Whole { tissue, lids, sections } = whole;
+        let surfaces = Surfaces::new(tissue, lids.as_ref(), &self.request.outputs).map_err(walls::unsound)?;
+        seconds.mesh += watch.seconds();
+
+        (self.stage)(Stage::Certify, 0.0)?;
+        let watch = Stopwatch::start();
+        let certificate = measure::certify(tissue, sections);
+        if let Some(detail) = certificate.first_failure() {
+            return Err(GenerateError::Certificate { detail });
+        }
+        let others = surfaces.certify(certificate.volume_mm3)?;
+        seconds.certify = watch.seconds();
+
+        (self.stage)(Stage::Measure, 0.0)?;
+        let watch = Stopwatch::start();
+        let morphometry = morphometry(sections, &certificate.section_gaps_um, &self.regions());
+        let centreline = Centreline::of(sections);
+        seconds.measure = watch.seconds();
+
+        let meta = self.request.metadata(sections.len());
+        let placed = surfaces.placed();
+        let stock = Stock {
+            meta: &meta,
+            surfaces: placed.iter().map(|of| of.source(&meta)).collect(),
+            tissue: Some(tissue),
+            sections: Sections::Here(sections),
+            centreline,
+        };
+        let added = sections.iter().filter(|s| s.added).count();
+        let ends = [&sections[0], &sections[sections.len() - 1]].map(Section::particles);
+        self.write(Examined { certificate, others, morphometry, added, ends, stock }, seconds)
+    }
+
+    /// As [`Self::whole`] for a surface that has been examined while it came.
+    fn streamed(self, of: Streamed, watch: Stopwatch, mut seconds: Seconds) -> Result<Outcome, GenerateError> {
+        let Streamed { certificate, spool, .. } = of;
+        seconds.mesh += watch.seconds() - of.busy;
+        Seconds { certify: seconds.certify, measure: seconds.measure, export: seconds.export, .. } = of.seconds;
+
+        (self.stage)(Stage::Certify, 1.0)?;
+        if let Some(detail) = certificate.first_failure() {
+            return Err(GenerateError::Certificate { detail });
+        }
+        let tissue = |(unit, certificate): (LengthUnit, Certificate)| {
+            surfaces::finding(BodyKind::Tissue, unit, &certificate, certificate.first_failure())
+        };
+        let others = of.others.into_iter().map(tissue).collect::<Result<_, _>>()?;
+
+        (self.stage)(Stage::Measure, 1.0)?;
+        let watch = Stopwatch::start();
+        let morphometry = of.survey.finish(&certificate.section_gaps_um, &self.regions());
+        seconds.measure += watch.seconds();
+
+        let meta = self.request.metadata(of.sections);
+        let is_written = |unit: &LengthUnit| !self.request.outputs.bodies_in(*unit).is_empty();
+        let mut surfaces: Vec<(_, _, Box<dyn Source + '_>)> = Vec::new();
+        if let Some(spool) = &spool {
+            for unit in LengthUnit::ALL.into_iter().filter(is_written) {
+                surfaces.push((BodyKind::Tissue, unit, Box::new(spool.shape(unit, &meta))));
+            }
+        }
+        let stock = Stock {
+            meta: &meta,
+            surfaces,
+            tissue: None,
+            sections: Sections::Written(of.file),
+            centreline: of.centreline,
+        };
+        let (added, ends) = (of.added, of.ends);
+        self.write(Examined { certificate, others, morphometry, added, ends, stock }, seconds)
+    }
+
+    fn regions(&self) -> Regions {
+        let spec = &self.request.spec;
+        Regions {
+            length_mm: spec.length_mm,
+            junction: [spec.regions.junction_from, spec.regions.junction_to],
+            piece: spec.piece_um().map(|um| um / (spec.length_mm * 1000.0)),
+        }
+    }
+
+    /// Writes the files.
+    fn write(self, found: Examined<'_>, mut seconds: Seconds) -> Result<Outcome, GenerateError> {
+        let Examined { certificate, others, morphometry, added, ends, stock } = found;
+        let (request, spec) = (self.request, &self.request.spec);
+        let comparison = preset(&request.preset).map(|of| compare(&morphometry, &of.organ, &of.species));
+
+        (self.stage)(Stage::Export, 0.0)?;
+        let watch = Stopwatch::start();
+        // A smooth contour has two points for each particle.
+        let points = if spec.mesh.smooth_um > 0.0 { 2 } else { 1 };
+        let ends = ends.map(|of| of / points);
+        let last = *spec.recorded().end();
+        let statistics = &self.statistics;
+        let warnings = warnings::warnings(&warnings::Growth {
+            // Before the end of the tube they may still be made.
+            splits_missing: if last == spec.steps { statistics.splits_missing } else { 0 },
+            min_gap_um: certificate.min_gap_um,
+            particles: ends[1] as u64,
+            target: spec.particles.total.at(f64::from(last) / f64::from(spec.steps)).round() as u64,
+        });
+        let summary = json!({
+            "sections": stock.meta.sections - added,
+            "sections_added": added,
+            "diagonals_flipped": self.flipped,
+            "particles": { "start": ends[0], "end": ends[1] },
+            "splits_deferred": statistics.splits_deferred,
+            "splits_missing": statistics.splits_missing,
+            "vertices": certificate.vertices,
+            "triangles": certificate.triangles,
+            "min_gap_um": certificate.min_gap_um,
+            "volume_mm3": certificate.volume_mm3,
+            "area_mm2": certificate.area_mm2,
+            "warnings": warnings,
+        });
+        let certificate = serde_json::to_value(&certificate)
+            .map_err(|e| GenerateError::Io { name: files::REPORT.into(), source: e.into() })?;
+        let findings = Findings { summary, certificate, surfaces: others, morphometry, comparison };
+        let files = files::write(request, stock, &findings, self.cancel)?;
+        seconds.export += watch.seconds();
+        (self.stage)(Stage::Export, 1.0)?;
+        seconds.total = self.ran.total.seconds();
+        Ok(Outcome { used: self.ran.used, device: self.ran.device, files, findings, seconds })
+    }
+}
+
+/// Refuses what is predicted to need too much memory, or more than a format holds, before anything is computed.
+fn check(request: &Request) -> Result<(), GenerateError> {
+    let cost = request.spec.cost(&request.outputs.names());
+    let needed = cost.memory_bytes;
+    if let Some(limit) = request.memory_limit_bytes.filter(|limit| needed > *limit) {
+        return Err(GenerateError::Memory { needed, limit });
+    }
+    cost.check_formats().map_err(|over| GenerateError::Format { name: "model.glb".into(), detail: over.to_string() })
 }
 
 #[cfg(test)]

@@ -1,17 +1,25 @@
 //! Progress of a generation as a fraction of its work, and an estimate of the remaining time.
 
-use super::types::{Progress, Sink, Stage};
+use super::types::{Progress, Request, Sink, Stage};
 use crate::clock::Stopwatch;
 use crate::model::Section;
-use crate::spec::ModelSpec;
+use tempfile::TempPath;
 
 /// The stages with the fraction of the whole that is done when they end; for a surface that is lofted while the simulation
-/// runs, and for an even one.
+/// runs, one that is also examined meanwhile, and an even one.
 const LOFTED: [(Stage, f64); 6] = [
     (Stage::Simulate, 0.80),
     (Stage::Mesh, 0.82),
     (Stage::Certify, 0.90),
     (Stage::Measure, 0.93),
+    (Stage::Export, 0.98),
+    (Stage::Store, 1.0),
+];
+const STREAMED: [(Stage, f64); 6] = [
+    (Stage::Simulate, 0.92),
+    (Stage::Mesh, 0.93),
+    (Stage::Certify, 0.94),
+    (Stage::Measure, 0.95),
     (Stage::Export, 0.98),
     (Stage::Store, 1.0),
 ];
@@ -38,7 +46,8 @@ pub(super) struct Pace<'a> {
 }
 
 impl<'a> Pace<'a> {
-    pub(super) fn new(spec: &ModelSpec, sink: &'a dyn Sink) -> Self {
+    pub(super) fn new(request: &Request, sink: &'a dyn Sink) -> Self {
+        let spec = &request.spec;
         let particles = |t: u32| spec.particles.total.at(f64::from(t) / f64::from(spec.steps));
         let mut sum = f64::from(spec.burn_in) * particles(0);
         let last = *spec.recorded().end();
@@ -57,7 +66,11 @@ impl<'a> Pace<'a> {
             eta_seconds: None,
         };
         sink.progress(&now);
-        let stages = if spec.mesh.resolution_um > 0.0 { &EVEN } else { &LOFTED };
+        let stages = match spec.is_streamed(&request.outputs.names()) {
+            _ if spec.mesh.resolution_um > 0.0 => &EVEN,
+            true => &STREAMED,
+            false => &LOFTED,
+        };
         Self { sink, watch: Stopwatch::start(), stages, begun: 0.0, burn_in: f64::from(spec.burn_in), work, now }
     }
 
@@ -86,8 +99,8 @@ impl<'a> Pace<'a> {
     }
 
     /// Passes the checkpoint to the sink.
-    pub(super) fn checkpoint(&self, bytes: Vec<u8>) {
-        self.sink.checkpoint(bytes);
+    pub(super) fn checkpoint(&self, file: TempPath) {
+        self.sink.checkpoint(file);
     }
 
     /// A section is recorded.

@@ -2,11 +2,12 @@
 
 use super::outputs::Outputs;
 use super::types::GenerateError;
-use crate::export::{Metadata, Shape};
+use crate::export::{Metadata, Shape, Source};
 use crate::measure::{certify_body, certify_regions};
 use crate::mesh::quality::Lids;
 use crate::mesh::{self, LoftError};
 use crate::model::{BodyKind, LengthUnit, Mesh};
+use serde::Serialize;
 use serde_json::{Value, json};
 use std::borrow::Cow;
 
@@ -48,33 +49,23 @@ impl<'a> Surfaces<'a> {
     pub(super) fn certify(&self, tissue_mm3: f64) -> Result<Vec<Value>, GenerateError> {
         let mut found = Vec::new();
         for unit in LengthUnit::ALL {
-            let mut add = |body: BodyKind, certificate: Value, failure: Option<String>| match failure {
-                None => {
-                    found.push(json!({ "body": body, "unit": unit, "certificate": certificate }));
-                    Ok(())
-                }
-                Some(detail) => {
-                    let detail = format!("{} in {}: {detail}", body.name(), unit.name());
-                    Err(GenerateError::Certificate { detail })
-                }
-            };
             let is_written = |body| self.written.contains(&(body, unit));
             let together = is_written(BodyKind::Regions) || (unit == LengthUnit::Metre && self.lumen.is_some());
             let mut volumes = [tissue_mm3, 0.0];
             if unit != LengthUnit::Metre && (together || is_written(BodyKind::Tissue)) {
                 let certificate = certify_body(self.tissue, unit);
                 volumes[0] = certificate.volume_mm3;
-                add(BodyKind::Tissue, json!(certificate), certificate.first_failure())?;
+                found.push(finding(BodyKind::Tissue, unit, &certificate, certificate.first_failure())?);
             }
             let Some((lumen, regions)) = &self.lumen else { continue };
             if together || is_written(BodyKind::Lumen) {
                 let certificate = certify_body(lumen, unit);
                 volumes[1] = certificate.volume_mm3;
-                add(BodyKind::Lumen, json!(certificate), certificate.first_failure())?;
+                found.push(finding(BodyKind::Lumen, unit, &certificate, certificate.first_failure())?);
             }
             if together {
                 let certificate = certify_regions(regions, lumen, volumes, unit);
-                add(BodyKind::Regions, json!(certificate), certificate.first_failure())?;
+                found.push(finding(BodyKind::Regions, unit, &certificate, certificate.first_failure())?);
             }
         }
         Ok(found)
@@ -87,6 +78,21 @@ impl<'a> Surfaces<'a> {
             Some(Placed { mesh, unit, positions: unit.of_metres(&mesh.positions) })
         };
         self.written.iter().filter_map(place).collect()
+    }
+}
+
+/// The certificate of a body in a unit, as the report has it; fails with its first failure.
+pub(super) fn finding(
+    body: BodyKind,
+    unit: LengthUnit,
+    certificate: &impl Serialize,
+    failure: Option<String>,
+) -> Result<Value, GenerateError> {
+    match failure {
+        None => Ok(json!({ "body": body, "unit": unit, "certificate": certificate })),
+        Some(detail) => {
+            Err(GenerateError::Certificate { detail: format!("{} in {}: {detail}", body.name(), unit.name()) })
+        }
     }
 }
 
@@ -103,14 +109,15 @@ pub(super) fn need_lumen(outputs: &Outputs) -> bool {
 
 /// A body in a unit.
 pub(super) struct Placed<'a> {
-    pub(super) mesh: &'a Mesh,
-    pub(super) unit: LengthUnit,
+    mesh: &'a Mesh,
+    unit: LengthUnit,
     positions: Cow<'a, [[f32; 3]]>,
 }
 
 impl<'a> Placed<'a> {
-    /// As the writers take it.
-    pub(super) fn shape(&'a self, meta: &'a Metadata) -> Shape<'a> {
-        Shape { positions: &self.positions, unit: self.unit, ..Shape::of(self.mesh, meta) }
+    /// As the writers take it, with its body and unit.
+    pub(super) fn source(&'a self, meta: &'a Metadata) -> (BodyKind, LengthUnit, Box<dyn Source + 'a>) {
+        let shape = Shape { positions: &self.positions, unit: self.unit, ..Shape::of(self.mesh, meta) };
+        (self.mesh.body, self.unit, Box::new(shape))
     }
 }

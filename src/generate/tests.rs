@@ -163,6 +163,56 @@ fn progress_only_grows_and_names_every_stage() {
     assert_eq!((sink.sections.into_inner(), sink.reported.into_inner()), (13, 13));
 }
 
+/// Everything that can be streamed is; levels keep the surface in memory.
+#[test]
+fn a_streamed_surface_has_the_files_of_one_in_memory() {
+    let formats = |more: &[Output]| -> Outputs {
+        let streamed = Output::ALL.into_iter().filter(|output| ![Output::Lod, Output::Labels].contains(output));
+        streamed.chain(more.iter().copied()).collect::<Vec<_>>().into()
+    };
+    for patch in [json!({}), json!({ "mesh": { "smooth_um": 5 }, "piece": { "from": 0.2 } })] {
+        let dir = tempfile::tempdir().unwrap();
+        let sink = Recorder::default();
+        let mut request = request(small(&patch), Backend::Cpu, dir.path());
+        request.outputs = formats(&[]);
+        assert!(request.spec.is_streamed(&request.outputs.names()));
+        let streamed = generate(&request, &sink, &CancelToken::default()).unwrap();
+        let left: Vec<_> = std::fs::read_dir(dir.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert_eq!(left.len(), streamed.files.len(), "{left:?}");
+        request.outputs = formats(&[Output::Lod]);
+        let whole = generate(&request, &(), &CancelToken::default()).unwrap();
+
+        for file in streamed.files.iter().filter(|file| file.name != "report.json") {
+            assert!(whole.files.contains(file), "{}", file.name);
+        }
+        assert_eq!(whole.files.len(), streamed.files.len() + 3);
+        assert!(streamed.findings.morphometry == whole.findings.morphometry);
+        assert_eq!(streamed.findings.surfaces.len(), 1, "the tissue in millimetres");
+        assert!(alike(&json!(streamed.findings.surfaces), &json!(whole.findings.surfaces)));
+        assert!(alike(&streamed.findings.certificate, &whole.findings.certificate));
+        assert!(alike(&streamed.findings.summary, &whole.findings.summary));
+        let seen = sink.fractions.into_inner().unwrap();
+        assert!(seen.windows(2).all(|w| w[0].1 <= w[1].1 && w[1].1 <= 1.0));
+        assert_eq!(sink.sections.into_inner(), sink.reported.into_inner());
+    }
+}
+
+/// Whether values are equal, numbers but for their last digits: sums have another order.
+fn alike(a: &serde_json::Value, b: &serde_json::Value) -> bool {
+    use serde_json::Value::{Array, Number, Object};
+    match (a, b) {
+        (Array(a), Array(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| alike(a, b)),
+        (Object(a), Object(b)) => {
+            a.len() == b.len() && a.iter().all(|(name, a)| b.get(name).is_some_and(|b| alike(a, b)))
+        }
+        (Number(a), Number(b)) if a.is_f64() => {
+            let (a, b) = (a.as_f64().unwrap(), b.as_f64().unwrap());
+            (a - b).abs() <= 1e-12 * a.abs()
+        }
+        _ => a == b,
+    }
+}
+
 /// A short tube with a surface of even triangles, whose edges are as long as small tests allow.
 pub(super) fn even(patch: &serde_json::Value) -> serde_json::Value {
     let mut whole = json!({ "length_mm": 4, "mesh": { "resolution_um": 60, "tolerance_um": 8 } });
@@ -291,6 +341,18 @@ fn the_memory_limit_is_named() {
     tight.memory_limit_bytes = Some(1 << 20);
     let error = generate(&tight, &(), &CancelToken::default()).unwrap_err();
     assert!(matches!(error, GenerateError::Memory { limit: 1_048_576, .. }), "{error}");
+}
+
+#[test]
+fn a_glb_beyond_its_format_is_refused_before_it_is_grown() {
+    let dir = tempfile::tempdir().unwrap();
+    let large = json!({ "steps": 20_000, "solver": { "record_every": 1 }, "particles": {
+        "total": { "keys": [[0, 710], [1, 20_000]] }, "outer": { "keys": [[0, 110], [1, 300]] } } });
+    let mut request = request(small(&large), Backend::Cpu, dir.path());
+    request.outputs = vec![Output::Glb].into();
+    let error = generate(&request, &(), &CancelToken::default()).unwrap_err();
+    assert!(matches!(&error, GenerateError::Format { name, .. } if name == "model.glb"), "{error}");
+    assert!(error.to_string().contains("4294967295") && error.to_string().contains("gltf"), "{error}");
 }
 
 #[test]

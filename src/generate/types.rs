@@ -1,6 +1,9 @@
 //! Inputs and results of a generation.
 
 use super::outputs::Outputs;
+use crate::ENGINE_VERSION;
+use crate::export::Metadata;
+use crate::export::sections_bin::SectionsError;
 use crate::measure::comparison::Comparison;
 use crate::measure::morphometry::Morphometry;
 use crate::model::Section;
@@ -10,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use tempfile::TempPath;
 
 /// Requested or used backend.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, utoipa::ToSchema)]
@@ -86,8 +90,8 @@ pub trait Sink: Sync {
     fn wants_checkpoint(&self) -> bool {
         false
     }
-    /// Takes the requested checkpoint, in the format of [`crate::generate::Checkpoint::read`].
-    fn checkpoint(&self, _: Vec<u8>) {}
+    /// Takes the requested checkpoint, a file in [`Request::dir`] for [`crate::generate::Checkpoint::open`].
+    fn checkpoint(&self, _: TempPath) {}
 }
 
 /// A sink that ignores everything.
@@ -132,6 +136,20 @@ pub struct Request {
     pub memory_limit_bytes: Option<u64>,
 }
 
+impl Request {
+    /// The origin of the model, which has so many sections.
+    pub(super) fn metadata(&self, sections: usize) -> Metadata {
+        Metadata {
+            preset: self.preset.clone(),
+            seed: self.seed,
+            digest: self.spec.digest(self.seed),
+            engine: ENGINE_VERSION.into(),
+            length_mm: self.spec.length_mm,
+            sections,
+        }
+    }
+}
+
 /// A written file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct FileOutput {
@@ -145,7 +163,8 @@ pub struct FileOutput {
     pub sha256: String,
 }
 
-/// Wall-clock seconds by stage.
+/// Wall-clock seconds by stage. If the surface is streamed, `certify`, `measure` and a part of `export` run at the same time, so that
+/// all may be more than the total.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Seconds {
     /// Simulation, with slab tests.
@@ -194,6 +213,12 @@ pub struct Findings {
     pub morphometry: Morphometry,
     /// The measures beside published ones; none if the model is of no known preset.
     pub comparison: Option<Comparison>,
+}
+
+impl From<SectionsError> for GenerateError {
+    fn from(error: SectionsError) -> Self {
+        Self::Io { name: "checkpoint".into(), source: std::io::Error::other(error) }
+    }
 }
 
 impl Findings {
@@ -245,6 +270,14 @@ pub enum GenerateError {
     #[error("the generation panicked: {detail}")]
     Panic {
         /// The message of the panic.
+        detail: String,
+    },
+    /// A file cannot hold the model: its format has a limit.
+    #[error("{name} cannot hold the model: {detail}")]
+    Format {
+        /// File name.
+        name: String,
+        /// Why.
         detail: String,
     },
     /// A file could not be written.

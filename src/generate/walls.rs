@@ -1,14 +1,18 @@
-//! The walls of a model while it grows. The surface of the recorded sections is lofted and tested slab by slab; for an even
-//! surface the sections of every step are kept and remeshed at the end.
+//! The walls of a model while it grows. The surface of the recorded sections is lofted and tested slab by slab, and streamed if
+//! nothing needs the whole of it; for an even surface the sections of every step are kept and remeshed at the end.
 
+use super::stream::{Stream, Streamed};
 use super::types::{GenerateError, Request};
 use crate::clock::Stopwatch;
+use crate::export::Metadata;
+use crate::export::sections_bin::write_sections;
 use crate::mesh::quality::{Lids, Quality, RemeshError, Remeshed, remesh};
 use crate::mesh::smooth::{Smooth, smooth};
 use crate::mesh::{LoftError, Lofter};
 use crate::model::{Mesh, Section};
 use crate::spec::ModelSpec;
 use std::borrow::Cow;
+use std::io::{self, Write};
 
 /// Edges of the outer wall, which is nearly flat, are longer than those of the inner wall by this factor.
 const OUTER: f64 = 2.0;
@@ -21,7 +25,7 @@ pub(super) struct Walls {
     smooth: Option<Smooth>,
     /// First and last step of the model, and steps between recorded sections.
     recorded: [u32; 3],
-    /// The sections that the model shows: recorded ones, and those added to mend slabs.
+    /// The sections that the model shows: recorded ones, and those added to mend slabs. None if they are streamed.
     sections: Vec<Section>,
     flipped: usize,
     seconds: f64,
@@ -30,24 +34,26 @@ pub(super) struct Walls {
 enum Form {
     /// With open ends.
     Lofted(Box<Lofter>),
+    /// With open ends; what is finished has gone into the stream.
+    Streamed(Box<Lofter>, Box<Stream>),
     /// The sections of every step.
     Even(Quality, Vec<Section>),
 }
 
 /// A closed surface.
-pub(super) struct Closed {
+pub(super) enum Closed {
+    Whole(Whole),
+    Streamed(Box<Streamed>),
+}
+
+/// A closed surface in memory.
+pub(super) struct Whole {
     /// The tissue.
     pub(super) tissue: Mesh,
     /// The ends of the lumen, if it was asked for and the surface is an even one.
     pub(super) lids: Option<Lids>,
     /// The sections that the model shows.
     pub(super) sections: Vec<Section>,
-    /// Particles at the beginning and at the end.
-    pub(super) particles: [usize; 2],
-    /// Diagonals flipped to mend slabs.
-    pub(super) flipped: usize,
-    /// Seconds spent on the surface.
-    pub(super) seconds: f64,
 }
 
 #[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
@@ -77,35 +83,45 @@ impl Walls {
         } else {
             // If walls meet in many places, mending could add vertices almost without end.
             let most = 2 * spec.cost(&[]).vertices + SPARE_VERTICES;
-            Form::Lofted(Box::new(Lofter::new(first.clone()).map_err(unsound)?.with_most_vertices(most)))
+            let lofter = Box::new(Lofter::new(first.clone()).map_err(unsound)?.with_most_vertices(most));
+            if spec.is_streamed(&request.outputs.names()) {
+                Form::Streamed(lofter, Box::new(Stream::new(request)?))
+            } else {
+                Form::Lofted(lofter)
+            }
         };
-        Ok(Self {
+        let mut walls = Self {
             form,
             smooth: smoothing(spec),
             recorded: [*recorded.start(), *recorded.end(), spec.solver.record_every],
-            sections: vec![first],
+            sections: Vec::new(),
             flipped: 0,
             seconds: 0.0,
-        })
+        };
+        walls.accept(vec![first])?;
+        Ok(walls)
     }
 
-    /// Walls from what [`Walls::accepted`] gave.
-    pub(super) fn restored(
+    /// Walls from the sections that [`Walls::save`] wrote.
+    pub(super) fn restored<E: Into<GenerateError>>(
         request: &Request,
-        accepted: Vec<Section>,
+        accepted: impl IntoIterator<Item = Result<Section, E>>,
         flipped: usize,
         is_cancelled: impl Fn() -> bool,
     ) -> Result<Self, GenerateError> {
         let watch = Stopwatch::start();
         let mut accepted = accepted.into_iter();
-        let mut walls = Self::with(request, accepted.next().ok_or_else(|| unsound(LoftError::NoSection))?)?;
+        let first = accepted.next().ok_or_else(|| unsound(LoftError::NoSection))?.map_err(Into::into)?;
+        let mut walls = Self::with(request, first)?;
         for section in accepted {
             if is_cancelled() {
                 return Err(GenerateError::Cancelled);
             }
+            let section = section.map_err(Into::into)?;
             match &mut walls.form {
-                Form::Lofted(lofter) => {
-                    walls.sections.extend(lofter.advance(&[section]).map_err(unsound)?.sections);
+                Form::Lofted(lofter) | Form::Streamed(lofter, _) => {
+                    let accepted = lofter.advance(&[section]).map_err(unsound)?;
+                    walls.accept(accepted.sections)?;
                 }
                 Form::Even(..) => walls.keep(section),
             }
@@ -115,17 +131,13 @@ impl Walls {
         Ok(walls)
     }
 
-    /// All sections that the surface is made of.
-    pub(super) fn accepted(&self) -> &[Section] {
-        match &self.form {
-            Form::Lofted(_) => &self.sections,
-            Form::Even(_, sections) => sections,
+    /// Writes all sections that the surface is made of.
+    pub(super) fn save(&mut self, meta: &Metadata, mut out: &mut dyn Write) -> io::Result<()> {
+        match &mut self.form {
+            Form::Lofted(_) => write_sections(&self.sections, meta, &mut out),
+            Form::Even(_, sections) => write_sections(sections, meta, &mut out),
+            Form::Streamed(_, stream) => stream.save(out),
         }
-    }
-
-    /// The sections that the model shows.
-    pub(super) fn sections(&self) -> &[Section] {
-        &self.sections
     }
 
     /// Seconds spent on them.
@@ -148,7 +160,7 @@ impl Walls {
         let watch = Stopwatch::start();
         let smoothed = |section| smoothed(self.smooth, section);
         match &mut self.form {
-            Form::Lofted(lofter) => {
+            Form::Lofted(lofter) | Form::Streamed(lofter, _) => {
                 let accepted = match lofter.try_advance(&smoothed(section)).map_err(unsound)? {
                     Some(accepted) => accepted,
                     None => {
@@ -157,7 +169,7 @@ impl Walls {
                     }
                 };
                 self.flipped += accepted.flipped;
-                self.sections.extend(accepted.sections);
+                self.accept(accepted.sections)?;
             }
             Form::Even(..) => {
                 let section = smoothed(section).into_owned();
@@ -165,6 +177,19 @@ impl Walls {
             }
         }
         self.seconds += watch.seconds();
+        Ok(())
+    }
+
+    /// Takes sections that are now part of the surface.
+    fn accept(&mut self, sections: Vec<Section>) -> Result<(), GenerateError> {
+        match &mut self.form {
+            Form::Streamed(lofter, stream) => {
+                if stream.accept(sections) {
+                    stream.process(&lofter.take())?;
+                }
+            }
+            _ => self.sections.extend(sections),
+        }
         Ok(())
     }
 
@@ -187,22 +212,24 @@ impl Walls {
     /// Closes the surface; that of the lumen, too, with `lids`, unless [`crate::mesh::regions`] can do so. `watch` is told the
     /// fraction that is done, and says whether to stop.
     pub(super) fn close(self, lids: bool, watch: &(dyn Fn(f64) -> bool + Sync)) -> Result<Closed, GenerateError> {
-        let time = Stopwatch::start();
-        // A smooth contour has two points for each particle.
-        let points = if self.smooth.is_some() { 2 } else { 1 };
-        let particles =
-            [&self.sections[0], &self.sections[self.sections.len() - 1]].map(|section| section.particles() / points);
-        let Remeshed { tissue, lids } = match self.form {
-            Form::Lofted(lofter) => Remeshed { tissue: lofter.finish().map_err(unsound)?, lids: None },
+        Ok(match self.form {
+            Form::Lofted(lofter) => {
+                let tissue = lofter.finish().map_err(unsound)?;
+                Closed::Whole(Whole { tissue, lids: None, sections: self.sections })
+            }
+            Form::Streamed(lofter, stream) => {
+                let last = lofter.end().map_err(unsound)?;
+                Closed::Streamed(Box::new(stream.finish(&last)?))
+            }
             Form::Even(quality, sections) => {
-                remesh(&sections, &Quality { lids, ..quality }, watch).map_err(|error| match error {
+                let closed = remesh(&sections, &Quality { lids, ..quality }, watch);
+                let Remeshed { tissue, lids } = closed.map_err(|error| match error {
                     RemeshError::Stopped => GenerateError::Cancelled,
                     error => GenerateError::Certificate { detail: error.to_string() },
-                })?
+                })?;
+                Closed::Whole(Whole { tissue, lids, sections: self.sections })
             }
-        };
-        let seconds = self.seconds + time.seconds();
-        Ok(Closed { tissue, lids, sections: self.sections, particles, flipped: self.flipped, seconds })
+        })
     }
 }
 

@@ -36,32 +36,75 @@ pub fn patch_geometry(mesh: &Mesh, patch: &Patch) -> PatchGeometry {
 /// If an index is out of bounds.
 #[must_use]
 pub fn part_geometry(positions: &[[f32; 3]], source: &[[u32; 3]]) -> PatchGeometry {
-    const UNUSED: u32 = u32::MAX;
-    let mut local_of = vec![UNUSED; positions.len()];
     // A surface has about half as many vertices as triangles.
     let expected = positions.len().min(source.len() / 2 + source.len() / 16 + 3);
+    let mut numbering = Numbering::default();
+    numbering.advance(0, positions.len());
     let mut vertices = Vec::with_capacity(expected);
     let mut sums: Vec<[f64; 3]> = Vec::with_capacity(expected);
     let mut triangles = Vec::with_capacity(source.len());
     for triangle in source {
         let normal = doubled_area_normal(triangle.map(|v| positions[v as usize]));
         let local = triangle.map(|v| {
-            let slot = &mut local_of[v as usize];
-            if *slot == UNUSED {
-                *slot = vertices.len() as u32;
+            let (local, is_new) = numbering.number(v);
+            if is_new {
                 vertices.push(v);
                 sums.push([0.0; 3]);
             }
-            let sum = &mut sums[*slot as usize];
-            for axis in 0..3 {
-                sum[axis] += normal[axis];
-            }
-            *slot
+            add(&mut sums[local as usize], normal);
+            local
         });
         triangles.push(local);
     }
     let normals = sums.into_iter().map(unit).collect();
     PatchGeometry { vertices, normals, triangles }
+}
+
+/// Numbers the vertices of a patch in the order of their first use.
+#[derive(Debug, Default)]
+pub(crate) struct Numbering {
+    /// Vertices before it are no longer in use.
+    first: u32,
+    /// The number of each vertex from `first` on, or [`Self::UNUSED`].
+    numbers: Vec<u32>,
+    count: u32,
+}
+
+impl Numbering {
+    const UNUSED: u32 = u32::MAX;
+
+    /// From now on `count` vertices from `first` on may be used; `first` is never less than before.
+    pub(crate) fn advance(&mut self, first: u32, count: usize) {
+        let done = (first - self.first) as usize;
+        self.numbers.drain(..done.min(self.numbers.len()));
+        self.numbers.resize(self.numbers.len().max(count), Self::UNUSED);
+        self.first = first;
+    }
+
+    /// The number of a vertex, and whether this is its first use.
+    #[inline]
+    pub(crate) fn number(&mut self, vertex: u32) -> (u32, bool) {
+        let number = &mut self.numbers[(vertex - self.first) as usize];
+        let is_new = *number == Self::UNUSED;
+        if is_new {
+            *number = self.count;
+            self.count += 1;
+        }
+        (*number, is_new)
+    }
+
+    /// How many vertices have a number.
+    pub(crate) fn count(&self) -> u32 {
+        self.count
+    }
+}
+
+/// Adds `part` to `sum`.
+#[inline]
+pub(crate) fn add(sum: &mut [f64; 3], part: [f64; 3]) {
+    for (sum, part) in sum.iter_mut().zip(part) {
+        *sum += part;
+    }
 }
 
 /// Normal of a triangle with the length of twice its area.
@@ -73,7 +116,7 @@ pub(crate) fn doubled_area_normal(corners: [[f32; 3]; 3]) -> [f64; 3] {
 }
 
 /// `v` scaled to length 1; the z axis if `v` is zero.
-fn unit(v: [f64; 3]) -> [f32; 3] {
+pub(crate) fn unit(v: [f64; 3]) -> [f32; 3] {
     let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
     if length.is_normal() { v.map(|x| (x / length) as f32) } else { [0.0, 0.0, 1.0] }
 }
@@ -113,6 +156,18 @@ mod tests {
         for (found, expected) in normal.iter().zip([0.0, 1.0 / scale, 4.0 / scale]) {
             assert!((found - expected).abs() < 1e-6, "{normal:?}");
         }
+    }
+
+    #[test]
+    fn numbers_go_on_where_vertices_are_dropped() {
+        let mut numbering = Numbering::default();
+        numbering.advance(0, 3);
+        assert_eq!([2, 0, 2].map(|v| numbering.number(v)), [(0, true), (1, true), (0, false)]);
+        numbering.advance(2, 2);
+        assert_eq!([3, 2].map(|v| numbering.number(v)), [(2, true), (0, false)]);
+        numbering.advance(9, 2);
+        assert_eq!([9, 10].map(|v| numbering.number(v)), [(3, true), (4, true)]);
+        assert_eq!(numbering.count(), 5);
     }
 
     proptest! {

@@ -87,7 +87,8 @@ pub(super) fn cost(request: &ModelRequest, spec: &ModelSpec) -> Cost {
 }
 
 pub(super) fn too_much(cost: &Cost, over: &[OverLimit]) -> Problem {
-    let errors = over.iter().map(|o| Fault::at("/spec", o.to_string())).collect();
+    let place = |over: &OverLimit| if over.quantity == "glb" { "/outputs" } else { "/spec" };
+    let errors = over.iter().map(|o| Fault::at(place(o), o.to_string())).collect();
     let detail = over.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
     let limits: serde_json::Map<_, _> = over.iter().map(|o| (o.quantity.clone(), o.limit.into())).collect();
     Problem::new(Kind::CostLimit, detail)

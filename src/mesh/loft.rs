@@ -12,8 +12,13 @@ use super::slab::{Rim, Slab};
 use crate::geometry::blocks::Blocks;
 use crate::geometry::polygon::{ContourError, check_contour, check_nested};
 use crate::geometry::triangulate::annulus;
-use crate::model::{BodyKind, Mesh, Patch, PatchKind, Ring, Section};
+use crate::model::{BodyKind, Mesh, Patch, Ring, Section};
 
+/// Places of the patches in [`Part::patches`].
+const INNER_WALL: usize = 0;
+const OUTER_WALL: usize = 1;
+const CAP_ISTHMUS: usize = 2;
+const CAP_AMPULLA: usize = 3;
 /// Greatest number of times that the interval between two steps is halved.
 const DEEPEST: u32 = 12;
 
@@ -35,12 +40,32 @@ pub struct Lofter {
     front: Front,
     /// The slab below the front, not yet emitted: the next slab may still refine its upper rim.
     below: Option<Below>,
-    positions: Vec<[f32; 3]>,
-    inner_wall: Vec<[u32; 3]>,
-    outer_wall: Vec<[u32; 3]>,
-    isthmus: Option<(Rim, Vec<u32>)>,
+    /// What is finished and has not been taken.
+    finished: Part,
     /// Most vertices that the surface may have.
     most: usize,
+}
+
+/// A finished part of a surface; see [`Lofter::take`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Part {
+    /// Number of the first of `positions`: vertices are numbered on from part to part.
+    pub first_vertex: u32,
+    /// Vertices, metres.
+    pub positions: Vec<[f32; 3]>,
+    /// Triangles of each patch of the tissue, in their order.
+    pub patches: [Vec<[u32; 3]>; 4],
+    /// No later triangle names a vertex below this number.
+    pub retired_vertices: u32,
+    /// No later triangle has a corner below this z.
+    pub retired_z: f32,
+}
+
+impl Part {
+    /// Number of the next vertex.
+    fn end(&self) -> u32 {
+        self.first_vertex + self.positions.len() as u32
+    }
 }
 
 /// The upper rim of the surface so far; the next slab starts here.
@@ -49,7 +74,7 @@ struct Front {
     rim: Rim,
     /// Stable ids of the inner and of the outer ring, in the order of the rim.
     ids: [Vec<u32>; 2],
-    /// Index of each rim point in the positions.
+    /// Number of the vertex of each rim point.
     vertices: Vec<u32>,
     /// Place along the tube in metres.
     z: f32,
@@ -60,8 +85,10 @@ struct Below {
     slab: Slab,
     /// Boxes of its cells.
     blocks: Blocks,
-    /// Index of each point of the lower rim in the positions.
+    /// Number of the vertex of each point of the lower rim.
     vertices: Vec<u32>,
+    /// Place of the lower rim along the tube in metres.
+    z: f32,
 }
 
 /// A slab that has passed all tests.
@@ -111,10 +138,7 @@ impl Lofter {
             },
             section: first,
             below: None,
-            positions,
-            inner_wall: Vec::new(),
-            outer_wall: Vec::new(),
-            isthmus: None,
+            finished: Part { positions, retired_z: z, ..Part::default() },
             most: u32::MAX as usize,
         })
     }
@@ -159,35 +183,52 @@ impl Lofter {
         }
     }
 
+    /// The slabs that are finished and have not been taken, for surfaces that are not kept in memory. The newest slab is not
+    /// among them: the next one may still refine its upper rim.
+    pub fn take(&mut self) -> Part {
+        let (retired_vertices, retired_z) = match &self.below {
+            // Vertices that refine a rim come after those of the rim.
+            Some(below) => (below.vertices[0], below.z),
+            None => (0, self.front.z),
+        };
+        let next = Part { first_vertex: self.finished.end(), ..Part::default() };
+        Part { retired_vertices, retired_z, ..std::mem::replace(&mut self.finished, next) }
+    }
+
+    /// Closes the ends, and gives what has not been taken.
+    ///
+    /// # Errors
+    /// [`LoftError::NoSlab`] with one section only, [`LoftError::Cap`] if the end at the ampulla cannot be closed.
+    pub fn end(mut self) -> Result<Part, LoftError> {
+        let below = self.below.take().ok_or(LoftError::NoSlab)?;
+        self.emit(&below.slab, &below.vertices, &self.front.vertices.clone());
+        self.finished.patches[CAP_AMPULLA] = cap(&self.front.rim, &self.front.vertices, "ampulla")?;
+        Ok(Part { retired_vertices: self.finished.end(), retired_z: self.front.z, ..self.finished })
+    }
+
     /// Closes the ends. Vertices are numbered section by section; the patches are `inner_wall`,
     /// `outer_wall`, `cap_isthmus`, `cap_ampulla`, the walls slab by slab in the order of the rings.
     ///
     /// # Errors
-    /// [`LoftError::NoSlab`] with one section only, [`LoftError::Cap`] if an end cannot be closed.
-    pub fn finish(mut self) -> Result<Mesh, LoftError> {
-        let below = self.below.take().ok_or(LoftError::NoSlab)?;
-        self.emit(&below.slab, &below.vertices, &self.front.vertices.clone());
-        let (rim, vertices) = self.isthmus.take().ok_or(LoftError::NoSlab)?;
-        let mut isthmus = cap(&rim, &vertices, "isthmus")?;
-        isthmus.iter_mut().for_each(|t| t.swap(1, 2));
-        let ampulla = cap(&self.front.rim, &self.front.vertices, "ampulla")?;
-        let mut triangles = self.inner_wall;
-        let mut patches = Vec::with_capacity(4);
-        let mut patch = |kind, from: usize, to: usize| {
-            patches.push(Patch { kind, triangles: from..to });
-        };
-        let mut from = triangles.len();
-        patch(PatchKind::InnerWall, 0, from);
-        for (kind, part) in [
-            (PatchKind::OuterWall, self.outer_wall),
-            (PatchKind::CapIsthmus, isthmus),
-            (PatchKind::CapAmpulla, ampulla),
-        ] {
-            triangles.extend_from_slice(&part);
-            patch(kind, from, triangles.len());
-            from = triangles.len();
+    /// As [`Lofter::end`].
+    ///
+    /// # Panics
+    /// If a part of the surface has been taken.
+    pub fn finish(self) -> Result<Mesh, LoftError> {
+        let Part { first_vertex, positions, patches: parts, .. } = self.end()?;
+        assert_eq!(first_vertex, 0, "a part of the surface has been taken");
+        let body = BodyKind::Tissue;
+        let (mut triangles, mut patches) = (Vec::new(), Vec::with_capacity(parts.len()));
+        for (&kind, part) in body.patches().iter().zip(parts) {
+            let from = triangles.len();
+            if from == 0 {
+                triangles = part;
+            } else {
+                triangles.extend_from_slice(&part);
+            }
+            patches.push(Patch { kind, triangles: from..triangles.len() });
         }
-        Ok(Mesh { body: BodyKind::Tissue, positions: self.positions, triangles, patches })
+        Ok(Mesh { body, positions, triangles, patches })
     }
 
     /// Adds the slabs up to the last section of `history`, with sections in between if walls meet.
@@ -277,7 +318,7 @@ impl Lofter {
     fn accept(&mut self, attempt: Attempt) -> Result<(), LoftError> {
         let Attempt { new_after, below, slab, blocks, ids, z, .. } = attempt;
         let added = slab.lower.len() - self.front.rim.len() + slab.upper.len();
-        if self.positions.len() + added > self.most {
+        if self.finished.end() as usize + added > self.most {
             return Err(LoftError::TooLarge { most: self.most });
         }
         let mut lower = Vec::with_capacity(slab.lower.len());
@@ -285,19 +326,24 @@ impl Lofter {
             lower.push(vertex);
             for _ in 0..count {
                 let p = slab.lower.points[lower.len()];
-                lower.push(self.positions.len() as u32);
-                self.positions.push([p[0], p[1], self.front.z]);
+                lower.push(self.finished.end());
+                self.finished.positions.push([p[0], p[1], self.front.z]);
             }
         }
         match (below, self.below.take()) {
             (Some(refined), Some(below)) => self.emit(&refined, &below.vertices, &lower),
-            _ => self.isthmus = Some((slab.lower.clone(), lower.clone())),
+            _ => {
+                let mut isthmus = cap(&slab.lower, &lower, "isthmus")?;
+                isthmus.iter_mut().for_each(|t| t.swap(1, 2));
+                self.finished.patches[CAP_ISTHMUS] = isthmus;
+            }
         }
-        let first = self.positions.len() as u32;
-        self.positions.extend(slab.upper.points.iter().map(|p| [p[0], p[1], z]));
-        self.front =
-            Front { rim: slab.upper.clone(), ids, vertices: (first..self.positions.len() as u32).collect(), z };
-        self.below = Some(Below { slab, blocks, vertices: lower });
+        let first = self.finished.end();
+        self.finished.positions.extend(slab.upper.points.iter().map(|p| [p[0], p[1], z]));
+        let vertices = (first..self.finished.end()).collect();
+        let front = Front { rim: slab.upper.clone(), ids, vertices, z };
+        let below = std::mem::replace(&mut self.front, front);
+        self.below = Some(Below { slab, blocks, vertices: lower, z: below.z });
         Ok(())
     }
 
@@ -311,9 +357,9 @@ impl Lofter {
             for k in 0..=slab.edges(cell) {
                 let [a, b, c] = slab.triangle(cell, k, slab.diagonals[cell]).map(index);
                 if cell < slab.lower.inner {
-                    self.inner_wall.push([a, c, b]);
+                    self.finished.patches[INNER_WALL].push([a, c, b]);
                 } else {
-                    self.outer_wall.push([a, b, c]);
+                    self.finished.patches[OUTER_WALL].push([a, b, c]);
                 }
             }
         }

@@ -28,4 +28,4 @@ mod tests;
 pub use bodies::{lumen, regions};
 pub use draft::draft;
 pub use error::{LoftError, Wall};
-pub use loft::{Accepted, Lofter};
+pub use loft::{Accepted, Lofter, Part};

@@ -40,6 +40,13 @@ const VERTEX_BYTES: u64 = 48;
 const TRIANGLE_BYTES: u64 = 100;
 /// Memory per triangle to make levels of detail: adjacency and errors of the simplifier; measured on the default model.
 const SIMPLIFICATION_BYTES: u64 = 92;
+/// A streamed surface: points of sections that are processed together (`generate::stream::BATCH_POINTS`), and memory per point of
+/// these and of the sections that are kept until later ones have come. Measured with 8,300 to 100,000 particles.
+const BATCH_POINTS: u64 = 1 << 18;
+const SECTIONS_AT_A_TIME: u64 = 4;
+const STREAM_BYTES: u64 = 700;
+/// Memory per section of a streamed surface: its measures and its places in files.
+const STREAM_SECTION_BYTES: u64 = 4096;
 /// Memory per particle and step since the last recorded section, which are kept to mend the slab: the section and, on a
 /// GPU, the state of a checkpoint.
 const HISTORY_BYTES: u64 = 64;
@@ -188,6 +195,13 @@ impl ModelSpec {
         } else {
             u64::from(particles_end) * u64::from(self.solver.record_every.min(self.steps)) * HISTORY_BYTES
         };
+        let whole = vertices * VERTEX_BYTES + triangles * TRIANGLE_BYTES;
+        let surface = if self.is_streamed(outputs) {
+            let points = BATCH_POINTS + u64::from(particles_end) * SECTIONS_AT_A_TIME;
+            whole.min(points * STREAM_BYTES + u64::from(sections) * STREAM_SECTION_BYTES)
+        } else {
+            whole
+        };
         Cost {
             particles_end,
             sections,
@@ -195,8 +209,7 @@ impl ModelSpec {
             triangles,
             bytes,
             memory_bytes: BASE_BYTES
-                + vertices * VERTEX_BYTES
-                + triangles * TRIANGLE_BYTES
+                + surface
                 + history
                 + simplification
                 + if needs_lumen { (vertices + triangles) * BODIES_BYTES } else { 0 }
@@ -208,6 +221,14 @@ impl ModelSpec {
                 self.seconds(triangles, has("lod"), more + labels.map_or(0.0, |labels| labels.seconds))
             },
         }
+    }
+
+    /// Whether the surface is streamed for these outputs, named as for [`Self::cost`]: it is lofted, and none needs the whole
+    /// of it.
+    #[must_use]
+    pub fn is_streamed(&self, outputs: &[&str]) -> bool {
+        let needs_whole = |name: &&str| ["lumen", "regions", "lod", "labels"].contains(name);
+        self.mesh.resolution_um == 0.0 && !self.mesh.strips && !outputs.iter().any(needs_whole)
     }
 
     fn counts(&self) -> Counts {
@@ -406,6 +427,25 @@ mod tests {
         });
         let over = Limits::default().check(&spec(&sparse).cost(&[])).unwrap_err();
         assert!(over.iter().any(|o| o.quantity == "memory"), "{over:?}");
+    }
+
+    #[test]
+    fn a_streamed_surface_takes_memory_for_a_window() {
+        let grown = spec(&json!({
+            "burn_in": 2000, "wall": { "lobing": 0.01 }, "solver": { "record_every": 1 }, "particles": {
+                "total": { "keys": [[0, 8555], [0.2125, 14_159], [1, 100_000]] },
+                "outer": { "keys": [[0, 1326], [1, 3615]] } },
+        }));
+        assert!(grown.is_streamed(&["ply", "centreline"]) && !grown.is_streamed(&["ply", "lod"]));
+        let (streamed, whole) = (grown.cost(&["ply"]), grown.cost(&["ply", "lod"]));
+        assert!(streamed.triangles > 150_000_000, "100 times the paper's: {}", streamed.triangles);
+        assert!(streamed.memory_bytes < 2 << 30 && whole.memory_bytes > 16 << 30, "{streamed:?} {whole:?}");
+        // A surface smaller than the window takes no more than in memory.
+        let small = spec(&json!({}));
+        assert!(small.cost(&["glb"]).memory_bytes <= small.cost(&["glb", "lumen"]).memory_bytes);
+        for whole in [json!({ "mesh": { "strips": true } }), json!({ "mesh": { "resolution_um": 40 } })] {
+            assert!(!spec(&whole).is_streamed(&["glb"]), "{whole}");
+        }
     }
 
     #[test]

@@ -3,6 +3,9 @@
 use super::cost::Cost;
 use serde::{Deserialize, Serialize};
 
+/// Most bytes of a GLB file, whose length is a 32-bit number.
+const MOST_GLB_BYTES: u64 = u32::MAX as u64;
+
 /// Limits of one model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -28,7 +31,7 @@ impl Default for Limits {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error, utoipa::ToSchema)]
 #[error("the model would take about {predicted:.0} {unit} ({quantity}); the limit is {limit:.0}; {}", levers(.quantity))]
 pub struct OverLimit {
-    /// What is limited: `seconds`, `memory`, `vertices` or `output`.
+    /// What is limited: `seconds`, `memory`, `vertices`, `output`, or `glb`, a file of at most 4 GiB.
     pub quantity: String,
     /// The prediction.
     pub predicted: f64,
@@ -43,7 +46,12 @@ fn levers(quantity: &str) -> &'static str {
     match quantity {
         "memory" => {
             "reduce /steps or /particles/total, change /solver/record_every, make a shorter /piece, or, for an even surface, raise \
-             /mesh/resolution_um and /mesh/tolerance_um, or, for output labels, raise /labels/voxel_um"
+             /mesh/resolution_um and /mesh/tolerance_um, or, for output labels, raise /labels/voxel_um; or ask for no output that \
+             needs the whole surface (lod, labels, lumen, regions, strips, an even surface)"
+        }
+        "glb" => {
+            "ask for gltf (which has its data in a file of its own), vtp, ply, stl or obj instead of glb, reduce /steps or \
+             /particles/total, raise /solver/record_every, or make a shorter /piece"
         }
         "vertices" => {
             "reduce /steps or /particles/total, raise /solver/record_every, make a shorter /piece, or, for an even surface, raise \
@@ -53,6 +61,24 @@ fn levers(quantity: &str) -> &'static str {
             "reduce /steps or /particles/total, raise /solver/record_every, make a shorter /piece, or, for an even surface, raise \
              /mesh/resolution_um and /mesh/tolerance_um, or, for output labels, raise /labels/voxel_um or /labels/slice_um"
         }
+    }
+}
+
+impl Cost {
+    /// Checks that the files of one body do not exceed what their formats hold.
+    ///
+    /// # Errors
+    /// The limit that is exceeded.
+    pub fn check_formats(&self) -> Result<(), OverLimit> {
+        // Of several bodies none is larger than the tissue.
+        let tissue = 24 * self.vertices + 12 * self.triangles;
+        let predicted = self.bytes.get("glb").map_or(0, |bytes| tissue.min(*bytes));
+        if predicted <= MOST_GLB_BYTES {
+            return Ok(());
+        }
+        #[expect(clippy::cast_precision_loss, reason = "shown, not counted with")]
+        let [predicted, limit] = [predicted, MOST_GLB_BYTES].map(|bytes| bytes as f64);
+        Err(OverLimit { quantity: "glb".to_owned(), predicted, limit, unit: "bytes".to_owned() })
     }
 }
 
@@ -80,6 +106,7 @@ impl Limits {
             limit,
             unit: unit.to_owned(),
         })
+        .chain(cost.check_formats().err())
         .collect();
         if over.is_empty() { Ok(()) } else { Err(over) }
     }
@@ -113,12 +140,33 @@ mod tests {
     }
 
     #[test]
+    fn a_glb_beyond_4_gib_is_refused_and_other_formats_are_not() {
+        let patch = json!({ "steps": 20_000, "solver": { "record_every": 1 }, "particles": { "total": { "keys": [[0, 710], [1, 20_000]] } } });
+        let spec = ModelSpec::resolve(preset("paper").unwrap(), &patch).unwrap();
+        let boundless = Limits {
+            max_cost_seconds: f64::INFINITY,
+            max_memory_bytes: u64::MAX,
+            max_vertices: u64::MAX,
+            max_output_bytes: u64::MAX,
+        };
+        let over = boundless.check(&spec.cost(&["glb", "vtp"])).unwrap_err();
+        assert_eq!((over.len(), &*over[0].quantity, over[0].limit), (1, "glb", 4_294_967_295.0));
+        assert!(over[0].to_string().contains("ask for gltf"), "{}", over[0]);
+        assert_eq!(boundless.check(&spec.cost(&["gltf", "vtp", "ply", "stl", "obj", "lod"])), Ok(()));
+        let strips = json!({ "mesh": { "strips": true }, "steps": 12_000 });
+        let mut merged = patch;
+        json_patch::merge(&mut merged, &strips);
+        let spec = ModelSpec::resolve(preset("paper").unwrap(), &merged).unwrap();
+        assert_eq!(boundless.check(&spec.cost(&["glb"])), Ok(()), "strips take less");
+    }
+
+    #[test]
     fn a_giant_within_the_bounds_of_the_table_is_over_the_limits() {
         let patch = json!({
             "steps": 100_000, "solver": { "record_every": 1 }, "length_mm": 1000,
             "particles": { "total": 200_000, "outer": 1000 }, "wall": { "lobing": 0 },
         });
-        let cost = ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap().cost(&["obj"]);
+        let cost = ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap().cost(&["obj", "lod"]);
         assert_eq!(Limits::default().check(&cost).unwrap_err().len(), 4);
     }
 }

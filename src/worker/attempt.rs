@@ -236,7 +236,8 @@ impl<'a> Attempt<'a> {
 
     /// Starts the generation on the CPU, from the checkpoint that an earlier attempt left.
     async fn generate_on(&mut self, cpu: &Cpu, permit: OwnedSemaphorePermit) -> Result<Generation, Ending> {
-        let checkpoint = self.lease.hold(&self.claim, &self.sink.progress, self.checkpoints.load()).await?;
+        let checkpoint = self.checkpoints.load(self.dir.path());
+        let checkpoint = self.lease.hold(&self.claim, &self.sink.progress, checkpoint).await?;
         let backend = self.claim.report.used.unwrap_or_default();
         let task = Task { checkpoint, ..self.task() };
         Ok(cpu.generate(Arc::clone(&self.context.generator), backend, task, permit))

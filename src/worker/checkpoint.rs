@@ -8,12 +8,17 @@ use super::context::Context;
 use crate::clock::Stopwatch;
 use crate::jobs::artifacts::{self, ArtifactError};
 use crate::jobs::{ClaimedJob, StoreError};
-use bytes::Bytes;
 use std::convert::Infallible;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
+use tempfile::TempPath;
 use tokio::sync::Notify;
 
+/// Name of the file of the checkpoint that an attempt resumes from.
+const NAME: &str = "resumed.checkpoint";
+/// Storing checkpoints takes at most one part in so many of the time.
+const SHARE: u32 = 10;
 /// Tries to read a checkpoint before the job starts from the beginning.
 const TRIES: u32 = 3;
 
@@ -31,14 +36,24 @@ struct State {
     /// Since the last checkpoint, or the start.
     since: Stopwatch,
     /// A checkpoint that has not been fetched yet.
-    checkpoint: Option<Vec<u8>>,
+    checkpoint: Option<Saved>,
     /// Whether one is wanted at once.
     requested: bool,
+    /// How long it took to store the last one.
+    cost: Duration,
+}
+
+/// A checkpoint on its way to the artifact store.
+#[derive(Debug)]
+pub(super) enum Saved {
+    /// In a file, which is removed when this is dropped.
+    File(TempPath),
+    Bytes(Vec<u8>),
 }
 
 impl Mailbox {
     pub(super) fn new(every: Option<Duration>) -> Self {
-        let state = State { since: Stopwatch::start(), checkpoint: None, requested: false };
+        let state = State { since: Stopwatch::start(), checkpoint: None, requested: false, cost: Duration::ZERO };
         Self { state: Mutex::new(state), every, arrived: Notify::new() }
     }
 
@@ -57,13 +72,21 @@ impl Mailbox {
         let Some(every) = self.every else { return false };
         let state = self.state();
         // One that has not been fetched yet goes first.
-        state.requested || (state.checkpoint.is_none() && state.since.elapsed() >= every)
+        state.requested || (state.checkpoint.is_none() && state.since.elapsed() >= every.max(state.cost * SHARE))
     }
 
     /// Leaves a checkpoint to be stored.
-    pub(super) fn put(&self, bytes: Vec<u8>) {
-        *self.state() = State { since: Stopwatch::start(), checkpoint: Some(bytes), requested: false };
+    pub(super) fn put(&self, checkpoint: Saved) {
+        let mut state = self.state();
+        state.since = Stopwatch::start();
+        state.checkpoint = Some(checkpoint);
+        state.requested = false;
         self.arrived.notify_one();
+    }
+
+    /// The checkpoint that was fetched last has been stored, which took so long.
+    fn stored(&self, cost: Duration) {
+        self.state().cost = cost;
     }
 
     /// The generation starts from the beginning.
@@ -72,11 +95,11 @@ impl Mailbox {
     }
 
     /// Waits for the next checkpoint.
-    async fn next(&self) -> Vec<u8> {
+    async fn next(&self) -> Saved {
         loop {
             let arrived = self.arrived.notified();
-            if let Some(bytes) = self.state().checkpoint.take() {
-                return bytes;
+            if let Some(checkpoint) = self.state().checkpoint.take() {
+                return checkpoint;
             }
             arrived.await;
         }
@@ -100,13 +123,14 @@ impl<'a> Checkpoints<'a> {
         Self { context, named: claimed.job().checkpoint.clone(), count: 0 }
     }
 
-    /// The checkpoint that an earlier attempt left.
-    pub(super) async fn load(&self) -> Option<Bytes> {
+    /// Copies the checkpoint that an earlier attempt left to a file in `dir`.
+    pub(super) async fn load(&self, dir: &Path) -> Option<PathBuf> {
         let key = self.named.as_deref()?;
+        let path = dir.join(NAME);
         let mut wait = Duration::from_millis(500);
         for tries in 1..=TRIES {
-            match self.context.artifacts.read_all(key).await {
-                Ok(bytes) => return Some(bytes),
+            match self.context.artifacts.get_file(key, &path).await {
+                Ok(()) => return Some(path),
                 Err(error @ ArtifactError::NotFound { .. }) => {
                     tracing::warn!(%error, "the checkpoint is gone; the model is grown from the beginning");
                     return None;
@@ -130,12 +154,13 @@ impl<'a> Checkpoints<'a> {
 
     /// Stores the next checkpoint.
     pub(super) async fn store_next(&mut self, claimed: &ClaimedJob, mailbox: &Mailbox) {
-        let bytes = mailbox.next().await;
-        let size = bytes.len();
-        match self.store(claimed, bytes.into()).await {
-            Ok(()) => {
+        let checkpoint = mailbox.next().await;
+        let watch = Stopwatch::start();
+        match self.store(claimed, checkpoint).await {
+            Ok(bytes) => {
+                mailbox.stored(watch.elapsed());
                 self.context.options.metrics.checkpoint();
-                tracing::info!(bytes = size, "checkpoint stored");
+                tracing::info!(bytes, "checkpoint stored");
             }
             // Logged once, at the start of the outage.
             Err(ArtifactError::Store(cause)) => self.context.storage.write_failed(&cause),
@@ -143,12 +168,19 @@ impl<'a> Checkpoints<'a> {
         }
     }
 
-    async fn store(&mut self, claimed: &ClaimedJob, bytes: Bytes) -> Result<(), ArtifactError> {
+    /// Stores a checkpoint and has the record name it; returns its size.
+    async fn store(&mut self, claimed: &ClaimedJob, checkpoint: Saved) -> Result<u64, ArtifactError> {
         self.count += 1;
         let name = format!("checkpoint-{}", self.count);
         let key = artifacts::key(claimed.job().id, claimed.attempt(), &name);
-        let size = bytes.len() as u64;
-        self.context.artifacts.put_bytes(&key, bytes).await?;
+        let size = match checkpoint {
+            Saved::File(path) => self.context.artifacts.put_file(&key, &path).await?.bytes,
+            Saved::Bytes(bytes) => {
+                let size = bytes.len() as u64;
+                self.context.artifacts.put_bytes(&key, bytes.into()).await?;
+                size
+            }
+        };
         self.context.options.metrics.bytes_in(size);
         match self.context.store.set_checkpoint(claimed, &key).await {
             Ok(before) => {
@@ -156,7 +188,7 @@ impl<'a> Checkpoints<'a> {
                 if let Some(before) = before {
                     self.remove(before).await;
                 }
-                Ok(())
+                Ok(size)
             }
             Err(StoreError::Fenced) => {
                 self.remove(key).await;
@@ -185,6 +217,10 @@ impl<'a> Checkpoints<'a> {
 mod tests {
     use super::*;
 
+    fn some() -> Saved {
+        Saved::Bytes(vec![1])
+    }
+
     #[tokio::test]
     async fn checkpoints_are_taken_when_due_or_requested() {
         let never = Mailbox::new(None);
@@ -194,14 +230,18 @@ mod tests {
         assert!(!hourly.wants());
         hourly.request();
         assert!(hourly.wants());
-        hourly.put(vec![1]);
+        hourly.put(some());
         assert!(!hourly.wants());
-        assert_eq!(hourly.next().await, [1]);
+        assert!(matches!(hourly.next().await, Saved::Bytes(bytes) if bytes == [1]));
         let always = Mailbox::new(Some(Duration::ZERO));
         assert!(always.wants());
-        always.put(vec![2]);
+        always.put(some());
         assert!(!always.wants(), "the last one has not been fetched yet");
-        assert_eq!(always.next().await, [2]);
+        always.next().await;
+        assert!(always.wants());
+        always.stored(Duration::from_secs(60));
+        assert!(!always.wants(), "storing takes a minute");
+        always.request();
         assert!(always.wants());
     }
 }

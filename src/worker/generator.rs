@@ -12,12 +12,12 @@ pub struct Work<'a> {
     pub job: &'a Job,
     /// The backend to use; never `auto`.
     pub backend: Backend,
-    /// Existing, empty directory that the files are written to.
+    /// Existing directory that the files are written to.
     pub dir: &'a Path,
     /// Most memory to use, bytes.
     pub memory_limit_bytes: Option<u64>,
     /// The checkpoint that an earlier attempt left with [`Sink::checkpoint`]; resumed from if it can be used.
-    pub checkpoint: Option<&'a [u8]>,
+    pub checkpoint: Option<&'a Path>,
 }
 
 /// Why a generation gave no model.

@@ -3,13 +3,14 @@
 //! The generating thread only leaves the newest state here and the heartbeat fetches it at its own pace, so a generation never
 //! waits for the store.
 
-use super::checkpoint::Mailbox;
+use super::checkpoint::{Mailbox, Saved};
 use crate::fit::{FitProgress, FitSink, FitStage};
 use crate::generate::{CancelToken, Progress, Sink, Stage};
 use crate::jobs::fault::{Faults, Injected};
 use crate::jobs::{JobProgress, LiveSection};
 use crate::model::{Ring, Section};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use tempfile::TempPath;
 use tracing::Span;
 
 /// Most points of a thinned ring.
@@ -196,8 +197,8 @@ impl Sink for AttemptSink {
         self.checkpoints.wants()
     }
 
-    fn checkpoint(&self, bytes: Vec<u8>) {
-        self.checkpoints.put(bytes);
+    fn checkpoint(&self, file: TempPath) {
+        self.checkpoints.put(Saved::File(file));
     }
 }
 
@@ -219,7 +220,7 @@ impl FitSink for AttemptSink {
     }
 
     fn checkpoint(&self, bytes: Vec<u8>) {
-        self.checkpoints.put(bytes);
+        self.checkpoints.put(Saved::Bytes(bytes));
     }
 }
 

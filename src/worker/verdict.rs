@@ -57,6 +57,7 @@ pub(super) fn of_error(error: &WorkError) -> Verdict {
             GenerateError::Memory { .. } => {
                 Verdict::Fail(problem("memory", "The model needs more memory than allowed", detail))
             }
+            GenerateError::Format { .. } => Verdict::Fail(problem("format", "A file cannot hold the model", detail)),
             GenerateError::Backend { .. } => Verdict::Fail(problem("backend", "The backend is not available", detail)),
             GenerateError::Gpu(_) => Verdict::Fail(of_gpu(detail)),
             GenerateError::Panic { detail } => Verdict::Fail(panicked(detail.clone())),

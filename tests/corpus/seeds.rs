@@ -9,7 +9,7 @@ use oviduct::export::sections_bin::write_sections;
 use oviduct::export::stl::{write_ascii_stl, write_stl};
 use oviduct::export::vtp::write_vtp;
 use oviduct::export::{Metadata, Shape};
-use oviduct::generate::{Backend, CancelToken, Progress, Request, Sink, generate};
+use oviduct::generate::{Backend, CancelToken, Output, Progress, Request, Sink, generate};
 use oviduct::model::{BodyKind, Mesh, Patch, PatchKind, Section};
 use oviduct::sim::cpu::CpuSimulation;
 use oviduct::sim::{Plan, Simulator};
@@ -20,6 +20,7 @@ use std::fs;
 use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
+use tempfile::TempPath;
 
 /// Requests a checkpoint at one step, and stops there.
 struct StopAt {
@@ -40,8 +41,8 @@ impl Sink for StopAt {
         self.now.load(Ordering::Relaxed) >= self.step
     }
 
-    fn checkpoint(&self, bytes: Vec<u8>) {
-        *self.taken.lock().expect("no thread panics") = bytes;
+    fn checkpoint(&self, file: TempPath) {
+        *self.taken.lock().expect("no thread panics") = fs::read(file).expect("the checkpoint can be read");
         self.cancel.cancel();
     }
 }
@@ -90,6 +91,7 @@ fn simulations() -> Result<(), Box<dyn Error>> {
 }
 
 fn checkpoints() -> Result<(), Box<dyn Error>> {
+    let dir = tempfile::tempdir()?;
     for step in [1, 23] {
         let sink = StopAt { step, now: 0.into(), taken: Mutex::default(), cancel: CancelToken::default() };
         let request = Request {
@@ -97,8 +99,8 @@ fn checkpoints() -> Result<(), Box<dyn Error>> {
             spec: spec("lists")?,
             seed: 7,
             backend: Backend::CpuSingle,
-            outputs: Vec::new().into(),
-            dir: std::env::temp_dir(),
+            outputs: vec![Output::Lod].into(),
+            dir: dir.path().into(),
             memory_limit_bytes: None,
         };
         let _ = generate(&request, &sink, &sink.cancel);

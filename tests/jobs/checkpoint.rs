@@ -17,6 +17,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
+use tempfile::TempPath;
 
 fn spec() -> ModelSpec {
     let patch = serde_json::json!({
@@ -62,8 +63,8 @@ impl Sink for Pausing<'_> {
         self.steps.fetch_add(1, Ordering::Relaxed) == STEPS || self.sink.wants_checkpoint()
     }
 
-    fn checkpoint(&self, bytes: Vec<u8>) {
-        self.sink.checkpoint(bytes);
+    fn checkpoint(&self, file: TempPath) {
+        self.sink.checkpoint(file);
         while !self.cancel.is_cancelled() && !self.sink.wants_checkpoint() {
             std::thread::sleep(Duration::from_millis(5));
         }
@@ -80,9 +81,9 @@ fn generator(
         let pausing = Pausing { sink, cancel, steps: AtomicU32::new(0) };
         let sink = if pauses { &pausing } else { sink };
         Ok(match work.checkpoint {
-            Some(bytes) => {
+            Some(path) => {
                 resumed.fetch_add(1, Ordering::Relaxed);
-                resume(&request, Checkpoint::read(&request, bytes).unwrap(), sink, cancel)?
+                resume(&request, Checkpoint::open(&request, path).unwrap(), sink, cancel)?
             }
             None => generate(&request, sink, cancel)?,
         })

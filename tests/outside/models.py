@@ -73,6 +73,13 @@ def main(folder):
     assert of_paper_size(paper) == [], of_paper_size(paper)
     if paper["peak_rss_bytes"] is not None:
         assert paper["peak_rss_bytes"] < 400_000_000, f"{paper['peak_rss_bytes']} bytes at the peak"
+    # Ten times as many sections take little more memory: the surface is streamed.
+    many = generate(out("many"), "--preset", "paper", "--seed", "1", "--outputs", "vtp", "--units", "m",
+                    "--set", "solver.record_every=1", "--set", 'particles.total={"keys":[[0,710],[1,4000]]}')
+    assert many["triangles"] > 5 * paper["triangles"], many["triangles"]
+    if many["peak_rss_bytes"] is not None:
+        assert many["peak_rss_bytes"] < 1.2 * paper["peak_rss_bytes"], [many["peak_rss_bytes"], paper["peak_rss_bytes"]]
+    oviduct.run("check", "--euler", "0", out("many/model.vtp"))
     generate(out("pig"), "--seed", "7")
 
     models = [out(f"{name}/model.{kind}") for name, kind in

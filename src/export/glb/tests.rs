@@ -1,6 +1,7 @@
 //! The writer of GLB, checked with a reader of glTF and by its bytes.
 
 use super::*;
+use crate::export::Shape;
 use crate::export::tests::{meta, turned};
 use crate::model::{BodyKind, Mesh, sample};
 use std::collections::BTreeMap;
@@ -109,6 +110,14 @@ fn an_empty_mesh_is_refused() {
     let mesh = Mesh { body: BodyKind::Tissue, positions: vec![], triangles: vec![], patches: vec![] };
     let error = write_glb(&Shape::of(&mesh, &meta()), &GlbOptions::default(), &mut Vec::new()).unwrap_err();
     assert_eq!(error.kind(), io::ErrorKind::InvalidInput);
+}
+
+#[test]
+fn more_than_the_format_holds_is_refused_before_anything_is_written() {
+    let mut out = Vec::new();
+    let error = write_head(&json::Root::default(), 1 << 32, &mut out).unwrap_err();
+    assert_eq!((error.kind(), out.len()), (io::ErrorKind::InvalidInput, 0));
+    assert!(error.to_string().contains("4 GiB"), "{error}");
 }
 
 #[test]

@@ -92,6 +92,13 @@ fn an_unfinished_file_is_refused() {
 }
 
 #[test]
+fn the_number_of_sections_need_not_be_known() {
+    let mut writer = SectionsWriter::new(Vec::new(), &Metadata { sections: 0, ..meta() }).unwrap();
+    samples().iter().for_each(|section| writer.push(section).unwrap());
+    assert_eq!(writer.finish().unwrap(), file(&samples()));
+}
+
+#[test]
 fn a_ring_without_ids_is_refused() {
     let mut section = sample::section(5, 0.0, 0.0);
     section.outer.ids.pop();

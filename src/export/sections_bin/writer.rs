@@ -62,26 +62,46 @@ impl<W: Write> SectionsWriter<W> {
         self.out.write_all(&bytes)
     }
 
+    /// Bytes so far.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.out.bytes()
+    }
+
+    /// Flushes the output.
+    ///
+    /// # Errors
+    /// Those of the output.
+    pub fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
+    }
+
+    /// Index and trailer: what makes a whole file of the bytes so far.
+    #[must_use]
+    pub fn end(&self) -> Vec<u8> {
+        let mut end: Vec<u8> = self.entries.iter().flat_map(|entry| entry.to_bytes()).collect();
+        let mut trailer = Trailer {
+            index_offset: self.out.bytes(),
+            count: self.entries.len() as u64,
+            index_checksum: checksum(&end),
+            sha256: [0; 32],
+        };
+        end.extend_from_slice(&trailer.head_bytes());
+        trailer.sha256 = self.out.sha256_with(&end);
+        end.extend_from_slice(&trailer.sha256);
+        end.extend_from_slice(END_MAGIC);
+        end
+    }
+
     /// Writes index and trailer, flushes, and returns the output.
     ///
     /// # Errors
     /// Those of the output.
     pub fn finish(mut self) -> io::Result<W> {
-        let index: Vec<u8> = self.entries.iter().flat_map(|entry| entry.to_bytes()).collect();
-        let mut trailer = Trailer {
-            index_offset: self.out.bytes(),
-            count: self.entries.len() as u64,
-            index_checksum: checksum(&index),
-            sha256: [0; 32],
-        };
-        self.out.write_all(&index)?;
-        self.out.write_all(&trailer.head_bytes())?;
-        trailer.sha256 = self.out.sha256();
-        let (mut out, _) = self.out.finish();
-        out.write_all(&trailer.sha256)?;
-        out.write_all(END_MAGIC)?;
-        out.flush()?;
-        Ok(out)
+        let end = self.end();
+        self.out.write_all(&end)?;
+        self.out.flush()?;
+        Ok(self.out.finish().0)
     }
 }
 

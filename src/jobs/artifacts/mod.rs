@@ -244,6 +244,20 @@ impl Artifacts {
         Ok(self.store.get(&self.location(key).await?).await?.bytes().await?)
     }
 
+    /// Copies the whole file under `key` to `path`, which is replaced.
+    ///
+    /// # Errors
+    /// [`ArtifactError::NotFound`], [`ArtifactError::Link`], [`ArtifactError::Store`], [`ArtifactError::Scratch`].
+    pub async fn get_file(&self, key: &str, path: &Path) -> Result<(), ArtifactError> {
+        let scratch = |source| ArtifactError::Scratch { path: path.to_owned(), source };
+        let mut stream = self.get_range(key, None).await?.stream;
+        let mut file = tokio::fs::File::create(path).await.map_err(scratch)?;
+        while let Some(bytes) = stream.try_next().await? {
+            file.write_all(&bytes).await.map_err(scratch)?;
+        }
+        file.flush().await.map_err(scratch)
+    }
+
     /// Those of `keys` under which there is no file.
     ///
     /// # Errors

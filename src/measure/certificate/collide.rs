@@ -7,19 +7,14 @@
 //! same vertices are counted separately and searched as one, and the search stops after [`MOST`] meetings, so that its time
 //! is bounded for surfaces with very many faults.
 
-use super::surface::{Coordinate, Surface, few};
+use super::surface::{Coordinate, Surface, Tally, few};
 use super::topology::Copies;
 use super::types::{FailureKind, Failures, PLACES};
 use crate::geometry::bvh::{Bounds, Bvh, WIDTH, morton};
 use crate::geometry::tri_tri::{Triangle, meet, meet_beyond_corner, overlap_across_edge};
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
-
-/// Pairs of triangles that meet.
-pub(super) struct Meetings {
-    pub(super) count: u64,
-    pub(super) duplicates: u64,
-}
 
 /// Triangles of a stretch, which is either coherent or sorted as a whole.
 const STRETCH: usize = 64 * WIDTH;
@@ -28,103 +23,138 @@ const TASK: usize = 256;
 /// Meetings after which the search stops.
 const MOST: u64 = 100_000;
 
+/// Pairs of triangles that meet, and pairs that have the same vertices.
+#[derive(Default)]
+pub(super) struct Meetings {
+    /// Meetings found one by one: each pair of groups of copies once.
+    met: u64,
+    meetings: Tally,
+    duplicates: Tally,
+}
+
 pub(super) fn examine<C: Coordinate>(
     surface: &Surface<'_, C>,
     degenerate: &[u32],
     copies: &Copies,
     failures: &mut Failures,
 ) -> Meetings {
-    let (count, stopped, first) = meetings(surface, degenerate, copies);
-    let what = "pairs of triangles meet where they share neither vertex nor edge";
-    let detail = match stopped {
-        false => format!("{count} {what}"),
-        true => format!("at least {count} {what} (the search stopped after {MOST})"),
-    };
-    let places = few(&first, |pair| surface.place_of_triangles(pair));
-    failures.add(FailureKind::TriangleIntersections, count, detail, places);
-    let (duplicates, first) = duplicates(degenerate, copies);
-    let detail = format!("{duplicates} pairs of triangles have the same three vertices");
-    let places = few(&first, |pair| surface.place_of_triangles(pair));
-    failures.add(FailureKind::DuplicateTriangles, duplicates, detail, places);
-    Meetings { count, duplicates }
+    let mut meetings = Meetings::default();
+    meetings.search(surface, surface.triangles.len(), degenerate, copies);
+    meetings.add_duplicates(surface, degenerate, copies);
+    meetings.report(failures);
+    meetings
 }
 
-/// The number of pairs with the same three vertices, and the least pairs in order.
-fn duplicates(degenerate: &[u32], copies: &Copies) -> (u64, Vec<[u32; 2]>) {
-    let (mut count, mut first) = (0, Vec::new());
-    for group in copies.groups().filter(|group| degenerate.binary_search(&group[0][0]).is_err()) {
-        let size = group.len() as u64;
-        count += size * (size - 1) / 2;
-        // The least pairs of a group are those of its least triangle.
-        let pairs = (0..group.len()).flat_map(|i| group[i + 1..].iter().map(move |other| [group[i][1], other[1]]));
-        first.extend(pairs.take(PLACES));
+impl Meetings {
+    pub(super) fn count(&self) -> u64 {
+        self.meetings.count
     }
-    first.sort_unstable();
-    (count, first)
-}
 
-/// The number of pairs that meet, whether the search stopped early, and the least pairs in order. Of triangles with the
-/// same vertices only the least is searched.
-fn meetings<C: Coordinate>(
-    surface: &Surface<'_, C>,
-    degenerate: &[u32],
-    copies: &Copies,
-) -> (u64, bool, Vec<[u32; 2]>) {
-    let order = Order::of(surface);
-    let left_out = left_out(surface.triangles.len(), degenerate, copies);
-    let bvh = Bvh::build(surface.triangles.len(), |i| {
-        let triangle = order.triangle(i);
-        let is_out = left_out.as_ref().is_some_and(|out| out[triangle]);
-        if is_out { Bounds::EMPTY } else { Bounds::of(surface.corners(triangle)) }
-    });
-    let blocks: Vec<usize> = (0..bvh.blocks()).collect();
-    // The first task that alone exceeds the limit: results of later tasks are not used.
-    let full = AtomicUsize::new(usize::MAX);
-    let found: Vec<Found> = blocks
-        .par_chunks(TASK)
-        .enumerate()
-        .map(|(task, blocks)| {
-            let mut found = Found::default();
-            for &block in blocks {
-                if found.met > MOST || task > full.load(Ordering::Relaxed) {
-                    break;
-                }
-                collide_block(surface, &order, copies, &bvh, block, &mut found);
-            }
-            if found.met > MOST {
-                full.fetch_min(task, Ordering::Relaxed);
-            }
-            found
-        })
-        .collect();
-    let mut all = Found::default();
-    for part in found {
-        all.met += part.met;
-        all.count += part.count;
-        all.first.extend(part.first);
-        if all.met > MOST {
-            break;
+    pub(super) fn duplicates(&self) -> u64 {
+        self.duplicates.count
+    }
+
+    /// Adds the pairs of copies.
+    pub(super) fn add_duplicates<C: Coordinate>(
+        &mut self,
+        surface: &Surface<'_, C>,
+        degenerate: &[u32],
+        copies: &Copies,
+    ) {
+        let (mut count, mut first) = (0, Vec::new());
+        for group in copies.groups().filter(|group| degenerate.binary_search(&group[0][0]).is_err()) {
+            let size = group.len() as u64;
+            count += size * (size - 1) / 2;
+            // The least pairs of a group are those of its least triangle.
+            let pairs = (0..group.len()).flat_map(|i| group[i + 1..].iter().map(move |other| [group[i][1], other[1]]));
+            first.extend(pairs.take(PLACES));
         }
+        first.sort_unstable();
+        self.duplicates.add(count, few(&first, |pair| surface.place_of_triangles(pair)));
     }
-    all.first.sort_unstable();
-    (all.count, all.met > MOST, all.first)
+
+    /// Adds the pairs that meet of which at least one is among the first `fresh` triangles. Of triangles with the same
+    /// vertices only the least is searched.
+    pub(super) fn search<C: Coordinate>(
+        &mut self,
+        surface: &Surface<'_, C>,
+        fresh: usize,
+        degenerate: &[u32],
+        copies: &Copies,
+    ) {
+        if self.met > MOST {
+            return;
+        }
+        let most = MOST - self.met;
+        let order = Order::of(surface, fresh);
+        let left_out = left_out(surface, degenerate, copies);
+        let bvh = Bvh::build(surface.triangles.len(), |i| {
+            let triangle = order.triangle(i);
+            let is_out = left_out.as_ref().is_some_and(|out| out[triangle]);
+            if is_out { Bounds::EMPTY } else { Bounds::of(surface.corners(triangle)) }
+        });
+        let blocks: Vec<usize> = (0..fresh.div_ceil(WIDTH)).collect();
+        // The first task that alone exceeds the limit: results of later tasks are not used.
+        let full = AtomicUsize::new(usize::MAX);
+        let found: Vec<Found> = blocks
+            .par_chunks(TASK)
+            .enumerate()
+            .map(|(task, blocks)| {
+                let mut found = Found { most, ..Found::default() };
+                for &block in blocks {
+                    if found.is_full() || task > full.load(Ordering::Relaxed) {
+                        break;
+                    }
+                    collide_block(surface, &order, fresh, copies, &bvh, block, &mut found);
+                }
+                if found.is_full() {
+                    full.fetch_min(task, Ordering::Relaxed);
+                }
+                found
+            })
+            .collect();
+        let (mut count, mut first) = (0, Vec::new());
+        for part in found {
+            self.met += part.met;
+            count += part.count;
+            first.extend(part.first);
+            if self.met > MOST {
+                break;
+            }
+        }
+        first.sort_unstable();
+        self.meetings.add(count, few(&first, |pair| surface.place_of_triangles(pair)));
+    }
+
+    pub(super) fn report(&self, failures: &mut Failures) {
+        let what = "pairs of triangles meet where they share neither vertex nor edge";
+        let detail = match self.met > MOST {
+            false => format!("{} {what}", self.count()),
+            true => format!("at least {} {what} (the search stopped after {MOST})", self.count()),
+        };
+        let places = self.meetings.places.clone();
+        failures.add(FailureKind::TriangleIntersections, self.count(), detail, places);
+        let what = "pairs of triangles have the same three vertices";
+        self.duplicates.report(FailureKind::DuplicateTriangles, what, failures);
+    }
 }
 
 /// Marks the triangles that are not searched: degenerate ones, and all of a group of copies but the least.
-fn left_out(triangles: usize, degenerate: &[u32], copies: &Copies) -> Option<Vec<bool>> {
+fn left_out<C: Coordinate>(surface: &Surface<'_, C>, degenerate: &[u32], copies: &Copies) -> Option<Vec<bool>> {
     if degenerate.is_empty() && copies.is_empty() {
         return None;
     }
-    let mut out = vec![false; triangles];
-    let others = copies.groups().flat_map(|group| group[1..].iter().map(|pair| &pair[1]));
-    for &triangle in degenerate.iter().chain(others) {
-        out[triangle as usize] = true;
-    }
-    Some(out)
+    let others = copies.groups().flat_map(|group| group[1..].iter().map(|pair| pair[1]));
+    let mut out: Vec<u32> = degenerate.iter().copied().chain(others).collect();
+    out.sort_unstable();
+    let is_out = |triangle| out.binary_search(&surface.number(triangle)).is_ok();
+    Some((0..surface.triangles.len()).map(is_out).collect())
 }
 
 #[derive(Default)]
 struct Found {
+    /// The search stops after so many.
+    most: u64,
     /// Meetings found, each pair of groups of copies once.
     met: u64,
     /// Meetings including all copies.
@@ -134,6 +164,10 @@ struct Found {
 }
 
 impl Found {
+    fn is_full(&self) -> bool {
+        self.met > self.most
+    }
+
     fn add(&mut self, copies: &Copies, pair: [u32; 2]) {
         self.met += 1;
         self.count += if copies.is_empty() { 1 } else { copies.of(pair[0]) * copies.of(pair[1]) };
@@ -148,6 +182,7 @@ impl Found {
 fn collide_block<C: Coordinate>(
     surface: &Surface<'_, C>,
     order: &Order,
+    fresh: usize,
     copies: &Copies,
     bvh: &Bvh,
     block: usize,
@@ -155,13 +190,15 @@ fn collide_block<C: Coordinate>(
 ) {
     let mut own: [Option<Triangle>; WIDTH] = [None; WIDTH];
     bvh.pairs(block, 0.0, |i, j| {
-        if found.met > MOST {
+        // The last block may hold items that are not fresh.
+        if i >= fresh || found.is_full() {
             return;
         }
         let (first, second) = (order.triangle(i), order.triangle(j));
         let a = own[i % WIDTH].get_or_insert_with(|| Triangle::new(surface.corners(first)));
         if in_contact(surface, a, first, second) {
-            found.add(copies, [first.min(second) as u32, first.max(second) as u32]);
+            let (first, second) = (surface.number(first), surface.number(second));
+            found.add(copies, [first.min(second), first.max(second)]);
         }
     });
 }
@@ -200,16 +237,22 @@ impl Order {
         self.0.as_ref().map_or(item, |order| order[item] as usize)
     }
 
-    /// Keeps the given order except in runs of stretches that are not coherent.
-    fn of<C: Coordinate>(surface: &Surface<'_, C>) -> Self {
-        let count = surface.triangles.len();
-        let starts: Vec<usize> = (0..count).step_by(STRETCH).collect();
-        let stretch = |start: usize| start..count.min(start + STRETCH);
+    /// Keeps the given order except in runs of stretches that are not coherent; the first `fresh` triangles stay the first.
+    fn of<C: Coordinate>(surface: &Surface<'_, C>, fresh: usize) -> Self {
+        let mut order = Self(None);
+        order.arrange(surface, 0..fresh);
+        order.arrange(surface, fresh..surface.triangles.len());
+        order
+    }
+
+    fn arrange<C: Coordinate>(&mut self, surface: &Surface<'_, C>, part: Range<usize>) {
+        let starts: Vec<usize> = part.clone().step_by(STRETCH).collect();
+        let stretch = |start: usize| start..part.end.min(start + STRETCH);
         let coherent: Vec<bool> = starts.par_iter().map(|&start| is_coherent(surface, stretch(start))).collect();
         if coherent.iter().all(|&c| c) {
-            return Self(None);
+            return;
         }
-        let mut order: Vec<u32> = (0..count as u32).collect();
+        let order = self.0.get_or_insert_with(|| (0..surface.triangles.len() as u32).collect());
         let mut begin = 0;
         for run in coherent.chunk_by(|a, b| a == b) {
             let end = begin + run.len();
@@ -219,12 +262,11 @@ impl Order {
             }
             begin = end;
         }
-        Self(Some(order))
     }
 }
 
 /// Whether blocks of successive triangles are not much larger than their triangles; examines one block in four.
-fn is_coherent<C: Coordinate>(surface: &Surface<'_, C>, stretch: std::ops::Range<usize>) -> bool {
+fn is_coherent<C: Coordinate>(surface: &Surface<'_, C>, stretch: Range<usize>) -> bool {
     let (mut singles, mut together, mut count, mut blocks) = (0.0, 0.0, 0.0, 0.0);
     for start in stretch.clone().step_by(4 * WIDTH) {
         let mut block = Bounds::EMPTY;

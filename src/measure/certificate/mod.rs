@@ -5,32 +5,39 @@
 //! here is not delivered as good. Results depend neither on the number of threads nor on timing.
 
 mod collide;
+mod components;
 mod nesting;
 mod regions;
 mod sections;
 mod shape;
+mod stream;
 mod surface;
 mod topology;
 mod types;
 
 pub use regions::{BothCertificate, RegionsCertificate, certify_regions, check_regions};
+pub use stream::{Chunk, StreamCertifier};
 pub use types::{Certificate, CheckOptions, Component, Failure, FailureKind, Place, TriangleQuality};
 
 use crate::model::{BodyKind, LengthUnit, Mesh, Section};
+use collide::Meetings;
+use components::Totals;
 use rayon::prelude::*;
+use sections::Contours;
+use shape::Shape;
 use surface::{Coordinate, Surface};
+use topology::Faults;
 use types::{Failures, METRE_UM};
 
 /// Proves that a generated model is sound, or lists its faults: those of the sections it was made from, and of its surface,
 /// which must be one component with the Euler number of its body.
 #[must_use]
 pub fn certify(mesh: &Mesh, sections: &[Section]) -> Certificate {
-    let mut failures = Failures::default();
-    let contours = sections::examine(sections, &mut failures);
+    let (mut failures, mut contours) = (Failures::default(), Contours::default());
+    contours.add(sections);
+    contours.report(&mut failures);
     let mut certificate = body(mesh, LengthUnit::Metre, failures);
-    certificate.section_crossings = contours.crossings;
-    certificate.min_gap_um = contours.gaps_um.iter().copied().flatten().reduce(f64::min);
-    certificate.section_gaps_um = contours.gaps_um;
+    certificate.add_sections(contours);
     certificate
 }
 
@@ -54,6 +61,15 @@ fn demanded(mut certificate: Certificate, body: BodyKind) -> Certificate {
     }
     demand_euler(&certificate, body.euler(), &mut failures);
     certificate.conclude(failures)
+}
+
+impl Certificate {
+    /// Adds the measures of sections, whose failures it has.
+    fn add_sections(&mut self, contours: Contours) {
+        self.section_crossings = contours.crossings();
+        self.min_gap_um = contours.gaps_um.iter().copied().flatten().reduce(f64::min);
+        self.section_gaps_um = contours.gaps_um;
+    }
 }
 
 /// The certificate of any surface, given as lists of positions (metres) and triangles. Vertices at exactly the
@@ -115,70 +131,75 @@ fn surface<C: Coordinate>(
         failures.0.push(failure);
         return Certificate::without_surface(failures);
     }
-    let surface = Surface { positions, triangles, unit_um };
+    let surface = Surface { positions, triangles, unit_um, numbers: None };
     let topology = topology::examine(&surface, &mut failures);
     let shape = shape::examine(&surface, &topology, &mut failures);
     let meetings = collide::examine(&surface, &shape.degenerate, &topology.copies, &mut failures);
-    nesting::examine(&surface, &topology, &shape.volumes, meetings.count == 0, &mut failures);
-    let volume: f64 = shape.volumes.iter().sum();
+    nesting::examine(&surface, &topology, &shape.volumes, meetings.count() == 0, &mut failures);
+    let mut totals = Totals::default();
+    for (body, volume) in topology.bodies.iter().zip(&shape.volumes) {
+        totals.add(*body, *volume);
+    }
+    let degenerate = shape.degenerate.len() as u64;
+    of_findings(unit_um, &topology.faults, totals, shape, degenerate, &meetings).conclude(failures)
+}
+
+/// The certificate of these findings, as yet without failures.
+fn of_findings(
+    unit_um: f64,
+    faults: &Faults,
+    mut totals: Totals,
+    shape: Shape,
+    degenerate: u64,
+    meetings: &Meetings,
+) -> Certificate {
     let unit_mm = unit_um / 1e3;
-    let bodies = topology.bodies.iter().zip(&shape.volumes).take(types::BODIES);
+    let bodies = totals.first().iter().map(|(body, volume)| body.report(volume * unit_mm.powi(3))).collect();
     Certificate {
         passed: false,
-        closed: topology.open_edges == 0,
-        manifold: topology.open_edges == 0 && topology.bad_edges == 0 && topology.bad_vertices == 0,
-        oriented: topology.disoriented_edges == 0,
-        euler: topology.bodies.iter().map(topology::Body::euler).sum(),
-        components: topology.bodies.len() as u64,
-        bodies: bodies.map(|(body, volume)| body.report(volume * unit_mm.powi(3))).collect(),
-        vertices: topology.bodies.iter().map(|body| body.vertices).sum(),
-        triangles: triangles.len() as u64,
-        open_edges: topology.open_edges,
-        non_manifold_edges: topology.bad_edges,
-        non_manifold_vertices: topology.bad_vertices,
-        disoriented_edges: topology.disoriented_edges,
-        degenerate_triangles: shape.degenerate.len() as u64,
-        duplicate_triangles: meetings.duplicates,
+        closed: faults.open_edges.count == 0,
+        manifold: faults.open_edges.count == 0 && faults.bad_edges.count == 0 && faults.bad_vertices.count == 0,
+        oriented: faults.disoriented_edges.count == 0,
+        euler: totals.euler,
+        components: totals.components,
+        bodies,
+        vertices: totals.vertices,
+        triangles: totals.triangles,
+        open_edges: faults.open_edges.count,
+        non_manifold_edges: faults.bad_edges.count,
+        non_manifold_vertices: faults.bad_vertices.count,
+        disoriented_edges: faults.disoriented_edges.count,
+        degenerate_triangles: degenerate,
+        duplicate_triangles: meetings.duplicates(),
         section_crossings: 0,
-        triangle_intersections: meetings.count,
+        triangle_intersections: meetings.count(),
         min_gap_um: None,
         section_gaps_um: Vec::new(),
         min_edge_um: shape.min_edge * unit_um,
         min_angle_deg: shape.min_angle_deg,
-        quality: shape.quality,
-        volume_mm3: volume * unit_mm.powi(3),
+        quality: shape.quality.shared(),
+        volume_mm3: totals.volume * unit_mm.powi(3),
         area_mm2: shape.area * unit_mm.powi(2),
         bounds_um: shape.bounds.map(|corner| corner.map(|x| x * unit_um)),
         failures: Vec::new(),
     }
-    .conclude(failures)
 }
 
 /// Refuses surfaces to which the other tests cannot be applied.
 fn admissible<C: Coordinate>(positions: &[[C; 3]], triangles: &[[u32; 3]]) -> Result<(), Failure> {
-    let failure = |kind, count: usize, detail, places| Failure { kind, count: count as u64, detail, places };
     if triangles.is_empty() {
-        return Err(failure(FailureKind::Empty, 1, "there are no triangles".to_owned(), Vec::new()));
+        return Err(surface::empty());
     }
     let outside = |t: &&[u32; 3]| t.iter().any(|&v| v as usize >= positions.len());
     let count = triangles.iter().filter(outside).count();
     if count > 0 {
         let detail = format!("{count} triangles name vertices beyond the {} there are", positions.len());
-        return Err(failure(FailureKind::Indices, count, detail, Vec::new()));
+        return Err(Failure { kind: FailureKind::Indices, count: count as u64, detail, places: Vec::new() });
     }
-    let bad = |p: &&[C; 3]| {
-        p.iter().any(|&x| {
-            let x: f64 = x.into();
-            !(x == 0.0 || (1e-60..=1e60).contains(&x.abs()))
-        })
-    };
-    let count = positions.iter().filter(bad).count();
-    if count > 0 {
-        let at = positions.iter().position(|p| bad(&p)).unwrap_or(0);
-        let detail = format!("{count} vertices (first: {at}) have coordinates that are not finite or beyond 1e±60");
-        return Err(failure(FailureKind::Coordinates, count, detail, Vec::new()));
+    match surface::beyond_range(positions) {
+        (0, _) => Ok(()),
+        (count, first) => Err(surface::out_of_range(count, first as u64)),
     }
-    Ok(())
 }
 
 #[cfg(test)]

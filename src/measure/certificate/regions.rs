@@ -48,7 +48,8 @@ impl RegionsCertificate {
 #[must_use]
 pub fn certify_regions(regions: &Mesh, lumen: &Mesh, bodies: [f64; 2], unit: LengthUnit) -> RegionsCertificate {
     let positions = unit.of_metres(&regions.positions);
-    let surface = Surface { positions: &positions, triangles: &regions.triangles, unit_um: unit.metres() * METRE_UM };
+    let unit_um = unit.metres() * METRE_UM;
+    let surface = Surface { positions: &positions, triangles: &regions.triangles, unit_um, numbers: None };
     let mut failures = Failures::default();
     if !shares_wall(regions, lumen) {
         let detail = "the lumen's wall is not the tissue's inner wall".to_owned();
@@ -94,7 +95,7 @@ pub fn check_regions(
     let wall = of(&[PatchKind::InnerWall]).into_iter().map(|[a, b, c]| [a, c, b]);
     let lumen: Vec<[u32; 3]> = wall.chain(of(&[PatchKind::Inlet, PatchKind::Outlet])).collect();
     let lumen = judged(&lumen, BodyKind::Lumen);
-    let surface = Surface { positions, triangles, unit_um: unit_metres * METRE_UM };
+    let surface = Surface { positions, triangles, unit_um: unit_metres * METRE_UM, numbers: None };
     let regions = together(&surface, patches, [tissue.volume_mm3, lumen.volume_mm3], Failures::default());
     BothCertificate { tissue, lumen, regions }
 }
@@ -116,16 +117,17 @@ fn together<C: Coordinate>(
     }
     // Three triangles at an edge are a fault of a surface, but not of two bodies.
     let complex = topology::examine(surface, &mut Failures::default());
+    let (open_edges, bad_edges) = (complex.faults.open_edges.count, complex.faults.bad_edges.count);
     let meetings = collide::examine(surface, &[], &complex.copies, &mut failures);
     let lids = of(&[PatchKind::Inlet, PatchKind::Outlet]);
     let lids = Surface { triangles: &lids, ..*surface };
-    let rim_edges = topology::examine(&lids, &mut Failures::default()).open_edges;
+    let rim_edges = topology::examine(&lids, &mut Failures::default()).faults.open_edges.count;
     let volume_error = ((bodies[0] + bodies[1]) / outer.volume_mm3 - 1.0).abs();
     let faults = [
-        (complex.open_edges > 0, format!("{} edges belong to one triangle only", complex.open_edges)),
+        (open_edges > 0, format!("{open_edges} edges belong to one triangle only")),
         (
-            complex.bad_edges != rim_edges,
-            format!("{} edges belong to more than two triangles, {rim_edges} of the rims", complex.bad_edges),
+            bad_edges != rim_edges,
+            format!("{bad_edges} edges belong to more than two triangles, {rim_edges} of the rims"),
         ),
         (outer.components != 1 || outer.euler != 2, "the outside is not one closed body".to_owned()),
         (
@@ -141,7 +143,7 @@ fn together<C: Coordinate>(
         vertices: complex.bodies.iter().map(|body| body.vertices).sum(),
         triangles: surface.triangles.len() as u64,
         shared_triangles: of(&[PatchKind::InnerWall]).len() as u64,
-        triangle_intersections: meetings.count,
+        triangle_intersections: meetings.count(),
         rim_edges,
         volume_mm3: outer.volume_mm3,
         volume_error,

@@ -3,6 +3,7 @@
 //! The edges of both rings of a section are in one hierarchy, in their order, so that the time is nearly linear. Contours
 //! are examined as recorded, in micrometres.
 
+use super::surface::Tally;
 use super::types::{FailureKind, Failures, PLACES, Place};
 use crate::geometry::bvh::{Bounds, Bvh};
 use crate::geometry::predicates::orient2d;
@@ -12,10 +13,13 @@ use rayon::prelude::*;
 
 type P2 = [f64; 2];
 
-/// Findings on all sections.
+/// Findings on sections, which are added in their order.
+#[derive(Default)]
 pub(super) struct Contours {
-    pub(super) crossings: u64,
     pub(super) gaps_um: Vec<Option<f64>>,
+    broken: Tally,
+    outside: Tally,
+    crossing: Tally,
 }
 
 #[derive(Default)]
@@ -27,28 +31,39 @@ struct Found {
     gap: Option<f64>,
 }
 
-pub(super) fn examine(sections: &[Section], failures: &mut Failures) -> Contours {
-    let found: Vec<Found> = sections.par_iter().map(examine_section).collect();
-    let place = |index: usize, at: P2| {
-        let z = sections[index].z_um;
-        Place { section: Some(index as u32), ..Place::at([at[0], at[1], z]) }
-    };
-    let first_point =
-        |index: usize| place(index, sections[index].inner.points.first().map_or([0.0; 2], |p| p.map(f64::from)));
-    let mut whole = |kind, what: &str, is: fn(&Found) -> bool| {
-        let bad: Vec<usize> = (0..found.len()).filter(|&i| is(&found[i])).collect();
-        let places = bad.iter().take(PLACES).map(|&i| first_point(i)).collect();
-        failures.add(kind, bad.len() as u64, format!("{} sections {what}", bad.len()), places);
-        bad.len() as u64
-    };
-    whole(FailureKind::SectionRing, "have a ring of fewer than three points or one that is not finite", |f| f.broken);
-    let outside = whole(FailureKind::SectionNesting, "have their inner ring outside the outer one", |f| f.outside);
-    let crossings: u64 = found.iter().map(|f| f.crossings).sum();
-    let places = found.iter().enumerate().flat_map(|(i, f)| f.places.iter().map(move |p| (i, *p)));
-    let places = places.take(PLACES).map(|(i, p)| place(i, p)).collect();
-    let detail = format!("{crossings} pairs of edges of a section cross or touch");
-    failures.add(FailureKind::SectionCrossing, crossings, detail, places);
-    Contours { crossings: crossings + outside, gaps_um: found.iter().map(|f| f.gap).collect() }
+impl Contours {
+    pub(super) fn add(&mut self, sections: &[Section]) {
+        let found: Vec<Found> = sections.par_iter().map(examine_section).collect();
+        for (section, found) in sections.iter().zip(found) {
+            let index = self.gaps_um.len() as u32;
+            let place = |at: P2| Place { section: Some(index), ..Place::at([at[0], at[1], section.z_um]) };
+            let first_point = || vec![place(section.inner.points.first().map_or([0.0; 2], |p| p.map(f64::from)))];
+            if found.broken {
+                self.broken.add(1, first_point());
+            }
+            if found.outside {
+                self.outside.add(1, first_point());
+            }
+            self.crossing.add(found.crossings, found.places.into_iter().map(place).collect());
+            self.gaps_um.push(found.gap);
+        }
+    }
+
+    /// Pairs of edges that meet, and rings in the wrong order.
+    pub(super) fn crossings(&self) -> u64 {
+        self.crossing.count + self.outside.count
+    }
+
+    pub(super) fn report(&self, failures: &mut Failures) {
+        let what = "sections have a ring of fewer than three points or one that is not finite";
+        self.broken.report(FailureKind::SectionRing, what, failures);
+        self.outside.report(
+            FailureKind::SectionNesting,
+            "sections have their inner ring outside the outer one",
+            failures,
+        );
+        self.crossing.report(FailureKind::SectionCrossing, "pairs of edges of a section cross or touch", failures);
+    }
 }
 
 /// The edges of both rings: edge `i` goes from point `i` to point `next(i)`.

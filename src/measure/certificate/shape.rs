@@ -1,17 +1,21 @@
 //! Measures of the triangles: area, enclosed volume, least edge and angle; and which are degenerate, exactly.
 
-use super::surface::{Coordinate, Surface, few};
+use super::surface::{Coordinate, Surface, Tally, few};
 use super::topology::Topology;
 use super::types::{FailureKind, Failures, TriangleQuality};
 use crate::geometry::tri_tri::Triangle;
 use rayon::prelude::*;
+use std::ops::Range;
+
+/// Triangles summed up as one part.
+const RUN: usize = 4096;
 
 /// Measures in metres and degrees.
 pub(super) struct Shape {
-    /// Triangles without area, in order.
+    /// Numbers of the triangles without area, in order.
     pub(super) degenerate: Vec<u32>,
     pub(super) area: f64,
-    /// Enclosed by each component.
+    /// Enclosed by each component, up to the last one of those met.
     pub(super) volumes: Vec<f64>,
     pub(super) min_edge: f64,
     pub(super) min_angle_deg: f64,
@@ -32,51 +36,70 @@ struct Part {
     high: [f64; 3],
 }
 
-pub(super) fn examine<C: Coordinate>(surface: &Surface<'_, C>, topology: &Topology, failures: &mut Failures) -> Shape {
-    // Relative to a vertex of the surface the volume loses no digits to its distance from the origin.
-    let origin = surface.corners(0)[0];
-    let parts: Vec<Part> = surface
-        .triangles
-        .par_chunks(4096)
-        .enumerate()
-        .map(|(chunk, triangles)| part(surface, topology, origin, chunk * 4096, triangles))
-        .collect();
-    let mut shape = Shape {
-        degenerate: Vec::new(),
-        area: 0.0,
-        volumes: vec![0.0; topology.bodies.len()],
-        min_edge: f64::INFINITY,
-        min_angle_deg: f64::INFINITY,
-        quality: TriangleQuality::default(),
-        bounds: [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]],
-    };
-    for part in parts {
-        shape.area += part.area;
-        for (body, volume) in part.volumes {
-            shape.volumes[body] += volume / 6.0;
+impl Shape {
+    /// The measures of no triangles.
+    pub(super) fn new() -> Self {
+        Self {
+            degenerate: Vec::new(),
+            area: 0.0,
+            volumes: Vec::new(),
+            min_edge: f64::INFINITY,
+            min_angle_deg: f64::INFINITY,
+            quality: TriangleQuality::default(),
+            bounds: [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]],
         }
-        shape.min_edge = shape.min_edge.min(part.min_edge_squared.sqrt());
-        shape.min_angle_deg = shape.min_angle_deg.min(part.min_tan_squared.sqrt().atan().to_degrees());
-        shape.quality.add(&part.quality);
-        for axis in 0..3 {
-            shape.bounds[0][axis] = shape.bounds[0][axis].min(part.low[axis]);
-            shape.bounds[1][axis] = shape.bounds[1][axis].max(part.high[axis]);
-        }
-        shape.degenerate.extend(part.degenerate);
     }
-    shape.quality = shape.quality.shared();
-    let count = shape.degenerate.len() as u64;
-    let places = few(&shape.degenerate, |&t| surface.place_of_triangles(&[t]));
-    failures.add(FailureKind::DegenerateTriangles, count, format!("{count} triangles have no area"), places);
+
+    /// Adds the triangles of a surface; `body_of` tells the component of each. Volumes are measured from `origin`: relative to
+    /// a vertex of the surface they lose no digits to its distance from the origin of the coordinates.
+    pub(super) fn add<C: Coordinate>(
+        &mut self,
+        surface: &Surface<'_, C>,
+        origin: [f64; 3],
+        body_of: impl Fn([u32; 3]) -> usize + Sync,
+    ) {
+        let starts: Vec<usize> = (0..surface.triangles.len()).step_by(RUN).collect();
+        let part = |&start: &usize| part(surface, origin, &body_of, start..surface.triangles.len().min(start + RUN));
+        let parts: Vec<Part> = starts.par_iter().map(part).collect();
+        for part in parts {
+            self.area += part.area;
+            for (body, volume) in part.volumes {
+                if self.volumes.len() <= body {
+                    self.volumes.resize(body + 1, 0.0);
+                }
+                self.volumes[body] += volume / 6.0;
+            }
+            self.min_edge = self.min_edge.min(part.min_edge_squared.sqrt());
+            self.min_angle_deg = self.min_angle_deg.min(part.min_tan_squared.sqrt().atan().to_degrees());
+            self.quality.add(&part.quality);
+            for axis in 0..3 {
+                self.bounds[0][axis] = self.bounds[0][axis].min(part.low[axis]);
+                self.bounds[1][axis] = self.bounds[1][axis].max(part.high[axis]);
+            }
+            self.degenerate.extend(part.degenerate);
+        }
+    }
+}
+
+pub(super) fn examine<C: Coordinate>(surface: &Surface<'_, C>, topology: &Topology, failures: &mut Failures) -> Shape {
+    let mut shape = Shape::new();
+    shape.add(surface, surface.corners(0)[0], |t| topology.body_of(t));
+    let mut degenerate = Tally::default();
+    degenerate.add(shape.degenerate.len() as u64, few(&shape.degenerate, |&t| surface.place_of_triangles(&[t])));
+    report(&degenerate, failures);
     shape
+}
+
+/// Reports degenerate triangles.
+pub(super) fn report(degenerate: &Tally, failures: &mut Failures) {
+    degenerate.report(FailureKind::DegenerateTriangles, "triangles have no area", failures);
 }
 
 fn part<C: Coordinate>(
     surface: &Surface<'_, C>,
-    topology: &Topology,
     origin: [f64; 3],
-    first: usize,
-    triangles: &[[u32; 3]],
+    body_of: impl Fn([u32; 3]) -> usize,
+    run: Range<usize>,
 ) -> Part {
     let mut part = Part {
         degenerate: Vec::new(),
@@ -88,7 +111,7 @@ fn part<C: Coordinate>(
         low: [f64::INFINITY; 3],
         high: [f64::NEG_INFINITY; 3],
     };
-    for (i, t) in triangles.iter().enumerate() {
+    for (triangle, t) in run.clone().zip(&surface.triangles[run]) {
         let [a, b, c] = t.map(|v| surface.point(v));
         for p in [a, b, c] {
             for (axis, x) in p.into_iter().enumerate() {
@@ -102,7 +125,7 @@ fn part<C: Coordinate>(
         let nn = dot(normal, normal);
         // Twice the area against the longest edges: far from zero in all but slivers, which are tested exactly.
         if nn <= 1e-20 * uu * vv && Triangle::new([a, b, c]).is_degenerate() {
-            part.degenerate.push((first + i) as u32);
+            part.degenerate.push(surface.number(triangle));
         }
         part.area += nn.sqrt() / 2.0;
         let shortest = uu.min(vv).min(ww);
@@ -114,7 +137,7 @@ fn part<C: Coordinate>(
         let ratio_squared = if shortest > 0.0 { uu.max(vv).max(ww) / shortest } else { f64::INFINITY };
         part.quality.count(tan_squared, ratio_squared);
         let six_volumes = dot(sub(a, origin), normal);
-        let body = topology.body_of(*t);
+        let body = body_of(*t);
         match part.volumes.last_mut() {
             Some((last, sum)) if *last == body => *sum += six_volumes,
             _ => part.volumes.push((body, six_volumes)),

@@ -1,6 +1,6 @@
 //! The surface under test, and the locations of faults on it.
 
-use super::types::{PLACES, Place};
+use super::types::{Failure, FailureKind, Failures, PLACES, Place};
 
 /// A coordinate of a surface: f32 or f64.
 pub(super) trait Coordinate: Copy + Send + Sync + Into<f64> {}
@@ -12,6 +12,8 @@ pub(super) struct Surface<'a, C> {
     pub(super) triangles: &'a [[u32; 3]],
     /// Micrometres per unit of the positions.
     pub(super) unit_um: f64,
+    /// The number of each triangle if these are some triangles of a larger surface; else they are numbered in order.
+    pub(super) numbers: Option<&'a [u32]>,
 }
 
 impl<C: Coordinate> Surface<'_, C> {
@@ -25,18 +27,77 @@ impl<C: Coordinate> Surface<'_, C> {
         self.triangles[triangle].map(|v| self.point(v))
     }
 
+    /// The number of a triangle in the whole surface.
+    #[inline]
+    pub(super) fn number(&self, triangle: usize) -> u32 {
+        self.numbers.map_or(triangle as u32, |numbers| numbers[triangle])
+    }
+
     pub(super) fn place_of_vertex(&self, vertex: u32) -> Place {
         Place::at(self.point(vertex).map(|x| x * self.unit_um))
     }
 
+    /// The place of triangles given by their numbers: the centre of the first, which must be one of these.
     pub(super) fn place_of_triangles(&self, triangles: &[u32]) -> Place {
-        let corners = self.corners(triangles[0] as usize);
+        let first = match self.numbers {
+            None => triangles[0] as usize,
+            Some(numbers) => numbers.iter().position(|&n| n == triangles[0]).expect("the triangle is one of these"),
+        };
+        let corners = self.corners(first);
         let centre = std::array::from_fn(|axis| corners.iter().map(|p| p[axis]).sum::<f64>() / 3.0 * self.unit_um);
         Place { triangles: triangles.to_vec(), ..Place::at(centre) }
     }
 }
 
+/// The failure of a surface without triangles.
+pub(super) fn empty() -> Failure {
+    Failure { kind: FailureKind::Empty, count: 1, detail: "there are no triangles".to_owned(), places: Vec::new() }
+}
+
+/// The number of vertices whose coordinates are beyond the range of the predicates, and the first of them.
+pub(super) fn beyond_range<C: Coordinate>(positions: &[[C; 3]]) -> (u64, usize) {
+    let is_beyond = |p: &[C; 3]| {
+        p.iter().any(|&x| {
+            let x: f64 = x.into();
+            !(x == 0.0 || (1e-60..=1e60).contains(&x.abs()))
+        })
+    };
+    match positions.iter().position(is_beyond) {
+        None => (0, 0),
+        Some(first) => (positions[first..].iter().filter(|p| is_beyond(p)).count() as u64, first),
+    }
+}
+
+/// The failure of such vertices.
+pub(super) fn out_of_range(count: u64, first: u64) -> Failure {
+    let detail = format!("{count} vertices (first: {first}) have coordinates that are not finite or beyond 1e±60");
+    Failure { kind: FailureKind::Coordinates, count, detail, places: Vec::new() }
+}
+
 /// The places of the first [`PLACES`] items.
 pub(super) fn few<T>(items: impl IntoIterator<Item = T>, place: impl FnMut(T) -> Place) -> Vec<Place> {
     items.into_iter().take(PLACES).map(place).collect()
+}
+
+/// Faults of one kind: their number, and the first places.
+#[derive(Default)]
+pub(super) struct Tally {
+    pub(super) count: u64,
+    pub(super) places: Vec<Place>,
+}
+
+impl Tally {
+    /// Adds faults. Of the places the first are kept, in the order of their triangles; those without triangles, in the order
+    /// in which they are added.
+    pub(super) fn add(&mut self, count: u64, places: Vec<Place>) {
+        self.count += count;
+        self.places.extend(places);
+        self.places.sort_by(|a, b| a.triangles.cmp(&b.triangles));
+        self.places.truncate(PLACES);
+    }
+
+    /// Reports the faults, if any; `what` follows on their number.
+    pub(super) fn report(&self, kind: FailureKind, what: &str, failures: &mut Failures) {
+        failures.add(kind, self.count, format!("{} {what}", self.count), self.places.clone());
+    }
 }

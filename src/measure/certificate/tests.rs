@@ -303,10 +303,11 @@ fn section(inner: &[[f32; 2]], outer: &[[f32; 2]]) -> Section {
 }
 
 fn judge_section(inner: &[[f32; 2]], outer: &[[f32; 2]]) -> (u64, Vec<FailureKind>, Option<f64>) {
-    let mut failures = Failures::default();
-    let found = sections::examine(&[section(inner, outer)], &mut failures);
+    let (mut failures, mut found) = (Failures::default(), Contours::default());
+    found.add(&[section(inner, outer)]);
+    found.report(&mut failures);
     (
-        found.crossings,
+        found.crossings(),
         failures.0.iter().map(|f| f.kind).collect(),
         found.gaps_um.iter().copied().flatten().reduce(f64::min),
     )

@@ -3,16 +3,18 @@
 //! Edges are not stored. A counting sort lists the triangles at each vertex, and each edge is examined at the lesser of its
 //! two vertices.
 
-use super::surface::{Coordinate, Surface, few};
-use super::types::{Component, FailureKind, Failures};
+use super::components::{Body, components, number, root};
+use super::surface::{Coordinate, Surface, Tally, few};
+use super::types::{FailureKind, Failures};
 use rayon::prelude::*;
+use std::ops::Range;
+
+/// Vertices examined in one task.
+const RUN: usize = 8192;
 
 /// Findings on the topology.
 pub(super) struct Topology {
-    pub(super) open_edges: u64,
-    pub(super) bad_edges: u64,
-    pub(super) bad_vertices: u64,
-    pub(super) disoriented_edges: u64,
+    pub(super) faults: Faults,
     /// Components in the order of their least vertices.
     pub(super) bodies: Vec<Body>,
     /// Triangles with the same three vertices.
@@ -21,15 +23,76 @@ pub(super) struct Topology {
     label: Vec<u32>,
 }
 
+/// Faults of edges and vertices.
+#[derive(Default)]
+pub(super) struct Faults {
+    pub(super) open_edges: Tally,
+    pub(super) bad_edges: Tally,
+    pub(super) disoriented_edges: Tally,
+    pub(super) bad_vertices: Tally,
+}
+
+impl Faults {
+    /// Adds the findings at some vertices.
+    pub(super) fn add<C: Coordinate>(&mut self, surface: &Surface<'_, C>, found: &[Found]) {
+        let edges = |tally: &mut Tally, list: fn(&Found) -> &Vec<[u32; 2]>| {
+            let count = found.iter().map(|f| list(f).len() as u64).sum();
+            tally.add(count, few(found.iter().flat_map(list), |edge| surface.place_of_vertex(edge[0])));
+        };
+        edges(&mut self.open_edges, |f| &f.open);
+        edges(&mut self.bad_edges, |f| &f.bad);
+        edges(&mut self.disoriented_edges, |f| &f.disoriented);
+        let count = found.iter().map(|f| f.bad_vertices.len() as u64).sum();
+        let places = few(found.iter().flat_map(|f| &f.bad_vertices), |&v| surface.place_of_vertex(v));
+        self.bad_vertices.add(count, places);
+    }
+
+    pub(super) fn report(&self, failures: &mut Failures) {
+        self.open_edges.report(FailureKind::OpenEdges, "edges belong to one triangle only", failures);
+        let what = "edges belong to more than two triangles";
+        self.bad_edges.report(FailureKind::NonManifoldEdges, what, failures);
+        let what = "edges have both their triangles running along them in the same direction";
+        self.disoriented_edges.report(FailureKind::Orientation, what, failures);
+        let what = "vertices join several fans of triangles";
+        self.bad_vertices.report(FailureKind::NonManifoldVertices, what, failures);
+    }
+
+    /// Whether the surface encloses a volume: all edges have two triangles, of the same orientation.
+    pub(super) fn has_volume(&self) -> bool {
+        self.open_edges.count + self.bad_edges.count + self.disoriented_edges.count == 0
+    }
+}
+
 /// Triangles that have the same three vertices as another one, in either orientation; not those of which two vertices are
 /// the same.
 #[derive(Default)]
 pub(super) struct Copies {
-    /// For each such triangle the least one of its group and itself, sorted: a group is a run of equal first items.
+    /// For each such triangle the number of the least one of its group and its own, sorted: a group is a run of equal first
+    /// items.
     pairs: Vec<[u32; 2]>,
 }
 
 impl Copies {
+    pub(super) fn among<C: Coordinate>(surface: &Surface<'_, C>, found: &[Found]) -> Self {
+        let pairs = found.iter().flat_map(|f| &f.copies);
+        let mut pairs: Vec<[u32; 2]> = pairs.map(|pair| pair.map(|t| surface.number(t as usize))).collect();
+        pairs.par_sort_unstable();
+        Self { pairs }
+    }
+
+    /// Adds others.
+    pub(super) fn add(&mut self, others: &Self) {
+        if !others.is_empty() {
+            self.pairs.extend(&others.pairs);
+            self.pairs.sort_unstable();
+        }
+    }
+
+    /// Keeps the groups of these least triangles.
+    pub(super) fn retain(&mut self, is_kept: impl Fn(u32) -> bool) {
+        self.pairs.retain(|pair| is_kept(pair[0]));
+    }
+
     /// The groups in ascending order, each as (least triangle, triangle) for all its triangles in ascending order.
     pub(super) fn groups(&self) -> impl Iterator<Item = &[[u32; 2]]> {
         self.pairs.chunk_by(|a, b| a[0] == b[0])
@@ -47,16 +110,6 @@ impl Copies {
     }
 }
 
-/// A component.
-#[derive(Clone, Default)]
-pub(super) struct Body {
-    pub(super) vertices: u64,
-    pub(super) edges: u64,
-    pub(super) triangles: u64,
-    /// Its least vertex.
-    pub(super) vertex: u32,
-}
-
 impl Topology {
     /// Component that a triangle belongs to.
     #[inline]
@@ -65,21 +118,11 @@ impl Topology {
     }
 }
 
-impl Body {
-    pub(super) fn euler(&self) -> i64 {
-        self.vertices as i64 - self.edges as i64 + self.triangles as i64
-    }
-
-    pub(super) fn report(&self, volume_mm3: f64) -> Component {
-        Component { vertices: self.vertices, triangles: self.triangles, euler: self.euler(), volume_mm3 }
-    }
-}
-
 /// Findings at a run of vertices.
 #[derive(Default)]
-struct Found {
+pub(super) struct Found {
     /// Edges whose lesser vertex is in the run, by component.
-    edges: Vec<(u32, u64)>,
+    pub(super) edges: Vec<(u32, u64)>,
     open: Vec<[u32; 2]>,
     bad: Vec<[u32; 2]>,
     disoriented: Vec<[u32; 2]>,
@@ -88,69 +131,58 @@ struct Found {
 }
 
 pub(super) fn examine<C: Coordinate>(surface: &Surface<'_, C>, failures: &mut Failures) -> Topology {
-    let stars = Stars::of(surface);
-    let label = components(surface);
-    let (label, mut bodies) = number(&label, &stars);
+    let vertices = 0..surface.positions.len() as u32;
+    let stars = Stars::of(surface, vertices.clone());
+    let least = components(vertices.collect(), surface.triangles);
+    let (label, mut bodies) = number(&least, |v| !stars.at(v).is_empty());
     for t in surface.triangles {
         bodies[label[t[0] as usize] as usize].triangles += 1;
     }
-    let vertices: Vec<u32> = (0..surface.positions.len() as u32).collect();
-    let found: Vec<Found> = vertices
-        .par_chunks(8192)
-        .map(|run| {
-            let (mut found, mut fan) = (Found::default(), Fan::default());
-            for &vertex in run {
-                let edges = fan.examine(surface, vertex, stars.at(vertex), &mut found);
-                let body = label[vertex as usize];
-                match found.edges.last_mut() {
-                    Some((last, sum)) if *last == body => *sum += edges,
-                    _ => found.edges.push((body, edges)),
-                }
-            }
-            found
-        })
-        .collect();
+    let found = fans(surface, &stars, &label);
     for (body, edges) in found.iter().flat_map(|f| &f.edges).filter(|(_, edges)| *edges > 0) {
         bodies[*body as usize].edges += edges;
     }
-    let count = |list: fn(&Found) -> usize| found.iter().map(|f| list(f) as u64).sum::<u64>();
-    let mut pairs: Vec<[u32; 2]> = found.iter().flat_map(|f| &f.copies).copied().collect();
-    pairs.par_sort_unstable();
-    let topology = Topology {
-        open_edges: count(|f| f.open.len()),
-        bad_edges: count(|f| f.bad.len()),
-        bad_vertices: count(|f| f.bad_vertices.len()),
-        disoriented_edges: count(|f| f.disoriented.len()),
-        bodies,
-        copies: Copies { pairs },
-        label,
-    };
-    let mut edges = |kind, count: u64, what: &str, list: fn(&Found) -> &Vec<[u32; 2]>| {
-        let places = few(found.iter().flat_map(list), |edge| surface.place_of_vertex(edge[0]));
-        failures.add(kind, count, format!("{count} {what}"), places);
-    };
-    edges(FailureKind::OpenEdges, topology.open_edges, "edges belong to one triangle only", |f| &f.open);
-    edges(FailureKind::NonManifoldEdges, topology.bad_edges, "edges belong to more than two triangles", |f| &f.bad);
-    let what = "edges have both their triangles running along them in the same direction";
-    edges(FailureKind::Orientation, topology.disoriented_edges, what, |f| &f.disoriented);
-    let places = few(found.iter().flat_map(|f| &f.bad_vertices), |&v| surface.place_of_vertex(v));
-    let detail = format!("{} vertices join several fans of triangles", topology.bad_vertices);
-    failures.add(FailureKind::NonManifoldVertices, topology.bad_vertices, detail, places);
-    topology
+    let mut faults = Faults::default();
+    faults.add(surface, &found);
+    faults.report(failures);
+    Topology { faults, bodies, copies: Copies::among(surface, &found), label }
 }
 
-/// The triangles at each vertex.
-struct Stars {
+/// Examines the vertices of `stars`, and the edges from these to greater vertices; `label` tells the component of each vertex
+/// of the surface.
+pub(super) fn fans<C: Coordinate>(surface: &Surface<'_, C>, stars: &Stars, label: &[u32]) -> Vec<Found> {
+    let starts: Vec<u32> = stars.vertices().step_by(RUN).collect();
+    let examine = |&start: &u32| {
+        let (mut found, mut fan) = (Found::default(), Fan::default());
+        for vertex in start..stars.vertices().end.min(start + RUN as u32) {
+            let edges = fan.examine(surface, vertex, stars.at(vertex), &mut found);
+            let body = label[vertex as usize];
+            match found.edges.last_mut() {
+                Some((last, sum)) if *last == body => *sum += edges,
+                _ => found.edges.push((body, edges)),
+            }
+        }
+        found
+    };
+    starts.par_iter().map(examine).collect()
+}
+
+/// The triangles at each of some successive vertices.
+pub(super) struct Stars {
+    first: u32,
     /// Where the list of each vertex begins; one more at the end.
     begin: Vec<u32>,
     triangles: Vec<u32>,
 }
 
 impl Stars {
-    fn of<C>(surface: &Surface<'_, C>) -> Self {
-        let mut begin = vec![0u32; surface.positions.len() + 1];
-        for &v in surface.triangles.iter().flatten() {
-            begin[v as usize] += 1;
+    pub(super) fn of<C>(surface: &Surface<'_, C>, vertices: Range<u32>) -> Self {
+        let (first, count) = (vertices.start, vertices.len());
+        let mut begin = vec![0u32; count + 1];
+        // The position of a lesser vertex wraps around to one beyond the last.
+        let at = |v: u32| Some(v.wrapping_sub(first) as usize).filter(|&i| i < count);
+        for i in surface.triangles.iter().flatten().filter_map(|&v| at(v)) {
+            begin[i] += 1;
         }
         let mut sum = 0;
         for b in &mut begin {
@@ -160,18 +192,22 @@ impl Stars {
         // Each list is filled from its end, which leaves `begin` at the beginnings and the lists in order.
         let mut triangles = vec![0u32; sum as usize];
         for (t, corners) in surface.triangles.iter().enumerate().rev() {
-            for &v in corners {
-                let slot = &mut begin[v as usize];
+            for i in corners.iter().filter_map(|&v| at(v)) {
+                let slot = &mut begin[i];
                 *slot -= 1;
                 triangles[*slot as usize] = t as u32;
             }
         }
-        Self { begin, triangles }
+        Self { first, begin, triangles }
+    }
+
+    pub(super) fn vertices(&self) -> Range<u32> {
+        self.first..self.first + self.begin.len() as u32 - 1
     }
 
     #[inline]
-    fn at(&self, vertex: u32) -> &[u32] {
-        let v = vertex as usize;
+    pub(super) fn at(&self, vertex: u32) -> &[u32] {
+        let v = (vertex - self.first) as usize;
         &self.triangles[self.begin[v] as usize..self.begin[v + 1] as usize]
     }
 }
@@ -278,52 +314,4 @@ impl Fan {
         }
         edges
     }
-}
-
-fn root(parent: &mut [u32], mut v: u32) -> u32 {
-    while parent[v as usize] != v {
-        let above = parent[parent[v as usize] as usize];
-        parent[v as usize] = above;
-        v = above;
-    }
-    v
-}
-
-/// For each vertex a vertex of its component, the same for all of one: the least.
-fn components<C>(surface: &Surface<'_, C>) -> Vec<u32> {
-    let mut parent: Vec<u32> = (0..surface.positions.len() as u32).collect();
-    for t in surface.triangles {
-        let mut least = root(&mut parent, t[0]);
-        for &v in &t[1..] {
-            let other = root(&mut parent, v);
-            if other != least {
-                let (low, high) = (least.min(other), least.max(other));
-                parent[high as usize] = low;
-                least = low;
-            }
-        }
-    }
-    for v in 0..parent.len() as u32 {
-        // The parent is less than the vertex and has its final value already.
-        parent[v as usize] = parent[parent[v as usize] as usize];
-    }
-    parent
-}
-
-/// Numbers the components in the order of their least vertices, and counts their vertices.
-fn number(least: &[u32], stars: &Stars) -> (Vec<u32>, Vec<Body>) {
-    let (mut label, mut bodies) = (vec![0u32; least.len()], Vec::<Body>::new());
-    for (v, &first) in (0u32..).zip(least) {
-        if stars.at(v).is_empty() {
-            continue;
-        }
-        if first == v {
-            label[v as usize] = bodies.len() as u32;
-            bodies.push(Body { vertex: v, ..Body::default() });
-        } else {
-            label[v as usize] = label[first as usize];
-        }
-        bodies[label[v as usize] as usize].vertices += 1;
-    }
-    (label, bodies)
 }

@@ -12,6 +12,7 @@ use rayon::ThreadPool;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use tempfile::TempPath;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
 /// The threads of a worker.
@@ -126,8 +127,8 @@ impl Sink for CertificateWatch<'_> {
         Sink::wants_checkpoint(self.sink)
     }
 
-    fn checkpoint(&self, bytes: Vec<u8>) {
-        Sink::checkpoint(self.sink, bytes);
+    fn checkpoint(&self, file: TempPath) {
+        Sink::checkpoint(self.sink, file);
     }
 }
 
@@ -172,7 +173,7 @@ fn lower_priority(nice: u8) {
 /// [`WorkError`].
 pub fn generate_on_cpu(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) -> Result<Outcome, WorkError> {
     let request = request(work)?;
-    Ok(match work.checkpoint.map(|bytes| Checkpoint::read(&request, bytes)) {
+    Ok(match work.checkpoint.map(|path| Checkpoint::open(&request, path)) {
         Some(Ok(checkpoint)) => {
             tracing::info!(job = %work.job.id, "the model is resumed from a checkpoint");
             resume(&request, checkpoint, sink, cancel)?
@@ -188,7 +189,14 @@ pub fn generate_on_cpu(work: Work<'_>, sink: &dyn Sink, cancel: &CancelToken) ->
 /// Runs a fit, from the checkpoint if there is one that can be used.
 fn fit_on_cpu(work: Work<'_>, sink: &dyn FitSink, cancel: &CancelToken) -> Result<Made, WorkError> {
     let spec = fit_of(work.job)?;
-    let result = fit(&spec, work.checkpoint, work.dir, work.memory_limit_bytes, sink, cancel)?;
+    let checkpoint = work.checkpoint.and_then(|path| match std::fs::read(path) {
+        Ok(bytes) => Some(bytes),
+        Err(error) => {
+            tracing::warn!(job = %work.job.id, %error, "the fit starts from the beginning");
+            None
+        }
+    });
+    let result = fit(&spec, checkpoint.as_deref(), work.dir, work.memory_limit_bytes, sink, cancel)?;
     let device = device(rayon::current_num_threads());
     let summary = serde_json::json!(result);
     Ok(Made { used: work.backend, device, files: Vec::new(), summary, seconds: None })

@@ -11,8 +11,8 @@ use crate::generate::{Backend, CancelToken, FileOutput, GenerateError, Outcome, 
 use crate::jobs::scratch::AttemptDir;
 use crate::jobs::{Job, JobKind};
 use crate::spec::{self, ModelSpec};
-use bytes::Bytes;
 use std::future::Future;
+use std::path::PathBuf;
 use std::pin::Pin;
 use std::sync::Arc;
 use tokio::sync::OwnedSemaphorePermit;
@@ -24,7 +24,7 @@ pub(super) struct Task {
     pub(super) sink: Arc<AttemptSink>,
     pub(super) cancel: CancelToken,
     pub(super) memory_limit_bytes: Option<u64>,
-    pub(super) checkpoint: Option<Bytes>,
+    pub(super) checkpoint: Option<PathBuf>,
 }
 
 /// Why a generation gave no model.

@@ -1,0 +1,136 @@
+//! A patch of a glTF file. It is read once to be counted and again for each of its arrays, so that only the vertices that
+//! are in use need be known at a time.
+
+use crate::export::chunks::{join, vec3, write_items};
+use crate::export::shape::{NamedPatch, Piece, Source};
+use crate::geometry::patch::{Numbering, add, doubled_area_normal, unit};
+use crate::geometry::strips::{join_strips, strips};
+use gltf_json::accessor::ComponentType;
+use std::collections::VecDeque;
+use std::io::{self, Write};
+
+/// Most vertices of a patch with 16-bit indices; glTF reserves 65,535 itself.
+const MAX_SHORT_VERTICES: usize = 65_535;
+
+/// A patch and what the document states of it. Its vertices are numbered in the order of their first use, and shaded by its
+/// own triangles, as [`part_geometry`](crate::geometry::patch::part_geometry) does.
+pub(super) struct Part<'a> {
+    pub(super) name: &'a str,
+    /// Number of the patch.
+    patch: usize,
+    pub(super) vertices: usize,
+    triangles: usize,
+    /// Least and greatest coordinates, exactly.
+    pub(super) bounds: ([f32; 3], [f32; 3]),
+    /// One strip for the whole patch, if strips are wanted.
+    pub(super) strip: Option<Vec<u32>>,
+}
+
+impl<'a> Part<'a> {
+    pub(super) fn new(surface: &dyn Source, number: usize, patch: &NamedPatch<'a>, as_strip: bool) -> io::Result<Self> {
+        let (mut min, mut max) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+        let mut numbering = Numbering::default();
+        let mut kept = Vec::new();
+        surface.walk(&[number], &mut |piece| {
+            numbering.advance(piece.first, piece.positions.len());
+            for triangle in piece.triangles {
+                let local = triangle.map(|vertex| {
+                    let (local, is_new) = numbering.number(vertex);
+                    if is_new {
+                        for (axis, x) in piece.position(vertex).into_iter().enumerate() {
+                            min[axis] = min[axis].min(x);
+                            max[axis] = max[axis].max(x);
+                        }
+                    }
+                    local
+                });
+                if as_strip {
+                    kept.push(local);
+                }
+            }
+            Ok(())
+        })?;
+        Ok(Self {
+            name: patch.name,
+            patch: number,
+            vertices: numbering.count() as usize,
+            triangles: patch.triangles.len(),
+            bounds: (min, max),
+            strip: as_strip.then(|| join_strips(&strips(&kept))),
+        })
+    }
+
+    pub(super) fn index_count(&self) -> usize {
+        self.strip.as_ref().map_or(self.triangles * 3, Vec::len)
+    }
+
+    pub(super) fn index_type(&self) -> ComponentType {
+        if self.vertices <= MAX_SHORT_VERTICES { ComponentType::U16 } else { ComponentType::U32 }
+    }
+
+    /// Writes positions, normals and indices, each with the length that the document states.
+    pub(super) fn write(&self, surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
+        self.walk(surface, |piece, numbering| {
+            let vertices = piece.triangles.as_flattened().iter();
+            write_items(vertices.filter(|&&v| numbering.number(v).1), out, |&v| vec3(piece.position(v)))
+        })?;
+        self.write_normals(surface, out)?;
+        self.write_indices(surface, out)
+    }
+
+    /// Sums are written once no triangle can add to them.
+    fn write_normals(&self, surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
+        // The vertices from the local number `written` on, and the sums of the normals around them.
+        let (mut written, mut sums) = (0, VecDeque::<(u32, [f64; 3])>::new());
+        let bytes = |(_, sum)| vec3(unit(sum));
+        self.walk(surface, |piece, numbering| {
+            let done = sums.iter().take_while(|(vertex, _)| *vertex < piece.first).count();
+            write_items(sums.drain(..done), out, bytes)?;
+            written += done;
+            for &triangle in piece.triangles {
+                let normal = doubled_area_normal(piece.corners(triangle));
+                for vertex in triangle {
+                    let (local, is_new) = numbering.number(vertex);
+                    if is_new {
+                        sums.push_back((vertex, [0.0; 3]));
+                    }
+                    add(&mut sums[local as usize - written].1, normal);
+                }
+            }
+            Ok(())
+        })?;
+        write_items(sums, out, bytes)
+    }
+
+    fn write_indices(&self, surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
+        let is_short = self.index_type() == ComponentType::U16;
+        let short = |index: u32| (index as u16).to_le_bytes();
+        match &self.strip {
+            Some(strip) if is_short => write_items(strip, out, |&index| short(index)),
+            Some(strip) => write_items(strip, out, |&index| index.to_le_bytes()),
+            None => self.walk(surface, |piece, numbering| {
+                let triangles = piece.triangles.iter().map(|t| t.map(|vertex| numbering.number(vertex).0));
+                if is_short {
+                    write_items(triangles, out, |t| join::<6>(t.map(short)))
+                } else {
+                    write_items(triangles, out, |t| join::<12>(t.map(u32::to_le_bytes)))
+                }
+            }),
+        }?;
+        let bytes = self.index_count() * self.index_type().size();
+        out.write_all(&[0; 4][..bytes.next_multiple_of(4) - bytes])
+    }
+
+    /// Walks through the patch with the numbers of its vertices.
+    fn walk(
+        &self,
+        surface: &dyn Source,
+        mut each: impl FnMut(&Piece<'_>, &mut Numbering) -> io::Result<()>,
+    ) -> io::Result<()> {
+        let mut numbering = Numbering::default();
+        surface.walk(&[self.patch], &mut |piece| {
+            numbering.advance(piece.first, piece.positions.len());
+            each(piece, &mut numbering)
+        })
+    }
+}

@@ -1,0 +1,115 @@
+//! Reads a spool from its beginning to its end, as often as writers need, and by as many at a time.
+
+use super::{BUFFER, Spool};
+use crate::export::Metadata;
+use crate::export::shape::{Head, NamedPatch, Piece, Source};
+use crate::model::LengthUnit;
+use std::fs::File;
+use std::io::{self, BufReader, Read};
+use std::path::Path;
+
+/// Most positions that are read at a time where no triangles need them.
+const POSITIONS: u32 = 1 << 14;
+
+/// A surface in a spool as the writers take it.
+#[derive(Clone, Copy, Debug)]
+pub struct SpooledShape<'a> {
+    spool: &'a Spool,
+    unit: LengthUnit,
+    meta: &'a Metadata,
+}
+
+impl Spool {
+    /// The surface with positions in `unit`, rounded as [`LengthUnit::of_metres`] does.
+    #[must_use]
+    pub fn shape<'a>(&'a self, unit: LengthUnit, meta: &'a Metadata) -> SpooledShape<'a> {
+        SpooledShape { spool: self, unit, meta }
+    }
+}
+
+impl Source for SpooledShape<'_> {
+    fn head(&self) -> Head<'_> {
+        let mut triangles = 0;
+        let patches = self.spool.body.patches().iter().enumerate().map(|(patch, kind)| {
+            let start = triangles;
+            triangles += self.spool.batches.iter().map(|batch| batch.triangles[patch]).sum::<usize>();
+            NamedPatch { name: kind.name(), triangles: start..triangles }
+        });
+        let patches = patches.collect();
+        let vertices = self.spool.vertices as usize;
+        Head { name: self.spool.body.name(), vertices, triangles, patches, unit: self.unit, meta: Some(self.meta) }
+    }
+
+    fn positions(&self, each: &mut dyn FnMut(&[[f32; 3]]) -> io::Result<()>) -> io::Result<()> {
+        let mut window = Window::open(&self.spool.positions, self.unit)?;
+        while window.end() < self.spool.vertices {
+            let first = window.end();
+            window.advance(first, self.spool.vertices.min(first.saturating_add(POSITIONS)))?;
+            each(&window.positions)?;
+        }
+        Ok(())
+    }
+
+    fn walk(&self, patches: &[usize], each: &mut dyn FnMut(&Piece<'_>) -> io::Result<()>) -> io::Result<()> {
+        let mut window = Window::open(&self.spool.positions, self.unit)?;
+        let opened = |&patch: &usize| Ok((patch, open(&self.spool.patches[patch])?));
+        let mut files = patches.iter().map(opened).collect::<io::Result<Vec<_>>>()?;
+        let mut triangles = Vec::new();
+        for batch in &self.spool.batches {
+            for (patch, file) in &mut files {
+                if batch.triangles[*patch] == 0 {
+                    continue;
+                }
+                window.advance(batch.first, batch.vertices)?;
+                triangles.resize(batch.triangles[*patch], [0; 3]);
+                file.read_exact(bytemuck::cast_slice_mut(&mut triangles))?;
+                let (first, positions) = (window.first, &window.positions);
+                each(&Piece { patch: *patch, first, positions, triangles: &triangles })?;
+            }
+        }
+        Ok(())
+    }
+
+    fn is_in_memory(&self) -> bool {
+        false
+    }
+}
+
+fn open(path: &Path) -> io::Result<BufReader<File>> {
+    Ok(BufReader::with_capacity(BUFFER, File::open(path)?))
+}
+
+/// Positions of the vertices in use.
+struct Window {
+    file: BufReader<File>,
+    unit: LengthUnit,
+    /// Number of the first.
+    first: u32,
+    positions: Vec<[f32; 3]>,
+    /// Positions as they are in the file.
+    read: Vec<[f32; 3]>,
+}
+
+impl Window {
+    fn open(positions: &Path, unit: LengthUnit) -> io::Result<Self> {
+        Ok(Self { file: open(positions)?, unit, first: 0, positions: Vec::new(), read: Vec::new() })
+    }
+
+    /// The number of the first vertex that is not read yet.
+    fn end(&self) -> u32 {
+        self.first + self.positions.len() as u32
+    }
+
+    /// Drops the vertices before `first` and reads those before `end`; neither is less than before.
+    fn advance(&mut self, first: u32, end: u32) -> io::Result<()> {
+        let skipped = first.saturating_sub(self.end());
+        self.file.seek_relative(i64::from(skipped) * size_of::<[f32; 3]>() as i64)?;
+        let done = first - self.first - skipped;
+        self.positions.drain(..done as usize);
+        self.first = first;
+        self.read.resize((end - self.end()) as usize, [0.0; 3]);
+        self.file.read_exact(bytemuck::cast_slice_mut(&mut self.read))?;
+        self.positions.extend_from_slice(&self.unit.of_metres(&self.read));
+        Ok(())
+    }
+}

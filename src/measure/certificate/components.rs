@@ -1,0 +1,118 @@
+//! The connected parts of a surface.
+
+use super::types::{BODIES, Component};
+
+/// A component.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Body {
+    pub(super) vertices: u64,
+    pub(super) edges: u64,
+    pub(super) triangles: u64,
+    /// Its least vertex.
+    pub(super) vertex: u32,
+}
+
+impl Body {
+    /// Joins another to it.
+    pub(super) fn add(&mut self, other: &Self) {
+        self.vertices += other.vertices;
+        self.edges += other.edges;
+        self.triangles += other.triangles;
+        self.vertex = self.vertex.min(other.vertex);
+    }
+
+    pub(super) fn euler(&self) -> i64 {
+        self.vertices as i64 - self.edges as i64 + self.triangles as i64
+    }
+
+    pub(super) fn report(&self, volume_mm3: f64) -> Component {
+        Component { vertices: self.vertices, triangles: self.triangles, euler: self.euler(), volume_mm3 }
+    }
+}
+
+/// All components together, and the first ones one by one.
+#[derive(Default)]
+pub(super) struct Totals {
+    pub(super) components: u64,
+    pub(super) vertices: u64,
+    pub(super) triangles: u64,
+    pub(super) euler: i64,
+    pub(super) volume: f64,
+    /// Those with the least vertices, and more, in any order.
+    first: Vec<(Body, f64)>,
+}
+
+impl Totals {
+    /// Adds a component and its volume.
+    pub(super) fn add(&mut self, body: Body, volume: f64) {
+        self.components += 1;
+        self.vertices += body.vertices;
+        self.triangles += body.triangles;
+        self.euler += body.euler();
+        self.volume += volume;
+        self.first.push((body, volume));
+        if self.first.len() >= 2 * BODIES {
+            self.sort();
+        }
+    }
+
+    /// The first components, in the order of their least vertices.
+    pub(super) fn first(&mut self) -> &[(Body, f64)] {
+        self.sort();
+        &self.first
+    }
+
+    fn sort(&mut self) {
+        self.first.sort_by_key(|(body, _)| body.vertex);
+        self.first.truncate(BODIES);
+    }
+}
+
+/// For each vertex a vertex of its component, the same for all of one: the least. `parent` names for each vertex one of its
+/// component that is not greater: itself, as long as no triangles are known.
+pub(super) fn components(mut parent: Vec<u32>, triangles: &[[u32; 3]]) -> Vec<u32> {
+    for t in triangles {
+        let mut least = root(&mut parent, t[0]);
+        for &v in &t[1..] {
+            let other = root(&mut parent, v);
+            if other != least {
+                let (low, high) = (least.min(other), least.max(other));
+                parent[high as usize] = low;
+                least = low;
+            }
+        }
+    }
+    for v in 0..parent.len() as u32 {
+        // The parent is less than the vertex and has its final value already.
+        parent[v as usize] = parent[parent[v as usize] as usize];
+    }
+    parent
+}
+
+/// Numbers the components in the order of their least vertices, and counts their vertices.
+pub(super) fn number(least: &[u32], has_triangles: impl Fn(u32) -> bool) -> (Vec<u32>, Vec<Body>) {
+    let (mut label, mut bodies) = (vec![0u32; least.len()], Vec::<Body>::new());
+    for (v, &first) in (0u32..).zip(least) {
+        if !has_triangles(v) {
+            continue;
+        }
+        if first == v {
+            label[v as usize] = bodies.len() as u32;
+            bodies.push(Body { vertex: v, ..Body::default() });
+        } else {
+            label[v as usize] = label[first as usize];
+        }
+        bodies[label[v as usize] as usize].vertices += 1;
+    }
+    (label, bodies)
+}
+
+/// The least vertex known to be in the component of `v`.
+pub(super) fn root(parent: &mut [u32], mut v: u32) -> u32 {
+    while parent[v as usize] != v {
+        let above = parent[parent[v as usize] as usize];
+        parent[v as usize] = above;
+        v = above;
+    }
+    v
+}
