@@ -54,7 +54,7 @@ fn read(bytes: &[u8]) {
     if particles > LOFTED {
         return;
     }
-    drop(Walls::restored(&REQUEST, accepted.into_iter().map(Ok::<_, SectionsError>), checkpoint.flipped, || false));
+    drop(Walls::restored(&REQUEST, accepted.into_iter().map(Ok), checkpoint.flipped, || false));
 }
 
 /// Writes a checkpoint again; fails if one of its sections cannot be read.

@@ -5,7 +5,7 @@ use super::stream::{Stream, Streamed};
 use super::types::{GenerateError, Request};
 use crate::clock::Stopwatch;
 use crate::export::Metadata;
-use crate::export::sections_bin::write_sections;
+use crate::export::sections_bin::{SectionsError, write_sections};
 use crate::mesh::quality::{Lids, Quality, RemeshError, Remeshed, remesh};
 use crate::mesh::smooth::{Smooth, smooth};
 use crate::mesh::{LoftError, Lofter};
@@ -103,21 +103,20 @@ impl Walls {
     }
 
     /// Walls from the sections that [`Walls::save`] wrote.
-    pub(super) fn restored<E: Into<GenerateError>>(
+    pub(super) fn restored(
         request: &Request,
-        accepted: impl IntoIterator<Item = Result<Section, E>>,
+        mut accepted: impl Iterator<Item = Result<Section, SectionsError>>,
         flipped: usize,
         is_cancelled: impl Fn() -> bool,
     ) -> Result<Self, GenerateError> {
         let watch = Stopwatch::start();
-        let mut accepted = accepted.into_iter();
-        let first = accepted.next().ok_or_else(|| unsound(LoftError::NoSection))?.map_err(Into::into)?;
+        let first = accepted.next().ok_or_else(|| unsound(LoftError::NoSection))??;
         let mut walls = Self::with(request, first)?;
         for section in accepted {
             if is_cancelled() {
                 return Err(GenerateError::Cancelled);
             }
-            let section = section.map_err(Into::into)?;
+            let section = section?;
             match &mut walls.form {
                 Form::Lofted(lofter) | Form::Streamed(lofter, _) => {
                     let accepted = lofter.advance(&[section]).map_err(unsound)?;

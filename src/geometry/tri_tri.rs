@@ -233,5 +233,31 @@ pub fn overlap_across_edge(a: &Triangle, i: usize, b: &Triangle, j: usize) -> bo
     (orient2d(u, v, flat(a.points[i], axis)) > 0.0) == (orient2d(u, v, flat(far, axis)) > 0.0)
 }
 
+/// Whether two triangles of a mesh, given with the numbers of their vertices, have points in common besides the vertices and
+/// edges that they share; so do triangles of the same three vertices.
+#[inline]
+#[must_use]
+pub fn meet_in_mesh((a, ta): (&Triangle, [u32; 3]), (b, tb): (&Triangle, [u32; 3])) -> bool {
+    // Bit 3i + j: corner i of the first is corner j of the second.
+    let mut same = 0u32;
+    for (i, a) in ta.iter().enumerate() {
+        for (j, b) in tb.iter().enumerate() {
+            same |= u32::from(a == b) << (3 * i + j);
+        }
+    }
+    match same.count_ones() {
+        0 => meet(a, b),
+        1 => {
+            let bit = same.trailing_zeros() as usize;
+            meet_beyond_corner(a, bit / 3, b, bit % 3)
+        }
+        2 => {
+            let apart = |mask: u32, step: u32| (0..3).find(|i| same & (mask << (step * i)) == 0).unwrap_or(0) as usize;
+            overlap_across_edge(a, apart(0b111, 3), b, apart(0b1_001_001, 1))
+        }
+        _ => true,
+    }
+}
+
 #[cfg(test)]
 mod tests;

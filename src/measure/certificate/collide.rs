@@ -11,7 +11,7 @@ use super::surface::{Coordinate, Surface, Tally, few};
 use super::topology::Copies;
 use super::types::{FailureKind, Failures, PLACES};
 use crate::geometry::bvh::{Bounds, Bvh, WIDTH, morton};
-use crate::geometry::tri_tri::{Triangle, meet, meet_beyond_corner, overlap_across_edge};
+use crate::geometry::tri_tri::{Triangle, meet_in_mesh};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -196,37 +196,13 @@ fn collide_block<C: Coordinate>(
         }
         let (first, second) = (order.triangle(i), order.triangle(j));
         let a = own[i % WIDTH].get_or_insert_with(|| Triangle::new(surface.corners(first)));
-        if in_contact(surface, a, first, second) {
+        let b = Triangle::new(surface.corners(second));
+        // Copies and degenerate triangles are left out.
+        if meet_in_mesh((a, surface.triangles[first]), (&b, surface.triangles[second])) {
             let (first, second) = (surface.number(first), surface.number(second));
             found.add(copies, [first.min(second), first.max(second)]);
         }
     });
-}
-
-#[inline]
-fn in_contact<C: Coordinate>(surface: &Surface<'_, C>, a: &Triangle, first: usize, second: usize) -> bool {
-    let (ta, tb) = (surface.triangles[first], surface.triangles[second]);
-    // Bit 3i + j: corner i of the first is corner j of the second.
-    let mut same = 0u32;
-    for (i, a) in ta.iter().enumerate() {
-        for (j, b) in tb.iter().enumerate() {
-            same |= u32::from(a == b) << (3 * i + j);
-        }
-    }
-    let b = Triangle::new(surface.corners(second));
-    match same.count_ones() {
-        0 => meet(a, &b),
-        1 => {
-            let bit = same.trailing_zeros() as usize;
-            meet_beyond_corner(a, bit / 3, &b, bit % 3)
-        }
-        2 => {
-            let apart = |mask: u32, step: u32| (0..3).find(|i| same & (mask << (step * i)) == 0).unwrap_or(0) as usize;
-            overlap_across_edge(a, apart(0b111, 3), &b, apart(0b1_001_001, 1))
-        }
-        // Copies and degenerate triangles are left out.
-        _ => false,
-    }
 }
 
 /// The order of the triangles in the hierarchy.

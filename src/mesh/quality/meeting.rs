@@ -1,7 +1,7 @@
 //! All pairs of triangles that have points in common other than shared vertices and edges; exact.
 
 use crate::geometry::bvh::{Bounds, Bvh};
-use crate::geometry::tri_tri::{Triangle, meet, meet_beyond_corner, overlap_across_edge};
+use crate::geometry::tri_tri::{Triangle, meet_in_mesh};
 use crate::model::Mesh;
 use rayon::prelude::*;
 
@@ -17,7 +17,8 @@ pub(super) fn pairs(mesh: &Mesh) -> Vec<[u32; 2]> {
         .flat_map_iter(|block| {
             let mut found = Vec::new();
             bvh.pairs(block, 0.0, |i, j| {
-                if in_contact([mesh.triangles[i], mesh.triangles[j]], [corners(i), corners(j)]) {
+                let [a, b] = [i, j].map(|t| Triangle::new(corners(t)));
+                if meet_in_mesh((&a, mesh.triangles[i]), (&b, mesh.triangles[j])) {
                     found.push([i as u32, j as u32]);
                 }
             });
@@ -27,16 +28,4 @@ pub(super) fn pairs(mesh: &Mesh) -> Vec<[u32; 2]> {
     pairs.extend((0u32..).zip(&flat).filter(|(_, flat)| **flat).map(|(t, _)| [t, t]));
     pairs.sort_unstable();
     pairs
-}
-
-fn in_contact([s, t]: [[u32; 3]; 2], corners: [[[f64; 3]; 3]; 2]) -> bool {
-    let [a, b] = corners.map(Triangle::new);
-    let shared: Vec<(usize, usize)> =
-        (0..3).filter_map(|i| t.iter().position(|&v| v == s[i]).map(|j| (i, j))).collect();
-    match shared[..] {
-        [] => meet(&a, &b),
-        [(i, j)] => meet_beyond_corner(&a, i, &b, j),
-        [(i, j), (k, l)] => overlap_across_edge(&a, 3 - i - k, &b, 3 - j - l),
-        _ => true,
-    }
 }
