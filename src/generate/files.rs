@@ -26,7 +26,7 @@ pub(super) const REPORT: &str = "report.json";
 pub(super) const SECTIONS: &str = "sections.bin";
 
 /// What the files of a model are made from.
-pub(super) struct Stock<'a> {
+pub(super) struct Inputs<'a> {
     pub(super) meta: &'a Metadata,
     /// The surface of each body in each unit that is written.
     pub(super) surfaces: Vec<(BodyKind, LengthUnit, Box<dyn Source + 'a>)>,
@@ -48,11 +48,11 @@ pub(super) type Buffered = HashingWriter<BufWriter<File>>;
 /// the backend, so its bytes do not depend on where the model is grown.
 pub(super) fn write(
     request: &Request,
-    stock: Stock<'_>,
+    inputs: Inputs<'_>,
     findings: &Findings,
     cancel: &CancelToken,
 ) -> Result<Vec<FileOutput>, GenerateError> {
-    let Stock { meta, surfaces, tissue, sections, centreline } = stock;
+    let Inputs { meta, surfaces, tissue, sections, centreline } = inputs;
     let options = GlbOptions { strips: request.spec.mesh.strips };
     let wants = |output| request.outputs.has(output);
     let mut tasks: Vec<(String, &str, Task<'_>)> = Vec::new();

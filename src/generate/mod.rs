@@ -41,7 +41,7 @@ use crate::measure::morphometry::{Morphometry, Regions, morphometry};
 use crate::model::{BodyKind, LengthUnit, Section};
 use crate::sim::Statistics;
 use crate::spec::preset;
-use files::{Sections, Stock};
+use files::{Inputs, Sections};
 use grow::Grown;
 use pace::Pace;
 use serde_json::json;
@@ -163,7 +163,7 @@ struct Examined<'a> {
     added: usize,
     /// Points of the first and of the last section.
     ends: [usize; 2],
-    stock: Stock<'a>,
+    inputs: Inputs<'a>,
 }
 
 impl Finishing<'_> {
@@ -190,7 +190,7 @@ impl Finishing<'_> {
 
         let meta = self.request.metadata(sections.len());
         let placed = surfaces.placed();
-        let stock = Stock {
+        let inputs = Inputs {
             meta: &meta,
             surfaces: placed.iter().map(|of| of.source(&meta)).collect(),
             tissue: Some(tissue),
@@ -199,7 +199,7 @@ impl Finishing<'_> {
         };
         let added = sections.iter().filter(|s| s.added).count();
         let ends = [&sections[0], &sections[sections.len() - 1]].map(Section::particles);
-        self.write(Examined { certificate, others, morphometry, added, ends, stock }, seconds)
+        self.write(Examined { certificate, others, morphometry, added, ends, inputs }, seconds)
     }
 
     /// As [`Self::whole`] for a surface that has been examined while it came.
@@ -230,7 +230,7 @@ impl Finishing<'_> {
                 surfaces.push((BodyKind::Tissue, unit, Box::new(spool.shape(unit, &meta))));
             }
         }
-        let stock = Stock {
+        let inputs = Inputs {
             meta: &meta,
             surfaces,
             tissue: None,
@@ -238,7 +238,7 @@ impl Finishing<'_> {
             centreline: of.centreline,
         };
         let (added, ends) = (of.added, of.ends);
-        self.write(Examined { certificate, others, morphometry, added, ends, stock }, seconds)
+        self.write(Examined { certificate, others, morphometry, added, ends, inputs }, seconds)
     }
 
     fn regions(&self) -> Regions {
@@ -252,7 +252,7 @@ impl Finishing<'_> {
 
     /// Writes the files.
     fn write(self, found: Examined<'_>, mut seconds: Seconds) -> Result<Outcome, GenerateError> {
-        let Examined { certificate, others, morphometry, added, ends, stock } = found;
+        let Examined { certificate, others, morphometry, added, ends, inputs } = found;
         let (request, spec) = (self.request, &self.request.spec);
         let comparison = preset(&request.preset).map(|of| compare(&morphometry, &of.organ, &of.species));
 
@@ -271,7 +271,7 @@ impl Finishing<'_> {
             target: spec.particles.total.at(f64::from(last) / f64::from(spec.steps)).round() as u64,
         });
         let summary = json!({
-            "sections": stock.meta.sections - added,
+            "sections": inputs.meta.sections - added,
             "sections_added": added,
             "diagonals_flipped": self.flipped,
             "particles": { "start": ends[0], "end": ends[1] },
@@ -287,7 +287,7 @@ impl Finishing<'_> {
         let certificate = serde_json::to_value(&certificate)
             .map_err(|e| GenerateError::Io { name: files::REPORT.into(), source: e.into() })?;
         let findings = Findings { summary, certificate, surfaces: others, morphometry, comparison };
-        let files = files::write(request, stock, &findings, self.cancel)?;
+        let files = files::write(request, inputs, &findings, self.cancel)?;
         seconds.export += watch.seconds();
         (self.stage)(Stage::Export, 1.0)?;
         seconds.total = self.ran.total.seconds();

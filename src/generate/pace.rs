@@ -5,38 +5,20 @@ use crate::clock::Stopwatch;
 use crate::model::Section;
 use tempfile::TempPath;
 
-/// The stages with the fraction of the whole that is done when they end; for a surface that is lofted while the simulation
+const STAGES: [Stage; 6] = [Stage::Simulate, Stage::Mesh, Stage::Certify, Stage::Measure, Stage::Export, Stage::Store];
+
+/// The fraction of the whole that is done when each of the stages ends; for a surface that is lofted while the simulation
 /// runs, one that is also examined meanwhile, and an even one.
-const LOFTED: [(Stage, f64); 6] = [
-    (Stage::Simulate, 0.80),
-    (Stage::Mesh, 0.82),
-    (Stage::Certify, 0.90),
-    (Stage::Measure, 0.93),
-    (Stage::Export, 0.98),
-    (Stage::Store, 1.0),
-];
-const STREAMED: [(Stage, f64); 6] = [
-    (Stage::Simulate, 0.92),
-    (Stage::Mesh, 0.93),
-    (Stage::Certify, 0.94),
-    (Stage::Measure, 0.95),
-    (Stage::Export, 0.98),
-    (Stage::Store, 1.0),
-];
-const EVEN: [(Stage, f64); 6] = [
-    (Stage::Simulate, 0.10),
-    (Stage::Mesh, 0.86),
-    (Stage::Certify, 0.93),
-    (Stage::Measure, 0.94),
-    (Stage::Export, 0.98),
-    (Stage::Store, 1.0),
-];
+const LOFTED: [f64; 6] = [0.80, 0.82, 0.90, 0.93, 0.98, 1.0];
+const STREAMED: [f64; 6] = [0.92, 0.93, 0.94, 0.95, 0.98, 1.0];
+const EVEN: [f64; 6] = [0.10, 0.86, 0.93, 0.94, 0.98, 1.0];
 
 /// Converts steps into progress. The weight of a step is its number of particles.
 pub(super) struct Pace<'a> {
     sink: &'a dyn Sink,
     watch: Stopwatch,
-    stages: &'static [(Stage, f64); 6],
+    /// The fraction of the whole that is done when each of [`STAGES`] ends.
+    ends: [f64; 6],
     /// Fraction that was done when `watch` was started.
     begun: f64,
     burn_in: f64,
@@ -66,12 +48,14 @@ impl<'a> Pace<'a> {
             eta_seconds: None,
         };
         sink.progress(&now);
-        let stages = match spec.is_streamed(&request.outputs.names()) {
-            _ if spec.mesh.resolution_um > 0.0 => &EVEN,
-            true => &STREAMED,
-            false => &LOFTED,
+        let ends = if spec.mesh.resolution_um > 0.0 {
+            EVEN
+        } else if spec.is_streamed(&request.outputs.names()) {
+            STREAMED
+        } else {
+            LOFTED
         };
-        Self { sink, watch: Stopwatch::start(), stages, begun: 0.0, burn_in: f64::from(spec.burn_in), work, now }
+        Self { sink, watch: Stopwatch::start(), ends, begun: 0.0, burn_in: f64::from(spec.burn_in), work, now }
     }
 
     /// A step is done.
@@ -118,7 +102,7 @@ impl<'a> Pace<'a> {
     /// The fraction of the whole after a part of a stage.
     fn fraction(&self, stage: Stage, part: f64) -> f64 {
         let mut begin = 0.0;
-        for &(known, end) in self.stages {
+        for (known, end) in STAGES.into_iter().zip(self.ends) {
             if known == stage {
                 return begin + part * (end - begin);
             }
