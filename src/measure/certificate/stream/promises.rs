@@ -48,12 +48,17 @@ impl Promises {
         };
         let (retired, low) = window.retired();
         let (is_sound, vertices) = (self.is_sound(), self.vertices);
-        let fault = |t: &[u32; 3]| match () {
-            () if t.iter().any(|&v| v >= vertices) => Some(Fault::Missing),
-            () if t.iter().any(|&v| v < retired) => Some(Fault::Retired),
-            // After a fault the window is empty.
-            () if is_sound && t.iter().any(|&v| z(v) < low) => Some(Fault::Below),
-            () => None,
+        let fault = |t: &[u32; 3]| {
+            if t.iter().any(|&v| v >= vertices) {
+                Some(Fault::Missing)
+            } else if t.iter().any(|&v| v < retired) {
+                Some(Fault::Retired)
+            } else if is_sound && t.iter().any(|&v| z(v) < low) {
+                // After a fault the window is empty, and heights are unknown.
+                Some(Fault::Below)
+            } else {
+                None
+            }
         };
         if chunk.triangles.par_iter().with_min_len(1 << 14).any(|t| fault(t).is_some()) {
             for (number, t) in (triangles..).zip(chunk.triangles) {
