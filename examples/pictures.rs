@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mesh = lofter.finish()?;
     let out = Path::new(&out);
     std::fs::create_dir_all(out)?;
-    let chosen: Vec<&Section> = sections.iter().filter(|s| STEPS.contains(&s.step)).collect();
+    let chosen: Vec<_> = sections.iter().filter(|s| STEPS.contains(&s.step)).map(Section::borders).collect();
     std::fs::write(out.join("sections.png"), sheet_png(&chosen, 4, 480)?)?;
     std::fs::write(out.join("model.png"), mesh_png(&mesh, &NamedView::Opened.of(&mesh, 1200))?)?;
     Ok(())

@@ -24,6 +24,10 @@ pub enum Stream {
     Load = 8,
     /// Latin hypercubes; index: sample and dimension.
     Study = 7,
+    /// Directions, wavelengths, phases and periods of the sway; index: component, and which of them.
+    Sway = 10,
+    /// Directions, wavelengths and phases of the lean; index: component.
+    Lean = 11,
     /// Cells and fibres of stained sections; index: section, and cell or point of a lattice.
     Histology = 9,
 }

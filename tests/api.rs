@@ -13,6 +13,7 @@ mod api {
     mod bulk;
     mod create;
     mod crowd;
+    mod cut;
     mod events;
     mod examples;
     mod faulty;

@@ -8,6 +8,8 @@ mod cluster;
 mod collector;
 #[path = "cli/convert.rs"]
 mod convert;
+#[path = "cli/cut.rs"]
+mod cut;
 #[path = "cli/figures.rs"]
 mod figures;
 #[path = "cli/fit.rs"]
@@ -209,7 +211,7 @@ fn a_model_that_grew_poorly_is_reported_with_warnings() {
     let crowded = "particles.total={\"keys\":[[0,300],[1,2000]]}";
     let arguments =
         ["generate", "--out", "a", "--seed", "2", "--backend", "cpu", "--json", "--set", "steps=60", "--set", crowded];
-    let output = run(at.path(), &arguments);
+    let output = run(at.path(), &[&arguments[..], &["--set", "sway.strength=0"]].concat());
     let warnings = &json(&output)["warnings"];
     let codes: Vec<&Value> = warnings.as_array().expect("an array").iter().map(|warning| &warning["code"]).collect();
     assert_eq!(codes, ["splits-missing", "particles-short"]);

@@ -45,6 +45,7 @@ struct StepRow {
     wall_stiffness: f32,
     wall_damping: f32,
     wall_friction: f32,
+    sway: f32,
     inner_target: u32,
     outer_target: u32,
 }
@@ -62,7 +63,8 @@ struct Batch {
     lobes: u32,
     // Words of a member's tables.
     tables: u32,
-    padding: u32,
+    // Cosines of the sway.
+    flows: u32,
 }
 
 // Constants of a member.
@@ -166,7 +168,10 @@ const COUNT: u32 = 37u;
 // … of each run of a growth event: the edge to split or NONE, and splits in the runs before.
 const WINNER: u32 = 38u;
 const BEFORE: u32 = 39u;
-const FIELDS: u32 = 40u;
+// Force of the sway in this step.
+const SWAY_X: u32 = 40u;
+const SWAY_Y: u32 = 41u;
+const FIELDS: u32 = 42u;
 
 // Fields of a particle of the outer loop.
 const WALL_ID: u32 = 0u;

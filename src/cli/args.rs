@@ -23,7 +23,9 @@ pub(super) use limits::LimitArgs;
 pub(super) use load::LoadArgs;
 pub(super) use model::{ModelArgs, SpecArgs};
 pub(super) use remote::RemoteArgs;
-pub(super) use surfaces::{CheckArgs, ConvertArgs, MeasureArgs, RenderArgs, ReportArgs, SectionArgs};
+pub(super) use surfaces::{
+    CheckArgs, ConvertArgs, CutArgs, LayerArgs, MeasureArgs, RenderArgs, ReportArgs, SectionArgs,
+};
 pub(super) use workers::{WorkersAction, WorkersArgs};
 
 use super::units;
@@ -104,6 +106,8 @@ pub(super) enum Command {
     Figures(FiguresArgs),
     /// Draw a section of a sections.bin file as a stained slide, or as a label image
     Section(SectionArgs),
+    /// Cut a surface with a plane: rings told apart as tissue, lumen, islands and pockets; as JSON, a drawing or a stained picture
+    Cut(CutArgs),
     /// Measure the section in an image: a mask, or a label image
     Measure(MeasureArgs),
     /// Send many requests to a running service and report its throughput, latencies and errors

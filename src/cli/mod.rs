@@ -11,6 +11,7 @@ mod compare;
 mod config;
 mod connections;
 mod convert;
+mod cut;
 mod demo;
 mod exit;
 mod figures;
@@ -20,6 +21,7 @@ mod generate;
 mod gpu;
 mod interrupt;
 mod keys;
+mod layers;
 mod load;
 mod measure;
 mod migrate;
@@ -102,6 +104,7 @@ async fn dispatch(command: Command) -> Ended {
         Command::Compare(args) => compare::run(args).await,
         Command::Figures(args) => figures::run(args).await,
         Command::Section(args) => section::run(args).await,
+        Command::Cut(args) => cut::run(args).await,
         Command::Measure(args) => measure::run(args).await,
         Command::Bench(args) => bench::run(args).await,
         Command::Presets(args) => print::presets(&args),

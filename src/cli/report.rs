@@ -1,12 +1,16 @@
-//! `oviduct report`: the report of a model as one HTML page, from its `report.json` and `sections.bin`.
+//! `oviduct report`: the report of a model as one HTML page, from its `report.json` and `sections.bin`, and its
+//! surface if that leans.
 
 use super::args::ReportArgs;
 use super::exit::Ended;
 use super::scratch::Scratch;
 use super::{interrupt, term};
+use crate::export::convert::Converted;
+use crate::export::read::read_surface;
 use crate::export::sections_bin::SectionsReader;
-use crate::model::Section;
-use crate::{preview, report};
+use crate::model::{Body, Section};
+use crate::preview;
+use crate::report::{self, Strip};
 use anyhow::Context;
 use std::fs::File;
 use std::io::BufReader;
@@ -42,7 +46,26 @@ pub(super) fn page(dir: &Path) -> anyhow::Result<String> {
     let open = || File::open(&bin).map(BufReader::new).with_context(|| bin.display().to_string());
     let mut reader = SectionsReader::open(open()?).with_context(|| bin.display().to_string())?;
     let z: Vec<f64> = reader.entries().iter().map(|entry| entry.z_um).collect();
-    let strip = report::strip(&z).into_iter().map(|k| reader.section(k)).collect::<Result<Vec<Section>, _>>()?;
+    let chosen = report::strip(&z);
+    let places: Vec<f64> = chosen.iter().map(|&k| z[k]).collect();
+    let strip = match body(dir, &stored)?.and_then(|body| Strip::of_cuts(&body, &places)) {
+        Some(strip) => strip,
+        None => {
+            let read = chosen.into_iter().map(|k| reader.section(k)).collect::<Result<Vec<Section>, _>>();
+            Strip::of_sections(&read?)
+        }
+    };
     let tube = preview::surface(open()?, report::VIEW, report::PICTURE)?;
     Ok(report::html(&stored, &strip, &tube)?)
+}
+
+/// The surface of the tissue, if it leans and one of its files is in the directory.
+fn body(dir: &Path, report: &[u8]) -> anyhow::Result<Option<Body<'static>>> {
+    if !report::leans(report) {
+        return Ok(None);
+    }
+    let files = ["glb", "gltf", "ply", "vtp", "obj", "stl"].map(|ending| dir.join(format!("model.{ending}")));
+    let Some(file) = files.iter().find(|file| file.is_file()) else { return Ok(None) };
+    let surface = read_surface(file).with_context(|| file.display().to_string())?;
+    Ok(Some(Converted::in_its_unit(&surface).into_body()))
 }

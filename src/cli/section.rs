@@ -2,14 +2,12 @@
 
 use super::args::SectionArgs;
 use super::exit::{Ended, Failure};
+use super::layers::layers;
 use super::scratch::Scratch;
 use super::{interrupt, term};
 use crate::export::sections_bin::SectionsReader;
 use crate::render::{Slide, um_per_pixel};
-use crate::spec::{ModelSpec, preset, presets};
-use crate::tissue::Layers;
 use anyhow::Context;
-use serde_json::{Map, Value, json};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -54,27 +52,10 @@ fn draw(args: &SectionArgs) -> Result<Vec<u8>, Failure> {
     }
     let section = reader.section(args.index as usize).with_context(|| shown.to_string())?;
     let header = reader.header();
-    let layers = layers(&header.preset, args)?;
-    let slide = Slide { section: &section, layers, seed: header.seed, index: args.index };
+    let layers = layers(&header.preset, &args.layers)?;
+    let slide = Slide { borders: section.borders(), layers, seed: header.seed, index: args.index };
     let drawn = if args.labels { slide.labels(args.size) } else { slide.stained(args.size) };
     Ok(drawn.context("the section cannot be drawn")?)
-}
-
-/// The layers of the model's preset, changed by options, which are checked as a spec is.
-fn layers(name: &str, args: &SectionArgs) -> Result<Layers, Failure> {
-    let given = [
-        ("epithelium_um", args.epithelium_um),
-        ("lamina_um", args.lamina_um),
-        ("longitudinal_share", args.longitudinal_share),
-        ("serosa_um", args.serosa_um),
-    ];
-    let given: Map<String, Value> =
-        given.into_iter().filter_map(|(name, value)| Some((name.to_owned(), value?.into()))).collect();
-    let preset = preset(name).unwrap_or(&presets()[0]);
-    match ModelSpec::resolve(preset, &json!({ "histology": given })) {
-        Ok(spec) => Ok(spec.histology.layers()),
-        Err(faults) => Err(Failure::Usage(faults.iter().map(|f| format!("{}: {}", f.pointer, f.detail)).collect())),
-    }
 }
 
 #[cfg(test)]

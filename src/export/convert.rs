@@ -2,7 +2,7 @@
 
 use super::read::Surface;
 use super::shape::{NamedPatch, Shape};
-use crate::model::{BodyKind, LengthUnit, PatchKind};
+use crate::model::{Body, BodyKind, LengthUnit, PatchKind};
 use std::collections::HashMap;
 use std::ops::Range;
 
@@ -63,6 +63,23 @@ impl Converted {
             unit,
             rounded,
         }
+    }
+
+    /// Takes a surface over in the unit of its file.
+    #[must_use]
+    pub fn in_its_unit(surface: &Surface) -> Self {
+        let metres = surface.unit.metres();
+        let is_unit = |unit: &LengthUnit| (unit.metres() / metres - 1.0).abs() < 1e-9;
+        let unit = LengthUnit::ALL.into_iter().find(is_unit).unwrap_or(LengthUnit::Metre);
+        Self::new(surface, unit, "surface")
+    }
+
+    /// As a body that can be cut.
+    #[must_use]
+    pub fn into_body(self) -> Body<'static> {
+        let patches: Vec<(PatchKind, Range<usize>)> =
+            self.patches.into_iter().filter_map(|(name, range)| Some((PatchKind::named(&name)?, range))).collect();
+        Body::new(self.positions, self.triangles, &patches, 1e6 * self.unit.metres())
     }
 
     /// As the writers take it.

@@ -14,7 +14,7 @@ pub use volume::{FILES, LabelReport, LabelVolume, MEDIA_TYPES};
 
 use super::Metadata;
 use crate::geometry::cut::Slicer;
-use crate::model::{Mesh, PatchKind};
+use crate::model::{Border, Mesh, PatchKind};
 use crate::tissue::{Grid, Layers, TissueMap};
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
@@ -33,8 +33,8 @@ struct Slice {
 /// Writes both files. `cancelled` is asked between slices.
 ///
 /// # Errors
-/// Errors of the writers; [`io::ErrorKind::InvalidData`] if a cut is not one closed line a wall, which a certified surface
-/// excludes; [`io::ErrorKind::Interrupted`] if it was cancelled; [`io::ErrorKind::InvalidInput`] if the piece is not of the
+/// Errors of the writers; [`io::ErrorKind::InvalidData`] if a cut is not one closed line in the outer wall, which a certified
+/// surface excludes; [`io::ErrorKind::Interrupted`] if it was cancelled; [`io::ErrorKind::InvalidInput`] if the piece is not of the
 /// tube, or a side of it has more than 32,767 voxels.
 pub fn write_labels(
     surface: &Mesh,
@@ -123,17 +123,15 @@ impl<'a> Walls<'a> {
     }
 
     fn slice(&self, z_um: f64, grid: &Grid, layers: &Layers) -> io::Result<Slice> {
-        let line = |wall: &Slicer<'_>| {
-            let mut lines = wall.cut(z_um * 1e-6, 1e6);
-            match (lines.pop(), lines.len()) {
-                (Some(line), 0) => Ok(line),
-                (_, more) => {
-                    let text = format!("the cut at {z_um} µm has {} lines in a wall, not one", more + 1);
-                    Err(io::Error::new(io::ErrorKind::InvalidData, text))
-                }
-            }
-        };
-        let labels = TissueMap::new(&line(&self.inner)?, &line(&self.outer)?, layers).labels(grid);
+        let [mucosa, outside] = [&self.inner, &self.outer].map(|wall| wall.cut(z_um * 1e-6, 1e6));
+        // The mucosa may have islands; the outside is one line.
+        if mucosa.is_empty() || outside.len() != 1 {
+            let lines = [mucosa.len(), outside.len()];
+            let text =
+                format!("the cut at {z_um} µm has {} lines in the inner wall and {} in the outer", lines[0], lines[1]);
+            return Err(io::Error::new(io::ErrorKind::InvalidData, text));
+        }
+        let labels = TissueMap::new(&Border::closed(mucosa), &Border::closed(outside), layers).labels(grid);
         let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
         encoder.write_all(&labels)?;
         Ok(Slice { labels, deflated: encoder.finish()? })

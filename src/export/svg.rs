@@ -1,6 +1,6 @@
 //! A cross section as a drawing: SVG in micrometres, y up, with a scale bar.
 
-use crate::model::{Ring, Section};
+use crate::model::{Cut, Plane, Ring, RingKind, Section};
 use std::fmt::Write;
 
 /// Media type of the drawing.
@@ -9,6 +9,7 @@ pub const MEDIA_TYPE: &str = "image/svg+xml";
 const TISSUE: &str = "#de95a9";
 const LUMEN: &str = "#fffaf8";
 const OUTLINE: &str = "#7d3a78";
+const ISLAND: &str = "#1f6f8b";
 const INK: &str = "#3b2a38";
 /// Length of the scale bar, micrometres.
 const BAR: f64 = 500.0;
@@ -18,40 +19,70 @@ const BAR: f64 = 500.0;
 /// Points that are not finite are omitted.
 #[must_use]
 pub fn section_svg(section: &Section) -> String {
-    let frame = Frame::around(section);
-    let z_mm = section.z_um / 1000.0;
-    let size = frame.text;
+    let frame = Frame::of(finite(&section.outer).chain(finite(&section.inner)));
+    let (outer, inner) = (path(&section.outer), path(&section.inner));
+    let body = format!(
+        r#"<path id="tissue" fill="{TISSUE}" fill-rule="evenodd" d="{outer}{inner}"/>
+<path id="lumen" fill="{LUMEN}" stroke="{OUTLINE}" stroke-width="{:.2}" stroke-linejoin="round" d="{inner}"/>
+"#,
+        frame.extent / 250.0
+    );
     let added = if section.added { ", added" } else { "" };
-    let mut svg = String::with_capacity(section.particles() * 18 + 1200);
+    let place = format!("z = {:.3} mm, step {}{added}", section.z_um / 1000.0, section.step);
+    drawing(&frame, &format!("Section at {place}"), &place, &body)
+}
+
+/// Draws a cut: tissue filled, lumen and pockets outlined, islands outlined in another colour. u is drawn to the right, v up.
+#[must_use]
+pub fn cut_svg(cut: &Cut) -> String {
+    let points = || cut.rings.iter().flat_map(|ring| ring.points.iter().copied());
+    let frame = Frame::of(points());
+    let of = |kinds: &[RingKind]| -> String {
+        let rings = cut.rings.iter().filter(|ring| kinds.contains(&ring.kind));
+        rings.map(|ring| data(ring.points.iter().copied())).collect()
+    };
+    use RingKind::{Island, Lumen, Pocket, Tissue};
+    let line = frame.extent / 250.0;
+    let mut body = format!(
+        r#"<path id="tissue" fill="{TISSUE}" fill-rule="evenodd" d="{}"/>"#,
+        of(&[Tissue, Lumen, Island, Pocket])
+    );
+    body.push('\n');
+    for (id, kind, color) in [("lumen", Lumen, OUTLINE), ("pockets", Pocket, OUTLINE), ("islands", Island, ISLAND)] {
+        let rings = of(&[kind]);
+        if !rings.is_empty() {
+            body.push_str(&format!(
+                r#"<path id="{id}" fill="none" stroke="{color}" stroke-width="{line:.2}" stroke-linejoin="round" d="{rings}"/>"#
+            ));
+            body.push('\n');
+        }
+    }
+    let Plane { origin_um: [x, y, z], normal, .. } = cut.plane;
+    let place = if normal == [0.0, 0.0, 1.0] {
+        format!("z = {:.3} mm", z / 1000.0)
+    } else {
+        let [a, b, c] = normal;
+        format!("through ({:.3}, {:.3}, {:.3}) mm, normal ({a:.3}, {b:.3}, {c:.3})", x / 1e3, y / 1e3, z / 1e3)
+    };
+    drawing(&frame, &format!("Cut at {place}"), &place, &body)
+}
+
+/// A drawing with a title, a scale bar and a caption.
+fn drawing(frame: &Frame, title: &str, caption: &str, body: &str) -> String {
+    let size = frame.text;
     let [left, top, width, height] = frame.view_box();
     let (bar_x, bar_y) = (frame.min[0], top + height - 1.1 * size);
-    let mut line = |text: std::fmt::Arguments<'_>| {
-        svg.write_fmt(text).expect("writing to a string cannot fail");
-        svg.push('\n');
-    };
-    line(format_args!(
-        r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="{left:.2} {top:.2} {width:.2} {height:.2}" data-units="um">"#
-    ));
-    line(format_args!("<title>Section at z = {z_mm:.3} mm, step {}{added}</title>", section.step));
-    let (outer, inner) = (path(&section.outer), path(&section.inner));
-    line(format_args!(r#"<path id="tissue" fill="{TISSUE}" fill-rule="evenodd" d="{outer}{inner}"/>"#));
-    line(format_args!(
-        r#"<path id="lumen" fill="{LUMEN}" stroke="{OUTLINE}" stroke-width="{:.2}" stroke-linejoin="round" d="{inner}"/>"#,
-        frame.extent / 250.0
-    ));
-    line(format_args!(
-        r#"<g font-family="sans-serif" font-size="{size:.2}" fill="{INK}"><rect id="scale" x="{bar_x:.2}" y="{bar_y:.2}" width="{BAR}" height="{:.2}"/>"#,
+    let (above, right) = (bar_y - 0.3 * size, left + width - size / 2.0);
+    format!(
+        r#"<svg xmlns="http://www.w3.org/2000/svg" viewBox="{left:.2} {top:.2} {width:.2} {height:.2}" data-units="um">
+<title>{title}</title>
+{body}<g font-family="sans-serif" font-size="{size:.2}" fill="{INK}"><rect id="scale" x="{bar_x:.2}" y="{bar_y:.2}" width="{BAR}" height="{:.2}"/>
+<text x="{bar_x:.2}" y="{above:.2}">{BAR} µm</text>
+<text x="{right:.2}" y="{above:.2}" text-anchor="end">{caption}</text></g>
+</svg>
+"#,
         size / 5.0
-    ));
-    line(format_args!(r#"<text x="{bar_x:.2}" y="{:.2}">{BAR} µm</text>"#, bar_y - 0.3 * size));
-    line(format_args!(
-        r#"<text x="{:.2}" y="{:.2}" text-anchor="end">z = {z_mm:.3} mm, step {}{added}</text></g>"#,
-        left + width - size / 2.0,
-        bar_y - 0.3 * size,
-        section.step
-    ));
-    svg.push_str("</svg>\n");
-    svg
+    )
 }
 
 /// Extent of the drawing, in micrometres with y down.
@@ -63,9 +94,9 @@ struct Frame {
 }
 
 impl Frame {
-    fn around(section: &Section) -> Self {
+    fn of(points: impl Iterator<Item = [f64; 2]>) -> Self {
         let (mut min, mut max) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for [x, y] in finite(&section.outer).chain(finite(&section.inner)) {
+        for [x, y] in points {
             for (axis, value) in [x, -y].into_iter().enumerate() {
                 min[axis] = min[axis].min(value);
                 max[axis] = max[axis].max(value);
@@ -93,8 +124,12 @@ fn finite(ring: &Ring) -> impl Iterator<Item = [f64; 2]> + '_ {
 
 /// Path data of a closed ring, with y down.
 fn path(ring: &Ring) -> String {
-    let mut data = String::with_capacity(ring.len() * 18);
-    for (i, [x, y]) in finite(ring).enumerate() {
+    data(finite(ring))
+}
+
+fn data(points: impl Iterator<Item = [f64; 2]>) -> String {
+    let mut data = String::with_capacity(points.size_hint().0 * 18);
+    for (i, [x, y]) in points.enumerate() {
         data.push(if i == 0 { 'M' } else { 'L' });
         // Adding zero turns −0 into 0.
         write!(data, "{:.2} {:.2}", x + 0.0, 0.0 - y).expect("writing to a string cannot fail");
@@ -124,6 +159,18 @@ mod tests {
         // The inner ring is drawn twice: as a hole of the tissue, and as an outline.
         assert_eq!(svg.matches('L').count(), 3 * 99);
         assert!(svg.contains(&format!("M{:.2} 0.00L", section.outer.points[0][0])));
+    }
+
+    #[test]
+    fn a_cut_is_drawn_with_its_islands_told_apart() {
+        let square = |r: f64| vec![[r, 0.0], [0.0, r], [-r, 0.0], [0.0, -r]];
+        let cut = Cut::new(Plane::across(12_345.0), vec![square(900.0), square(600.0), square(100.0)], false);
+        insta::assert_snapshot!(cut_svg(&cut));
+        let plane = Plane::through([0.0, 0.0, 1e4], [0.0, 1.0, 0.0]).unwrap();
+        let svg = cut_svg(&Cut::new(plane, vec![square(900.0)], false));
+        assert!(
+            svg.contains("through (0.000, 0.000, 10.000) mm, normal (0.000, 1.000, 0.000)") && !svg.contains("islands")
+        );
     }
 
     #[test]

@@ -95,6 +95,8 @@ pub(super) fn write(
         "summary": findings.summary,
         "certificate": findings.certificate,
         "morphometry": findings.morphometry,
+        "cuts": findings.cuts,
+        "lean": findings.lean,
         "comparison": findings.comparison,
     });
     if let Some(levels) = &levels {

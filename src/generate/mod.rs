@@ -13,6 +13,7 @@ mod files;
 pub mod fuzzing;
 mod grow;
 mod labels;
+mod lean;
 mod manifest;
 mod outputs;
 mod pace;
@@ -37,8 +38,9 @@ use crate::export::centreline::Centreline;
 use crate::measure;
 use crate::measure::Certificate;
 use crate::measure::comparison::compare;
-use crate::measure::morphometry::{Morphometry, Regions, morphometry};
-use crate::model::{BodyKind, LengthUnit, Section};
+use crate::measure::morphometry::{Cuts, Morphometry, Regions, cuts, morphometry};
+use crate::mesh::lean::{Leaned, lean};
+use crate::model::{Body, BodyKind, LengthUnit, Section};
 use crate::sim::Statistics;
 use crate::spec::preset;
 use files::{Inputs, Sections};
@@ -137,7 +139,7 @@ fn finish(
         grown.walls.close(surfaces::need_lumen(&request.outputs), &|part| stage(Stage::Mesh, part).is_err())?;
     let finishing = Finishing { request, statistics, flipped, ran, stage: &stage, cancel };
     match closed {
-        Closed::Whole(whole) => finishing.whole(&whole, watch, seconds),
+        Closed::Whole(whole) => finishing.whole(whole, watch, seconds),
         Closed::Streamed(streamed) => finishing.streamed(*streamed, watch, seconds),
     }
 }
@@ -159,6 +161,9 @@ struct Examined<'a> {
     certificate: Certificate,
     others: Vec<serde_json::Value>,
     morphometry: Morphometry,
+    /// Of a surface that leans.
+    cuts: Option<Cuts>,
+    lean: Option<Leaned>,
     /// Sections that were added to mend slabs.
     added: usize,
     /// Points of the first and of the last section.
@@ -168,8 +173,10 @@ struct Examined<'a> {
 
 impl Finishing<'_> {
     /// Examines a surface that is in memory; `watch` runs since its loft was ended.
-    fn whole(self, whole: &Whole, watch: Stopwatch, mut seconds: Seconds) -> Result<Outcome, GenerateError> {
-        let Whole { tissue, lids, sections } = whole;
+    fn whole(self, whole: Whole, watch: Stopwatch, mut seconds: Seconds) -> Result<Outcome, GenerateError> {
+        let Whole { mut tissue, lids, sections } = whole;
+        let leaned = lean::lean(self.request).map(|by| lean(&mut tissue, &by, &|| self.cancel.is_cancelled()));
+        let (tissue, sections) = (&tissue, &sections[..]);
         let surfaces = Surfaces::new(tissue, lids.as_ref(), &self.request.outputs).map_err(walls::unsound)?;
         seconds.mesh += watch.seconds();
 
@@ -185,6 +192,7 @@ impl Finishing<'_> {
         (self.stage)(Stage::Measure, 0.0)?;
         let watch = Stopwatch::start();
         let morphometry = morphometry(sections, &certificate.section_gaps_um, &self.regions());
+        let cuts = leaned.and_then(|_| cuts(&Body::from(tissue), &self.regions()));
         let centreline = Centreline::of(sections);
         seconds.measure = watch.seconds();
 
@@ -199,7 +207,7 @@ impl Finishing<'_> {
         };
         let added = sections.iter().filter(|s| s.added).count();
         let ends = [&sections[0], &sections[sections.len() - 1]].map(Section::particles);
-        self.write(Examined { certificate, others, morphometry, added, ends, inputs }, seconds)
+        self.write(Examined { certificate, others, morphometry, cuts, lean: leaned, added, ends, inputs }, seconds)
     }
 
     /// As [`Self::whole`] for a surface that has been examined while it came.
@@ -238,7 +246,7 @@ impl Finishing<'_> {
             centreline: of.centreline,
         };
         let (added, ends) = (of.added, of.ends);
-        self.write(Examined { certificate, others, morphometry, added, ends, inputs }, seconds)
+        self.write(Examined { certificate, others, morphometry, cuts: None, lean: None, added, ends, inputs }, seconds)
     }
 
     fn regions(&self) -> Regions {
@@ -252,7 +260,7 @@ impl Finishing<'_> {
 
     /// Writes the files.
     fn write(self, found: Examined<'_>, mut seconds: Seconds) -> Result<Outcome, GenerateError> {
-        let Examined { certificate, others, morphometry, added, ends, inputs } = found;
+        let Examined { certificate, others, morphometry, cuts, lean, added, ends, inputs } = found;
         let (request, spec) = (self.request, &self.request.spec);
         let comparison = preset(&request.preset).map(|of| compare(&morphometry, &of.organ, &of.species));
 
@@ -269,6 +277,8 @@ impl Finishing<'_> {
             min_gap_um: certificate.min_gap_um,
             particles: ends[1] as u64,
             target: spec.particles.total.at(f64::from(last) / f64::from(spec.steps)).round() as u64,
+            lean_scale: lean.map(|lean| lean.scale),
+            lean_left_out: spec.asks_to_lean() && !spec.leans(),
         });
         let summary = json!({
             "sections": inputs.meta.sections - added,
@@ -286,7 +296,7 @@ impl Finishing<'_> {
         });
         let certificate = serde_json::to_value(&certificate)
             .map_err(|e| GenerateError::Io { name: files::REPORT.into(), source: e.into() })?;
-        let findings = Findings { summary, certificate, surfaces: others, morphometry, comparison };
+        let findings = Findings { summary, certificate, surfaces: others, morphometry, cuts, lean, comparison };
         let files = files::write(request, inputs, &findings, self.cancel)?;
         seconds.export += watch.seconds();
         (self.stage)(Stage::Export, 1.0)?;

@@ -170,9 +170,11 @@ fn a_streamed_surface_has_the_files_of_one_in_memory() {
         let streamed = Output::ALL.into_iter().filter(|output| ![Output::Lod, Output::Labels].contains(output));
         streamed.chain(more.iter().copied()).collect::<Vec<_>>().into()
     };
-    for patch in [json!({}), json!({ "mesh": { "smooth_um": 5 }, "piece": { "from": 0.2 } })] {
+    let straight = json!({ "lean": { "strength_um": 0 } });
+    for mut patch in [json!({}), json!({ "mesh": { "smooth_um": 5 }, "piece": { "from": 0.2 } })] {
         let dir = tempfile::tempdir().unwrap();
         let sink = Recorder::default();
+        json_patch::merge(&mut patch, &straight);
         let mut request = request(small(&patch), Backend::Cpu, dir.path());
         request.outputs = formats(&[]);
         assert!(request.spec.is_streamed(&request.outputs.names()));
@@ -195,6 +197,37 @@ fn a_streamed_surface_has_the_files_of_one_in_memory() {
         assert!(seen.windows(2).all(|w| w[0].1 <= w[1].1 && w[1].1 <= 1.0));
         assert_eq!(sink.sections.into_inner(), sink.reported.into_inner());
     }
+}
+
+#[test]
+fn a_leaning_surface_is_certified_in_every_form_and_reported() {
+    let dir = tempfile::tempdir().unwrap();
+    // Steep enough that triangles meet and the displacement is damped.
+    let shape = json!({ "steps": 240, "length_mm": 20, "sway": { "strength": 4 } });
+    let mut lean = json!({ "lean": { "strength_um": 1000, "wavelength_um": 100, "ends_mm": 4 } });
+    json_patch::merge(&mut lean, &shape);
+    let request = request(small(&lean), Backend::Cpu, dir.path());
+    assert!(!request.spec.is_streamed(&["ply"]));
+    let leaning = generate(&request, &(), &CancelToken::default()).unwrap().findings;
+    let done = leaning.lean.unwrap();
+    assert!(done.met > 0 && done.damped > 0 && done.rounds > 0 && done.scale > 0.0, "{done:?}");
+    assert_eq!(leaning.certificate["passed"], true);
+    let cuts = leaning.cuts.unwrap();
+    assert_eq!((cuts.count, cuts.to_mm), (40, 20.0));
+    assert!(cuts.gap_um.unwrap().p5 > 0.0 && cuts.thickness_um.unwrap().p5 > 0.0);
+
+    // Sections are those of the simulation.
+    let mut straight = json!({ "lean": { "strength_um": 0 } });
+    json_patch::merge(&mut straight, &shape);
+    let other = tempfile::tempdir().unwrap();
+    let straight = generate(&self::request(small(&straight), Backend::Cpu, other.path()), &(), &CancelToken::default());
+    let straight = straight.unwrap().findings;
+    assert!(straight.morphometry == leaning.morphometry && straight.cuts.is_none() && straight.lean.is_none());
+    assert_ne!(straight.summary["volume_mm3"], leaning.summary["volume_mm3"]);
+    assert_eq!((straight.surfaces.len(), leaning.surfaces.len()), (5, 5), "all bodies in both units");
+    // An even surface does not lean, and says so.
+    let spec = small(&even(&json!({})));
+    assert!(spec.asks_to_lean() && !spec.leans());
 }
 
 /// Whether values are equal, numbers but for their last digits: sums have another order.

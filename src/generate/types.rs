@@ -5,7 +5,8 @@ use crate::ENGINE_VERSION;
 use crate::export::Metadata;
 use crate::export::sections_bin::SectionsError;
 use crate::measure::comparison::Comparison;
-use crate::measure::morphometry::Morphometry;
+use crate::measure::morphometry::{Cuts, Morphometry};
+use crate::mesh::lean::Leaned;
 use crate::model::Section;
 use crate::sim::gpu::GpuError;
 use crate::spec::ModelSpec;
@@ -201,7 +202,7 @@ pub struct Outcome {
 #[derive(Clone, Debug, Default)]
 pub struct Findings {
     /// Counts and measures: `sections`, `sections_added`, `particles`, `vertices`, `triangles`, …, and `warnings` about poor
-    /// growth: a list, empty if there are none, of objects with `code` (`splits-missing`, `small-gap`, `particles-short`) and
+    /// growth: a list, empty if there are none, of objects with `code` (see `warnings.rs`) and
     /// `detail`.
     pub summary: serde_json::Value,
     /// The certificate as JSON.
@@ -211,6 +212,10 @@ pub struct Findings {
     pub surfaces: Vec<serde_json::Value>,
     /// What its sections measure.
     pub morphometry: Morphometry,
+    /// What planar cuts across its ampulla show, if the surface leans; without a lean they are its sections.
+    pub cuts: Option<Cuts>,
+    /// How the surface was displaced, if it leans.
+    pub lean: Option<Leaned>,
     /// The measures beside published ones; none if the model is of no known preset.
     pub comparison: Option<Comparison>,
 }

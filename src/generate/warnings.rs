@@ -6,6 +6,9 @@ use serde::Serialize;
 /// Gaps between walls below this are reported, µm.
 const SMALL_GAP_UM: f64 = 0.1;
 
+/// A lean that was reduced to less than this share of its strength is reported.
+const MUCH_LEAN: f64 = 0.9;
+
 /// How a model grew.
 pub(super) struct Growth {
     /// Splits that were deferred for lack of room and never made.
@@ -16,12 +19,16 @@ pub(super) struct Growth {
     pub(super) particles: u64,
     /// Particles of both loops that the specification asks for at the end.
     pub(super) target: u64,
+    /// Factor on the lean that was needed to keep walls apart; none if the surface does not lean.
+    pub(super) lean_scale: Option<f64>,
+    /// Whether a lean was asked for of an even surface.
+    pub(super) lean_left_out: bool,
 }
 
 /// A warning, as it appears in the summary.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(super) struct Warning {
-    /// `splits-missing`, `small-gap` or `particles-short`.
+    /// `splits-missing`, `small-gap`, `particles-short`, `lean-reduced` or `lean-left-out`.
     pub(super) code: &'static str,
     /// A sentence with the numbers.
     pub(super) detail: String,
@@ -31,7 +38,7 @@ pub(super) struct Warning {
 pub(super) fn warnings(growth: &Growth) -> Vec<Warning> {
     let mut warnings = Vec::new();
     let mut warn = |code, detail| warnings.push(Warning { code, detail });
-    let Growth { splits_missing, min_gap_um, particles, target } = *growth;
+    let Growth { splits_missing, min_gap_um, particles, target, lean_scale, lean_left_out } = *growth;
     if splits_missing > 0 {
         let are = if splits_missing == 1 { "split was" } else { "splits were" };
         warn(
@@ -55,6 +62,21 @@ pub(super) fn warnings(growth: &Growth) -> Vec<Warning> {
             format!("The model ends with {particles} particles; its specification asks for {target}."),
         );
     }
+    if let Some(scale) = lean_scale.filter(|scale| *scale < MUCH_LEAN) {
+        warn(
+            "lean-reduced",
+            format!(
+                "The lean was reduced to {scale:.2} of its strength everywhere to keep walls apart (/lean/strength_um, /lean/ends_mm): \
+                 cuts have fewer islands."
+            ),
+        );
+    }
+    if lean_left_out {
+        warn(
+            "lean-left-out",
+            "An even surface (/mesh/resolution_um) does not lean: its cuts have no islands (/lean/strength_um 0 asks for that).".into(),
+        );
+    }
     warnings
 }
 
@@ -68,11 +90,20 @@ mod tests {
 
     #[test]
     fn each_shortcoming_has_its_own_warning() {
-        let good = || Growth { splits_missing: 0, min_gap_um: Some(0.1), particles: 600, target: 600 };
+        let good = || Growth {
+            splits_missing: 0,
+            min_gap_um: Some(0.1),
+            particles: 600,
+            target: 600,
+            lean_scale: Some(0.95),
+            lean_left_out: false,
+        };
         assert_eq!(codes(&good()), [""; 0]);
         assert_eq!(codes(&Growth { min_gap_um: None, ..good() }), [""; 0]);
         assert_eq!(codes(&Growth { splits_missing: 1, ..good() }), ["splits-missing"]);
         assert_eq!(codes(&Growth { min_gap_um: Some(0.0999), ..good() }), ["small-gap"]);
+        assert_eq!(codes(&Growth { lean_scale: Some(0.7), ..good() }), ["lean-reduced"]);
+        assert_eq!(codes(&Growth { lean_scale: None, lean_left_out: true, ..good() }), ["lean-left-out"]);
         let short = warnings(&Growth { particles: 588, ..good() });
         assert_eq!(short[0].code, "particles-short");
         assert!(short[0].detail.contains("588") && short[0].detail.contains("600"), "{short:?}");

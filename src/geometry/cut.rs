@@ -1,23 +1,97 @@
-//! Cuts of a surface by planes of constant z, as closed lines.
+//! Cuts of triangles by planes, as lines.
 //!
-//! A corner with a z above the plane is above it, any other below, so that no triangle lies in the plane. A point of a cut
-//! depends only on the edge that it lies on, so that the lines of neighbouring triangles meet exactly.
+//! A corner that is higher along the normal than the plane is above it, any other below, so that no triangle lies in the plane.
+//! A point of a cut depends only on the edge that it lies on, so that the lines of neighbouring triangles meet exactly. Lines
+//! have what is above on their left, seen from outside of the surface.
 
-/// A surface, prepared for many cuts.
+/// An edge by its corners, the lower index first.
+pub type EdgeKey = (u32, u32);
+
+/// Where a triangle leads: from the edge on which its line begins to the one on which it ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Crossing {
+    /// The edge that goes up through the plane.
+    pub from: EdgeKey,
+    /// The edge that goes down through the plane.
+    pub to: EdgeKey,
+}
+
+impl Crossing {
+    /// The crossing of a triangle whose corners have these heights; none if the plane does not cut it.
+    #[inline]
+    #[must_use]
+    pub fn of(triangle: &[u32; 3], heights: [f64; 3], plane: f64) -> Option<Self> {
+        let above = heights.map(|height| height > plane);
+        let edge = |up: bool| {
+            (0..3).find(|&k| above[k] != up && above[(k + 1) % 3] == up).map(|k| {
+                let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
+                (a.min(b), a.max(b))
+            })
+        };
+        Some(Self { from: edge(true)?, to: edge(false)? })
+    }
+}
+
+/// Crossings in order, as edges.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Lines {
+    /// Closed lines.
+    pub closed: Vec<Vec<EdgeKey>>,
+    /// Lines that end where the surface is open.
+    pub open: Vec<Vec<EdgeKey>>,
+}
+
+impl Lines {
+    /// Chains crossings. The result does not depend on their order.
+    #[must_use]
+    pub fn chain(mut crossings: Vec<Crossing>) -> Self {
+        crossings.sort_unstable_by_key(|crossing| (crossing.from, crossing.to));
+        let next = |at: usize| crossings.binary_search_by_key(&crossings[at].to, |crossing| crossing.from).ok();
+        let mut follows = vec![false; crossings.len()];
+        (0..crossings.len()).filter_map(next).for_each(|at| follows[at] = true);
+        let starts = (0..crossings.len()).filter(|&at| !follows[at]);
+        let mut seen = vec![false; crossings.len()];
+        let mut lines = Self::default();
+        for start in starts.chain(0..crossings.len()) {
+            let (mut at, mut line) = (Some(start), Vec::new());
+            let mut last = start;
+            while let Some(now) = at.filter(|&at| !seen[at]) {
+                seen[now] = true;
+                line.push(crossings[now].from);
+                last = now;
+                at = next(now);
+            }
+            if line.is_empty() {
+                continue;
+            }
+            if at == Some(start) {
+                lines.closed.push(line);
+            } else {
+                line.push(crossings[last].to);
+                lines.open.push(line);
+            }
+        }
+        lines
+    }
+}
+
+/// The point at which an edge with ends `p` and `q` at these heights meets a plane.
+#[inline]
+#[must_use]
+pub fn meeting_point(p: [f64; 3], q: [f64; 3], heights: [f64; 2], plane: f64) -> [f64; 3] {
+    let t = (plane - heights[0]) / (heights[1] - heights[0]);
+    [0, 1, 2].map(|axis| p[axis] + t * (q[axis] - p[axis]))
+}
+
+/// A surface, prepared for many cuts by planes of constant z.
 pub struct Slicer<'a> {
     positions: &'a [[f32; 3]],
     /// The triangles, those that begin lowest first.
     triangles: Vec<[u32; 3]>,
     /// Least z of each.
     lows: Vec<f32>,
-    /// Greatest height of a triangle.
+    /// Greatest extent of a triangle along z.
     height: f32,
-}
-
-/// Where a triangle leads: from the edge on which its line begins to the one on which it ends.
-struct Crossing {
-    from: (u32, u32),
-    to: (u32, u32),
 }
 
 impl<'a> Slicer<'a> {
@@ -41,55 +115,22 @@ impl<'a> Slicer<'a> {
         self.height
     }
 
-    /// The closed lines in the plane, as x and y in the unit of the positions times `scale`. A line is left out if the surface is
-    /// open where it would close.
+    /// The closed lines in the plane, as x and y in the unit of the positions times `scale`. Lines that do not close are left out.
     #[must_use]
     pub fn cut(&self, z: f64, scale: f64) -> Vec<Vec<[f32; 2]>> {
         let z_single = z as f32;
         let first = self.lows.partition_point(|&low| low < z_single - 1.001 * self.height);
         let end = self.lows.partition_point(|&low| low <= z_single);
-        let mut crossings: Vec<Crossing> =
-            self.triangles[first..end].iter().filter_map(|triangle| self.crossing(triangle, z)).collect();
-        crossings.sort_unstable_by_key(|crossing| crossing.from);
-        let mut seen = vec![false; crossings.len()];
-        let mut lines = Vec::new();
-        for start in 0..crossings.len() {
-            let (mut at, mut line) = (start, Vec::new());
-            while !seen[at] {
-                seen[at] = true;
-                line.push(self.point(crossings[at].from, z).map(|c| (c * scale) as f32));
-                let next = crossings[at].to;
-                match crossings.binary_search_by_key(&next, |crossing| crossing.from) {
-                    Ok(found) => at = found,
-                    Err(_) => line.clear(),
-                }
-            }
-            if at == start && line.len() > 2 {
-                lines.push(line);
-            }
-        }
-        lines
-    }
-
-    fn crossing(&self, triangle: &[u32; 3], z: f64) -> Option<Crossing> {
-        let above = triangle.map(|corner| self.z(corner) > z);
-        let edge = |up: bool| {
-            (0..3).find(|&k| above[k] != up && above[(k + 1) % 3] == up).map(|k| {
-                let (a, b) = (triangle[k], triangle[(k + 1) % 3]);
-                (a.min(b), a.max(b))
-            })
+        let place = |corner: u32| self.positions[corner as usize].map(f64::from);
+        let crossings = (self.triangles[first..end].iter())
+            .filter_map(|triangle| Crossing::of(triangle, triangle.map(|corner| place(corner)[2]), z));
+        let point = |&(a, b): &EdgeKey| {
+            let (p, q) = (place(a), place(b));
+            let [x, y, _] = meeting_point(p, q, [p[2], q[2]], z);
+            [x, y].map(|c| (c * scale) as f32)
         };
-        Some(Crossing { from: edge(true)?, to: edge(false)? })
-    }
-
-    fn z(&self, corner: u32) -> f64 {
-        f64::from(self.positions[corner as usize][2])
-    }
-
-    fn point(&self, (a, b): (u32, u32), z: f64) -> [f64; 2] {
-        let t = (z - self.z(a)) / (self.z(b) - self.z(a));
-        let (p, q) = (self.positions[a as usize], self.positions[b as usize]);
-        [0, 1].map(|axis| f64::from(p[axis]) + t * (f64::from(q[axis]) - f64::from(p[axis])))
+        let lines = Lines::chain(crossings.collect()).closed;
+        lines.iter().map(|line| line.iter().map(point).collect()).collect()
     }
 }
 
@@ -128,5 +169,18 @@ mod tests {
     fn a_line_that_does_not_close_is_left_out() {
         let positions = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 1.0], [5.0, 1.0, 1.0]];
         assert!(Slicer::new(&positions, &[[0, 1, 2], [1, 3, 2]]).cut(0.5, 1.0).is_empty());
+    }
+
+    #[test]
+    fn lines_are_chained_in_any_order_and_open_ones_keep_their_ends() {
+        let edge = |k: u32| (k, 100 + k);
+        let step = |from: u32, to: u32| Crossing { from: edge(from), to: edge(to) };
+        let forward = vec![step(1, 2), step(2, 3), step(3, 1), step(7, 5), step(5, 6)];
+        let backward: Vec<Crossing> = forward.iter().rev().copied().collect();
+        let lines = Lines::chain(forward);
+        assert_eq!(lines.closed, [[1, 2, 3].map(edge)]);
+        assert_eq!(lines.open, [[7, 5, 6].map(edge)]);
+        assert_eq!(Lines::chain(backward), lines);
+        assert_eq!(Lines::chain(Vec::new()), Lines::default());
     }
 }

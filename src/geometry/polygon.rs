@@ -70,13 +70,22 @@ pub fn signed_area(points: &[[f32; 2]]) -> f64 {
 /// Position of `point` relative to a simple contour; exact.
 #[must_use]
 pub fn locate(points: &[[f32; 2]], point: [f32; 2]) -> Place {
-    let p = widen2(point);
+    locate_among(edges(points).map(|(a, b)| (widen2(a), widen2(b))), widen2(point))
+}
+
+/// As [`locate`], for a contour that is not one of the exported ones.
+#[must_use]
+pub fn locate_wide(points: &[[f64; 2]], point: [f64; 2]) -> Place {
+    let ends = points.iter().cycle().skip(1);
+    locate_among(points.iter().zip(ends).map(|(&a, &b)| (a, b)), point)
+}
+
+fn locate_among(edges: impl Iterator<Item = ([f64; 2], [f64; 2])>, p: [f64; 2]) -> Place {
     let mut inside = false;
-    for (a, b) in edges(points) {
-        if a[0].max(b[0]) < point[0] && !(a[1] == point[1] && b[1] == point[1]) {
+    for (a, b) in edges {
+        if a[0].max(b[0]) < p[0] && !(a[1] == p[1] && b[1] == p[1]) {
             continue;
         }
-        let (a, b) = (widen2(a), widen2(b));
         if on_segment(a, b, p) {
             return Place::Boundary;
         }

@@ -177,9 +177,14 @@ pub(super) fn permit(state: &AppState) -> Result<OwnedSemaphorePermit, Problem> 
     })
 }
 
+/// A model.
+pub(super) async fn find_model(state: &AppState, caller: &Caller, id: JobId) -> Result<Job, Problem> {
+    caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))
+}
+
 /// A model and its file of this name.
 pub(super) async fn find(state: &AppState, caller: &Caller, id: JobId, name: &str) -> Result<(Job, File), Problem> {
-    let job = caller.model(state.store.get(id).await?).ok_or_else(|| no_model(id))?;
+    let job = find_model(state, caller, id).await?;
     let file = file_of(&job, name)?;
     Ok((job, file))
 }

@@ -5,12 +5,14 @@
 
 mod access;
 mod batches;
+mod bodies;
 mod bulk;
 mod compress;
 mod conditional;
 mod console;
 mod cors;
 mod create;
+mod cut;
 mod detail;
 mod docs;
 mod draw;
@@ -55,6 +57,7 @@ mod shapes;
 mod slides;
 mod stream;
 mod study;
+mod surfaces;
 mod tickets;
 mod track;
 mod view;
@@ -80,6 +83,7 @@ use crate::jobs::artifacts::Artifacts;
 use crate::metrics::Metrics;
 use crate::status::Status;
 use access::Access;
+use bodies::Bodies;
 use feed::{Feed, Pace};
 use pictures::Pictures;
 use std::sync::Arc;
@@ -176,6 +180,7 @@ pub struct AppState {
     held: Arc<Semaphore>,
     downloads: Arc<Semaphore>,
     pictures: Arc<Pictures>,
+    bodies: Arc<Bodies>,
 }
 
 impl AppState {
@@ -204,6 +209,7 @@ impl AppState {
             held,
             downloads,
             pictures,
+            bodies: Arc::default(),
         }
     }
 

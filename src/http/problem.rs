@@ -77,6 +77,8 @@ kinds! {
     FileNotFound = "file-not-found", NOT_FOUND, "The model has no such file";
     /// The model has no such section (yet).
     SectionNotFound = "section-not-found", NOT_FOUND, "The model has no such section";
+    /// The plane does not meet the model.
+    CutNotFound = "cut-not-found", NOT_FOUND, "The plane does not meet the model";
     /// No preset has this name.
     PresetNotFound = "preset-not-found", NOT_FOUND, "There is no such preset";
     /// No worker of this name was seen lately.
@@ -99,6 +101,8 @@ kinds! {
     InvalidRequest = "invalid-request", UNPROCESSABLE_ENTITY, "The request is not valid";
     /// The predicted cost is over the limit; `prediction` and `limit` say how much.
     CostLimit = "cost-limit", UNPROCESSABLE_ENTITY, "The predicted cost exceeds a limit";
+    /// The surface is larger than what the service cuts.
+    SurfaceTooLarge = "surface-too-large", UNPROCESSABLE_ENTITY, "The surface is too large to be cut by the service";
     /// A GPU was requested, and no GPU worker has sent a heartbeat for five minutes.
     GpuUnavailable = "gpu-unavailable", UNPROCESSABLE_ENTITY, "No GPU worker is available";
     /// The idempotency key was used with another body before.

@@ -3,17 +3,17 @@
 use super::AppState;
 use super::access::Caller;
 use super::conditional::ETag;
-use super::draw::{A_DAY, DrawError, picture};
+use super::draw::{A_DAY, DrawError, blocking, picture};
 use super::extract::ModelId;
 use super::files::{file_of, find, permit, whole};
 use super::preview::shown;
 use super::problem::Problem;
 use super::responses::{FileMissing, PictureAway};
-use super::sections;
-use crate::jobs::File;
+use super::{sections, surfaces};
+use crate::jobs::{File, Job};
 use crate::mesh::draft;
 use crate::model::Section;
-use crate::report;
+use crate::report::{self, Strip};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Method, header};
 use axum::response::{IntoResponse, Response};
@@ -25,9 +25,9 @@ const POLICY: HeaderValue =
 
 /// Read the report of a model as a page to show or to print.
 ///
-/// One HTML file that needs no other: the cut-open tube, a strip of sections, measures beside published anatomy and along the
-/// tube, the certificate, all parameters with their sources, and how to cite the model. It is made from `report.json` and
-/// `sections.bin`; the same version of the service makes the same page.
+/// One HTML file that needs no other: the cut-open tube, a strip of sections (cuts of the surface if it leans), measures beside published anatomy and along the
+/// tube, the certificate, all parameters with their sources, and how to cite the model. It is made from `report.json`,
+/// `sections.bin` and, if the surface leans, the surface; the same version of the service makes the same page.
 #[utoipa::path(
     get, path = "/models/{id}/report.html", operation_id = "get_report_page", tag = "files",
     params(
@@ -54,7 +54,7 @@ pub(super) async fn page(
     if tag.matches_none(&headers) {
         return tag.not_modified(A_DAY);
     }
-    let html = picture(&state, &caller, &tag, read(&state, &stored, &sections), |(stored, strip, tube)| {
+    let html = picture(&state, &caller, &tag, read(&state, &job, &stored, &sections), |(stored, strip, tube)| {
         let tube = draft(&tube)?;
         Ok(report::html(&stored, &strip, &tube).map_err(DrawError::Page)?.into_bytes())
     })
@@ -74,17 +74,32 @@ pub(super) async fn page(
     Ok((headers, html).into_response())
 }
 
-/// The stored report, the sections of the strip, and those of the picture of the tube.
+/// The stored report, the strip, and the sections of the picture of the tube. The strip shows cuts if the surface leans and can be
+/// cut.
 async fn read(
     state: &AppState,
+    job: &Job,
     stored: &File,
     sections_bin: &File,
-) -> Result<(Bytes, Vec<Section>, Vec<Section>), Problem> {
+) -> Result<(Bytes, Strip, Vec<Section>), Problem> {
     let tube = shown(state, sections_bin, report::VIEW, report::PICTURE).await?;
+    let (stored, chosen) = {
+        let _download = permit(state)?;
+        let entries = sections::read_index(state, sections_bin).await?;
+        let z: Vec<f64> = entries.iter().map(|entry| entry.z_um).collect();
+        let chosen = report::strip(&z).into_iter().map(|k| entries[k]).collect::<Vec<_>>();
+        (whole(state, stored).await?, chosen)
+    };
+    if report::leans(&stored)
+        && let Ok((file, format)) = surfaces::file(job)
+    {
+        let body = surfaces::read(state, &file, format).await?;
+        let z: Vec<f64> = chosen.iter().map(|entry| entry.z_um).collect();
+        if let Some(strip) = blocking(move || Strip::of_cuts(&body, &z)).await? {
+            return Ok((stored, strip, tube));
+        }
+    }
     let _download = permit(state)?;
-    let entries = sections::read_index(state, sections_bin).await?;
-    let z: Vec<f64> = entries.iter().map(|entry| entry.z_um).collect();
-    let strip = report::strip(&z).into_iter().map(|k| entries[k]).collect();
-    let strip = sections::read_entries(state, sections_bin, strip).await?;
-    Ok((whole(state, stored).await?, strip, tube))
+    let strip = sections::read_entries(state, sections_bin, chosen).await?;
+    Ok((stored, Strip::of_sections(&strip), tube))
 }

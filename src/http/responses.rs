@@ -65,6 +65,10 @@ problems! {
     FileMissing: ModelNotFound, FileNotFound;
     /// No model has this id, or it has no such section.
     SectionMissing: ModelNotFound, FileNotFound, SectionNotFound;
+    /// No model has this id, it has no surface, or the plane does not meet it.
+    CutMissing: ModelNotFound, FileNotFound, CutNotFound;
+    /// A query parameter is invalid, or the surface is too large.
+    CutProblems: BadRequest, InvalidRequest, SurfaceTooLarge;
     /// No preset has this name.
     PresetMissing: PresetNotFound;
     /// No worker has this name.

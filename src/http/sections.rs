@@ -6,7 +6,7 @@ use super::AppState;
 use super::access::Caller;
 use super::conditional::ETag;
 use super::extract::{ModelId, Parameters, PathTexts};
-use super::faults::Fault;
+use super::faults::{Fault, Faults};
 use super::files::{IMMUTABLE, find, permit};
 use super::headers::accept;
 use super::problem::{Kind, Problem};
@@ -27,7 +27,7 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 const JSON: &str = "application/json";
-const SVG: &str = "image/svg+xml";
+pub(super) const SVG: &str = "image/svg+xml";
 const PNG: &str = crate::render::MEDIA_TYPE;
 
 /// Representations of a section.
@@ -90,6 +90,8 @@ impl From<Ring> for RingAnswer {
 
 /// Read a cross section of a finished model.
 ///
+/// Sections are those of the simulation, before the surface leans; `/models/{id}/cut` cuts the surface itself.
+///
 /// As points with the ids of particles, as a drawing, or as a picture: stained with haematoxylin and eosin, or with the tissue
 /// of each pixel as its value (0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal muscle,
 /// 6 serosa). Both pictures have the same pixels. Heights of the layers are those of `histology` in the spec.
@@ -124,15 +126,18 @@ pub(super) async fn section(
     method: Method,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
-    let (format, style) = format(&parameters, &headers)?;
+    let [size, stain, labels] = PARAMETERS;
+    let faults = parameters.faults(&["format", size, stain, labels], &[]);
+    let (format, style) = representation(&parameters, &headers, faults)?;
     let (job, file) = find(&state, &caller, id, "sections.bin").await?;
     let k = path.get("k");
     let k = k.parse::<u64>().map_err(|_| no_section(&format!("`{k}` is not the index of a section.")))?;
     if format == Format::Png {
-        let place = Place { job: &job, file: &file, k };
+        let key = format!("{}-{k}", file.sha256);
+        let place = Place { job: &job, key: &key, index: u32::try_from(k).unwrap_or(u32::MAX) };
         let read = async {
             let _permit = permit(&state)?;
-            Ok(read(&state, &file, k).await?.1)
+            Ok(read(&state, &file, k).await?.1.borders())
         };
         let mut response = respond(&state, &caller, place, style, &method, &headers, read).await?;
         response.headers_mut().insert(header::VARY, HeaderValue::from_static("accept"));
@@ -164,10 +169,12 @@ pub(super) async fn section(
     Ok((headers, Json(answer)).into_response())
 }
 
-/// The representation, and what it shows if it is a picture.
-fn format(parameters: &Parameters, headers: &HeaderMap) -> Result<(Format, Style), Problem> {
-    let [size, stain, labels] = PARAMETERS;
-    let mut faults = parameters.faults(&["format", size, stain, labels], &[]);
+/// The representation, and what it shows if it is a picture; fails if there are faults, those found before included.
+pub(super) fn representation(
+    parameters: &Parameters,
+    headers: &HeaderMap,
+    mut faults: Faults,
+) -> Result<(Format, Style), Problem> {
     let of_pictures = PARAMETERS.into_iter().find(|name| parameters.get(name).is_some());
     let offers: &[&str] = if of_pictures.is_some() { &[PNG] } else { &[JSON, SVG, PNG] };
     let format = match parameters.get("format") {

@@ -3,8 +3,9 @@
 
 use super::responses::{CertificateFigures, ParameterValue, SpecPatch};
 use crate::measure::comparison::Comparison;
-use crate::measure::morphometry::Morphometry;
+use crate::measure::morphometry::{Cuts, Morphometry};
 use crate::measure::{Certificate, RegionsCertificate};
+use crate::mesh::lean::Leaned;
 use crate::model::{BodyKind, LengthUnit};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -63,7 +64,7 @@ pub(super) struct ParticleCounts {
 /// A sign of poor growth of a model that has succeeded.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ModelWarning {
-    /// `splits-missing`, `small-gap` or `particles-short`; there may be more in future.
+    /// `splits-missing`, `small-gap`, `particles-short`, `lean-reduced` or `lean-left-out`; there may be more in future.
     pub code: String,
     /// A sentence with the numbers.
     pub detail: String,
@@ -90,6 +91,12 @@ pub(super) struct StoredReport {
     /// What its sections measure. Models of version 0.2 and earlier have none.
     #[schema(required = false)]
     morphometry: Morphometry,
+    /// What planar cuts across the ampulla show, if the surface leans; otherwise null: they are its sections.
+    #[schema(required = false, nullable = true)]
+    cuts: Option<Cuts>,
+    /// How the surface was displaced, if it leans; otherwise null.
+    #[schema(required = false, nullable = true)]
+    lean: Option<Leaned>,
     /// The measures beside published ones of the organ and species of the preset.
     #[schema(required = false)]
     comparison: Comparison,

@@ -8,8 +8,8 @@ use super::extract::Parameters;
 use super::faults::{Fault, Faults};
 use super::headers::UM_PER_PIXEL;
 use super::problem::{Kind, Problem};
-use crate::jobs::{File, Job};
-use crate::model::Section;
+use crate::jobs::Job;
+use crate::model::Border;
 use crate::render::{Slide, um_per_pixel};
 use crate::spec::{ModelSpec, preset, presets};
 use crate::tissue::Layers;
@@ -61,15 +61,16 @@ impl Style {
     }
 }
 
-/// A section of a model.
+/// A section or a cut of a model.
 pub(super) struct Place<'a> {
     pub(super) job: &'a Job,
-    pub(super) file: &'a File,
-    /// Its index.
-    pub(super) k: u64,
+    /// Identifies the file and the place.
+    pub(super) key: &'a str,
+    /// Number that the texture depends on.
+    pub(super) index: u32,
 }
 
-/// The picture of a section, which `read` reads.
+/// The picture of a section or cut, whose borders `read` reads.
 pub(super) async fn respond(
     state: &AppState,
     caller: &Caller,
@@ -77,21 +78,20 @@ pub(super) async fn respond(
     style: Style,
     method: &Method,
     headers: &HeaderMap,
-    read: impl Future<Output = Result<Section, Problem>>,
+    read: impl Future<Output = Result<[Border; 2], Problem>>,
 ) -> Result<Response, Problem> {
-    let Place { job, file, k } = place;
+    let Place { job, key, index } = place;
     let Style { size, labels } = style;
     let what = if labels { "labels" } else { "he" };
     // Seed and layers are those of the record, which its digest covers.
     let version = env!("CARGO_PKG_VERSION");
-    let tag = ETag::strong(format_args!("{}-{}-{k}-{what}-{size}-{version}", job.digest, file.sha256));
+    let tag = ETag::strong(format_args!("{}-{key}-{what}-{size}-{version}", job.digest));
     if tag.matches_none(headers) {
         return tag.not_modified(A_DAY);
     }
     let (layers, seed) = (layers(job)?, job.seed);
-    let index = u32::try_from(k).unwrap_or(u32::MAX);
-    let png = picture(state, caller, &tag, read, move |section| {
-        let slide = Slide { section: &section, layers, seed, index };
+    let png = picture(state, caller, &tag, read, move |borders| {
+        let slide = Slide { borders, layers, seed, index };
         let drawn = if labels { slide.labels(size) } else { slide.stained(size) };
         drawn.map_err(DrawError::from)
     })

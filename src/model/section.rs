@@ -1,5 +1,7 @@
 //! Cross sections of the tube, recorded by a simulation and connected by a loft (paper, section 3.1).
 
+use super::Border;
+
 /// A closed contour: points in order, counter-clockwise, with the stable id of each.
 ///
 /// `ids.len() == points.len()`. A vertex of one section continues the vertex with the same id in another. Ids
@@ -46,5 +48,11 @@ impl Section {
     #[must_use]
     pub fn particles(&self) -> usize {
         self.inner.len() + self.outer.len()
+    }
+
+    /// The contours as borders: the surface of the mucosa, and the outside of the wall.
+    #[must_use]
+    pub fn borders(&self) -> [Border; 2] {
+        [&self.inner, &self.outer].map(|ring| Border::closed(vec![ring.points.clone()]))
     }
 }

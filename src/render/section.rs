@@ -2,7 +2,7 @@
 
 use super::drawing::Drawing;
 use super::picture::{INK, LUMEN, OUTLINE, RenderError, Rgb, TISSUE, color, encode, pixmap};
-use crate::model::{Ring, Section};
+use crate::model::{Border, Section};
 use tiny_skia::{FillRule, LineJoin, Paint, Path, PathBuilder, Pixmap, Rect, Stroke, Transform};
 
 /// Length of the scale bar, micrometres.
@@ -10,16 +10,16 @@ const BAR_UM: f32 = 500.0;
 /// Margin of a picture, as a fraction of its side.
 const MARGIN: f32 = 0.05;
 
-/// Draws sections side by side in rows of `columns`, each in a square of `cell` pixels, all to one scale.
+/// Draws sections, or cuts, side by side in rows of `columns`, each in a square of `cell` pixels, all to one scale.
 ///
 /// # Errors
 /// [`RenderError::Size`] unless each side of the whole picture is from 1 to [`MAX_SIZE`](super::MAX_SIZE).
-pub fn sheet_png(sections: &[&Section], columns: usize, cell: u32) -> Result<Vec<u8>, RenderError> {
+pub fn sheet_png(sections: &[[Border; 2]], columns: usize, cell: u32) -> Result<Vec<u8>, RenderError> {
     let columns = columns.clamp(1, sections.len().max(1));
     let rows = sections.len().div_ceil(columns);
     let side = |cells: usize| u32::try_from(cells).unwrap_or(u32::MAX).saturating_mul(cell);
     let mut pixmap = pixmap(side(columns), side(rows))?;
-    let extents = sections.iter().filter_map(|section| bounds(section)).map(|b| b.width().max(b.height()));
+    let extents = sections.iter().filter_map(bounds).map(|b| b.width().max(b.height()));
     let largest = extents.fold(1.0, f32::max);
     let cell = cell as f32;
     let scale = cell * (1.0 - 2.0 * MARGIN) / largest;
@@ -48,7 +48,8 @@ pub enum SectionStyle {
 /// [`RenderError::Size`] if a side is over [`MAX_SIZE`](super::MAX_SIZE), or the section has no finite point.
 pub fn section_drawing(section: &Section, um_per_pixel: f64, style: SectionStyle) -> Result<Drawing, RenderError> {
     let scale = (1.0 / um_per_pixel) as f32;
-    let bounds = bounds(section).ok_or(RenderError::Size { width: 0, height: 0 })?;
+    let borders = section.borders();
+    let bounds = bounds(&borders).ok_or(RenderError::Size { width: 0, height: 0 })?;
     let margin = 2.0 * MARGIN * bounds.width().max(bounds.height());
     let [width, height] = [bounds.width(), bounds.height()].map(|extent| (scale * (extent + margin)).ceil() as u32);
     let mut pixmap = pixmap(width, height)?;
@@ -57,10 +58,10 @@ pub fn section_drawing(section: &Section, um_per_pixel: f64, style: SectionStyle
     let place = centred(&bounds, middle, scale);
     match style {
         SectionStyle::Tissue => {
-            tissue(&mut pixmap, section, place, (width.max(height) as f32 / 250.0).max(1.0) / scale);
+            tissue(&mut pixmap, &borders, place, (width.max(height) as f32 / 250.0).max(1.0) / scale);
         }
         SectionStyle::Loops { pen } => {
-            if let Some(loops) = path(&[&section.outer, &section.inner]) {
+            if let Some(loops) = path(&borders.each_ref()) {
                 let stroke = Stroke { width: pen / scale, line_join: LineJoin::Round, ..Stroke::default() };
                 pixmap.stroke_path(&loops, &paint(INK), &stroke, place, None);
             }
@@ -72,7 +73,7 @@ pub fn section_drawing(section: &Section, um_per_pixel: f64, style: SectionStyle
 /// Width and height of a section, micrometres; none if it has no finite point.
 #[must_use]
 pub fn extent_um(section: &Section) -> Option<[f64; 2]> {
-    bounds(section).map(|bounds| [f64::from(bounds.width()), f64::from(bounds.height())])
+    bounds(&section.borders()).map(|bounds| [f64::from(bounds.width()), f64::from(bounds.height())])
 }
 
 /// Puts the middle of `bounds` at a place of the picture, y up.
@@ -82,11 +83,12 @@ fn centred(bounds: &Rect, [x, y]: [f32; 2], scale: f32) -> Transform {
 }
 
 /// Fills the tissue and outlines the lumen; `line` is the width of the outline in micrometres.
-fn tissue(pixmap: &mut Pixmap, section: &Section, place: Transform, line: f32) {
-    if let Some(tissue) = path(&[&section.outer, &section.inner]) {
+fn tissue(pixmap: &mut Pixmap, section: &[Border; 2], place: Transform, line: f32) {
+    let [mucosa, outside] = section;
+    if let Some(tissue) = path(&[outside, mucosa]) {
         pixmap.fill_path(&tissue, &paint(TISSUE), FillRule::EvenOdd, place, None);
     }
-    if let Some(lumen) = path(&[&section.inner]) {
+    if let Some(lumen) = path(&[mucosa]) {
         pixmap.fill_path(&lumen, &paint(LUMEN), FillRule::EvenOdd, place, None);
         let stroke = Stroke { width: line, line_join: LineJoin::Round, ..Stroke::default() };
         pixmap.stroke_path(&lumen, &paint(OUTLINE), &stroke, place, None);
@@ -94,7 +96,7 @@ fn tissue(pixmap: &mut Pixmap, section: &Section, place: Transform, line: f32) {
 }
 
 /// Draws into the cell at `corner`; `scale` is in pixels per micrometre.
-fn draw(pixmap: &mut Pixmap, section: &Section, corner: [f32; 2], cell: f32, scale: f32) {
+fn draw(pixmap: &mut Pixmap, section: &[Border; 2], corner: [f32; 2], cell: f32, scale: f32) {
     if let Some(bounds) = bounds(section) {
         let place = centred(&bounds, [corner[0] + cell / 2.0, corner[1] + cell / 2.0], scale);
         // At least a pixel wide, and thin enough for the narrowest gaps of a large picture.
@@ -115,8 +117,8 @@ fn paint(rgb: Rgb) -> Paint<'static> {
 }
 
 /// Bounds in micrometres with y up (`top` is the least y); none if no point is finite.
-fn bounds(section: &Section) -> Option<Rect> {
-    let points = || finite(&section.outer).chain(finite(&section.inner));
+fn bounds(section: &[Border; 2]) -> Option<Rect> {
+    let points = || section.iter().flat_map(Border::points).filter(is_finite);
     let range = |axis: usize| {
         points().map(|p| p[axis]).fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)))
     };
@@ -124,11 +126,15 @@ fn bounds(section: &Section) -> Option<Rect> {
     Rect::from_ltrb(left, top, right, bottom)
 }
 
-/// One path of several closed rings; none if fewer than three points are finite.
-fn path(rings: &[&Ring]) -> Option<Path> {
+/// One path of the lines of some borders, closed; none if fewer than three points of each are finite.
+fn path(borders: &[&Border]) -> Option<Path> {
     let mut builder = PathBuilder::new();
-    for ring in rings.iter().filter(|ring| finite(ring).count() >= 3) {
-        for (i, [x, y]) in finite(ring).enumerate() {
+    for line in borders.iter().flat_map(|border| &border.lines) {
+        let points = || line.points.iter().copied().filter(is_finite);
+        if points().count() < 3 {
+            continue;
+        }
+        for (i, [x, y]) in points().enumerate() {
             if i == 0 {
                 builder.move_to(x, y);
             } else {
@@ -140,15 +146,15 @@ fn path(rings: &[&Ring]) -> Option<Path> {
     builder.finish()
 }
 
-fn finite(ring: &Ring) -> impl Iterator<Item = [f32; 2]> + '_ {
-    ring.points.iter().copied().filter(|[x, y]| x.is_finite() && y.is_finite())
+fn is_finite(point: &[f32; 2]) -> bool {
+    point.iter().all(|x| x.is_finite())
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::picture::BACKGROUND;
     use super::*;
-    use crate::model::sample;
+    use crate::model::{Ring, sample};
 
     fn square(r: f32, shift: [f32; 2]) -> Ring {
         let points = [[r, -r], [r, r], [-r, r], [-r, -r]].map(|[x, y]| [x + shift[0], y + shift[1]]);
@@ -165,7 +171,7 @@ mod tests {
         // The lumen lies in the upper right quarter: y points up.
         let section =
             Section { inner: square(200.0, [500.0, 500.0]), outer: square(1000.0, [0.0; 2]), ..Section::default() };
-        let picture = Pixmap::decode_png(&sheet_png(&[&section], 1, 1000).unwrap()).unwrap();
+        let picture = Pixmap::decode_png(&sheet_png(&[section.borders()], 1, 1000).unwrap()).unwrap();
         assert_eq!(pixel(&picture, 725, 275), LUMEN);
         assert_eq!(pixel(&picture, 275, 725), TISSUE);
         assert_eq!(pixel(&picture, 725, 725), TISSUE);
@@ -180,7 +186,8 @@ mod tests {
     fn a_sheet_has_one_scale() {
         let (small, large) = (square(250.0, [0.0; 2]), square(1000.0, [0.0; 2]));
         let sections = [small, large].map(|outer| Section { outer, ..Section::default() });
-        let picture = Pixmap::decode_png(&sheet_png(&[&sections[0], &sections[1]], 2, 100).unwrap()).unwrap();
+        let picture =
+            Pixmap::decode_png(&sheet_png(&sections.map(|section| section.borders()), 2, 100).unwrap()).unwrap();
         assert_eq!((picture.width(), picture.height()), (200, 100));
         let tissue = |cell: u32| (cell * 100..cell * 100 + 100).filter(|&x| pixel(&picture, x, 50) == TISSUE).count();
         assert_eq!(tissue(1), 90);
@@ -206,10 +213,10 @@ mod tests {
 
     #[test]
     fn sizes_out_of_bounds_and_empty_sections() {
-        let section = sample::section(20, 0.0, 0.0);
-        assert!(matches!(sheet_png(&[&section], 1, 0), Err(RenderError::Size { .. })));
-        assert!(matches!(sheet_png(&[&section; 9], 9, 1000), Err(RenderError::Size { .. })));
+        let section = sample::section(20, 0.0, 0.0).borders();
+        assert!(matches!(sheet_png(std::slice::from_ref(&section), 1, 0), Err(RenderError::Size { .. })));
+        assert!(matches!(sheet_png(&vec![section; 9], 9, 1000), Err(RenderError::Size { .. })));
         assert!(matches!(sheet_png(&[], 3, 100), Err(RenderError::Size { .. })));
-        assert!(sheet_png(&[&Section::default()], 1, 10).is_ok());
+        assert!(sheet_png(&[Section::default().borders()], 1, 10).is_ok());
     }
 }

@@ -14,7 +14,7 @@ mod stored;
 pub use page::STYLE;
 pub use stored::ReportError;
 
-use crate::model::{Mesh, Section};
+use crate::model::{Body, Border, Mesh, Plane, Section};
 use crate::render::{NamedView, mesh_png, sheet_png};
 use stored::Stored;
 
@@ -26,6 +26,8 @@ pub const PICTURE: u32 = 1200;
 pub const VIEW: NamedView = NamedView::Opened;
 /// Sections in the strip.
 const STRIP: usize = 8;
+/// Distance of the first and the last cut from the ends, µm.
+const END_UM: f64 = 1.0;
 /// Side of each, pixels.
 const CELL: u32 = 300;
 
@@ -40,18 +42,57 @@ pub fn strip(z: &[f64]) -> Vec<usize> {
     chosen
 }
 
-/// The page of a model: `report` is its `report.json`, `sections` are those that [`strip`] chose, and `tube` is its surface, as
-/// dense as [`VIEW`] needs it at [`PICTURE`] pixels.
+/// What the strip of a report shows.
+#[derive(Clone, Debug)]
+pub struct Strip {
+    /// Places along the tube, µm.
+    z_um: Vec<f64>,
+    /// Mucosa and outside at each.
+    shown: Vec<[Border; 2]>,
+    /// Whether they are cuts of the surface rather than sections of the simulation.
+    are_cuts: bool,
+}
+
+impl Strip {
+    /// Sections of the simulation, those that [`strip`] chose.
+    #[must_use]
+    pub fn of_sections(sections: &[Section]) -> Self {
+        let z_um = sections.iter().map(|section| section.z_um).collect();
+        Self { z_um, shown: sections.iter().map(Section::borders).collect(), are_cuts: false }
+    }
+
+    /// Cuts of the tissue at the places `z_um`; at the ends just within. None if it has no named patches.
+    #[must_use]
+    pub fn of_cuts(tissue: &Body<'_>, z_um: &[f64]) -> Option<Self> {
+        let [low, high] = tissue.extent_um(&Plane::across(0.0));
+        let cut = |z: &f64| tissue.borders(&Plane::across(z.clamp(low + END_UM, high - END_UM)));
+        let shown = z_um.iter().map(cut).collect::<Option<Vec<_>>>()?;
+        Some(Self { z_um: z_um.to_vec(), shown, are_cuts: true })
+    }
+}
+
+/// Whether the surface of a model leans, by its `report.json`. If so, cuts of it are not the sections of the simulation.
+#[must_use]
+pub fn leans(report: &[u8]) -> bool {
+    #[derive(serde::Deserialize)]
+    struct Lean {
+        lean: Option<serde::de::IgnoredAny>,
+    }
+    serde_json::from_slice(report).is_ok_and(|Lean { lean }| lean.is_some())
+}
+
+/// The page of a model: `report` is its `report.json`, and `tube` is its surface, as dense as [`VIEW`] needs it at [`PICTURE`]
+/// pixels.
 ///
 /// # Errors
 /// [`ReportError`]
-pub fn html(report: &[u8], sections: &[Section], tube: &Mesh) -> Result<String, ReportError> {
+pub fn html(report: &[u8], strip: &Strip, tube: &Mesh) -> Result<String, ReportError> {
     let stored: Stored = serde_json::from_slice(report)?;
-    let chosen: Vec<&Section> = sections.iter().collect();
     let pictures = page::Pictures {
         tube: mesh_png(tube, &VIEW.of(tube, PICTURE))?,
-        strip: sheet_png(&chosen, STRIP / 2, CELL)?,
-        places_mm: sections.iter().map(|section| section.z_um / 1e3).collect(),
+        strip: sheet_png(&strip.shown, STRIP / 2, CELL)?,
+        places_mm: strip.z_um.iter().map(|z| z / 1e3).collect(),
+        are_cuts: strip.are_cuts,
     };
     let plots = stored.morphometry.as_ref().map(|m| plots::plots(m, stored.comparison.as_ref())).transpose()?;
     Ok(page::page(&stored, &pictures, &plots.unwrap_or_default()).into_string())
@@ -93,7 +134,7 @@ mod tests {
         let sections = sections();
         let z: Vec<f64> = sections.iter().map(|s| s.z_um).collect();
         let shown: Vec<Section> = strip(&z).into_iter().map(|k| sections[k].clone()).collect();
-        html(&serde_json::to_vec(stored).unwrap(), &shown, &draft(&sections).unwrap()).unwrap()
+        html(&serde_json::to_vec(stored).unwrap(), &Strip::of_sections(&shown), &draft(&sections).unwrap()).unwrap()
     }
 
     #[test]
@@ -134,7 +175,7 @@ mod tests {
     }
 
     fn html_of_garbage() -> Result<String, ReportError> {
-        html(b"{}", &sections(), &draft(&sections()).unwrap())
+        html(b"{}", &Strip::of_sections(&sections()), &draft(&sections()).unwrap())
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use super::plots::Plot;
 use super::stored::Stored;
 use crate::measure::comparison::{Compared, Comparison, Verdict};
-use crate::measure::morphometry::{Morphometry, QUANTITIES};
+use crate::measure::morphometry::{Cuts, Morphometry, QUANTITIES};
 use crate::spec::{DEFAULT_PRESET, ModelSpec, Preset, preset};
 use base64::Engine as _;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -21,6 +21,8 @@ pub(super) struct Pictures {
     pub(super) strip: Vec<u8>,
     /// Where these are.
     pub(super) places_mm: Vec<f64>,
+    /// Whether the strip shows cuts of the surface rather than sections of the simulation.
+    pub(super) are_cuts: bool,
 }
 
 pub(super) fn page(stored: &Stored, pictures: &Pictures, plots: &[Plot]) -> Markup {
@@ -45,8 +47,9 @@ pub(super) fn page(stored: &Stored, pictures: &Pictures, plots: &[Plot]) -> Mark
                 }
                 figure {
                     img alt="Sections along the tube" src=(data(&pictures.strip));
-                    figcaption { "Sections at " (places(&pictures.places_mm)) " mm from the isthmus end, to one scale; the bar is 500 µm." }
+                    figcaption { (if pictures.are_cuts { "Planar cuts of the surface at " } else { "Sections at " }) (places(&pictures.places_mm)) " mm from the isthmus end, to one scale; the bar is 500 µm." }
                 }
+                @if let Some(cuts) = &stored.cuts { p { (islands(cuts)) } }
                 @match (&stored.morphometry, &stored.comparison) {
                     (Some(morphometry), comparison) => {
                         @if let Some(comparison) = comparison { (anatomy(comparison)) }
@@ -68,6 +71,18 @@ pub(super) fn page(stored: &Stored, pictures: &Pictures, plots: &[Plot]) -> Mark
 
 fn data(png: &[u8]) -> String {
     format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(png))
+}
+
+fn islands(cuts: &Cuts) -> String {
+    let median =
+        cuts.island_area_um2.map_or_else(String::new, |area| format!(", median area {} µm²", area.p50.round()));
+    format!(
+        "Islands (tissue not connected to the wall in a plane, from {} µm²) are in {} % of {} planar cuts through the ampulla, {} in a cut{median}.",
+        number(cuts.least_island_um2),
+        number(100.0 * cuts.with_islands),
+        cuts.count,
+        number(cuts.islands_per_cut)
+    )
 }
 
 fn places(places_mm: &[f64]) -> String {

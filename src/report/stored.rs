@@ -1,7 +1,7 @@
 //! What `report.json` says, as far as the page shows it, and what can go wrong.
 
 use crate::measure::comparison::Comparison;
-use crate::measure::morphometry::Morphometry;
+use crate::measure::morphometry::{Cuts, Morphometry};
 use crate::render::RenderError;
 use serde::Deserialize;
 use serde_json::Value;
@@ -18,6 +18,7 @@ pub(super) struct Stored {
     pub(super) certificate: Value,
     pub(super) morphometry: Option<Morphometry>,
     pub(super) comparison: Option<Comparison>,
+    pub(super) cuts: Option<Cuts>,
 }
 
 /// Why a page could not be made.

@@ -61,6 +61,8 @@ pub struct StepRow {
     pub wall_damping: f32,
     /// Friction of the outer wall.
     pub wall_friction: f32,
+    /// Friction times the root mean square speed of the sway.
+    pub sway: f32,
     /// Particles that the inner loop should have after the growth event at the start of this step.
     pub inner_target: u32,
     /// The same for the outer loop.

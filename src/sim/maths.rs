@@ -19,6 +19,11 @@ pub(crate) fn cos_turns(x: f32) -> f32 {
     sign * (p * s + 1.0)
 }
 
+/// The part of a number of turns beyond whole ones.
+pub(crate) fn fraction(turns: f64) -> f32 {
+    (turns - turns.floor()) as f32
+}
+
 /// Nearest integer, by adding and subtracting 1.5·2²³; exact for |x| < 2²².
 #[inline(always)]
 fn round(x: f32) -> f32 {

@@ -12,7 +12,7 @@ mod plan;
 mod state;
 
 pub use layout::{LANES, StepRow};
-pub use plan::{Lobe, Plan, Wave};
+pub use plan::{Flow, Lobe, Plan, Wave};
 pub use state::{Checkpoint, InnerLoop, OuterLoop};
 
 use crate::model::Section;

@@ -18,6 +18,19 @@ pub struct Wave {
     pub drift: f64,
 }
 
+/// One cosine of the sway: `direction·cos(2π(x·kx + y·ky + phase + frequency·t))`, a flow across its wave vector.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Flow {
+    /// Wave vector, turns per µm.
+    pub k: [f32; 2],
+    /// Unit vector across the wave vector.
+    pub direction: [f32; 2],
+    /// Phase, turns.
+    pub phase: f64,
+    /// Frequency, turns per step.
+    pub frequency: f64,
+}
+
 /// One lobe of the outer wall: `weight·cos(order·θ + 2π(phase + drift·t))`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lobe {
@@ -35,7 +48,7 @@ pub struct Lobe {
 /// rest is left for the pull toward the target.
 const WALL_STABLE: f64 = 3.6;
 
-/// Number of cosines of the thickness field.
+/// Number of cosines of the thickness field, and of the sway.
 const WAVES: u32 = 24;
 
 /// All inputs of a backend.
@@ -71,6 +84,8 @@ pub struct Plan {
     pub waves: Vec<Wave>,
     /// Lobes of the outer wall.
     pub lobes: Vec<Lobe>,
+    /// The sway; empty if it never acts.
+    pub flows: Vec<Flow>,
 }
 
 impl Plan {
@@ -98,6 +113,7 @@ impl Plan {
             z_um,
             waves: waves(p, seed),
             lobes: lobes(p, seed),
+            flows: if p.sway.strength.range().1 > 0.0 { flows(p, seed) } else { Vec::new() },
         }
     }
 
@@ -172,6 +188,7 @@ impl Plan {
             wall_stiffness: (stiffness * wall_share) as f32,
             wall_damping: (damping * wall_share) as f32,
             wall_friction: (friction * wall_share) as f32,
+            sway: (friction * value(&p.sway.strength)) as f32,
             inner_target,
             outer_target,
         }
@@ -200,6 +217,25 @@ fn waves(p: &Parameters, seed: u64) -> Vec<Wave> {
         }
     };
     (0..WAVES).map(wave).collect()
+}
+
+fn flows(p: &Parameters, seed: u64) -> Vec<Flow> {
+    let flow = |i: u32| {
+        let [w, v] = [0, 1].map(|part| random::words(seed, Stream::Sway, i, part));
+        let unit = |word: u32| f64::from(random::unit(word));
+        // Directions are stratified over the half circle, wave numbers vary by ±30 %, frequencies by ±40 % either way.
+        let direction = PI * (f64::from(i) + unit(w[0])) / f64::from(WAVES);
+        let (sin, cos) = (libm::sin(direction), libm::cos(direction));
+        let k = (0.7 + 0.6 * unit(w[1])) / p.sway.wavelength_um;
+        let sign = if v[0] & 1 == 0 { 1.0 } else { -1.0 };
+        Flow {
+            k: [(k * cos) as f32, (k * sin) as f32],
+            direction: [(-sin) as f32, cos as f32],
+            phase: unit(w[2]),
+            frequency: sign * (0.6 + 0.8 * unit(w[3])) / p.sway.period,
+        }
+    };
+    (0..WAVES).map(flow).collect()
 }
 
 fn lobes(p: &Parameters, seed: u64) -> Vec<Lobe> {

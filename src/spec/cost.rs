@@ -108,6 +108,10 @@ const BODIES_BYTES: u64 = 40;
 /// Seconds per triangle for the certificates of the lumen and of both bodies together, one core; measured on the default model.
 const BODIES_SECONDS: f64 = 0.9e-6;
 
+/// Seconds per triangle of a surface that leans to displace it, to find triangles that meet, and to measure cuts, one core; measured
+/// on the default model.
+const LEAN_SECONDS: f64 = 1.7e-6;
+
 /// Bytes of the measures of a section in the report; measured on the default model.
 const REPORT_SECTION_BYTES: u64 = 850;
 /// Bytes of a triangle of the finest level of detail and of a simplified one, with its share of the vertices; measured on
@@ -217,18 +221,19 @@ impl ModelSpec {
             seconds: {
                 #[expect(clippy::cast_precision_loss, reason = "an estimate")]
                 let lumen = if needs_lumen { triangles as f64 * BODIES_SECONDS } else { 0.0 };
-                let more = lumen + remeshed * self.remesh_seconds() + section_points * self.smooth_seconds();
+                let lean = if self.leans() { triangles as f64 * LEAN_SECONDS } else { 0.0 };
+                let more = lumen + lean + remeshed * self.remesh_seconds() + section_points * self.smooth_seconds();
                 self.seconds(triangles, has("lod"), more + labels.map_or(0.0, |labels| labels.seconds))
             },
         }
     }
 
-    /// Whether the surface is streamed for these outputs, named as for [`Self::cost`]: it is lofted, and none needs the whole
-    /// of it.
+    /// Whether the surface is streamed for these outputs, named as for [`Self::cost`]: it is lofted and does not lean, and none
+    /// needs the whole of it.
     #[must_use]
     pub fn is_streamed(&self, outputs: &[&str]) -> bool {
         let needs_whole = |name: &&str| ["lumen", "regions", "lod", "labels"].contains(name);
-        self.mesh.resolution_um == 0.0 && !self.mesh.strips && !outputs.iter().any(needs_whole)
+        self.mesh.resolution_um == 0.0 && !self.mesh.strips && !self.leans() && !outputs.iter().any(needs_whole)
     }
 
     fn counts(&self) -> Counts {

@@ -47,7 +47,7 @@ fn levers(quantity: &str) -> &'static str {
         "memory" => {
             "reduce /steps or /particles/total, change /solver/record_every, make a shorter /piece, or, for an even surface, raise \
              /mesh/resolution_um and /mesh/tolerance_um, or, for output labels, raise /labels/voxel_um; or ask for no output that \
-             needs the whole surface (lod, labels, lumen, regions, strips, an even surface)"
+             needs the whole surface (lod, labels, lumen, regions, strips, an even surface), without a lean (/lean/strength_um 0)"
         }
         "glb" => {
             "ask for gltf (which has its data in a file of its own), vtp, ply, stl or obj instead of glb, reduce /steps or \

@@ -51,8 +51,8 @@ pub use fault::{Fault, members};
 pub use lever::{End, Lever, Setting};
 pub use limits::{Limits, OverLimit};
 pub use parameters::{
-    Collision, Containment, Contortion, Histology, Integrator, Labels, MAX_PARTICLES, MAX_STEPS, MeshOptions,
-    Parameters, Particles, Piece, Regions, Regulatory, Search, Solver, Spring, Variation, Wall,
+    Collision, Containment, Contortion, Histology, Integrator, Labels, Lean, MAX_PARTICLES, MAX_STEPS, MeshOptions,
+    Parameters, Particles, Piece, Regions, Regulatory, Search, Solver, Spring, Sway, Variation, Wall,
 };
 pub use preset::{DEFAULT_PRESET, Preset, preset, presets};
 pub use schedule::{Ease, Fluctuation, Schedule};
@@ -162,6 +162,18 @@ impl Parameters {
     pub fn stations(&self) -> impl Iterator<Item = u32> + '_ {
         let piece = self.recorded();
         self.all_stations().filter(move |step| piece.contains(step))
+    }
+
+    /// Whether the surface is displaced along the tube. An even surface is not: the displacement would stretch its triangles.
+    #[must_use]
+    pub fn leans(&self) -> bool {
+        self.asks_to_lean() && self.mesh.resolution_um == 0.0
+    }
+
+    /// Whether a displacement along the tube is asked for.
+    #[must_use]
+    pub fn asks_to_lean(&self) -> bool {
+        self.lean.strength_um.range().1 > 0.0
     }
 
     /// The steps of the first and of the last section of the piece. No step after the last is simulated.

@@ -56,6 +56,10 @@ group! {
         pub collision: Collision = "Self-intersection force" [""] ();
         /// Random variation of tissue thickness and lumen gap.
         pub variation: Variation = "Thickness variation" [""] ();
+        /// Slow sideways motion of the fronds.
+        pub sway: Sway = "Sway" [""] ();
+        /// Displacement of the surface along the tube.
+        pub lean: Lean = "Lean" [""] ();
         /// Slow lobes of the outer wall.
         pub wall: Wall = "Outer wall" [""] ();
         /// Integrator, neighbour search, recording.
@@ -180,6 +184,36 @@ group! {
         pub wavelength_um: f64 = "Variation wavelength" ["µm"] Range::of(20.0, 10_000.0);
         /// Greatest phase drift of the field per step.
         pub drift: f64 = "Variation drift" ["rad/step"] DRIFT;
+    }
+}
+
+group! {
+    /// A smooth random flow that carries the fronds sideways from section to section, most near the axis; the wall holds their
+    /// bases. Not in the paper.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Sway {
+        /// Root mean square speed of the flow. 0 disables it.
+        pub strength: Schedule = "Sway" ["µm/step"] Range::of(0.0, 5.0).because("the guard would limit faster motion in every step");
+        /// Mean wavelength of the flow.
+        pub wavelength_um: f64 = "Sway wavelength" ["µm"] Range::of(20.0, 100_000.0);
+        /// Mean period of the flow.
+        pub period: f64 = "Sway period" ["steps"] Range::of(4.0, 1e6);
+    }
+}
+
+group! {
+    /// A smooth random displacement of the finished surface along the tube. A plane across the tube then meets neighbouring
+    /// fronds at different steps; where fronds sway, it cuts some of them apart, and they appear as islands. Not in the paper.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Lean {
+        /// Root mean square displacement; no displacement exceeds twice as much. 0 disables it.
+        pub strength_um: Schedule = "Lean" ["µm"] Range::of(0.0, 5000.0).steady();
+        /// Mean wavelength across the tube.
+        pub wavelength_um: f64 = "Lean wavelength" ["µm"] Range::of(20.0, 100_000.0);
+        /// Wavelength along the tube.
+        pub along_mm: f64 = "Lean wavelength along the tube" ["mm"] Range::of(0.1, 10_000.0);
+        /// Distance from either end of the model over which the displacement rises from zero, so that the ends stay plane.
+        pub ends_mm: f64 = "Plane ends" ["mm"] Range::of(0.1, 1000.0);
     }
 }
 

@@ -1,4 +1,6 @@
-//! A closed line with its arc length.
+//! Lines with their arc length.
+
+use crate::model::Border;
 
 /// An edge of a contour.
 #[derive(Clone, Copy, Debug)]
@@ -13,6 +15,14 @@ pub(super) struct Edge {
 }
 
 impl Edge {
+    /// An edge that begins at an arc length.
+    pub(super) fn new(from: [f64; 2], to: [f64; 2], start: f64) -> Self {
+        let along = [to[0] - from[0], to[1] - from[1]];
+        let square = along[0] * along[0] + along[1] * along[1];
+        let scaled = if square > 0.0 { along.map(|c| c / square) } else { [0.0; 2] };
+        Self { from, to, scaled, start, length: square.sqrt() }
+    }
+
     /// Squared distance of a point, and the arc length of the nearest point.
     pub(super) fn nearest(&self, p: [f64; 2]) -> (f64, f64) {
         let (dx, dy) = (p[0] - self.from[0], p[1] - self.from[1]);
@@ -32,7 +42,7 @@ struct Circle {
     radius: f64,
 }
 
-/// A closed line. Points that are not finite are left out.
+/// The lines of a border. Points that are not finite are left out.
 #[derive(Clone, Debug)]
 pub struct Contour {
     pub(super) edges: Vec<Edge>,
@@ -41,23 +51,20 @@ pub struct Contour {
 }
 
 impl Contour {
-    /// A closed line through points in micrometres.
+    /// The lines of a border; arc lengths go on from each to the next.
     #[must_use]
-    pub fn new(points: &[[f32; 2]]) -> Self {
-        let finite: Vec<[f64; 2]> =
-            points.iter().filter(|p| p.iter().all(|c| c.is_finite())).map(|p| p.map(f64::from)).collect();
-        let mut length = 0.0;
-        let edges: Vec<Edge> = (0..finite.len())
-            .map(|i| {
-                let (from, to) = (finite[i], finite[(i + 1) % finite.len()]);
-                let along = [to[0] - from[0], to[1] - from[1]];
-                let square = along[0] * along[0] + along[1] * along[1];
-                let scaled = if square > 0.0 { along.map(|c| c / square) } else { [0.0; 2] };
-                let edge = Edge { from, to, scaled, start: length, length: square.sqrt() };
+    pub fn new(border: &Border) -> Self {
+        let (mut edges, mut length) = (Vec::new(), 0.0);
+        for line in &border.lines {
+            let finite: Vec<[f64; 2]> =
+                line.points.iter().filter(|p| p.iter().all(|c| c.is_finite())).map(|p| p.map(f64::from)).collect();
+            let count = if line.is_closed { finite.len() } else { finite.len().saturating_sub(1) };
+            edges.extend((0..count).map(|i| {
+                let edge = Edge::new(finite[i], finite[(i + 1) % finite.len()], length);
                 length += edge.length;
                 edge
-            })
-            .collect();
+            }));
+        }
         let groups = edges.chunks(GROUP).map(around).collect();
         Self { edges, groups, length }
     }

@@ -3,6 +3,7 @@
 use super::contour::Edge;
 use super::wall::{Wall, WallLayer};
 use super::{Contour, Grid, Layers, Tissue};
+use crate::model::Border;
 use std::ops::Range;
 
 /// Columns of a tile, in which the nearest edges of the outside are searched together.
@@ -31,16 +32,18 @@ const OUTSIDE: Place =
 pub struct TissueMap {
     lumen: Contour,
     wall: Wall,
+    /// Edges in the ends of the tube that close the lumen, and the whole.
+    ends: [Vec<Edge>; 2],
     layers: Layers,
 }
 
 impl TissueMap {
-    /// The layers between two closed lines, the surface of the mucosa and the outside of the wall, in µm.
+    /// The layers between the surface of the mucosa and the outside of the wall.
     #[must_use]
-    pub fn new(inner: &[[f32; 2]], outer: &[[f32; 2]], layers: &Layers) -> Self {
-        let lumen = Contour::new(inner);
-        let wall = Wall::new(Contour::new(outer), &lumen, layers);
-        Self { lumen, wall, layers: *layers }
+    pub fn new(mucosa: &Border, outside: &Border, layers: &Layers) -> Self {
+        let lumen = Contour::new(mucosa);
+        let wall = Wall::new(Contour::new(outside), &lumen, layers);
+        Self { ends: [mucosa, outside].map(ends), lumen, wall, layers: *layers }
     }
 
     /// The surface of the mucosa.
@@ -81,12 +84,19 @@ impl TissueMap {
     #[must_use]
     pub fn band(&self, grid: &Grid, rows: Range<u32>) -> Vec<Place> {
         let mut band = Band::new(grid, rows);
-        band.fill(&self.wall.outside.edges, Tissue::LaminaPropria);
-        band.fill(&self.lumen.edges, Tissue::Lumen);
+        let [lumen_ends, outside_ends] = &self.ends;
+        band.fill(self.wall.outside.edges.iter().chain(outside_ends), Tissue::LaminaPropria);
+        band.fill(self.lumen.edges.iter().chain(lumen_ends), Tissue::Lumen);
         band.measure(&self.lumen.edges, self.reach_um(grid));
         band.divide(&self.wall, self.layers.epithelium_um as f32);
         band.places
     }
+}
+
+fn ends(border: &Border) -> Vec<Edge> {
+    let finite = |edge: &&[[f32; 2]; 2]| edge.as_flattened().iter().all(|c| c.is_finite());
+    let edge = |[from, to]: &[[f32; 2]; 2]| Edge::new(from.map(f64::from), to.map(f64::from), 0.0);
+    border.closing.iter().filter(finite).map(edge).collect()
 }
 
 /// Bands of rows that cover a grid, for work in parallel.
@@ -113,8 +123,8 @@ impl<'a> Band<'a> {
         [self.grid.y(self.rows.end.max(1) - 1), self.grid.y(self.rows.start)]
     }
 
-    /// Gives the pixels inside a closed line a tissue: those that a ray to the left leaves through an odd number of edges.
-    fn fill(&mut self, edges: &[Edge], tissue: Tissue) {
+    /// Gives the pixels that edges enclose a tissue: those that a ray to the left leaves through an odd number of edges.
+    fn fill<'e>(&mut self, edges: impl Iterator<Item = &'e Edge>, tissue: Tissue) {
         let [low, high] = self.y_range();
         let (width, first) = (self.grid.width as usize, self.rows.start);
         let mut crossings: Vec<Vec<f64>> = vec![Vec::new(); self.rows.len()];

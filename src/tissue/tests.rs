@@ -1,6 +1,7 @@
 //! Areas of layers of simple shapes.
 
 use super::*;
+use crate::model::{Border, Line};
 use std::f64::consts::{PI, TAU};
 
 const LAYERS: Layers = Layers { epithelium_um: 30.0, lamina_um: 40.0, longitudinal_share: 0.3, serosa_um: 25.0 };
@@ -15,11 +16,17 @@ fn circle(radius: f64, middle: [f64; 2]) -> Vec<[f32; 2]> {
         .collect()
 }
 
+/// The layers between two closed lines.
+fn map(inner: &[[f32; 2]], outer: &[[f32; 2]], layers: &Layers) -> TissueMap {
+    let [mucosa, outside] = [inner, outer].map(|line| Border::closed(vec![line.to_vec()]));
+    TissueMap::new(&mucosa, &outside, layers)
+}
+
 /// Areas of the tissues in µm², by value.
 fn areas(inner: &[[f32; 2]], outer: &[[f32; 2]], layers: &Layers, size: u32) -> [f64; 7] {
     let grid = Grid::around(outer, size);
     let mut areas = [0.0; 7];
-    for label in TissueMap::new(inner, outer, layers).labels(&grid) {
+    for label in map(inner, outer, layers).labels(&grid) {
         areas[usize::from(label)] += grid.um_per_pixel * grid.um_per_pixel;
     }
     areas
@@ -58,7 +65,7 @@ fn a_frond_thinner_than_two_heights_is_epithelium_and_a_thicker_one_has_a_core()
         ];
         let outer = [[-1400.0, -900.0], [1400.0, -900.0], [1400.0, 900.0], [-1400.0, 900.0]];
         let grid = Grid::around(&outer, 1400);
-        let labels = TissueMap::new(&inner, &outer, &LAYERS).labels(&grid);
+        let labels = map(&inner, &outer, &LAYERS).labels(&grid);
         let row = (0..grid.height).find(|&row| grid.y(row) < -250.0).unwrap();
         let count = |tissue: Tissue| {
             let frond = (0..grid.width).filter(|&column| grid.x(column).abs() < f64::from(half));
@@ -82,7 +89,7 @@ fn folds_do_not_reach_into_the_muscle() {
         .collect();
     let outer = circle(1000.0, [0.0; 2]);
     let grid = Grid::around(&outer, 800);
-    let labels = TissueMap::new(&inner, &outer, &LAYERS).labels(&grid);
+    let labels = map(&inner, &outer, &LAYERS).labels(&grid);
     let mut muscle = [0.0, f64::INFINITY];
     for (i, &label) in labels.iter().enumerate() {
         let (x, y) = (grid.x(i as u32 % grid.width), grid.y(i as u32 / grid.width));
@@ -108,7 +115,7 @@ fn where_the_wall_is_too_thin_the_muscle_goes_first() {
 #[test]
 fn any_bands_give_the_same_pixels_and_row_0_is_on_top() {
     let (inner, outer) = (circle(300.0, [0.0, 200.0]), circle(800.0, [0.0; 2]));
-    let map = TissueMap::new(&inner, &outer, &LAYERS);
+    let map = map(&inner, &outer, &LAYERS);
     let grid = Grid::around(&outer, 150);
     let whole = map.labels(&grid);
     let rows: Vec<u8> =
@@ -122,6 +129,39 @@ fn any_bands_give_the_same_pixels_and_row_0_is_on_top() {
 fn sections_without_extent_have_no_tissue() {
     for points in [vec![], vec![[1.0, 2.0]; 3], vec![[f32::NAN, 0.0]; 4]] {
         let grid = Grid::around(&points, 64);
-        assert!(TissueMap::new(&points, &points, &LAYERS).labels(&grid).iter().all(|&label| label == 0));
+        assert!(map(&points, &points, &LAYERS).labels(&grid).iter().all(|&label| label == 0));
     }
+}
+
+#[test]
+fn a_tube_cut_along_has_lumen_up_to_its_ends_and_no_epithelium_there() {
+    // Both walls of a tube 2 mm long: the lumen 400 µm wide, the whole 1000 µm.
+    let walls = |half: f32| Border {
+        lines: [half, -half].map(|y| Line { points: vec![[-1000.0, y], [1000.0, y]], is_closed: false }).to_vec(),
+        closing: [-1000.0, 1000.0].map(|x| [[x, -half], [x, half]]).to_vec(),
+    };
+    let outside = walls(500.0);
+    let grid = Grid::around(&outside.points().collect::<Vec<_>>(), 2200);
+    let labels = TissueMap::new(&walls(200.0), &outside, &LAYERS).labels(&grid);
+    let mut areas = [0.0; 7];
+    for label in labels {
+        areas[usize::from(label)] += grid.um_per_pixel * grid.um_per_pixel;
+    }
+    let muscle = 2.0 * 2000.0 * (300.0 - 30.0 - 40.0 - 25.0);
+    agree(&areas[1..4], &[800_000.0, 2.0 * 2000.0 * 30.0, 2.0 * 2000.0 * 40.0]);
+    agree(&[areas[4] + areas[5], areas[6]], &[muscle, 2.0 * 2000.0 * 25.0]);
+}
+
+#[test]
+fn an_island_has_epithelium_all_around() {
+    let island: Vec<[f32; 2]> = circle(100.0, [50.0, 0.0]).into_iter().rev().collect();
+    let mucosa = Border::closed(vec![circle(300.0, [0.0; 2]), island]);
+    let outer = circle(600.0, [0.0; 2]);
+    let grid = Grid::around(&outer, 900);
+    let labels = TissueMap::new(&mucosa, &Border::closed(vec![outer]), &LAYERS).labels(&grid);
+    let of = |tissue: Tissue| {
+        labels.iter().filter(|&&label| label == tissue as u8).count() as f64 * grid.um_per_pixel * grid.um_per_pixel
+    };
+    let epithelium = PI * (330.0_f64.powi(2) - 300.0_f64.powi(2) + 100.0_f64.powi(2) - 70.0_f64.powi(2));
+    agree(&[of(Tissue::Lumen), of(Tissue::Epithelium)], &[PI * (90_000.0 - 10_000.0), epithelium]);
 }

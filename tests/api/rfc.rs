@@ -1,7 +1,7 @@
 //! RFC 9110 on all paths: `HEAD` is `GET` without its body, 405 lists the allowed methods; and on some of them.
 
 use super::app::App;
-use super::{report, sections};
+use super::{cut, report, sections};
 use axum::body::Body;
 use axum::http::{HeaderMap, Method, Request, header};
 use oviduct::export::sections_bin::MEDIA_TYPE;
@@ -11,9 +11,14 @@ use std::collections::BTreeSet;
 /// A service with a finished model, a batch and a fit, and all described paths with their methods.
 async fn app() -> (App, Vec<(String, BTreeSet<String>)>) {
     let app = App::new().await;
-    let glb = ("model.glb", "model/gltf-binary", vec![7; 1000]);
-    let files =
-        [glb, ("report.json", "application/json", report::stored()), ("sections.bin", MEDIA_TYPE, sections::stored(3))];
+    let gltf = ("model.gltf", "model/gltf+json", vec![7; 1000]);
+    let obj = ("model.obj", "model/obj", cut::stored());
+    let files = [
+        gltf,
+        obj,
+        ("report.json", "application/json", report::stored()),
+        ("sections.bin", MEDIA_TYPE, sections::stored(3)),
+    ];
     let model = app.finished(7, &files).await;
     let batch = app.post("/batches", &json!({ "count": 1 })).await.location();
     let target = json!({ "region": "whole", "quantity": "fill", "value": 0.7 });
@@ -27,8 +32,9 @@ async fn app() -> (App, Vec<(String, BTreeSet<String>)>) {
             .replace("/fits/{id}", &fit)
             .replace("/workers/{id}", "/workers/w1");
         let path =
-            path.replace("{name}", if path.contains("presets") { "pig" } else { "model.glb" }).replace("{k}", "1");
+            path.replace("{name}", if path.contains("presets") { "pig" } else { "model.gltf" }).replace("{k}", "1");
         assert!(!path.contains('{'), "{path}");
+        let path = if path.ends_with("/cut") { path + "?z_um=1500" } else { path };
         let methods: BTreeSet<String> = item.as_object().unwrap().keys().map(|m| m.to_ascii_uppercase()).collect();
         addresses.push((path, methods));
     }
@@ -94,7 +100,7 @@ async fn a_method_that_is_not_allowed_is_refused_with_those_that_are() {
 #[tokio::test]
 async fn a_range_is_sent_only_of_the_same_file() {
     let (app, addresses) = app().await;
-    let path = addresses.iter().map(|(path, _)| path).find(|path| path.ends_with("/model.glb")).unwrap();
+    let path = addresses.iter().map(|(path, _)| path).find(|path| path.ends_with("/model.gltf")).unwrap();
     let tag = app.get(path).await.header(header::ETAG).unwrap().to_owned();
     let weak = format!("W/{tag}");
     for (if_range, status) in

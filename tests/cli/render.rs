@@ -6,7 +6,11 @@ use tiny_skia::Pixmap;
 
 /// A model in `at/model`.
 fn grow(at: &Path) {
-    let generate = [&["generate", "--seed", "3", "--gpu", "off", "--json", "--out", "model"], &TINY[..]].concat();
+    let generate = [
+        &["generate", "--seed", "3", "--gpu", "off", "--json", "--set", "lean.strength_um=0", "--out", "model"],
+        &TINY[..],
+    ]
+    .concat();
     json(&run(at, &generate));
 }
 

@@ -30,6 +30,7 @@ fn models() -> Vec<(String, &'static str, u64, Value)> {
     for (name, change) in [
         ("paper 7, euler", json!({ "solver": { "integrator": "euler" } })),
         ("pig 7, strips", json!({ "mesh": { "strips": true } })),
+        ("pig 7, straight", json!({ "sway": { "strength": 0 }, "lean": { "strength_um": 0 } })),
     ] {
         let mut patch = small.clone();
         json_patch::merge(&mut patch, &change);

@@ -254,6 +254,22 @@ fn thickness_matches() {
     assert_close("scale", &cpu.inner.scale, &gpu.inner.scale, 2e-5);
 }
 
+/// The flow is that of the start of a step, in each of its evaluations.
+#[test]
+fn sway_matches() {
+    if no_vulkan() {
+        return;
+    }
+    let (plan, start) = buckled(&json!({ "sway": { "strength": 3 } }), 15);
+    for integrator in [Integrator::Euler, Integrator::Rk4] {
+        let (mut plan, mut start) = (plan.clone(), start.clone());
+        only(&mut plan, &mut start, |row, bare| bare.sway = row.sway);
+        plan.integrator = integrator;
+        let (cpu, gpu) = both(&plan, &start);
+        assert_velocities(&cpu.inner, &gpu.inner, 2e-5);
+    }
+}
+
 #[test]
 fn outer_matches() {
     if no_vulkan() {

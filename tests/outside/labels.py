@@ -16,7 +16,8 @@ from PIL import Image
 
 from grown import Oviduct
 
-SMALL = ["--set", "steps=200", "--set", 'particles.total={"keys":[[0,400],[1,900]]}']
+# Without lean, so that slices can be compared with sections.
+SMALL = ["--set", "lean.strength_um=0", "--set", "steps=200", "--set", 'particles.total={"keys":[[0,400],[1,900]]}']
 VOXEL_UM, SLICE_UM = 5.0, 100.0
 FROM, TO = 0.2, 0.6
 

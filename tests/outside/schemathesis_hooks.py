@@ -44,7 +44,12 @@ def before_call(context, case, kwargs):
         case.query = {**(case.query or {}), "dry_run": "true"}
     elif case.path == "/presets/{name}" and turn < 2 and plain(case):
         case.path_parameters = {**parameters, "name": PRESETS[turn]}
-    if case.path.endswith("/sections/{k}") and case.query:
+    if case.path.endswith("/cut") and plain(case) and (case.meta is None or not case.meta.is_negative_at(ParameterLocation.QUERY)):
+        # A plane that the model has, in two of three requests.
+        query = {name: value for name, value in (case.query or {}).items() if name not in ("z_um", "origin_um", "normal")}
+        places = [{"z_um": 1000.0 * (COUNT["calls"] % 50)}, {"origin_um": "0,0,3000", "normal": "0,1,0.5"}]
+        case.query = {**query, **places[turn]} if turn < 2 else case.query
+    if case.path.endswith(("/sections/{k}", "/cut")) and case.query:
         # Members of pictures where no picture is asked for, and a stain of labels, are refused by design.
         refused = {"size", "stain", "labels"} if case.query.get("format") in ("json", "svg") else set()
         if "labels" in case.query:

@@ -11,7 +11,7 @@ import urllib.error
 import urllib.request
 
 # A model that takes about a second: few steps and particles, all stages.
-SMALL = {"steps": 120, "particles": {"total": {"keys": [[0, 300], [1, 600]]}}}
+SMALL = {"steps": 120, "particles": {"total": {"keys": [[0, 300], [1, 600]]}}, "lean": {"strength_um": 0}}
 
 
 def free_port():

@@ -29,7 +29,8 @@ WALLS = ("inner_wall", "outer_wall")
 
 def grown(binary, folder, preset, seed, *settings):
     """Generates a model; returns its folder and report."""
-    options = [f"--set={setting}" for setting in settings]
+    # Without lean, so that contours lie in planes and distances are those of the loft.
+    options = [f"--set={setting}" for setting in (*settings, "lean.strength_um=0")]
     subprocess.run([binary, "generate", "--preset", preset, "--seed", str(seed), "--outputs", "glb", "--out", folder, *options],
                    check=True, capture_output=True)
     with open(os.path.join(folder, "report.json"), encoding="utf-8") as file:

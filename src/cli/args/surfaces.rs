@@ -100,6 +100,13 @@ pub(in crate::cli) struct SectionArgs {
     /// 4 circular muscle, 5 longitudinal muscle, 6 serosa
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(in crate::cli) labels: bool,
+    #[command(flatten)]
+    pub(in crate::cli) layers: LayerArgs,
+}
+
+/// Heights of the layers in pictures.
+#[derive(Clone, Debug, Args)]
+pub(in crate::cli) struct LayerArgs {
     /// Height of the epithelium, µm [default: that of the model's preset]
     #[arg(long, value_name = "UM")]
     pub(in crate::cli) epithelium_um: Option<f64>,
@@ -112,6 +119,45 @@ pub(in crate::cli) struct SectionArgs {
     /// Thickness of the serosa, µm [default: that of the model's preset]
     #[arg(long, value_name = "UM")]
     pub(in crate::cli) serosa_um: Option<f64>,
+}
+
+/// Options of `cut`.
+#[derive(Clone, Debug, Args)]
+#[command(group = clap::ArgGroup::new("place").required(true).multiple(true).args(["z_um", "origin_um", "normal"]))]
+pub(in crate::cli) struct CutArgs {
+    /// Surface of the tissue: glTF (.glb, .gltf), OBJ, STL, PLY or VTP
+    #[arg(value_name = "FILE")]
+    pub(in crate::cli) file: PathBuf,
+    /// Place along the tube of a plane across it, µm
+    #[arg(long, value_name = "Z", allow_hyphen_values = true, conflicts_with_all = ["origin_um", "normal"])]
+    pub(in crate::cli) z_um: Option<f64>,
+    /// A point of the plane, µm
+    #[arg(long, value_name = "X,Y,Z", value_parser = triple, allow_hyphen_values = true, requires = "normal")]
+    pub(in crate::cli) origin_um: Option<[f64; 3]>,
+    /// Normal of the plane, of any length
+    #[arg(long, value_name = "X,Y,Z", value_parser = triple, allow_hyphen_values = true, requires = "origin_um")]
+    pub(in crate::cli) normal: Option<[f64; 3]>,
+    /// File for the cut: .json (rings and areas), .svg (a drawing) or .png (stained, or --labels) [default: none; areas and islands
+    /// are printed]
+    #[arg(long, value_name = "PATH")]
+    pub(in crate::cli) out: Option<PathBuf>,
+    /// Longer side of a .png, pixels
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(32..=i64::from(MAX_SIZE)), default_value_t = 1024)]
+    pub(in crate::cli) size: u32,
+    /// As .png: the tissue of each pixel as a grey value instead of a stain: 0 outside, 1 lumen, 2 epithelium, 3 lamina propria,
+    /// 4 circular muscle, 5 longitudinal muscle, 6 serosa
+    #[arg(long, value_parser = FalseyValueParser::new())]
+    pub(in crate::cli) labels: bool,
+    /// Preset of the model, for the heights of its layers
+    #[arg(long, value_name = "NAME", default_value = crate::spec::DEFAULT_PRESET)]
+    pub(in crate::cli) preset: String,
+    #[command(flatten)]
+    pub(in crate::cli) layers: LayerArgs,
+}
+
+fn triple(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(|| "must be three numbers, x,y,z".into())
 }
 
 /// Options of `measure`.

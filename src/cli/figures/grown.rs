@@ -63,9 +63,9 @@ impl Grown {
     }
 
     /// A section to be stained.
-    pub(super) fn slide(&self, index: usize) -> Slide<'_> {
+    pub(super) fn slide(&self, index: usize) -> Slide {
         let layers = self.request.spec.histology.layers();
-        Slide { section: &self.sections[index], layers, seed: self.request.seed, index: index as u32 }
+        Slide { borders: self.sections[index].borders(), layers, seed: self.request.seed, index: index as u32 }
     }
 
     /// Preset and seed, for captions.

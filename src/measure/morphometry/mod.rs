@@ -12,8 +12,10 @@
 //! | `ring` | folds on a ring, their continuity and twist |
 //! | `tree` | folds, their heights and branches by the shape tree |
 //! | `mask`, `fractal` | fractal dimension and lacunarity |
+//! | `cuts` | planar cuts across the ampulla |
 //! | `tube` | along the tube, by region, and of the whole |
 
+mod cuts;
 mod fractal;
 mod mask;
 mod quantity;
@@ -26,6 +28,7 @@ mod tree;
 mod tube;
 mod walls;
 
+pub use cuts::{AmongCuts, Cuts, cuts};
 pub use fractal::Dimension;
 pub use quantity::{QUANTITIES, Quantity};
 pub use section::{Measures, measure};

@@ -135,6 +135,12 @@ pub struct Regions {
 }
 
 impl Regions {
+    /// The part of the ampulla that is measured; none if there is none.
+    pub(super) fn ampulla_mm(&self) -> Option<[f64; 2]> {
+        let [from, to] = [self.junction[1].max(self.piece[0]), self.piece[1]].map(|part| part * self.length_mm);
+        (from < to).then_some([from, to])
+    }
+
     fn ranges(&self) -> [(&'static str, [f64; 2]); 4] {
         let [from, to] = self.junction.map(|part| part * self.length_mm);
         let end = self.length_mm;

@@ -13,7 +13,6 @@ mod block;
 mod cap;
 mod error;
 mod field;
-mod meeting;
 mod row;
 mod sheet;
 mod weave;
@@ -21,6 +20,7 @@ mod web;
 
 pub use error::RemeshError;
 
+use super::meeting;
 use crate::model::{BodyKind, Mesh, Patch, PatchKind, Ring, Section};
 use block::{Block, Row};
 use field::{Aims, Spot};

@@ -22,7 +22,7 @@ mod tests;
 use super::bar::Bar;
 use super::drawing::Drawing;
 use super::picture::{MAX_SIZE, RenderError};
-use crate::model::Section;
+use crate::model::Border;
 use crate::tissue::{Grid, Layers, Tissue, TissueMap, bands};
 use dye::Colors;
 use rayon::prelude::*;
@@ -30,20 +30,20 @@ use std::io::Cursor;
 use texture::Texture;
 use tiny_skia::Pixmap;
 
-/// A section to be drawn.
-#[derive(Clone, Copy, Debug)]
-pub struct Slide<'a> {
-    /// The section.
-    pub section: &'a Section,
+/// A section, or a cut, to be drawn.
+#[derive(Clone, Debug)]
+pub struct Slide {
+    /// The surface of the mucosa, and the outside of the wall.
+    pub borders: [Border; 2],
     /// Heights of its layers.
     pub layers: Layers,
     /// Seed of the model.
     pub seed: u64,
-    /// Index of the section in the model.
+    /// Index of the section in the model, or a number for the cut: the texture depends on it.
     pub index: u32,
 }
 
-impl Slide<'_> {
+impl Slide {
     /// The stained section, its longer side `size` pixels long, with a scale bar.
     ///
     /// # Errors
@@ -109,8 +109,9 @@ impl Slide<'_> {
         if !(1..=MAX_SIZE).contains(&size) {
             return Err(RenderError::Size { width: size, height: size });
         }
-        let grid = Grid::around(&self.section.outer.points, size);
-        Ok((grid, TissueMap::new(&self.section.inner.points, &self.section.outer.points, &self.layers)))
+        let [mucosa, outside] = &self.borders;
+        let grid = Grid::around(&outside.points().collect::<Vec<_>>(), size);
+        Ok((grid, TissueMap::new(mucosa, outside, &self.layers)))
     }
 }
 

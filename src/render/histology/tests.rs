@@ -6,8 +6,8 @@ use crate::tissue::Tissue;
 
 const LAYERS: Layers = Layers { epithelium_um: 30.0, lamina_um: 40.0, longitudinal_share: 0.3, serosa_um: 25.0 };
 
-fn slide(section: &Section) -> Slide<'_> {
-    Slide { section, layers: LAYERS, seed: 7, index: 3 }
+fn slide(section: &Section) -> Slide {
+    Slide { borders: section.borders(), layers: LAYERS, seed: 7, index: 3 }
 }
 
 /// Width, height, channels and pixels.
@@ -54,7 +54,7 @@ fn a_picture_depends_on_section_layers_seed_and_index_only() {
     let threads = |n: usize| rayon::ThreadPoolBuilder::new().num_threads(n).build().unwrap();
     let one = threads(1).install(|| (slide.stained(300).unwrap(), slide.labels(300).unwrap()));
     assert_eq!(one, threads(3).install(|| (slide.stained(300).unwrap(), slide.labels(300).unwrap())));
-    for other in [Slide { seed: 8, ..slide }, Slide { index: 4, ..slide }] {
+    for other in [Slide { seed: 8, ..slide.clone() }, Slide { index: 4, ..slide.clone() }] {
         assert_ne!(one.0, other.stained(300).unwrap());
         assert_eq!(one.1, other.labels(300).unwrap());
     }

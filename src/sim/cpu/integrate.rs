@@ -8,7 +8,7 @@ use super::chain::Chain;
 use super::neighbours::{Neighbours, Part};
 use super::pairs::{CLEARANCE_CAP, Kernel, PairTerms, Sums, add_block, greatest, reduce};
 use super::vectorize::vectorize;
-use super::{local, scalar};
+use super::{local, scalar, sway};
 use crate::sim::Statistics;
 use crate::sim::layout::{LANES, StepRow};
 use crate::sim::maths::{max, min};
@@ -33,6 +33,8 @@ pub(super) struct Work {
     /// Weighted sum of the stage velocities.
     sx: Vec<f32>,
     sy: Vec<f32>,
+    /// Force of the sway, the same in all stages; empty if there is none.
+    sway: [Vec<f32>; 2],
     /// Greatest 1/d at the start of the step: of each vertex, of each segment.
     vertex_near: Vec<f32>,
     /// Clearance of each particle at the start of the last step, µm.
@@ -65,8 +67,10 @@ impl Work {
 }
 
 /// Advances the inner loop one step.
+#[expect(clippy::too_many_arguments, reason = "parts of the state that are borrowed separately")]
 pub(super) fn step(
     plan: &Plan,
+    time: i64,
     row: &StepRow,
     s: &mut InnerLoop,
     chain: &mut Chain,
@@ -75,6 +79,7 @@ pub(super) fn step(
     statistics: &mut Statistics,
 ) {
     let n = s.len();
+    sway::update(plan, time, row, s, &mut work.sway);
     chain.resize(n);
     chain.x[1..=n].copy_from_slice(&s.x);
     chain.y[1..=n].copy_from_slice(&s.y);
@@ -207,6 +212,9 @@ fn evaluate(
         outputs.into_iter().for_each(work_on);
     } else {
         outputs.into_par_iter().for_each(work_on);
+    }
+    for (a, sway) in [&mut work.ax[stage], &mut work.ay[stage]].into_iter().zip(&work.sway) {
+        a.iter_mut().zip(sway).for_each(|(a, sway)| *a += sway);
     }
 }
 

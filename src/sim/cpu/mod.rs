@@ -16,6 +16,7 @@ mod outer;
 mod pairs;
 mod saved;
 mod scalar;
+mod sway;
 mod thickness;
 mod vectorize;
 
@@ -31,7 +32,7 @@ pub use pairs::{Kernel, PairTerms, reference_force};
 pub use saved::StateError;
 
 /// Constants of the model that every backend must share, by their names in the shaders.
-pub const CONSTANTS: [(&str, f32); 17] = [
+pub const CONSTANTS: [(&str, f32); 19] = [
     ("SHARE", integrate::SHARE),
     ("LEAST_MOVE", integrate::LIMITS[0]),
     ("GREATEST_MOVE", integrate::LIMITS[1]),
@@ -41,6 +42,8 @@ pub const CONSTANTS: [(&str, f32); 17] = [
     ("ROOM", growth::ROOM),
     ("SPAN", growth::SPAN as f32),
     ("CUT", thickness::CUT),
+    ("SWAYS", sway::SWAYS),
+    ("STILL", sway::STILL),
     ("MARGIN", outer::MARGIN),
     ("MOVE", outer::MOVE),
     ("TAUT", outer::TAUT),
@@ -154,6 +157,7 @@ impl Simulator for CpuSimulation {
         }
         integrate::step(
             &self.plan,
+            self.time,
             &row,
             &mut self.inner,
             &mut self.chain,

@@ -262,9 +262,9 @@ fn splits_wait_where_there_is_no_room() {
 
 #[test]
 fn a_free_loop_comes_to_rest() {
-    // No growth, no contortion: friction takes all motion out.
+    // No growth, no contortion, no sway: friction takes all motion out.
     let patch = json!({
-        "steps": 1500, "particles": { "total": 300, "outer": 60 },
+        "steps": 1500, "sway": { "strength": 0 }, "particles": { "total": 300, "outer": 60 },
         "contortion": { "magnitude": 0 }, "variation": { "amplitude": 0 },
     });
     let mut sim = simulation(&patch, 1, 1);

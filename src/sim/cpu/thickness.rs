@@ -1,7 +1,7 @@
 //! The thickness field: a smooth random field that scales the force ranges by exp(a·z). It removes the first limitation
 //! that the paper names (uniform thickness and gaps).
 
-use crate::sim::maths::cos_turns;
+use crate::sim::maths::{cos_turns, fraction};
 use crate::sim::plan::Plan;
 use crate::sim::state::InnerLoop;
 
@@ -27,8 +27,4 @@ pub(super) fn update(plan: &Plan, time: i64, state: &mut InnerLoop) {
     for (scale, z) in state.scale.iter_mut().zip(&z) {
         *scale = libm::expf(amplitude * (norm * z).clamp(-CUT, CUT));
     }
-}
-
-fn fraction(turns: f64) -> f32 {
-    (turns - turns.floor()) as f32
 }

@@ -24,7 +24,7 @@ pub const COPIED: u32 = 10;
 /// Field of the clearance.
 pub const CLEARANCE: u32 = 34;
 /// Fields of an inner particle.
-pub const FIELDS: u32 = 40;
+pub const FIELDS: u32 = 42;
 /// Fields of an outer particle.
 pub const WALL_FIELDS: u32 = 12;
 
@@ -46,8 +46,8 @@ pub struct Batch {
     pub lobes: u32,
     /// Words of a member's tables.
     pub tables: u32,
-    /// Not used.
-    pub padding: u32,
+    /// Cosines of the sway.
+    pub flows: u32,
 }
 
 /// Constants of a member.

@@ -4,6 +4,7 @@ use super::device::GpuDevice;
 use super::error::GpuError;
 use super::layout::{Batch, CLEARANCE, COPIED, FIELDS, Member, NONE, RECORDED_OUTER, Status, WALL_FIELDS};
 use super::sizes::Sizes;
+use crate::sim::maths::fraction;
 use crate::sim::{Checkpoint, Plan, StepRow};
 use std::f64::consts::TAU;
 use std::mem::size_of;
@@ -159,19 +160,21 @@ fn outer_fields(start: &Checkpoint, capacity: usize) -> Vec<u32> {
     words
 }
 
-/// Wave vectors, phases of each event and wave, orders and weights of the lobes, phases of each row and lobe.
+/// Wave vectors, phases of each event and wave; orders and weights of the lobes, phases of each row and lobe; wave vectors and
+/// directions of the sway, phases of each row and flow.
 fn tables(plan: &Plan, batch: &Batch) -> Vec<f32> {
-    let (waves, lobes) = (batch.waves as usize, batch.lobes as usize);
+    let [waves, lobes, flows] = [batch.waves, batch.lobes, batch.flows].map(|count| count as usize);
     let mut words = vec![0.0f32; batch.tables as usize];
     let (vectors, rest) = words.split_at_mut(2 * waves);
     let (phases, rest) = rest.split_at_mut(waves * batch.events as usize);
-    let (shapes, turns) = rest.split_at_mut(2 * lobes);
+    let (shapes, rest) = rest.split_at_mut(2 * lobes);
+    let (turns, rest) = rest.split_at_mut(2 * lobes * batch.rows as usize);
+    let (vectors_of_flows, phases_of_flows) = rest.split_at_mut(4 * flows);
     for (w, wave) in plan.waves.iter().enumerate() {
         vectors[2 * w..2 * w + 2].copy_from_slice(&wave.k);
         for event in 0..batch.events as usize {
             let time = (event * plan.grow_every as usize) as f64;
-            let turns = wave.phase + wave.drift * time;
-            phases[event * waves + w] = (turns - turns.floor()) as f32;
+            phases[event * waves + w] = fraction(wave.phase + wave.drift * time);
         }
     }
     for (l, lobe) in plan.lobes.iter().enumerate() {
@@ -182,6 +185,13 @@ fn tables(plan: &Plan, batch: &Batch) -> Vec<f32> {
             let angle = TAU * (lobe.phase + lobe.drift * time);
             let at = 2 * (row * lobes + l);
             turns[at..at + 2].copy_from_slice(&[libm::cos(angle) as f32, libm::sin(angle) as f32]);
+        }
+    }
+    for (f, flow) in plan.flows.iter().enumerate() {
+        vectors_of_flows[4 * f..4 * f + 4].copy_from_slice(&[flow.k, flow.direction].concat());
+        for row in 0..plan.rows.len() {
+            let time = row as f64 - f64::from(plan.burn_in);
+            phases_of_flows[row * flows + f] = fraction(flow.phase + flow.frequency * time);
         }
     }
     words

@@ -37,6 +37,7 @@ pub const INTEGRATE: Shader = Shader {
         shared!("finite"),
         shared!("maths"),
         shared!("outer"),
+        shared!("sway"),
         stage!("integrate")
     ),
     entries: &[("integrate", BLOCK_THREADS), ("guard", BLOCK_THREADS)],

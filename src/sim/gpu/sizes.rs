@@ -31,7 +31,8 @@ impl Sizes {
         let outer_capacity = most(&|p| target(p, 1)).next_multiple_of(LANES);
         let (rows, events) = (most(&|p| p.rows.len()), most(&|p| (p.steps / p.grow_every) as usize + 1));
         let (waves, lobes) = (most(&|p| p.waves.len()), most(&|p| p.lobes.len()));
-        let tables = (waves * (2 + events) + 2 * lobes * (1 + rows)).max(1);
+        let flows = most(&|p| p.flows.len());
+        let tables = (waves * (2 + events) + 2 * lobes * (1 + rows) + flows * (4 + rows)).max(1);
         let word = |x: usize| u32::try_from(x).unwrap_or(u32::MAX);
         Self {
             members,
@@ -43,7 +44,7 @@ impl Sizes {
                 waves: word(waves),
                 lobes: word(lobes),
                 tables: word(tables),
-                padding: 0,
+                flows: word(flows),
             },
         }
     }

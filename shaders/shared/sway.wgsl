@@ -1,0 +1,24 @@
+// The sway: a flow that carries the fronds sideways; counterpart of src/sim/cpu/sway.rs.
+
+// Elliptic radius, in units of R_in, up to which the flow has its full strength, and from which on there is none.
+const SWAYS: f32 = 0.55;
+const STILL: f32 = 0.95;
+
+// The force of the step `at` of the member on a particle that is at p at its start.
+fn sway(member: u32, at: u32, p: vec2<f32>) -> vec2<f32> {
+    let row = row_index(member, at);
+    // Tables, behind the lobes': wave vector and direction of each flow, then a phase for each row and flow.
+    let flows = member * batch.tables + batch.waves * (2u + batch.events) + 2u * batch.lobes * (1u + batch.rows);
+    let phases = flows + 4u * batch.flows + batch.flows * min(at, batch.rows - 1u);
+    var sum = vec2<f32>(0.0);
+    for (var f = 0u; f < batch.flows; f++) {
+        let flow = flows + 4u * f;
+        let wave = cos_turns(p.x * tables[flow] + p.y * tables[flow + 1u] + tables[phases + f]);
+        sum += vec2<f32>(tables[flow + 2u], tables[flow + 3u]) * wave;
+    }
+    let flat_y = p.y / rows[row].squash;
+    let radius = sqrt(p.x * p.x + flat_y * flat_y) / rows[row].r_in;
+    let still = clamp((radius - SWAYS) / (STILL - SWAYS), 0.0, 1.0);
+    let strength = rows[row].sway * sqrt(2.0 / f32(batch.flows));
+    return strength * (1.0 - still * still * (3.0 - 2.0 * still)) * sum;
+}

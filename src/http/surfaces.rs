@@ -1,0 +1,66 @@
+//! Surfaces of models as they are cut, read from the artifact store.
+
+use super::AppState;
+use super::files::{permit, whole};
+use super::problem::{Kind, Problem};
+use crate::export::convert::Converted;
+use crate::export::read::{Format, parse};
+use crate::jobs::{File, Job};
+use crate::model::Body;
+use std::sync::Arc;
+
+/// The files that can be cut, those that are read fastest first.
+const FILES: [(&str, Format); 5] = [
+    ("model.glb", Format::Gltf),
+    ("model.ply", Format::Ply),
+    ("model.vtp", Format::Vtp),
+    ("model.obj", Format::Obj),
+    ("model.stl", Format::Stl),
+];
+/// Largest file that is cut.
+const MOST_BYTES: u64 = 256 << 20;
+/// The file of the tissue's surface that is cut.
+pub(super) fn file(job: &Job) -> Result<(File, Format), Problem> {
+    let of = |(name, format)| job.files.iter().find(|file| file.name == name).map(|file| (file.clone(), format));
+    let found = FILES.into_iter().find_map(of).ok_or_else(|| {
+        let detail = if job.status.is_ended() {
+            let names = FILES.map(|(name, _)| name).join(", ");
+            format!("The model has no surface of the tissue that can be cut: none of the files {names}.")
+        } else {
+            "The model has not ended. It can be cut after its end.".to_owned()
+        };
+        Problem::new(Kind::FileNotFound, detail)
+    })?;
+    if found.0.bytes > MOST_BYTES {
+        let detail = format!(
+            "{} has {} bytes; the service cuts surfaces of at most {MOST_BYTES}. Download it and use `oviduct cut`.",
+            found.0.name, found.0.bytes
+        );
+        return Err(Problem::new(Kind::SurfaceTooLarge, detail));
+    }
+    Ok(found)
+}
+
+/// The surface in a file.
+pub(super) async fn read(state: &AppState, file: &File, format: Format) -> Result<Arc<Body<'static>>, Problem> {
+    if let Some(body) = state.bodies.kept(&file.sha256) {
+        return Ok(body);
+    }
+    let bytes = {
+        let _download = permit(state)?;
+        whole(state, file).await?
+    };
+    let read = tokio::task::spawn_blocking(move || {
+        let surface = parse(&bytes, format, None)?;
+        drop(bytes);
+        Ok(Arc::new(Converted::in_its_unit(&surface).into_body()))
+    });
+    let damaged = |error: &(dyn std::error::Error + 'static)| {
+        tracing::error!(error, "a surface cannot be read");
+        Problem::new(Kind::Internal, "The surface of the model cannot be read.")
+    };
+    let read: Result<_, crate::export::read::ReadError> = read.await.map_err(|error| damaged(&error))?;
+    let body = read.map_err(|error| damaged(&error))?;
+    state.bodies.keep(&file.sha256, &body);
+    Ok(body)
+}

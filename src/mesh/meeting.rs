@@ -1,0 +1,89 @@
+//! All pairs of triangles that have points in common other than shared vertices and edges; exact.
+
+use crate::geometry::bvh::{Bounds, Bvh};
+use crate::geometry::tri_tri::{Triangle, meet_in_mesh};
+use crate::model::Mesh;
+use rayon::prelude::*;
+
+/// All pairs of a mesh.
+pub(super) fn pairs(mesh: &Mesh) -> Vec<[u32; 2]> {
+    Meeting::new(mesh).pairs(mesh)
+}
+
+/// A search among the triangles of a mesh. Pairs are in order; a triangle without area counts as meeting itself.
+pub(super) struct Meeting {
+    is_flat: Vec<bool>,
+    bvh: Bvh,
+}
+
+impl Meeting {
+    pub(super) fn new(mesh: &Mesh) -> Self {
+        let is_flat: Vec<bool> = (0..mesh.triangles.len())
+            .into_par_iter()
+            .map(|t| Triangle::new(corners(mesh, t)).is_degenerate())
+            .collect();
+        Self { bvh: hierarchy(mesh, &is_flat), is_flat }
+    }
+
+    /// Takes new places of the corners of some triangles into account.
+    pub(super) fn update(&mut self, mesh: &Mesh, moved: &[u32]) {
+        for &t in moved {
+            self.is_flat[t as usize] = Triangle::new(corners(mesh, t as usize)).is_degenerate();
+        }
+        self.bvh = hierarchy(mesh, &self.is_flat);
+    }
+
+    /// All pairs.
+    pub(super) fn pairs(&self, mesh: &Mesh) -> Vec<[u32; 2]> {
+        let mut pairs: Vec<[u32; 2]> = (0..self.bvh.blocks())
+            .into_par_iter()
+            .with_min_len(64)
+            .flat_map_iter(|block| {
+                let mut found = Vec::new();
+                self.bvh.pairs(block, 0.0, |i, j| found.extend(pair(mesh, i, j)));
+                found
+            })
+            .collect();
+        pairs.extend((0..mesh.triangles.len()).filter_map(|t| self.flat(t)));
+        pairs.sort_unstable();
+        pairs
+    }
+
+    /// The pairs to which one of `some` triangles belongs; `is_one` tells which these are.
+    pub(super) fn pairs_of(&self, mesh: &Mesh, some: &[u32], is_one: &[bool]) -> Vec<[u32; 2]> {
+        let mut pairs: Vec<[u32; 2]> = some
+            .par_iter()
+            .with_min_len(256)
+            .flat_map_iter(|&t| {
+                let t = t as usize;
+                let mut found: Vec<[u32; 2]> = self.flat(t).into_iter().collect();
+                self.bvh.overlapping(&Bounds::of(corners(mesh, t)), |other| {
+                    if other > t || (other < t && !is_one[other]) {
+                        found.extend(pair(mesh, t.min(other), t.max(other)));
+                    }
+                });
+                found
+            })
+            .collect();
+        pairs.sort_unstable();
+        pairs
+    }
+
+    fn flat(&self, t: usize) -> Option<[u32; 2]> {
+        self.is_flat[t].then_some([t as u32; 2])
+    }
+}
+
+fn hierarchy(mesh: &Mesh, is_flat: &[bool]) -> Bvh {
+    Bvh::build(is_flat.len(), |t| if is_flat[t] { Bounds::EMPTY } else { Bounds::of(corners(mesh, t)) })
+}
+
+fn corners(mesh: &Mesh, t: usize) -> [[f64; 3]; 3] {
+    mesh.triangles[t].map(|v| mesh.positions[v as usize].map(f64::from))
+}
+
+/// The pair, if its triangles meet.
+fn pair(mesh: &Mesh, i: usize, j: usize) -> Option<[u32; 2]> {
+    let [a, b] = [i, j].map(|t| Triangle::new(corners(mesh, t)));
+    meet_in_mesh((&a, mesh.triangles[i]), (&b, mesh.triangles[j])).then_some([i as u32, j as u32])
+}

@@ -1,0 +1,278 @@
+//! A body as it is cut.
+
+use super::border::{Border, Line};
+use super::{Cut, Plane};
+use crate::geometry::cut::{Crossing, EdgeKey, Lines, meeting_point};
+use crate::model::{Mesh, PatchKind};
+use rayon::prelude::*;
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::ops::Range;
+
+/// Triangles that are searched together.
+const CHUNK: usize = 1 << 16;
+
+/// A closed surface that bounds tissue or lumen.
+#[derive(Clone, Debug)]
+pub struct Body<'a> {
+    positions: Cow<'a, [[f32; 3]]>,
+    triangles: Cow<'a, [[u32; 3]]>,
+    /// Micrometres in the unit of the positions.
+    um: f64,
+    is_lumen: bool,
+    walls: Option<Walls>,
+}
+
+/// The walls of a body of tissue, each with the fans of triangles that would close its ends.
+#[derive(Clone, Debug)]
+struct Walls {
+    /// Triangles of the mucosa, and of the outside.
+    triangles: [Range<usize>; 2],
+    /// For each the edges of its ends, and the middle of the end that each belongs to, µm.
+    fans: [Vec<([u32; 2], [f64; 3])>; 2],
+}
+
+impl<'a> Body<'a> {
+    /// A surface with these named patches; `um` micrometres are a unit of its positions.
+    #[must_use]
+    pub fn new(
+        positions: impl Into<Cow<'a, [[f32; 3]]>>,
+        triangles: impl Into<Cow<'a, [[u32; 3]]>>,
+        patches: &[(PatchKind, Range<usize>)],
+        um: f64,
+    ) -> Self {
+        let (positions, triangles) = (positions.into(), triangles.into());
+        let of = |kind| patches.iter().find(|(patch, _)| *patch == kind).map(|(_, range)| range.clone());
+        let caps = [PatchKind::CapIsthmus, PatchKind::CapAmpulla].map(of);
+        let walls = match (of(PatchKind::InnerWall), of(PatchKind::OuterWall), caps) {
+            (Some(inner), Some(outer), [Some(first), Some(last)]) => {
+                let caps = [&triangles[first], &triangles[last]];
+                Some(Walls { triangles: [inner, outer], fans: fans(&positions, caps, um) })
+            }
+            _ => None,
+        };
+        Self { is_lumen: of(PatchKind::Wall).is_some(), positions, triangles, um, walls }
+    }
+
+    /// Memory that it holds, about.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        12 * (self.positions.len() + self.triangles.len())
+    }
+
+    /// The rings in which a plane meets it.
+    #[must_use]
+    pub fn cut(&self, plane: &Plane) -> Cut {
+        let crossings = self.crossings(0..self.triangles.len(), plane);
+        let lines = self
+            .lines(plane, crossings)
+            .closed
+            .into_iter()
+            .map(|line| line.iter().map(|p| plane.coordinates(*p)).collect());
+        Cut::new(*plane, lines.collect(), self.is_lumen)
+    }
+
+    /// The cuts by planes of constant z, which ascend.
+    #[must_use]
+    pub fn cuts_across(&self, z_um: &[f64]) -> Vec<Cut> {
+        let found: Vec<Vec<(usize, Crossing)>> = (self.triangles.par_chunks(CHUNK))
+            .map(|triangles| {
+                let mut found = Vec::new();
+                for triangle in triangles {
+                    let heights = triangle.map(|v| f64::from(self.positions[v as usize][2]) * self.um);
+                    let low = heights[0].min(heights[1]).min(heights[2]);
+                    let high = heights[0].max(heights[1]).max(heights[2]);
+                    let first = z_um.partition_point(|&z| z < low);
+                    for (k, &z) in z_um.iter().enumerate().skip(first).take_while(|(_, z)| **z < high) {
+                        found.extend(Crossing::of(triangle, heights, z).map(|crossing| (k, crossing)));
+                    }
+                }
+                found
+            })
+            .collect();
+        let mut by_plane = vec![Vec::new(); z_um.len()];
+        for (k, crossing) in found.into_iter().flatten() {
+            by_plane[k].push(crossing);
+        }
+        let cut = |(&z, crossings)| {
+            let plane = Plane::across(z);
+            let lines = self.lines(&plane, crossings).closed;
+            let flat = lines.into_iter().map(|line| line.into_iter().map(|[x, y, _]| [x, y]).collect());
+            Cut::new(plane, flat.collect(), self.is_lumen)
+        };
+        z_um.par_iter().zip(by_plane).map(cut).collect()
+    }
+
+    /// Where a plane meets the mucosa, and where it meets the outside; none if these patches are not known.
+    #[must_use]
+    pub fn borders(&self, plane: &Plane) -> Option<[Border; 2]> {
+        let walls = self.walls.as_ref()?;
+        let single = |p: [f64; 3]| plane.coordinates(p).map(|x| x as f32);
+        let border = |k: usize| {
+            let Lines3 { closed, open } = self.lines(plane, self.crossings(walls.triangles[k].clone(), plane));
+            let line = |is_closed| {
+                move |line: Vec<[f64; 3]>| Line { points: line.into_iter().map(single).collect(), is_closed }
+            };
+            let lines = closed.into_iter().map(line(true)).chain(open.into_iter().map(line(false))).collect();
+            let closing = walls.fans[k].iter().filter_map(|(edge, middle)| {
+                let corners = [self.place(edge[0]), self.place(edge[1]), *middle];
+                Some(through(corners, plane)?.map(single))
+            });
+            Border { lines, closing: closing.collect() }
+        };
+        Some([border(0), border(1)])
+    }
+
+    /// Least and greatest height of its points along a direction, µm.
+    #[must_use]
+    pub fn extent_um(&self, plane: &Plane) -> [f64; 2] {
+        let heights = (0..self.positions.len() as u32).map(|v| plane.height_of(self.place(v)));
+        heights.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], h| [low.min(h), high.max(h)])
+    }
+
+    fn place(&self, v: u32) -> [f64; 3] {
+        self.positions[v as usize].map(|x| f64::from(x) * self.um)
+    }
+
+    fn crossings(&self, triangles: Range<usize>, plane: &Plane) -> Vec<Crossing> {
+        let height = plane.height_um();
+        (self.triangles[triangles].par_iter().with_min_len(CHUNK))
+            .filter_map(|t| Crossing::of(t, t.map(|v| plane.height_of(self.place(v))), height))
+            .collect()
+    }
+
+    fn lines(&self, plane: &Plane, crossings: Vec<Crossing>) -> Lines3 {
+        let point = |&(a, b): &EdgeKey| {
+            let [p, q] = [a, b].map(|v| self.place(v));
+            meeting_point(p, q, [p, q].map(|p| plane.height_of(p)), plane.height_um())
+        };
+        let points = |lines: Vec<Vec<EdgeKey>>| lines.iter().map(|line| line.iter().map(point).collect()).collect();
+        let Lines { closed, open } = Lines::chain(crossings);
+        Lines3 { closed: points(closed), open: points(open) }
+    }
+}
+
+impl<'a> From<&'a Mesh> for Body<'a> {
+    fn from(mesh: &'a Mesh) -> Self {
+        let patches: Vec<_> = mesh.patches.iter().map(|patch| (patch.kind, patch.triangles.clone())).collect();
+        Self::new(&mesh.positions[..], &mesh.triangles[..], &patches, 1e6)
+    }
+}
+
+/// Lines as points, µm.
+struct Lines3 {
+    closed: Vec<Vec<[f64; 3]>>,
+    open: Vec<Vec<[f64; 3]>>,
+}
+
+/// The edge in which a plane meets a triangle.
+fn through(corners: [[f64; 3]; 3], plane: &Plane) -> Option<[[f64; 3]; 2]> {
+    let heights = corners.map(|p| plane.height_of(p));
+    let Crossing { from, to } = Crossing::of(&[0, 1, 2], heights, plane.height_um())?;
+    let point = |(a, b): EdgeKey| {
+        let (a, b) = (a as usize, b as usize);
+        meeting_point(corners[a], corners[b], [heights[a], heights[b]], plane.height_um())
+    };
+    Some([point(from), point(to)])
+}
+
+/// The edges at the ends of the inner and of the outer wall, each with the middle of its end. A cap has two rims; the longer
+/// way around is that of the outer wall, as measured by the area of the rims' boxes.
+fn fans(positions: &[[f32; 3]], caps: [&[[u32; 3]]; 2], um: f64) -> [Vec<([u32; 2], [f64; 3])>; 2] {
+    let mut fans = [Vec::new(), Vec::new()];
+    for cap in caps {
+        let mut rims = rims(cap);
+        let size = |rim: &Vec<[u32; 2]>| {
+            let mut range = [[f32::INFINITY, f32::NEG_INFINITY]; 3];
+            for p in rim.iter().map(|edge| positions[edge[0] as usize]) {
+                (0..3).for_each(|axis| range[axis] = [range[axis][0].min(p[axis]), range[axis][1].max(p[axis])]);
+            }
+            range.iter().map(|[low, high]| high - low).sum::<f32>()
+        };
+        rims.sort_by(|a, b| size(a).total_cmp(&size(b)));
+        let outer = rims.len().saturating_sub(1);
+        for (k, rim) in rims.into_iter().enumerate() {
+            let mut middle = [0.0; 3];
+            for edge in &rim {
+                let p = positions[edge[0] as usize];
+                (0..3).for_each(|axis| middle[axis] += f64::from(p[axis]) * um / rim.len() as f64);
+            }
+            fans[usize::from(k == outer)].extend(rim.into_iter().map(|edge| (edge, middle)));
+        }
+    }
+    fans
+}
+
+/// The closed chains of edges that belong to one triangle only.
+fn rims(triangles: &[[u32; 3]]) -> Vec<Vec<[u32; 2]>> {
+    let mut next: HashMap<u32, u32> = HashMap::new();
+    let edges = || triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
+    let all: std::collections::HashSet<[u32; 2]> = edges().collect();
+    let open: Vec<[u32; 2]> = edges().filter(|&[a, b]| !all.contains(&[b, a])).collect();
+    next.extend(open.iter().map(|&[a, b]| (a, b)));
+    let mut rims = Vec::new();
+    for [start, _] in open {
+        let (mut at, mut rim) = (start, Vec::new());
+        while let Some(to) = next.remove(&at) {
+            rim.push([at, to]);
+            at = to;
+        }
+        if !rim.is_empty() {
+            rims.push(rim);
+        }
+    }
+    rims
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::RingKind;
+    use crate::model::sample::tube;
+
+    #[test]
+    fn a_tube_is_cut_across_along_and_at_an_angle() {
+        let mesh = tube(24, 4, 0.0);
+        let body = Body::from(&mesh);
+        // Regular polygons of 24 corners, radii 500 and 1000 µm.
+        let polygon = 12.0 * (std::f64::consts::TAU / 24.0).sin() * 1e6;
+        let across = Plane::across(1700.0);
+        let tilted = Plane::through([0.0, 0.0, 2000.0], [0.0, 1.0, 1.0]).unwrap();
+        for (plane, stretch) in [(across, 1.0), (tilted, 2.0_f64.sqrt())] {
+            let cut = body.cut(&plane);
+            let found: Vec<(RingKind, f64)> = cut.rings.iter().map(|ring| (ring.kind, ring.area_um2)).collect();
+            let expected = [(RingKind::Tissue, polygon * stretch), (RingKind::Lumen, polygon * stretch / 4.0)];
+            assert_eq!(found.len(), 2);
+            for (found, expected) in found.iter().zip(expected) {
+                assert!(found.0 == expected.0 && (found.1 / expected.1 - 1.0).abs() < 1e-3, "{found:?} {expected:?}");
+            }
+        }
+        assert_eq!(
+            body.cuts_across(&[-1.0, 1700.0, 4000.1]).iter().map(|cut| cut.rings.len()).collect::<Vec<_>>(),
+            [0, 2, 0]
+        );
+        assert_eq!(body.cuts_across(&[1700.0])[0], body.cut(&across));
+        // Along the axis the tissue is two strips of 4 mm, and nothing encloses the lumen.
+        let along = body.cut(&Plane::through([0.0, 1.0, 0.0], [0.0, 1.0, 0.0]).unwrap());
+        assert!(along.rings.iter().all(|ring| ring.kind == RingKind::Tissue) && along.rings.len() == 2);
+        assert!((along.tissue_um2() / (4000.0 * 1000.0) - 1.0).abs() < 0.01, "{}", along.tissue_um2());
+    }
+
+    #[test]
+    fn the_walls_of_a_plane_along_the_tube_are_open_lines_that_fans_close() {
+        let mesh = tube(24, 4, 0.0);
+        let body = Body::from(&mesh);
+        let plane = Plane::through([0.0, 1.0, 0.0], [0.0, 1.0, 0.0]).unwrap();
+        let [mucosa, outside] = body.borders(&plane).unwrap();
+        for (border, radius) in [(mucosa, 500.0), (outside, 1000.0)] {
+            assert_eq!(border.lines.iter().map(|line| line.is_closed).collect::<Vec<_>>(), [false, false]);
+            let length: f32 = border.closing.iter().map(|[a, b]| (b[0] - a[0]).hypot(b[1] - a[1])).sum();
+            // Twice the width of the tube at y = 1 µm.
+            assert!((f64::from(length) / (4.0 * radius) - 1.0).abs() < 0.01, "{length}");
+        }
+        let [mucosa, outside] = body.borders(&Plane::across(2500.0)).unwrap();
+        for border in [mucosa, outside] {
+            assert!(border.closing.is_empty() && border.lines.len() == 1 && border.lines[0].is_closed);
+        }
+    }
+}

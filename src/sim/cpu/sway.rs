@@ -1,0 +1,50 @@
+//! The sway: a smooth random flow that moves slowly with time and carries the fronds sideways. It is the curl of a sum of
+//! cosines, so that it neither gathers nor thins tissue.
+
+use super::vectorize::vectorize;
+use crate::sim::layout::StepRow;
+use crate::sim::maths::{cos_turns, fraction, max, min};
+use crate::sim::plan::Plan;
+use crate::sim::state::InnerLoop;
+
+/// Elliptic radius, in units of `R_in`, up to which the flow has its full strength, and from which on there is none.
+pub(super) const SWAYS: f32 = 0.55;
+/// See [`SWAYS`].
+pub(super) const STILL: f32 = 0.95;
+
+/// The force on every particle in a step: friction times the velocity of the flow. Empty if there is none.
+pub(super) fn update(plan: &Plan, time: i64, row: &StepRow, s: &InnerLoop, force: &mut [Vec<f32>; 2]) {
+    let n = if row.sway == 0.0 { 0 } else { s.len() };
+    for axis in force.iter_mut() {
+        axis.clear();
+        axis.resize(n, 0.0);
+    }
+    if n == 0 {
+        return;
+    }
+    let [fx, fy] = force;
+    let (x, y, fx, fy) = (&s.x[..n], &s.y[..n], &mut fx[..n], &mut fy[..n]);
+    let phases: Vec<f32> = plan.flows.iter().map(|f| fraction(f.phase + f.frequency * time as f64)).collect();
+    let strength = row.sway * (2.0 / plan.flows.len() as f32).sqrt();
+    let unsquash = 1.0 / row.squash;
+    vectorize(
+        #[inline(always)]
+        || {
+            for (flow, &phase) in plan.flows.iter().zip(&phases) {
+                for i in 0..n {
+                    let wave = cos_turns(x[i] * flow.k[0] + y[i] * flow.k[1] + phase);
+                    fx[i] += flow.direction[0] * wave;
+                    fy[i] += flow.direction[1] * wave;
+                }
+            }
+            for i in 0..n {
+                let flat = y[i] * unsquash;
+                let radius = (x[i] * x[i] + flat * flat).sqrt() / row.r_in;
+                let still = min(max((radius - SWAYS) / (STILL - SWAYS), 0.0), 1.0);
+                let weight = strength * (1.0 - still * still * (3.0 - 2.0 * still));
+                fx[i] *= weight;
+                fy[i] *= weight;
+            }
+        },
+    );
+}

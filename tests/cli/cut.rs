@@ -1,0 +1,67 @@
+//! `oviduct cut`: planes through files.
+
+use super::{TINY, code, folder, json, run, said};
+use serde_json::Value;
+
+#[test]
+fn a_model_is_cut_across_and_along_in_every_form() {
+    let at = folder();
+    let generate = ["generate", "--seed", "3", "--json", "--outputs", "glb,stl", "--out", "model"];
+    json(&run(at.path(), &[&generate, &TINY[..]].concat()));
+    let cut = |file: &str, place: &[&str], out: &[&str]| run(at.path(), &[&["cut", file], place, out].concat());
+    let read = |name: &str| -> Value { serde_json::from_slice(&std::fs::read(at.path().join(name)).unwrap()).unwrap() };
+
+    let across = ["--z-um", "30000"];
+    let told = cut("model/model.glb", &across, &["--out", "cut.json"]);
+    assert_eq!(code(&told), 0, "{}", said(&told));
+    let line = String::from_utf8_lossy(&told.stdout).into_owned();
+    assert!(line.starts_with("tissue ") && line.contains(" islands ") && line.ends_with("/cut.json\n"), "{line}");
+    let found = read("cut.json");
+    assert_eq!((&found["rings"][0]["kind"], &found["rings"][1]["kind"]), (&"tissue".into(), &"lumen".into()));
+    // The same surface in another format and unit, without names of its patches.
+    assert_eq!(code(&cut("model/model.stl", &across, &["--out", "stl.json"])), 0);
+    let other = read("stl.json");
+    let [a, b] = [&found, &other].map(|cut| cut["tissue_area_um2"].as_f64().unwrap());
+    assert!((a / b - 1.0).abs() < 1e-5, "{a} and {b}");
+    assert_eq!(found["rings"].as_array().unwrap().len(), other["rings"].as_array().unwrap().len());
+
+    let along = ["--origin-um", "0,0,1", "--normal", "0,-1,0"];
+    for (file, place, out) in [
+        ("model/model.glb", &across[..], &["--out", "a.svg"][..]),
+        ("model/model.glb", &across, &["--out", "a.png", "--size", "100", "--epithelium-um", "20"]),
+        ("model/model.stl", &across, &["--out", "b.png", "--size", "100", "--labels"]),
+        ("model/model.glb", &along, &["--out", "c.PNG", "--size", "100", "--labels"]),
+        ("model/model.stl", &along, &[]),
+    ] {
+        let told = cut(file, place, out);
+        assert_eq!(code(&told), 0, "{file} {out:?}: {}", said(&told));
+    }
+    // Layers of a plane along a tube without named walls are unknown.
+    let told = cut("model/model.stl", &along, &["--out", "d.png"]);
+    assert!(code(&told) == 1 && said(&told).contains("inner_wall"), "{}", said(&told));
+    let missed = cut("model/model.glb", &["--z-um", "-5"], &[]);
+    assert!(code(&missed) == 1 && said(&missed).contains("reaches from 0.0 to 60000.0 µm"), "{}", said(&missed));
+}
+
+#[test]
+fn what_is_no_plane_is_named() {
+    let at = folder();
+    for (options, word) in [
+        (&[][..], "--z-um"),
+        (&["--z-um", "high"], "--z-um"),
+        (&["--z-um", "NaN"], "--z-um"),
+        (&["--z-um", "1", "--normal", "0,0,1"], "--normal"),
+        (&["--origin-um", "0,0,0"], "--normal"),
+        (&["--origin-um", "0,0", "--normal", "0,0,1"], "--origin-um"),
+        (&["--origin-um", "0,0,0", "--normal", "0,0,0"], "--normal"),
+        (&["--z-um", "1", "--out", "cut.gif"], "--out"),
+        (&["--z-um", "1", "--labels"], "--labels"),
+        (&["--z-um", "1", "--preset", "whale"], "--preset"),
+    ] {
+        let told = run(at.path(), &[&["cut", "model.glb"], options].concat());
+        assert_eq!(code(&told), 2, "{options:?}: {}", said(&told));
+        assert!(said(&told).contains(word), "{options:?}: {}", said(&told));
+    }
+    let told = run(at.path(), &["cut", "model.glb", "--z-um", "1"]);
+    assert!(code(&told) == 1 && said(&told).contains("model.glb"), "{}", said(&told));
+}
