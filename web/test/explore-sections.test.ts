@@ -105,9 +105,8 @@ test("the nearest of ascending values", () => {
 });
 
 test("a distance in a section is that of the stored numbers", () => {
-  const ring = (x: number[], y: number[]) => ({ ids: new Uint32Array(x.length), x: Float32Array.from(x), y: Float32Array.from(y) });
-  const section = { inner: ring([0.1, 3.3], [0.2, 4.7]), outer: ring([-50, 50], [0, 0]) };
-  const [a, b] = [nearestPoint(section, 0, 0), nearestPoint(section, 60, 5)];
-  assert.deepEqual([a, b], [{ contour: "inner", index: 0 }, { contour: "outer", index: 1 }]);
-  assert.equal(distanceOf(section, a, b), Math.hypot(50 - Math.fround(0.1), -Math.fround(0.2)));
+  const contours = [{ x: Float32Array.of(-50, 50), y: Float32Array.of(0, 0) }, { x: Float32Array.of(0.1, 3.3), y: Float32Array.of(0.2, 4.7) }];
+  const [a, b] = [nearestPoint(contours, 0, 0), nearestPoint(contours, 60, 5)];
+  assert.deepEqual([a, b], [{ contour: 1, index: 0 }, { contour: 0, index: 1 }]);
+  assert.equal(distanceOf(contours, a, b), Math.hypot(50 - Math.fround(0.1), -Math.fround(0.2)));
 });

@@ -5,7 +5,7 @@ import { dragged, pointAt, windowOf, zoomed } from "../src/explore/section-windo
 
 /** Pixels. */
 const SIDE = 400;
-const whole = windowOf({ x: [-500, 500, 500, -500], y: [0, 0, 800, 800] });
+const whole = windowOf({ x0: -500, y0: 0, x1: 500, y1: 800 });
 
 test("a whole section is shown with a margin", () => {
   assert.deepEqual([whole.x, whole.y], [0, 400]);

@@ -39,6 +39,10 @@ def test_models_events_files_and_batches(service, tmp_path):
             assert len(await client.download_all(model, tmp_path / "all")) == len(model.files) == 6
             sections = await client.sections(model)
             assert (sections[2].inner.ids == (await client.section(model, 2)).inner.ids).all()
+            cut = await client.cut(model, z_um=sections[2].z_um)
+            assert cut.rings[0].kind == "tissue" and "<svg" in await client.cut_svg(model, z_um=cut.plane.origin_um[2])
+            png = await client.cut_png(model, origin_um=cut.plane.origin_um, normal=(0, 0, 1), size=32)
+            assert png.startswith(b"\x89PNG")
             assert (await client.report(model))["certificate"]["passed"]
             assert model.id in [found.id async for found in client.models(status="succeeded")]
 

@@ -53,6 +53,54 @@ def test_a_model_is_drawn(client, grown):
     assert [error.parameter for error in caught.value.errors] == ["view", "size"]
 
 
+def area(points):
+    x, y = points.T
+    return 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
+
+
+def test_the_surface_is_cut_across_and_along(client, grown):
+    # Without a lean, the cut at the place of a section is the section.
+    section = client.section(grown, 6)
+    cut = client.cut(grown, z_um=section.z_um)
+    assert [ring.kind for ring in cut.rings] == ["tissue", "lumen"] and (cut.islands, cut.pockets) == (0, 0)
+    assert cut.file == "model.glb" and cut.plane.normal == (0, 0, 1) and (cut.plane.u, cut.plane.v)[1] == (0, 1, 0)
+    tissue, lumen = cut.rings
+    assert (tissue.parent, lumen.parent) == (None, 0) and "points" not in repr(cut)
+    for ring, contour, sign in ((tissue, section.outer, 1), (lumen, section.inner, -1)):
+        assert ring.points.dtype == np.float64 and ring.points.shape == (len(ring), 2)
+        assert area(ring.points) == pytest.approx(sign * ring.area_um2, rel=1e-6)
+        assert area(contour.points.astype(float)) == pytest.approx(ring.area_um2, rel=1e-3)
+    assert cut.tissue_area_um2 == pytest.approx(tissue.area_um2 - lumen.area_um2)
+    along = client.cut(grown, origin_um=(0, 0, section.z_um), normal=np.array([0, 2, 0]))
+    assert along.plane.normal == (0, 1, 0) and along.plane.origin_um[1] == 0
+    assert client.cut_svg(grown, z_um=section.z_um).startswith(("<svg", "<?xml"))
+    for labels in (False, True):
+        png = client.cut_png(grown, z_um=section.z_um, size=64, labels=labels)
+        assert png.startswith(b"\x89PNG\r\n\x1a\n") and max(struct.unpack_from(">II", png, 16)) == 64
+    with pytest.raises(NotFound) as caught:
+        client.cut(grown, z_um=1e6)
+    assert caught.value.name == "cut-not-found"
+    with pytest.raises(InvalidRequest) as caught:
+        client.cut(grown, origin_um=(0, 0, 0))
+    assert [error.parameter for error in caught.value.errors] == ["normal"]
+
+
+def test_a_leaning_surface_has_islands(client):
+    keys = {"keys": [[0, 0], [0.2125, 0], [0.33, 1000], [1, 1000]], "ease": "smooth"}
+    sway = {"strength": {"keys": [[0, 0], [0.25, 0], [0.35, 3], [1, 3]], "ease": "smooth"}}
+    spec = {"steps": 400, "length_mm": 20, "sway": sway, "lean": {"strength_um": keys, "wavelength_um": 300}}
+    model = client.wait(client.submit(seed=3, spec=spec))
+    end = client.sections(model).z_um[-1]
+    cuts = [client.cut(model, z_um=part * end) for part in (0.5, 0.6, 0.7, 0.8, 0.9)]
+    assert sum(cut.islands for cut in cuts) > 0
+    for cut in cuts:
+        assert [ring.kind for ring in cut.rings].count("island") == cut.islands
+        for at, ring in enumerate(cut.rings):
+            assert ring.parent is None or ring.parent < at
+    report = client.report(model)
+    assert 0 <= report["cuts"]["with_islands"] <= 1 and report["lean"]["scale"] > 0
+
+
 def test_damage_is_found(data):
     for at in (0, 9, 14, 30, len(data) // 2, len(data) - 60, len(data) - 30, len(data) - 1):
         with pytest.raises(CheckFailed):

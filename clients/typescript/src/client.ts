@@ -10,6 +10,8 @@ import type {
   BatchRequest,
   BatchValidation,
   CallOptions,
+  Cut,
+  CutPlane,
   Fit,
   FitEvent,
   FitFilter,
@@ -30,6 +32,7 @@ import type {
   PresetList,
   Report,
   SectionJson,
+  Slide,
   Table,
   Validation,
   Worker,
@@ -122,6 +125,25 @@ export interface PreviewOptions extends CallOptions {
   view?: NamedView | undefined;
   /** Longest side in pixels, 32 to 2048; 1024 by default. */
   size?: number | undefined;
+}
+
+/** Options of `sectionPicture` and `cutPicture`. */
+export interface SlideOptions extends CallOptions {
+  /** Longer side in pixels, 32 to 2048; 1024 by default. */
+  size?: number | undefined;
+  /** Haematoxylin and eosin, which is the default. */
+  stain?: "he" | undefined;
+  /**
+   * The tissue of each pixel as a grey value instead of a stain: 0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular
+   * muscle, 5 longitudinal muscle, 6 serosa.
+   */
+  labels?: boolean | undefined;
+}
+
+/** Options of `sectionUrl` and `cutUrl`. Those of pictures are for `png` only. */
+export interface SlideUrlOptions extends SlideOptions {
+  /** A drawing (`svg`, the default), a picture, or points. */
+  format?: "svg" | "png" | "json" | undefined;
 }
 
 /** Options of `archive` and `archiveUrl`. */
@@ -428,9 +450,32 @@ export class Oviduct {
     return this.#get(`models/${segment(id)}/sections/${index}`, options, { format: "json" });
   }
 
-  /** The URL of a picture (SVG) of a cross section, for an image; see {@link downloadUrl}. */
-  sectionUrl(id: string, index: number, options: CallOptions = {}): Promise<string> {
-    return this.#link(`models/${segment(id)}/sections/${index}`, { format: "svg" }, options);
+  /** The URL of a cross section, for an image or a link: a drawing, unless `format` says otherwise; see {@link downloadUrl}. */
+  sectionUrl(id: string, index: number, options: SlideUrlOptions = {}): Promise<string> {
+    return this.#link(`models/${segment(id)}/sections/${index}`, slideQuery(options), options);
+  }
+
+  /** A cross section as PNG, stained, or its labels. */
+  sectionPicture(id: string, index: number, options: SlideOptions = {}): Promise<Slide> {
+    return this.#slide(`models/${segment(id)}/sections/${index}`, {}, options);
+  }
+
+  /**
+   * The surface of a model cut by a plane: across the tube (`{ z_um }`), or any plane (`{ origin_um, normal }`). Sections are those of
+   * the simulation; a surface that leans has islands in such cuts.
+   */
+  cut(id: string, plane: CutPlane, options: CallOptions = {}): Promise<Cut> {
+    return this.#get(`models/${segment(id)}/cut`, options, { ...planeQuery(plane), format: "json" });
+  }
+
+  /** The URL of a cut, for an image or a link: a drawing, unless `format` says otherwise; see {@link downloadUrl}. */
+  cutUrl(id: string, plane: CutPlane, options: SlideUrlOptions = {}): Promise<string> {
+    return this.#link(`models/${segment(id)}/cut`, { ...planeQuery(plane), ...slideQuery(options) }, options);
+  }
+
+  /** A cut as PNG, stained, or its labels. */
+  cutPicture(id: string, plane: CutPlane, options: SlideOptions = {}): Promise<Slide> {
+    return this.#slide(`models/${segment(id)}/cut`, planeQuery(plane), options);
   }
 
   /** A picture of a model as PNG. */
@@ -546,6 +591,15 @@ export class Oviduct {
     return { ...call, headers: { range: typeof range === "number" ? `bytes=${range}` : `bytes=${range[0]}-${range[1]}` } };
   }
 
+  /** A picture of a section or a cut. */
+  #slide(path: string, place: Query, options: SlideOptions): Promise<Slide> {
+    const call = this.#call("GET", path, options, { ...place, ...slideQuery({ ...options, format: "png" }) });
+    return this.#transport.send(call, async (response, body) => ({
+      um_per_pixel: Number(response.headers.get("um-per-pixel")),
+      png: await body(),
+    }));
+  }
+
   /** A URL that works without the key, once. */
   async #link(path: string, query: Query, options: CallOptions, once = false): Promise<string> {
     if (!this.#transport.hasKey) return this.#transport.url(path, query).href;
@@ -616,6 +670,14 @@ export class Oviduct {
       response.status === 204 || !response.body ? undefined : readEvents(response.body),
     );
   }
+}
+
+function planeQuery({ z_um, origin_um, normal }: CutPlane): Query {
+  return { z_um, origin_um: origin_um?.join(","), normal: normal?.join(",") };
+}
+
+function slideQuery({ format = "svg", size, stain, labels }: SlideUrlOptions): Query {
+  return { format, size, stain, labels };
 }
 
 /** One segment of a path. */

@@ -9,6 +9,8 @@ export type {
   OviductOptions,
   PageOptions,
   PreviewOptions,
+  SlideOptions,
+  SlideUrlOptions,
   SubmitOptions,
   ViewOptions,
   WaitBatchOptions,

@@ -494,6 +494,33 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/models/{id}/cut": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Cut a finished model with a plane.
+         * @description The stored surface of the tissue is cut exactly as it is, across the tube (`z_um`) or along any plane (`origin_um` and
+         *     `normal`). Rings are nested and told apart: `tissue`; its largest hole, `lumen`; `island`, tissue that is not connected to the
+         *     wall in this plane; `pocket`, lumen that is not connected to the rest in this plane. The cross sections of
+         *     `/models/{id}/sections/{k}` are those of the simulation, before the surface leans, and have no islands.
+         *
+         *     Pictures show the same tissues as those of sections. A longer picture of a plane along the tube has larger pixels.
+         *
+         *     Needs a key with the scope `read`.
+         */
+        get: operations["cut_model"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/models/{id}/events": {
         parameters: {
             query?: never;
@@ -617,9 +644,9 @@ export interface paths {
         };
         /**
          * Read the report of a model as a page to show or to print.
-         * @description One HTML file that needs no other: the cut-open tube, a strip of sections, measures beside published anatomy and along the
-         *     tube, the certificate, all parameters with their sources, and how to cite the model. It is made from `report.json` and
-         *     `sections.bin`; the same version of the service makes the same page.
+         * @description One HTML file that needs no other: the cut-open tube, a strip of sections (cuts of the surface if it leans), measures beside published anatomy and along the
+         *     tube, the certificate, all parameters with their sources, and how to cite the model. It is made from `report.json`,
+         *     `sections.bin` and, if the surface leans, the surface; the same version of the service makes the same page.
          *
          *     Needs a key with the scope `read`.
          */
@@ -664,7 +691,9 @@ export interface paths {
         };
         /**
          * Read a cross section of a finished model.
-         * @description As points with the ids of particles, as a drawing, or as a picture: stained with haematoxylin and eosin, or with the tissue
+         * @description Sections are those of the simulation, before the surface leans; `/models/{id}/cut` cuts the surface itself.
+         *
+         *     As points with the ids of particles, as a drawing, or as a picture: stained with haematoxylin and eosin, or with the tissue
          *     of each pixel as its value (0 outside, 1 lumen, 2 epithelium, 3 lamina propria, 4 circular muscle, 5 longitudinal muscle,
          *     6 serosa). Both pictures have the same pixels. Heights of the layers are those of `histology` in the spec.
          *
@@ -977,6 +1006,24 @@ export interface components {
              * @description Standard deviation between sections.
              */
             sd: number;
+        };
+        /** @description Distributions of many cuts. */
+        AmongCuts: {
+            /**
+             * Format: double
+             * @description Least 5th percentile of a cut.
+             */
+            least_p5: number;
+            /**
+             * Format: double
+             * @description Mean 5th percentile of a cut.
+             */
+            p5: number;
+            /**
+             * Format: double
+             * @description Mean median of a cut.
+             */
+            p50: number;
         };
         /** @description What a request for many models did. */
         Applied: {
@@ -1486,6 +1533,99 @@ export interface components {
             units?: components["schemas"]["LengthUnit"] | null;
             vary?: components["schemas"]["Vary"];
         };
+        /** @description A planar cut of a model's surface. */
+        CutAnswer: components["schemas"]["CutDocument"] & {
+            /** @description The file that was cut. */
+            file: string;
+            /**
+             * Format: uuid
+             * @description Id of the model.
+             */
+            model: string;
+        };
+        /** @description A planar cut of a surface; lengths in micrometres. */
+        CutDocument: {
+            /** @description Number of islands. */
+            islands: number;
+            /**
+             * Format: double
+             * @description Area of the lumen and of pockets, without islands.
+             */
+            lumen_area_um2: number;
+            /** @description The plane. */
+            plane: components["schemas"]["PlaneAnswer"];
+            /** @description Number of pockets. */
+            pockets: number;
+            /**
+             * @description Closed rings that do not cross. A ring comes after the one that surrounds it; of rings with the same one, the largest comes
+             *     first.
+             */
+            rings: components["schemas"]["CutRingAnswer"][];
+            /**
+             * Format: double
+             * @description Area of the tissue, islands included.
+             */
+            tissue_area_um2: number;
+            /** @description Unit of lengths: `um`. */
+            units: string;
+        };
+        /** @description A ring of a cut. */
+        CutRingAnswer: {
+            /**
+             * Format: double
+             * @description Area within it, with all that it surrounds.
+             */
+            area_um2: number;
+            /** @description What it bounds. */
+            kind: components["schemas"]["RingKind"];
+            /** @description Index of the ring that directly surrounds it. */
+            parent: number | null;
+            /**
+             * Format: double
+             * @description Its length.
+             */
+            perimeter_um: number;
+            /** @description u and v of its points, micrometres: counter-clockwise around tissue and islands, clockwise around lumen and pockets. */
+            points: number[][];
+        };
+        /** @description What planar cuts across the ampulla show. */
+        Cuts: {
+            /** @description Number of cuts. They are evenly spread from `from_mm` to `to_mm`. */
+            count: number;
+            /**
+             * Format: double
+             * @description Where the ampulla, or the part of it in the model, begins, mm.
+             */
+            from_mm: number;
+            gap_um?: components["schemas"]["AmongCuts"] | null;
+            island_area_um2?: components["schemas"]["Spread"] | null;
+            /**
+             * Format: double
+             * @description Islands in a cut, on average.
+             */
+            islands_per_cut: number;
+            /**
+             * Format: double
+             * @description Area from which an island counts, µm².
+             */
+            least_island_um2: number;
+            /**
+             * Format: double
+             * @description Pockets in a cut, on average: parts of the lumen not connected to the rest in that plane.
+             */
+            pockets_per_cut: number;
+            thickness_um?: components["schemas"]["AmongCuts"] | null;
+            /**
+             * Format: double
+             * @description Where it ends, mm.
+             */
+            to_mm: number;
+            /**
+             * Format: double
+             * @description Share of the cuts with an island.
+             */
+            with_islands: number;
+        };
         /**
          * @description The status in the last event of what was deleted.
          * @enum {string}
@@ -1920,6 +2060,46 @@ export interface components {
             voxel_um?: number | null;
         };
         /**
+         * Lean
+         * @description Displacement of the surface along the tube.
+         */
+        LeanPatch: {
+            /**
+             * Lean wavelength along the tube
+             * @description Wavelength along the tube.
+             */
+            along_mm?: number | null;
+            /**
+             * Plane ends
+             * @description Distance from either end of the model over which the displacement rises from zero, so that the ends stay plane.
+             */
+            ends_mm?: number | null;
+            /**
+             * Lean
+             * @description Root mean square displacement; no displacement exceeds twice as much. 0 disables it.
+             */
+            strength_um?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Lean wavelength
+             * @description Mean wavelength across the tube.
+             */
+            wavelength_um?: number | null;
+        };
+        /** @description What was done. */
+        Leaned: {
+            /** @description Places at which the displacement was damped. */
+            damped: number;
+            /** @description Pairs of triangles that met before damping. */
+            met: number;
+            /** @description Rounds of damping. */
+            rounds: number;
+            /**
+             * Format: double
+             * @description Factor on all displacement: 1 unless it was too steep, or damping around places did not suffice.
+             */
+            scale: number;
+        };
+        /**
          * @description A unit of length of files.
          * @enum {string}
          */
@@ -2213,7 +2393,7 @@ export interface components {
         };
         /** @description A sign of poor growth of a model that has succeeded. */
         ModelWarning: {
-            /** @description `splits-missing`, `small-gap` or `particles-short`; there may be more in future. */
+            /** @description `splits-missing`, `small-gap`, `particles-short`, `lean-reduced` or `lean-left-out`; there may be more in future. */
             code: string;
             /** @description A sentence with the numbers. */
             detail: string;
@@ -2356,6 +2536,20 @@ export interface components {
             triangles: number[];
         };
         /**
+         * @description A plane with coordinates u and v in it; lengths in micrometres. Seen from the side to which the normal points, v is counter-clockwise
+         *     from u.
+         */
+        PlaneAnswer: {
+            /** @description Unit normal. */
+            normal: number[];
+            /** @description Where u and v are zero. */
+            origin_um: number[];
+            /** @description Unit vector of u. */
+            u: number[];
+            /** @description Unit vector of v. */
+            v: number[];
+        };
+        /**
          * Format: binary
          * @description Stands for a PNG picture.
          */
@@ -2465,7 +2659,7 @@ export interface components {
              * @description `urn:oviduct:problem:` and a stable slug.
              * @enum {string}
              */
-            type: "urn:oviduct:problem:bad-request" | "urn:oviduct:problem:invalid-json" | "urn:oviduct:problem:unauthorized" | "urn:oviduct:problem:forbidden" | "urn:oviduct:problem:forbidden-origin" | "urn:oviduct:problem:unknown-host" | "urn:oviduct:problem:not-found" | "urn:oviduct:problem:model-not-found" | "urn:oviduct:problem:batch-not-found" | "urn:oviduct:problem:fit-not-found" | "urn:oviduct:problem:file-not-found" | "urn:oviduct:problem:section-not-found" | "urn:oviduct:problem:preset-not-found" | "urn:oviduct:problem:worker-not-found" | "urn:oviduct:problem:method-not-allowed" | "urn:oviduct:problem:not-acceptable" | "urn:oviduct:problem:not-failed" | "urn:oviduct:problem:request-timeout" | "urn:oviduct:problem:payload-too-large" | "urn:oviduct:problem:unsupported-media-type" | "urn:oviduct:problem:range-not-satisfiable" | "urn:oviduct:problem:invalid-request" | "urn:oviduct:problem:cost-limit" | "urn:oviduct:problem:gpu-unavailable" | "urn:oviduct:problem:idempotency-key-reused" | "urn:oviduct:problem:queue-full" | "urn:oviduct:problem:quota-exceeded" | "urn:oviduct:problem:rate-limited" | "urn:oviduct:problem:internal" | "urn:oviduct:problem:store-unavailable" | "urn:oviduct:problem:storage-unavailable" | "urn:oviduct:problem:too-many-streams" | "urn:oviduct:problem:too-many-downloads" | "urn:oviduct:problem:too-many-pictures" | "urn:oviduct:problem:not-ready" | "urn:oviduct:problem:workers-stuck";
+            type: "urn:oviduct:problem:bad-request" | "urn:oviduct:problem:invalid-json" | "urn:oviduct:problem:unauthorized" | "urn:oviduct:problem:forbidden" | "urn:oviduct:problem:forbidden-origin" | "urn:oviduct:problem:unknown-host" | "urn:oviduct:problem:not-found" | "urn:oviduct:problem:model-not-found" | "urn:oviduct:problem:batch-not-found" | "urn:oviduct:problem:fit-not-found" | "urn:oviduct:problem:file-not-found" | "urn:oviduct:problem:section-not-found" | "urn:oviduct:problem:cut-not-found" | "urn:oviduct:problem:preset-not-found" | "urn:oviduct:problem:worker-not-found" | "urn:oviduct:problem:method-not-allowed" | "urn:oviduct:problem:not-acceptable" | "urn:oviduct:problem:not-failed" | "urn:oviduct:problem:request-timeout" | "urn:oviduct:problem:payload-too-large" | "urn:oviduct:problem:unsupported-media-type" | "urn:oviduct:problem:range-not-satisfiable" | "urn:oviduct:problem:invalid-request" | "urn:oviduct:problem:cost-limit" | "urn:oviduct:problem:surface-too-large" | "urn:oviduct:problem:gpu-unavailable" | "urn:oviduct:problem:idempotency-key-reused" | "urn:oviduct:problem:queue-full" | "urn:oviduct:problem:quota-exceeded" | "urn:oviduct:problem:rate-limited" | "urn:oviduct:problem:internal" | "urn:oviduct:problem:store-unavailable" | "urn:oviduct:problem:storage-unavailable" | "urn:oviduct:problem:too-many-streams" | "urn:oviduct:problem:too-many-downloads" | "urn:oviduct:problem:too-many-pictures" | "urn:oviduct:problem:not-ready" | "urn:oviduct:problem:workers-stuck";
             /** @description workers-stuck: a sentence on each */
             workers?: string[];
         };
@@ -2630,6 +2824,11 @@ export interface components {
             /** @description Points, micrometres. */
             points: components["schemas"]["Point"][];
         };
+        /**
+         * @description What a ring of a cut bounds.
+         * @enum {string}
+         */
+        RingKind: "tissue" | "lumen" | "island" | "pocket";
         /** @description A value that changes along the tube: keys, and an optional fluctuation. */
         Schedule: {
             /**
@@ -2858,6 +3057,7 @@ export interface components {
             friction?: number | components["schemas"]["Schedule"] | null;
             histology?: components["schemas"]["HistologyPatch"] | null;
             labels?: components["schemas"]["LabelsPatch"] | null;
+            lean?: components["schemas"]["LeanPatch"] | null;
             /**
              * Length
              * @description Length of the tube in millimetres.
@@ -2875,6 +3075,7 @@ export interface components {
              * @description Time steps from the isthmus end to the ampulla end.
              */
             steps?: number | null;
+            sway?: components["schemas"]["SwayPatch"] | null;
             variation?: components["schemas"]["VariationPatch"] | null;
             wall?: components["schemas"]["WallPatch"] | null;
             /**
@@ -2882,6 +3083,29 @@ export interface components {
              * @description Place along the tube as a fraction of its length, over the fraction of the steps; strictly increasing from 0 to 1.
              */
             z?: number | components["schemas"]["Schedule"] | null;
+        };
+        /** @description A distribution in four numbers. */
+        Spread: {
+            /**
+             * Format: double
+             * @description Coefficient of variation: standard deviation over mean.
+             */
+            cv: number;
+            /**
+             * Format: double
+             * @description 5th percentile.
+             */
+            p5: number;
+            /**
+             * Format: double
+             * @description Median.
+             */
+            p50: number;
+            /**
+             * Format: double
+             * @description 95th percentile.
+             */
+            p95: number;
         };
         /**
          * Spring force
@@ -2925,10 +3149,12 @@ export interface components {
             certificate: components["schemas"]["Certificate"];
             /** @description The measures beside published ones of the organ and species of the preset. */
             comparison?: components["schemas"]["Comparison"];
+            cuts?: components["schemas"]["Cuts"] | null;
             /** @description SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as in the model. */
             digest: string;
             /** @description Version of the program that grew it. */
             engine: string;
+            lean?: components["schemas"]["Leaned"] | null;
             /**
              * @description The levels of detail, the finest first; only if the model was grown with `lod`. A model that reuses it has the same
              *     report, and the files that it asked for.
@@ -3045,6 +3271,27 @@ export interface components {
             volume_mm3: number;
             /** @description Signs of poor growth. */
             warnings?: components["schemas"]["ModelWarning"][];
+        };
+        /**
+         * Sway
+         * @description Slow sideways motion of the fronds.
+         */
+        SwayPatch: {
+            /**
+             * Sway period
+             * @description Mean period of the flow.
+             */
+            period?: number | null;
+            /**
+             * Sway
+             * @description Root mean square speed of the flow. 0 disables it.
+             */
+            strength?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Sway wavelength
+             * @description Mean wavelength of the flow.
+             */
+            wavelength_um?: number | null;
         };
         /** @description The models of a batch as a table. */
         Table: {
@@ -6490,6 +6737,168 @@ export interface operations {
                 };
             };
             /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    cut_model: {
+        parameters: {
+            query?: {
+                /** @description Place along the tube of a plane across it, µm; u is x, v is y */
+                z_um?: number;
+                /**
+                 * @description A point of the plane, µm: `x,y,z`; with `normal`, instead of `z_um`
+                 * @example 0,0,30000
+                 */
+                origin_um?: string;
+                /**
+                 * @description Normal of the plane, of any length: `x,y,z`
+                 * @example 0,1,0
+                 */
+                normal?: string;
+                /** @description `json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` ask for `png` */
+                format?: components["schemas"]["Format"];
+                /** @description Longer side of a PNG picture, pixels; 1024 by default */
+                size?: number;
+                /** @description Stain of a PNG picture: `he`, haematoxylin and eosin, the default */
+                stain?: components["schemas"]["Stain"];
+                /** @description `true`: the tissue of each pixel as an 8-bit grey value, without a scale bar, instead of a stain */
+                labels?: boolean;
+            };
+            header?: {
+                /** @description Entity tags that the client has */
+                "if-none-match"?: string;
+            };
+            path: {
+                /** @description Id of the model */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The cut */
+            200: {
+                headers: {
+                    /** @description Entity tag of this representation */
+                    etag?: string;
+                    /** @description Of a PNG picture: side of a pixel, µm. Its `pHYs` chunk has the pixels per metre */
+                    "um-per-pixel"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CutAnswer"];
+                    "image/png": components["schemas"]["Png"];
+                    "image/svg+xml": string;
+                };
+            };
+            /** @description The client has this cut */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description The request is malformed (`bad-request`) */
+            400: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A key is required (`unauthorized`) */
+            401: {
+                headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key does not allow this (`forbidden`) */
+            403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description There is no such model (`model-not-found`); The model has no such file (`file-not-found`); The plane does not meet the model (`cut-not-found`) */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description No representation matches the Accept header (`not-acceptable`) */
+            406: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The request is not valid (`invalid-request`); The surface is too large to be cut by the service (`surface-too-large`) */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests (`rate-limited`) */
+            429: {
+                headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service failed (`internal`) */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`); Too many downloads are running (`too-many-downloads`); Too many pictures are being drawn (`too-many-pictures`) */
             503: {
                 headers: {
                     /** @description Seconds to wait before the next attempt */

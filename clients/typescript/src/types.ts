@@ -43,6 +43,25 @@ export type Table = Answer<"get_batch_table">;
 export type Applied = Answer<"cancel_models">;
 /** A cross section with its two contours; lengths in micrometres. */
 export type SectionJson = Answer<"get_section">;
+/** A planar cut of the surface; lengths in micrometres. */
+export type Cut = Answer<"cut_model">;
+/** A ring of a cut: `points` are u and v in its plane. */
+export type CutRing = Schemas["CutRingAnswer"];
+/** What a ring of a cut bounds. */
+export type RingKind = Schemas["RingKind"];
+/** The plane of a cut, with the directions of u and v. */
+export type Plane = Schemas["PlaneAnswer"];
+/** Where to cut, in micrometres: across the tube at `z_um`, where u is x and v is y, or through a point with a normal of any length. */
+export type CutPlane =
+  | { z_um: number; origin_um?: undefined; normal?: undefined }
+  | { z_um?: undefined; origin_um: readonly [x: number, y: number, z: number]; normal: readonly [x: number, y: number, z: number] };
+/** A picture of a section or a cut. */
+export interface Slide {
+  /** The bytes of a PNG. */
+  png: ArrayBuffer;
+  /** Side of a pixel, micrometres. */
+  um_per_pixel: number;
+}
 /** What a picture of a model shows. */
 export type NamedView = Schemas["NamedView"];
 /** The certificate and the summary of a model, and what computed it. */

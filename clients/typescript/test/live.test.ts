@@ -277,6 +277,59 @@ test("sections are the same as arrays and as JSON", async () => {
   assert((await problemOf(client.section(model.id, 9999))).is("section-not-found"));
 });
 
+test("the surface is cut across and along the tube, as points and as pictures", async () => {
+  // Without a lean, the cut at the place of a section is the section.
+  const { z_um, outer } = await client.section(model.id, 5);
+  const cut = await client.cut(model.id, { z_um });
+  assert.deepEqual([cut.model, cut.units, cut.file, cut.islands, cut.pockets], [model.id, "um", "model.glb", 0, 0]);
+  assert.deepEqual([cut.plane.normal, cut.plane.u, cut.plane.v], [[0, 0, 1], [1, 0, 0], [0, 1, 0]]);
+  assert.deepEqual(cut.rings.map(({ kind, parent }) => [kind, parent]), [["tissue", null], ["lumen", 0]]);
+  const area = (points: number[][]) => points.reduce((sum, [x, y], i) => sum + points.at(i - 1)![0]! * y! - x! * points.at(i - 1)![1]!, 0) / 2;
+  const [tissue, lumen] = cut.rings.map(({ points }) => area(points)) as [number, number];
+  assert(tissue > 0 && lumen < 0 && Math.abs(tissue / area(outer.points) - 1) < 1e-3, JSON.stringify([tissue, lumen]));
+  assert(Math.abs((tissue + lumen) / cut.tissue_area_um2 - 1) < 1e-6);
+  const along = await client.cut(model.id, { origin_um: [0, 0, z_um], normal: [0, 2, 0] });
+  assert.deepEqual(along.plane.normal, [0, 1, 0]);
+
+  assert.match(await (await fetch(await client.cutUrl(model.id, { z_um }))).text(), /<svg/);
+  const json = (await (await fetch(await client.cutUrl(model.id, { z_um }, { format: "json" }))).json()) as typeof cut;
+  assert.deepEqual(json.rings, cut.rings);
+  for (const options of [{ size: 64 }, { size: 64, stain: "he" }, { size: 64, labels: true }] as const) {
+    for (const slide of [await client.cutPicture(model.id, { z_um }, options), await client.sectionPicture(model.id, 5, options)]) {
+      const png = Buffer.from(slide.png);
+      assert.deepEqual([png.toString("latin1", 1, 4), Math.max(png.readUInt32BE(16), png.readUInt32BE(20))], ["PNG", 64]);
+      assert(slide.um_per_pixel > 10 && slide.um_per_pixel < 200, String(slide.um_per_pixel));
+    }
+  }
+  const linked = await fetch(await client.cutUrl(model.id, { z_um }, { format: "png", size: 64, labels: true }));
+  assert.deepEqual(await linked.arrayBuffer(), (await client.cutPicture(model.id, { z_um }, { size: 64, labels: true })).png);
+  assert((await problemOf(client.cut(model.id, { z_um: 1e6 }))).is("cut-not-found"));
+  assert.equal((await problemOf(client.cut(model.id, { origin_um: [0, 0, 0], normal: [0, 0, 0] }))).errors[0]?.parameter, "normal");
+});
+
+test("a leaning surface has islands in planar cuts", async () => {
+  const { id } = await client.submit({
+    seed: 3,
+    spec: {
+      steps: 400,
+      length_mm: 20,
+      sway: { strength: 5 },
+      lean: { strength_um: 650 },
+    },
+  });
+  assert.equal((await client.wait(id)).status, "succeeded");
+  const end = (await client.sections(id)).entries.at(-1)!.z_um;
+  const cuts = await Promise.all([0.5, 0.6, 0.7, 0.8, 0.9].map((part) => client.cut(id, { z_um: part * end })));
+  assert(cuts.some(({ islands }) => islands > 0));
+  for (const { islands, pockets, rings } of cuts) {
+    const of = (wanted: string) => rings.filter(({ kind }) => kind === wanted).length;
+    assert.deepEqual([of("island"), of("pocket")], [islands, pockets]);
+    assert(rings.every(({ parent }, i) => parent === null || parent < i));
+  }
+  const report = await client.report(id);
+  assert(report.cuts && report.cuts.with_islands <= 1 && report.lean && report.lean.scale > 0);
+});
+
 test("the service describes itself", async () => {
   const { presets } = await client.presets();
   assert.equal(presets[0]?.["name"], "pig");
@@ -336,6 +389,7 @@ test("with keys, each call has the rights of the key, and links have tickets", a
     assert.equal((await first.arrayBuffer()).byteLength, (await own.bytes(id, "model.glb")).byteLength);
     assert.equal((await fetch(url)).status, 401, "a ticket is good for one request");
     assert((await fetch(await own.sectionUrl(id, 0))).headers.get("content-type")?.startsWith("image/svg+xml"));
+    assert((await fetch(await own.cutUrl(id, { z_um: 100 }))).headers.get("content-type")?.startsWith("image/svg+xml"));
     assert((await fetch(await own.reportPageUrl(id))).headers.get("content-type")?.startsWith("text/html"));
     await withServer(proxy("/p", closed.url), async (url) => {
       const link = await new Oviduct(`${url}/p`, { key }).downloadUrl(id, "model.glb");

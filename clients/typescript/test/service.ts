@@ -11,7 +11,7 @@ import type { FitRequest, ModelRequest } from "oviduct-client";
 
 /** A model that takes about a second: few steps and particles, all stages. */
 export const SMALL = {
-  spec: { steps: 120, particles: { total: { keys: [[0, 300], [1, 600]] } } },
+  spec: { steps: 120, particles: { total: { keys: [[0, 300], [1, 600]] } }, lean: { strength_um: 0 } },
 } satisfies ModelRequest;
 
 /** A model that is still growing when a test kills the service after its first events. */

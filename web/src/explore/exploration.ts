@@ -3,8 +3,11 @@ import { batch, computed, signal } from "@preact/signals";
 import type { Model, Report, Sections } from "oviduct-client";
 import { ask, explain } from "../service.ts";
 import { reconnections } from "../stream.ts";
+import type { Answer } from "./cuts.ts";
 import type { Tube } from "./framing.ts";
+import { Latest } from "./latest.ts";
 import { Measurement } from "./measure.ts";
+import type { Picture } from "./slides.ts";
 import { survey, type Survey } from "./survey.ts";
 import { device } from "./viewer/device.ts";
 import { automaticLevel, levelsOf, type Level } from "./viewer/levels.ts";
@@ -23,6 +26,12 @@ export class Exploration {
   readonly surfaceFault = signal<{ reason: string; left: readonly Level[] } | undefined>(undefined);
   readonly sections = signal<Sections | undefined>(undefined);
   readonly sectionsFault = signal<string | undefined>(undefined);
+  /** Planar cuts by the index of the section in whose place they are. */
+  readonly cuts = new Latest<Answer>(120, 30);
+  /** Why no plane can cut the surface. */
+  readonly uncut = signal<string | undefined>(undefined);
+  /** Pictures of cross sections. */
+  readonly pictures = new Latest<Picture>(200, 8, ({ url }) => URL.revokeObjectURL(url));
   readonly survey = signal<Survey | undefined>(undefined);
   readonly report = signal<Report | undefined>(undefined);
   readonly reportFault = signal<string | undefined>(undefined);
@@ -47,6 +56,8 @@ export class Exploration {
       if (this.surfaceFault.peek()) void this.retrySurface();
       if (this.sectionsFault.peek() !== undefined) void this.loadSections();
       if (this.reportFault.peek() !== undefined) void this.loadReport();
+      this.cuts.again();
+      this.pictures.again();
     });
   }
 
@@ -127,6 +138,8 @@ export class Exploration {
   dispose(): void {
     this.#leave();
     this.#abort.abort();
+    this.cuts.dispose();
+    this.pictures.dispose();
   }
 }
 

@@ -1,17 +1,18 @@
-// Chooses points of the contours of a section without pointing at them.
-import type { Section } from "oviduct-client";
+// Chooses points of the contours of a cross section without pointing at them.
 import { useId } from "preact/hooks";
+import { names, type CrossSection } from "./cross-section.ts";
 import type { ContourPoint } from "./section-points.ts";
 
 interface Props {
-  section: Section;
+  section: CrossSection;
   points: readonly ContourPoint[];
   onChange: (points: readonly ContourPoint[]) => void;
 }
 
 /** Chooses both points with the keyboard: arrow keys go along a contour. */
 export function ContourPointInputs({ section, points, onChange }: Props) {
-  const start: ContourPoint = { contour: "inner", index: 0 };
+  const lumen = section.contours.findIndex(({ kind }) => kind === "lumen");
+  const start: ContourPoint = { contour: Math.max(0, lumen), index: 0 };
   const [a = start, b = start] = points;
   return (
     <div class="contour-points">
@@ -21,17 +22,18 @@ export function ContourPointInputs({ section, points, onChange }: Props) {
   );
 }
 
-function PointInput(props: { name: string; section: Section; point: ContourPoint; onChange: (point: ContourPoint) => void }) {
+function PointInput(props: { name: string; section: CrossSection; point: ContourPoint; onChange: (point: ContourPoint) => void }) {
   const { name, section, point, onChange } = props;
   const [contour, index] = [useId(), useId()];
-  const last = section[point.contour].x.length - 1;
+  const last = section.contours[point.contour]!.x.length - 1;
   return (
     <div class="row small">
       <span>{name}</span>
       <label class="visually-hidden" for={contour}>Contour of {name}</label>
-      <select id={contour} value={point.contour} onChange={(event) => onChange({ contour: event.currentTarget.value === "outer" ? "outer" : "inner", index: 0 })}>
-        <option value="inner">mucosa</option>
-        <option value="outer">outer wall</option>
+      <select id={contour} value={point.contour} onChange={(event) => onChange({ contour: Number(event.currentTarget.value), index: 0 })}>
+        {names(section).map((name, k) => (
+          <option key={k} value={k}>{name}</option>
+        ))}
       </select>
       <label for={index}>point</label>
       <input

@@ -5,6 +5,7 @@ import { micrometres, short } from "../ui/format.ts";
 import { Notice, toast } from "../ui/widgets.tsx";
 import { ComparisonTable } from "./comparison.tsx";
 import type { Exploration } from "./exploration.ts";
+import { islands } from "./words.ts";
 
 type Certificate = Report["certificate"];
 
@@ -53,6 +54,7 @@ export function ReportPanel({ exploration }: { exploration: Exploration }) {
   }
   if (!report.value) return <p class="soft" aria-busy="true">Loading the report …</p>;
   const { certificate, summary, comparison } = report.value;
+  const cut = islands(report.value);
   return (
     <div class="report">
       <div>
@@ -76,6 +78,7 @@ export function ReportPanel({ exploration }: { exploration: Exploration }) {
             <div key={name}><dt>{name}</dt><dd>{value}</dd></div>
           ))}
         </dl>
+        {cut !== undefined && <p>{cut}</p>}
         <p class="report-page"><ReportPage id={exploration.model.id} /></p>
       </div>
       {comparison && <ComparisonTable comparison={comparison} />}

@@ -1,27 +1,29 @@
-// Points of the contours of a section, between which distances are measured exactly.
-import type { Section } from "oviduct-client";
-import { nearest } from "./contours.ts";
+// Points of the contours of a cross section, between which distances are measured exactly.
+import { nearest, type Outline } from "./contours.ts";
 
 /** A point of a contour as it is stored. */
 export interface ContourPoint {
-  contour: "inner" | "outer";
+  /** Index of the contour. */
+  contour: number;
   index: number;
 }
 
-/** The point of either contour that is nearest to a position; micrometres. */
-export function nearestPoint({ inner, outer }: Pick<Section, "inner" | "outer">, x: number, y: number): ContourPoint {
-  const [a, b] = [nearest(inner, x, y), nearest(outer, x, y)];
-  return a.distance <= b.distance ? { contour: "inner", index: a.index } : { contour: "outer", index: b.index };
+/** The point of any contour that is nearest to a position; micrometres. */
+export function nearestPoint(contours: readonly Outline[], x: number, y: number): ContourPoint {
+  const found = contours.map((contour) => nearest(contour, x, y));
+  const least = Math.min(...found.map(({ distance }) => distance));
+  const contour = found.findIndex(({ distance }) => distance === least);
+  return { contour, index: found[contour]!.index };
 }
 
 /** Micrometres. */
-export function positionOf(section: Pick<Section, "inner" | "outer">, { contour, index }: ContourPoint): { x: number; y: number } {
-  const { x, y } = section[contour];
+export function positionOf(contours: readonly Outline[], { contour, index }: ContourPoint): { x: number; y: number } {
+  const { x, y } = contours[contour]!;
   return { x: x[index]!, y: y[index]! };
 }
 
 /** Micrometres. */
-export function distanceOf(section: Pick<Section, "inner" | "outer">, a: ContourPoint, b: ContourPoint): number {
-  const [from, to] = [positionOf(section, a), positionOf(section, b)];
+export function distanceOf(contours: readonly Outline[], a: ContourPoint, b: ContourPoint): number {
+  const [from, to] = [positionOf(contours, a), positionOf(contours, b)];
   return Math.hypot(to.x - from.x, to.y - from.y);
 }

@@ -1,18 +1,17 @@
-// One cross section as it is stored: contours, scale, and distances between its points.
-import { useSignal } from "@preact/signals";
-import { OviductError, type Section, type Sections } from "oviduct-client";
-import { useEffect, useMemo, useRef } from "preact/hooks";
+// A place along the tube: the surface cut there, or the section of the simulation, and what can be done with it.
+import { OviductError, type Section, type Sections, type SlideUrlOptions } from "oviduct-client";
+import { useEffect, useMemo } from "preact/hooks";
 import { ask, explain } from "../service.ts";
-import { bytes, micrometres, short } from "../ui/format.ts";
+import { bytes, short } from "../ui/format.ts";
 import { Icon, Notice, toast } from "../ui/widgets.tsx";
 import { nearestIndex } from "./ascending.ts";
-import { area, pathData } from "./contours.ts";
+import { areas, ofCut, ofSection, type CrossSection } from "./cross-section.ts";
+import { answered, planeAt } from "./cuts.ts";
 import type { Exploration } from "./exploration.ts";
-import { ContourPointInputs } from "./point-inputs.tsx";
-import { distanceOf, nearestPoint, positionOf, type ContourPoint } from "./section-points.ts";
-import { dragged, pointAt, windowOf, zoomed, type SectionWindow } from "./section-window.ts";
+import { Drawing } from "./section-drawing.tsx";
+import { LOOKS, TISSUES, pictureOf, sizeFor, slideOptions, type Look, type Picture } from "./slides.ts";
 import type { View } from "./view.ts";
-import { control } from "./viewer/controls.ts";
+import { census } from "./words.ts";
 
 interface Props {
   exploration: Exploration;
@@ -37,15 +36,51 @@ export function SectionView({ exploration, view }: Props) {
   return <Loaded exploration={exploration} view={view} sections={sections.value} index={index} />;
 }
 
+/** What is shown at a place. */
+interface Shown {
+  section: CrossSection;
+  /** Whether the surface is being cut. */
+  waiting: boolean;
+  /** Why it is the section of the simulation. */
+  why?: string | undefined;
+  /** Why it is, if another attempt may succeed. */
+  fault?: string | undefined;
+}
+
+/** The cut in the place of a section; the section until it is there, and where there is none. */
+function useShown({ model, cuts, uncut }: Exploration, section: Section, z_um: number): Shown {
+  const key = String(section.index);
+  useEffect(() => {
+    if (uncut.peek() !== undefined) return;
+    cuts.want(key, async (signal) => {
+      const answer = await answered(ask((service) => service.cut(model.id, { z_um }, { signal })));
+      if (answer.cut === undefined && answer.ever) uncut.value = answer.why;
+      return answer;
+    });
+  }, [key]);
+  const { value: outcome } = cuts.outcome;
+  const { value, fault } = outcome?.key === key ? outcome : {};
+  const shown = useMemo(() => (value?.cut ? ofCut(value.cut) : ofSection(section)), [section, value]);
+  const why = uncut.value ?? (value && !value.cut ? value.why : undefined);
+  return { section: shown, waiting: why === undefined && outcome?.key !== key, why, fault: fault === undefined ? undefined : explain(fault) };
+}
+
 function Loaded({ exploration, view, sections, index }: Props & { sections: Sections; index: number }) {
-  const section = useMemo(() => sections.section(index), [sections, index]);
+  const stored = useMemo(() => sections.section(index), [sections, index]);
+  const { begin, length } = exploration.tube;
+  const z_um = planeAt(stored.z_um, begin * 1000, (begin + length) * 1000);
+  const shown = useShown(exploration, stored, z_um);
+  const { section, waiting } = shown;
   const choose = (k: number) => (view.section.value = exploration.fractions.peek()[Math.max(0, Math.min(sections.length - 1, k))]!);
-  const z = `${short(section.z_um / 1000)} mm`;
+  const z = `${short(stored.z_um / 1000)} mm`;
   const cutHere = () => {
     view.flight.value = undefined;
-    view.position.value = view.section.peek();
+    // Where it is shown: the nearest section, not the place that was asked for.
+    view.position.value = exploration.fractions.peek()[index]!;
     view.across.value = true;
   };
+  const place: Place = { id: exploration.model.id, source: section.source, index, z_um };
+  const points = section.contours.reduce((sum, { x }) => sum + x.length, 0);
   return (
     <>
       <div class="section-slider">
@@ -62,39 +97,146 @@ function Loaded({ exploration, view, sections, index }: Props & { sections: Sect
         <button type="button" class="button-icon" aria-label="Next section" disabled={index === sections.length - 1} onClick={() => choose(index + 1)}>›</button>
       </div>
       <div class="section-ends small soft"><span>isthmus</span><span>ampulla</span></div>
-      <Drawing section={section} />
+      <div class="looks" role="group" aria-label="Look of the cross section">
+        {LOOKS.map((look) => (
+          <button key={look} type="button" class="button" aria-pressed={view.look.value === look} onClick={() => (view.look.value = look)}>{LOOK_NAMES[look]}</button>
+        ))}
+      </div>
+      <Pictured exploration={exploration} place={place} look={view.look.value} waiting={waiting} section={section} z={z} />
+      <Caption {...shown} again={() => exploration.cuts.again()} />
       <dl class="figures num">
-        <div><dt>Section</dt><dd>{index + 1} of {sections.length}{section.added ? ", added" : ""}</dd></div>
+        <div><dt>Section</dt><dd>{index + 1} of {sections.length}{stored.added ? ", added" : ""}</dd></div>
         <div><dt>z</dt><dd>{z}</dd></div>
-        <div><dt>Step</dt><dd>{short(section.step)}</dd></div>
-        <div><dt>Points of the mucosa</dt><dd>{short(section.innerPoints)}</dd></div>
-        <div><dt>Points of the outer wall</dt><dd>{short(section.outerPoints)}</dd></div>
-        <div><dt>Lumen</dt><dd>{short(area(section.inner) / 1e6)} mm²</dd></div>
+        <div><dt>Step</dt><dd>{short(stored.step)}</dd></div>
+        <div><dt>Tissue</dt><dd>{short(section.tissue / 1e6)} mm²</dd></div>
+        <div><dt>Lumen</dt><dd>{short(section.lumen / 1e6)} mm²</dd></div>
+        <div><dt>Points of the contours</dt><dd>{short(points)}</dd></div>
       </dl>
       <div class="row">
         <button type="button" class="button" onClick={cutHere}><Icon name="cut" /> Cut the model here</button>
-        {(["svg", "png"] as const).map((kind) => (
-          <button key={kind} type="button" class="button" onClick={() => save(exploration.model.id, index, kind)}>
-            <Icon name="download" /> {kind.toUpperCase()}
-          </button>
-        ))}
+        <div class="row">
+          {(["svg", "png", "json"] as const).map((kind) => (
+            <button key={kind} type="button" class="button" onClick={() => save(exploration, place, kind, view.look.peek())}>
+              <Icon name="download" /> {kind.toUpperCase()}
+            </button>
+          ))}
+        </div>
       </div>
     </>
   );
 }
 
-/** Longest side of a drawing as PNG, pixels. */
+const LOOK_NAMES: Record<Look, string> = { contours: "Contours", stained: "Stained", labels: "Tissues" };
+
+function Caption({ section, waiting, why, fault, again }: Shown & { again: () => void }) {
+  if (section.source === "surface") {
+    return (
+      <p class="section-caption small" role="status">
+        Planar cut of the surface: {census(areas(section, "island"), "island")}, {census(areas(section, "pocket"), "pocket")}.
+      </p>
+    );
+  }
+  return (
+    <p class="section-caption small" role="status" aria-busy={waiting}>
+      Section of the simulation{waiting ? "; the surface is being cut …" : `: ${why ?? fault ?? ""}${why === undefined ? "" : "."}`}
+      {fault !== undefined && <> <button type="button" class="button" onClick={again}>Try again</button></>}
+    </p>
+  );
+}
+
+/** What a cross section is of. */
+interface Place {
+  id: string;
+  source: CrossSection["source"];
+  index: number;
+  z_um: number;
+}
+
+interface PicturedProps {
+  exploration: Exploration;
+  place: Place;
+  look: Look;
+  waiting: boolean;
+  section: CrossSection;
+  z: string;
+}
+
+/** The drawing, with a picture over it once that is there. */
+function Pictured({ exploration: { pictures }, place, look, waiting, section, z }: PicturedProps) {
+  const { id, source, index, z_um } = place;
+  const name = `${source} ${index} ${look}`;
+  const want = (pixels: number) => {
+    if (look === "contours" || waiting) {
+      pictures.stop();
+      return;
+    }
+    const size = sizeFor(pixels);
+    pictures.want(`${name} ${size}`, async (signal) => {
+      const options = { ...slideOptions(look, size), signal };
+      const slide = await ask((service) => (source === "surface" ? service.cutPicture(id, { z_um }, options) : service.sectionPicture(id, index, options)));
+      return pictureOf(slide, look);
+    });
+  };
+  const { value: outcome } = pictures.outcome;
+  const isOurs = outcome?.key.startsWith(`${name} `) ?? false;
+  const picture: Picture | undefined = isOurs ? outcome!.value : undefined;
+  const fault = isOurs && pictures.awaited.value === undefined ? outcome!.fault : undefined;
+  const note = look === "contours" || picture ? undefined : fault === undefined ? (
+    <p class="drawing-note small" aria-busy="true">Drawing the picture …</p>
+  ) : (
+    <p class="drawing-note small" role="alert">
+      {explain(fault)} <button type="button" class="button" onClick={() => pictures.again()}>Try again</button>
+    </p>
+  );
+  return (
+    <Drawing section={section} z={z} look={look} name={name} waiting={waiting} picture={picture} note={note} onPixels={want}>
+      <Legend section={section} look={look} />
+    </Drawing>
+  );
+}
+
+function Legend({ section, look }: { section: CrossSection; look: Look }) {
+  if (look === "stained") return null;
+  if (look === "labels") {
+    return (
+      <ul class="drawing-legend small">
+        {TISSUES.map(({ name, color }) => (
+          <li key={name}><span class="drawing-key" style={{ background: color }} /> {name}</li>
+        ))}
+      </ul>
+    );
+  }
+  const kinds = [["tissue", "Tissue"], ["lumen", "Lumen"], ["island", "Island"], ["pocket", "Pocket"]] as const;
+  return (
+    <ul class="drawing-legend small">
+      {kinds.filter(([kind]) => section.contours.some((contour) => contour.kind === kind)).map(([kind, name]) => (
+        <li key={kind}><span class={`drawing-key key-${kind}`} /> {name}</li>
+      ))}
+    </ul>
+  );
+}
+
+/** Longest side of a picture that is saved, pixels. */
 const PIXELS = 2048;
 
 /** Links need a ticket of their own each time, so the address is asked for when it is wanted. */
-async function save(id: string, index: number, kind: "svg" | "png"): Promise<void> {
+async function save({ cuts }: Exploration, { id, index, z_um }: Place, kind: "svg" | "png" | "json", look: Look): Promise<void> {
+  const stained = kind === "png" && look !== "contours" ? look : undefined;
+  // The service makes no pictures of contours: the drawing becomes one here.
+  const isDrawn = kind === "png" && !stained;
+  const options: SlideUrlOptions = { format: isDrawn ? "svg" : kind, ...(stained && slideOptions(stained, PIXELS)) };
+  // What is saved is what will be shown.
+  await cuts.settled();
+  const outcome = cuts.outcome.peek();
+  const isCut = outcome?.key === String(index) && outcome.value?.cut !== undefined;
   try {
-    const url = await ask((service) => service.sectionUrl(id, index));
+    const url = await ask((service) => (isCut ? service.cutUrl(id, { z_um }, options) : service.sectionUrl(id, index, options)));
     const link = document.createElement("a");
-    link.href = kind === "svg" ? url : await pngOf(url);
-    link.download = `section-${index}.${kind}`;
+    link.href = isDrawn ? await pngOf(url) : url;
+    const name = isCut ? `cut-${Math.round(z_um)}um` : `section-${index}`;
+    link.download = `${name}${stained ? `-${stained}` : ""}.${kind}`;
     link.click();
-    if (kind === "png") URL.revokeObjectURL(link.href);
+    if (isDrawn) URL.revokeObjectURL(link.href);
   } catch (error) {
     toast(explain(error), "error");
   }
@@ -119,95 +261,4 @@ async function pngOf(drawing: string): Promise<string> {
   canvas.getContext("2d")!.drawImage(image, 0, 0);
   const png = await new Promise<Blob | null>((resolve) => canvas.toBlob(resolve));
   return URL.createObjectURL(png!);
-}
-
-const ZOOM = 1.4;
-
-function Drawing({ section }: { section: Section }) {
-  const svg = useRef<SVGSVGElement>(null);
-  const paths = useMemo(() => ({ inner: pathData(section.inner), outer: pathData(section.outer) }), [section]);
-  const whole = useMemo(() => windowOf(section.outer), [section]);
-  /** Undefined for the whole section. */
-  const shown = useSignal<SectionWindow | undefined>(undefined);
-  const measuring = useSignal(false);
-  const points = useSignal<readonly ContourPoint[]>([]);
-  const { x, y, span } = shown.value ?? whole;
-  const drawn = useRef(section);
-  if (drawn.current !== section) {
-    // Points are of one section.
-    drawn.current = section;
-    points.value = [];
-  }
-  const zoom = (factor: number, at: { x: number; y: number }) => {
-    const next = zoomed(shown.peek() ?? whole, factor, at, whole);
-    shown.value = next === whole ? undefined : next;
-  };
-  useEffect(() => {
-    const abort = new AbortController();
-    const element = svg.current!;
-    const side = () => element.getBoundingClientRect().width;
-    const at = (right: number, down: number) => pointAt(shown.peek() ?? whole, right, down, side());
-    const drag = (right: number, down: number) => (shown.value = dragged(shown.peek() ?? whole, right, down, side()));
-    const tap = (right: number, down: number) => {
-      if (!measuring.peek()) return;
-      const { x, y } = at(right, down);
-      const point = nearestPoint(section, x, y);
-      points.value = points.peek().length === 1 ? [points.peek()[0]!, point] : [point];
-    };
-    control(element, { turn: drag, pan: drag, zoom: (factor, right, down) => zoom(factor, at(right, down)), tap }, abort.signal);
-    return () => abort.abort();
-  }, [section]);
-  const bar = scaleBar(span);
-  const ends = points.value.map((point) => positionOf(section, point));
-  const [a, b] = ends;
-  return (
-    <figure class="drawing">
-      <div class="drawing-sheet">
-        <svg
-          ref={svg}
-          viewBox={`${x - span / 2} ${-y - span / 2} ${span} ${span}`}
-          role="img"
-          aria-label={`Cross section at ${short(section.z_um / 1000)} mm`}
-          class={measuring.value ? "measuring" : undefined}
-        >
-          <g transform="scale(1 -1)">
-            <path class="tissue" d={paths.outer} />
-            <path class="lumen" d={paths.inner} />
-            {a && b && <line class="distance" x1={a.x} y1={a.y} x2={b.x} y2={b.y} />}
-            {ends.map((end, i) => (
-              <circle key={i} class="distance-end" cx={end.x} cy={end.y} r={span * 0.008} />
-            ))}
-          </g>
-        </svg>
-        <div class="scale small num" style={{ width: `${(bar / span) * 100}%` }}>{micrometres(bar)}</div>
-        <div class="drawing-tools">
-          <button type="button" class="button-icon" aria-label="Zoom in" onClick={() => zoom(1 / ZOOM, { x, y })}>+</button>
-          <button type="button" class="button-icon" aria-label="Zoom out" disabled={!shown.value} onClick={() => zoom(ZOOM, { x, y })}>−</button>
-          <button type="button" class="button-icon" aria-label="Show the whole section" disabled={!shown.value} onClick={() => (shown.value = undefined)}>
-            <Icon name="reset" />
-          </button>
-          <button type="button" class="button-icon" aria-label="Measure in the section" aria-pressed={measuring.value} onClick={() => (measuring.value = !measuring.value)}>
-            <Icon name="ruler" />
-          </button>
-        </div>
-      </div>
-      {measuring.value && (
-        <figcaption class="measure-caption">
-          <p class="soft small">Click near a contour, or choose two of its points.</p>
-          <ContourPointInputs section={section} points={points.value} onChange={(next) => (points.value = next)} />
-          <p role="status" class="measured num">
-            {points.value.length === 2 && (
-              <>Distance <strong data-um={distanceOf(section, points.value[0]!, points.value[1]!)}>{micrometres(distanceOf(section, points.value[0]!, points.value[1]!))}</strong></>
-            )}
-          </p>
-        </figcaption>
-      )}
-    </figure>
-  );
-}
-
-/** A round length of about a fifth of the drawing, micrometres. */
-function scaleBar(span: number): number {
-  const power = 10 ** Math.floor(Math.log10(span / 4));
-  return [5, 2, 1].map((factor) => factor * power).find((length) => length <= span / 4)!;
 }

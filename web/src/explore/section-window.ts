@@ -1,5 +1,5 @@
 // The part of a cross section that its drawing shows.
-import { boundsOf, type Outline } from "./contours.ts";
+import type { Box } from "./contours.ts";
 
 interface Point {
   x: number;
@@ -14,9 +14,8 @@ export interface SectionWindow extends Point {
 /** The least span. */
 const CLOSEST = 10;
 
-/** The window that shows a whole section, by its outer contour. */
-export function windowOf(outer: Outline): SectionWindow {
-  const { x0, y0, x1, y1 } = boundsOf(outer);
+/** The window that shows a whole section, by what is around its tissue. */
+export function windowOf({ x0, y0, x1, y1 }: Box): SectionWindow {
   return { x: (x0 + x1) / 2, y: (y0 + y1) / 2, span: 1.08 * Math.max(x1 - x0, y1 - y0) };
 }
 

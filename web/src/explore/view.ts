@@ -2,6 +2,7 @@
 import { computed, signal, type Signal } from "@preact/signals";
 import { standardView, type Kept, type Tube } from "./framing.ts";
 import { Pose, STANDARD_VIEWS, type StandardView } from "./pose.ts";
+import { LOOKS, type Look } from "./slides.ts";
 
 export const PATCHES = ["inner", "outer", "caps"] as const;
 export type PatchGroup = (typeof PATCHES)[number];
@@ -25,6 +26,8 @@ export class View {
   readonly translucent = signal(false);
   /** The section beside the model. */
   readonly section = signal(0.8);
+  /** How it is shown. */
+  readonly look = signal<Look>("contours");
   readonly plane = signal(false);
   /** Position of the flight, told a few times a second while it is played; undefined while the model is seen from outside. */
   readonly flight = signal<number | undefined>(undefined);
@@ -34,7 +37,7 @@ export class View {
 
   readonly #linked: readonly Signal[] = [
     this.pose.changes, this.lengthwise, this.angle, this.across, this.position, this.flipped, ...Object.values(this.shown),
-    this.translucent, this.section, this.plane, this.flight,
+    this.translucent, this.section, this.look, this.plane, this.flight,
   ];
 
   constructor(tube: Tube) {
@@ -73,7 +76,7 @@ export class View {
 }
 
 /** Names in the query that belong to a view; others belong to the page. */
-const NAMES = ["cam", "open", "cut", "flip", "hide", "glass", "at", "plane", "fly"] as const;
+const NAMES = ["cam", "open", "cut", "flip", "hide", "glass", "at", "look", "plane", "fly"] as const;
 
 /** Writes the view into a query, as short as the picture needs. */
 export function writeView(view: View, query: URLSearchParams): URLSearchParams {
@@ -90,6 +93,7 @@ export function writeView(view: View, query: URLSearchParams): URLSearchParams {
   put("hide", hidden.length > 0 ? hidden.join("_") : undefined);
   put("glass", view.translucent.value ? "1" : undefined);
   put("at", fraction(view.section.value));
+  put("look", view.look.value === "contours" ? undefined : view.look.value);
   put("plane", view.plane.value ? "1" : undefined);
   put("fly", view.flight.value === undefined ? undefined : fraction(view.flight.value));
   return result;
@@ -108,6 +112,7 @@ export function readView(view: View, query: URLSearchParams): void {
   for (const patch of PATCHES) view.shown[patch].value = !hidden.includes(patch);
   view.translucent.value = query.get("glass") === "1";
   view.section.value = number(query, "at", 0, 1) ?? view.section.value;
+  view.look.value = LOOKS.find((look) => look === query.get("look")) ?? "contours";
   view.plane.value = query.get("plane") === "1";
   view.flight.value = number(query, "fly", 0, 1);
   readCamera(view, query.get("cam"));

@@ -46,3 +46,9 @@ export function micrometres(length: number): string {
   if (length < 1) return `${short(length * 1000)} nm`;
   return length < 1000 ? `${short(length)} µm` : `${short(length / 1000)} mm`;
 }
+
+/** An area from square micrometres: `1,730 µm²`, `0.44 mm²`. */
+export function squareMicrometres(area: number): string {
+  const digits = Number(area.toPrecision(3));
+  return digits < 100_000 ? `${short(digits)} µm²` : `${short(digits / 1e6)} mm²`;
+}

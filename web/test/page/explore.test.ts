@@ -5,7 +5,7 @@ import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 import type { Page } from "playwright-core";
 import { PNG } from "pngjs";
-import { Oviduct, type Model, type ModelRequest, type SectionJson } from "../../../clients/typescript/src/index.ts";
+import { Oviduct, type Cut, type Model, type ModelRequest } from "../../../clients/typescript/src/index.ts";
 import { Service, SMALL } from "../../../clients/typescript/test/service.ts";
 import { nearestIndex } from "../../src/explore/ascending.ts";
 import { boundsOf, contains, type Outline } from "../../src/explore/contours.ts";
@@ -19,16 +19,30 @@ let service: Service;
 let client: Oviduct;
 /** Of the size of the paper's model. */
 let models: [Model, Model];
+/** A small one whose surface leans, so that planar cuts of its ampulla have islands. */
+let leaning: Model;
 
-/** A wall so thin that lumen and gaps are large in a picture of a section. */
-const THIN: ModelRequest["spec"] = { containment: { wall_um: { keys: [[0, 520], [0.125, 520], [0.45, 260], [1, 260]], ease: "smooth" } } };
+/** A wall so thin that lumen and gaps are large in a picture of a section; straight, so that cuts are sections. */
+const THIN: ModelRequest["spec"] = {
+  containment: { wall_um: { keys: [[0, 520], [0.125, 520], [0.45, 260], [1, 260]], ease: "smooth" } },
+  sway: { strength: 0 },
+  lean: { strength_um: 0 },
+};
+
+const LEANING: ModelRequest["spec"] = {
+  steps: 400,
+  length_mm: 20,
+  sway: { strength: 5 },
+  lean: { strength_um: 650 },
+};
 
 before(async () => {
   service = await Service.start();
   client = new Oviduct(service.url);
   const ids = await Promise.all([7, 8].map(async (seed) => (await client.submit({ preset: "pig", seed, spec: THIN })).id));
   models = (await Promise.all(ids.map((id) => client.wait(id)))) as [Model, Model];
-  assert.deepEqual(models.map((model) => model.status), ["succeeded", "succeeded"]);
+  leaning = await client.wait((await client.submit({ preset: "pig", seed: 3, spec: LEANING })).id);
+  assert.deepEqual([...models, leaning].map((model) => model.status), ["succeeded", "succeeded", "succeeded"]);
 });
 after(async () => {
   await closeBrowser();
@@ -54,8 +68,8 @@ async function shown(page: Page): Promise<PNG> {
   return picture(canvasOf(page).first());
 }
 
-async function open(query = ""): Promise<Visit> {
-  const visit = await Visit.open(`${service.url}/#/models/${models[0].id}${query}`);
+async function open(query = "", model = models[0]): Promise<Visit> {
+  const visit = await Visit.open(`${service.url}/#/models/${model.id}${query}`);
   await canvasOf(visit.page).waitFor();
   await visit.page.getByText(/triangles are shown/).waitFor();
   return visit;
@@ -204,21 +218,23 @@ test("the face of a lengthwise cut is tissue where the sections have tissue, and
   await visit.close();
 });
 
-test("distances in a section are those of its data", async () => {
+test("distances in a cut are those of its data", async () => {
   const visit = await open();
   const { page } = visit;
   const slider = page.getByRole("slider", { name: "Section", exact: true });
   await slider.fill("120");
-  const section: SectionJson = await client.section(models[0].id, 120);
+  const cut = await client.cut(models[0].id, { z_um: (await client.section(models[0].id, 120)).z_um });
+  const [outer, inner] = (["tissue", "lumen"] as const).map((kind) => cut.rings.find((ring) => ring.kind === kind)!.points) as [number[][], number[][]];
   await page.getByText("121 of 201").waitFor();
+  await page.getByText("Planar cut of the surface: no islands, no pockets.").waitFor();
   await page.getByRole("button", { name: "Measure in the section" }).click();
   const result = page.locator("[data-um]");
 
   // By keyboard: exactly.
-  const last = section.inner.points.length - 1;
+  const last = inner.length - 1;
   await page.getByRole("spinbutton", { name: "Point A" }).fill("10");
   await page.getByRole("spinbutton", { name: "Point B" }).fill(String(last >> 1));
-  const [a, b] = [section.inner.points[10]!, section.inner.points[last >> 1]!] as [number[], number[]];
+  const [a, b] = [inner[10]!, inner[last >> 1]!] as [number[], number[]];
   const exact = Math.hypot(a[0]! - b[0]!, a[1]! - b[1]!);
   assert(Math.abs(Number(await result.getAttribute("data-um")) - exact) < 0.01);
 
@@ -227,7 +243,7 @@ test("distances in a section are those of its data", async () => {
   await drawing.scrollIntoViewIfNeeded();
   const box = (await drawing.boundingBox())!;
   const [left, top, span] = (await drawing.getAttribute("viewBox"))!.split(" ").map(Number) as [number, number, number];
-  const ends = [0, section.outer.points.length >> 1].map((i) => section.outer.points[i]! as number[]);
+  const ends = [0, outer.length >> 1].map((i) => outer[i]!);
   for (const [x, y] of ends as [number, number][]) {
     await page.mouse.click(box.x + ((x - left) / span) * box.width, box.y + ((-y - top) / span) * box.height);
   }
@@ -442,7 +458,7 @@ test("a download has the bytes of its hash", async () => {
   await visit.close();
 });
 
-test("a section is saved as SVG and as PNG", async () => {
+test("a cut is saved as SVG, as PNG and as JSON", async () => {
   const visit = await open();
   const { page } = visit;
   const save = async (kind: string) => {
@@ -452,13 +468,124 @@ test("a section is saved as SVG and as PNG", async () => {
     return { name: download.suggestedFilename(), data: readFileSync(await download.path()) };
   };
   const svg = await save("SVG");
-  assert.match(svg.name, /^section-\d+\.svg$/);
+  assert.match(svg.name, /^cut-\d+um\.svg$/);
   assert.match(svg.data.toString(), /<svg /);
   const png = await save("PNG");
-  assert.match(png.name, /^section-\d+\.png$/);
+  assert.match(png.name, /^cut-\d+um\.png$/);
   const drawing = PNG.sync.read(png.data);
   assert.equal(Math.max(drawing.width, drawing.height), 2048);
   assert(colours(drawing) > 20, `${colours(drawing)} colours`);
+  const json = await save("JSON");
+  assert.match(json.name, /^cut-\d+um\.json$/);
+  assert.equal((JSON.parse(json.data.toString()) as Cut).rings[0]!.kind, "tissue");
+  await page.getByRole("button", { name: "Stained" }).click();
+  const stained = await save("PNG");
+  assert.match(stained.name, /^cut-\d+um-stained\.png$/);
+  const slide = PNG.sync.read(stained.data);
+  assert.equal(Math.max(slide.width, slide.height), 2048);
+  assert(colours(slide) > 1000, `${colours(slide)} colours`);
+  await visit.close();
+});
+
+/** A place in the ampulla of the leaning model where its cut has islands and pockets. */
+async function islanded(): Promise<{ cut: Cut; at: number }> {
+  const [low, high] = leaning.summary!.certificate!.bounds_um;
+  for (const { z_um } of (await client.sections(leaning.id)).entries.slice(20, -1)) {
+    const cut = await client.cut(leaning.id, { z_um });
+    if (cut.islands > 1 && cut.pockets > 0) return { cut, at: (z_um - low[2]) / (high[2] - low[2]) };
+  }
+  throw new Error("no cut of the leaning model has islands and pockets");
+}
+
+test("the cut of a leaning model has its islands, in the drawing, in pictures and in 3D", async () => {
+  const { cut, at } = await islanded();
+  const lines = cut.rings.map(({ points }) => ({ x: points.map(([u]) => u!), y: points.map(([, v]) => v!) }));
+  const { x0, y0, x1, y1 } = boundsOf(lines[0]!);
+  const [x, y] = [(x0 + x1) / 2, (y0 + y1) / 2];
+  const slope = Math.tan(((FIELD / 2) * Math.PI) / 180);
+  const distance = (0.55 * Math.max(x1 - x0, y1 - y0)) / slope;
+  const visit = await open(`?cam=0_0_${distance / 1000}_${x / 1000}_${y / 1000}_${at}&cut=${at}&at=${at}`, leaning);
+  const { page } = visit;
+  const panel = page.getByRole("region", { name: "Cross section" });
+  const caption = panel.getByText(/^Planar cut of the surface: /);
+  await caption.waitFor();
+  const said = /: (\d+) islands \(.*\), (\d+) pockets? \(.*\)\.$/.exec((await caption.textContent())!);
+  assert.deepEqual(said?.slice(1).map(Number), [cut.islands, cut.pockets]);
+  const drawing = page.getByRole("img", { name: /^Cross section at/ });
+  assert.deepEqual([await drawing.locator(".island").count(), await drawing.locator(".pocket").count()], [cut.islands, cut.pockets]);
+  await visit.accessible();
+
+  // In 3D, the cut face is tissue where the cut is.
+  const level = page.getByRole("group", { name: "Level of detail" });
+  await level.getByRole("button", { name: /^Full/ }).click();
+  await level.getByRole("button", { name: /^Full/, pressed: true }).waitFor();
+  const { width, height, data } = await shown(page);
+  const pixel = (2 * distance * slope) / height;
+  const samples = { tissue: 0, empty: 0, wrong: 0 };
+  for (let row = 2; row < height; row += 5) {
+    for (let column = 2; column < width; column += 5) {
+      const [px, py] = [x + (column + 0.5 - width / 2) * pixel, y - (row + 0.5 - height / 2) * pixel];
+      if (Math.min(...lines.map((line) => distanceTo(line, px, py))) < 6 + 2 * pixel) continue;
+      const i = 4 * (row * width + column);
+      const painted = TISSUE.every((value, channel) => Math.abs(data[i + channel]! - value) <= 2);
+      const isTissue = lines.filter((line) => contains(line, px, py)).length % 2 === 1;
+      samples[isTissue ? "tissue" : "empty"]++;
+      if (painted !== isTissue) samples.wrong++;
+    }
+  }
+  assert(samples.tissue > 1000 && samples.empty > 1000 && samples.wrong === 0, JSON.stringify(samples));
+
+  const drawn = await picture(drawing);
+  for (const name of ["Stained", "Tissues"]) {
+    await page.getByRole("button", { name }).click();
+    await page.getByRole("button", { name, pressed: true }).waitFor();
+    await drawing.locator("image").waitFor();
+    await page.waitForTimeout(500);
+    assert(difference(drawn, await picture(drawing)) > 0.1, name);
+    await visit.accessible();
+  }
+  assert.match(page.url(), /look=labels/);
+  await visit.close();
+});
+
+test("places that are passed by are not cut, and without a cut there is the section", async () => {
+  const visit = await open("", leaning);
+  const { page } = visit;
+  const caption = page.getByText(/^(Planar cut of the surface|Section of the simulation)/);
+  await page.getByText(/^Planar cut of the surface: /).waitFor();
+  let asked = 0;
+  let status = 200;
+  await page.route("**/cut?*", async (route) => {
+    asked++;
+    if (status === 200) return route.continue();
+    const slug = status === 404 ? "file-not-found" : "internal";
+    const problem = { type: `urn:oviduct:problem:${slug}`, title: slug, status, detail: "It is out of order." };
+    return route.fulfill({ status, contentType: "application/problem+json", body: JSON.stringify(problem) });
+  });
+  const slider = page.getByRole("slider", { name: "Section", exact: true });
+  for (let k = 1; k <= 35; k++) await slider.fill(String(k));
+  await page.getByText("36 of 41").waitFor();
+  await page.getByText(/^Planar cut of the surface: /).waitFor();
+  assert(asked >= 1 && asked <= 10, `${asked} cuts for 35 places`);
+
+  visit.refusals = [500, 404];
+  status = 500;
+  await slider.fill("2");
+  await page.getByText("Section of the simulation: It is out of order.").waitFor();
+  status = 200;
+  await caption.getByRole("button", { name: "Try again" }).click();
+  await page.getByText("Planar cut of the surface: no islands, no pockets.").waitFor();
+  status = 404;
+  await slider.fill("3");
+  await page.getByText("Section of the simulation: the model has no surface that can be cut.").waitFor();
+  asked = 0;
+  await slider.fill("5");
+  await page.getByText("6 of 41").waitFor();
+  await page.waitForTimeout(500);
+  assert.equal(asked, 0, "no plane can cut it");
+  await page.getByRole("button", { name: "Stained" }).click();
+  await page.getByRole("img", { name: /^Cross section at/ }).locator("image").waitFor();
+  await visit.accessible();
   await visit.close();
 });
 

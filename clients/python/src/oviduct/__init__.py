@@ -37,7 +37,7 @@ from .errors import (
     UnexpectedAnswer,
     WaitTimeout,
 )
-from .sections import Ring, Section, Sections, read_sections
+from .sections import Cut, CutRing, Plane, Ring, Section, Sections, read_sections
 from .types import (
     Applied,
     Backend,
@@ -96,6 +96,8 @@ __all__ = [
     "Cost",
     "CostLimit",
     "Counts",
+    "Cut",
+    "CutRing",
     "Estimate",
     "Event",
     "Fault",
@@ -127,6 +129,7 @@ __all__ = [
     "NotFound",
     "OviductError",
     "Pause",
+    "Plane",
     "Point",
     "Preset",
     "Problem",

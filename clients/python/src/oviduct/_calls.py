@@ -18,7 +18,7 @@ import httpx
 from . import types
 from ._steps import Emit, Request, Steps, call
 from .errors import UnexpectedAnswer
-from .sections import Section, section_of
+from .sections import Cut, Section, cut_of, section_of
 from .types import (
     Applied,
     Batch,
@@ -249,12 +249,51 @@ def section_svg(ref: ModelRef, index: int) -> Call[str]:
 
 
 def section_png(ref: ModelRef, index: int, size: int | None, labels: bool) -> Call[bytes]:
+    request = Request("GET", f"models/{key(ref)}/sections/{index}", params=_picture(size, labels))
+    return request, lambda response: response.content
+
+
+def _picture(size: int | None, labels: bool) -> Params:
     params = [("format", "png")]
     if labels:
         params.append(("labels", "true"))
     if size is not None:
         params.append(("size", str(size)))
-    request = Request("GET", f"models/{key(ref)}/sections/{index}", params=tuple(params))
+    return tuple(params)
+
+
+def _plane(z_um: float | None, origin_um: Iterable[float] | None, normal: Iterable[float] | None) -> Params:
+    params = [] if z_um is None else [("z_um", repr(float(z_um)))]
+    vectors = (("origin_um", origin_um), ("normal", normal))
+    params += [(name, ",".join(repr(float(x)) for x in vector)) for name, vector in vectors if vector is not None]
+    return tuple(params)
+
+
+def _cut(ref: ModelRef, plane: Params, params: Params = (), accept: str = "application/json") -> Request:
+    return Request("GET", f"models/{key(ref)}/cut", params=(*plane, *params), headers={"accept": accept})
+
+
+def cut(
+    ref: ModelRef, z_um: float | None, origin_um: Iterable[float] | None, normal: Iterable[float] | None
+) -> Call[Cut]:
+    return _cut(ref, _plane(z_um, origin_um, normal)), lambda response: cut_of(json(response))
+
+
+def cut_svg(
+    ref: ModelRef, z_um: float | None, origin_um: Iterable[float] | None, normal: Iterable[float] | None
+) -> Call[str]:
+    return _cut(ref, _plane(z_um, origin_um, normal), accept="image/svg+xml"), lambda response: response.text
+
+
+def cut_png(
+    ref: ModelRef,
+    z_um: float | None,
+    origin_um: Iterable[float] | None,
+    normal: Iterable[float] | None,
+    size: int | None,
+    labels: bool,
+) -> Call[bytes]:
+    request = _cut(ref, _plane(z_um, origin_um, normal), _picture(size, labels), "image/png")
     return request, lambda response: response.content
 
 

@@ -14,7 +14,7 @@ from ._drive import AsyncDriver, Options
 from ._progress import Display
 from ._steps import call
 from .client import Client
-from .sections import Section, Sections, read_sections
+from .sections import Cut, Section, Sections, read_sections
 from .types import (
     Applied,
     Batch,
@@ -166,6 +166,38 @@ class AsyncClient(AsyncDriver):
 
     async def section_png(self, model: ModelRef, index: int, *, size: int | None = None, labels: bool = False) -> bytes:
         return await self._call(_calls.section_png(model, index, size, labels))
+
+    async def cut(
+        self,
+        model: ModelRef,
+        *,
+        z_um: float | None = None,
+        origin_um: Iterable[float] | None = None,
+        normal: Iterable[float] | None = None,
+    ) -> Cut:
+        return await self._call(_calls.cut(model, z_um, origin_um, normal))
+
+    async def cut_svg(
+        self,
+        model: ModelRef,
+        *,
+        z_um: float | None = None,
+        origin_um: Iterable[float] | None = None,
+        normal: Iterable[float] | None = None,
+    ) -> str:
+        return await self._call(_calls.cut_svg(model, z_um, origin_um, normal))
+
+    async def cut_png(
+        self,
+        model: ModelRef,
+        *,
+        z_um: float | None = None,
+        origin_um: Iterable[float] | None = None,
+        normal: Iterable[float] | None = None,
+        size: int | None = None,
+        labels: bool = False,
+    ) -> bytes:
+        return await self._call(_calls.cut_png(model, z_um, origin_um, normal, size, labels))
 
     async def preview(self, model: ModelRef, *, view: str | None = None, size: int | None = None) -> bytes:
         return await self._call(_calls.preview(model, view, size))

@@ -13,7 +13,7 @@ from . import _calls, _download, _follow
 from ._drive import Driver, Options
 from ._progress import Display
 from ._steps import call
-from .sections import Section, Sections, read_sections
+from .sections import Cut, Section, Sections, read_sections
 from .types import (
     Applied,
     Batch,
@@ -274,6 +274,58 @@ class Client(Driver):
                 3 lamina propria, 4 circular muscle, 5 longitudinal muscle, 6 serosa.
         """
         return self._call(_calls.section_png(model, index, size, labels))
+
+    def cut(
+        self,
+        model: ModelRef,
+        *,
+        z_um: float | None = None,
+        origin_um: Iterable[float] | None = None,
+        normal: Iterable[float] | None = None,
+    ) -> Cut:
+        """The surface of a model cut by a plane, as rings of points.
+
+        Sections are those of the simulation; a surface that leans has islands in such cuts.
+
+        Args:
+            z_um: Place along the tube of a plane across it, micrometres; u is x, v is y.
+            origin_um: A point of any plane instead: x, y, z in micrometres; with `normal`.
+            normal: Normal of the plane, of any length.
+
+        Raises:
+            NotFound: The plane misses the model (`cut-not-found`), or the model has no surface that can be cut
+                (`file-not-found`).
+        """
+        return self._call(_calls.cut(model, z_um, origin_um, normal))
+
+    def cut_svg(
+        self,
+        model: ModelRef,
+        *,
+        z_um: float | None = None,
+        origin_um: Iterable[float] | None = None,
+        normal: Iterable[float] | None = None,
+    ) -> str:
+        """A cut, as by `cut`, as a picture in SVG."""
+        return self._call(_calls.cut_svg(model, z_um, origin_um, normal))
+
+    def cut_png(
+        self,
+        model: ModelRef,
+        *,
+        z_um: float | None = None,
+        origin_um: Iterable[float] | None = None,
+        normal: Iterable[float] | None = None,
+        size: int | None = None,
+        labels: bool = False,
+    ) -> bytes:
+        """A cut, as by `cut`, as PNG, stained with haematoxylin and eosin, or its labels.
+
+        Args:
+            size: The longer side in pixels, 32 to 2048; 1024 by default.
+            labels: The tissue of each pixel as a grey value instead, as by `section_png`.
+        """
+        return self._call(_calls.cut_png(model, z_um, origin_um, normal, size, labels))
 
     def preview(self, model: ModelRef, *, view: str | None = None, size: int | None = None) -> bytes:
         """A picture of a model as PNG.

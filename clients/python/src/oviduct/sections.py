@@ -1,4 +1,4 @@
-"""Cross sections as numpy arrays, and the reader of `sections.bin` (docs/sections-bin.md of the service)."""
+"""Cross sections and cuts as numpy arrays, and the reader of `sections.bin` (docs/sections-bin.md of the service)."""
 
 from __future__ import annotations
 
@@ -76,6 +76,87 @@ def section_of(answer: Any) -> Section:
         )
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise UnexpectedAnswer(f"the answer is not a section: {error!r}") from None
+
+
+@dataclass(frozen=True)
+class Plane:
+    """A plane with coordinates u and v in it; lengths in micrometres."""
+
+    origin_um: tuple[float, float, float]
+    """Where u and v are 0."""
+    normal: tuple[float, float, float]
+    """Unit normal."""
+    u: tuple[float, float, float]
+    """Unit vector of u."""
+    v: tuple[float, float, float]
+    """Unit vector of v."""
+
+
+@dataclass(frozen=True, eq=False)
+class CutRing:
+    """A closed ring of a cut: the last point connects to the first."""
+
+    kind: str
+    """`tissue`; `lumen`, its largest hole; `island`, tissue that is not connected to the wall in this plane; `pocket`,
+    lumen that is not connected to the rest."""
+    parent: int | None
+    """Index of the ring that directly surrounds it."""
+    area_um2: float
+    """Area within it, with all that it surrounds."""
+    perimeter_um: float
+    """Its length."""
+    points: npt.NDArray[np.float64] = field(repr=False)
+    """u and v, shape (n, 2), micrometres: counter-clockwise around tissue and islands, clockwise around lumen and
+    pockets."""
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """A planar cut of the surface of a model."""
+
+    file: str
+    """The file that was cut."""
+    plane: Plane
+    """The plane."""
+    tissue_area_um2: float
+    """Area of the tissue, islands included."""
+    lumen_area_um2: float
+    """Area of lumen and pockets, without islands."""
+    islands: int
+    """Number of islands."""
+    pockets: int
+    """Number of pockets."""
+    rings: tuple[CutRing, ...] = field(repr=False)
+    """The rings, each after the one that surrounds it."""
+
+
+def cut_of(answer: Any) -> Cut:
+    """A cut from its JSON; raises UnexpectedAnswer if it is not one."""
+
+    def vector(part: Any) -> tuple[float, float, float]:
+        x, y, z = (float(value) for value in part)
+        return x, y, z
+
+    def ring(part: Any) -> CutRing:
+        points = np.asarray(part["points"], np.float64).reshape(-1, 2)
+        return CutRing(part["kind"], part["parent"], part["area_um2"], part["perimeter_um"], points)
+
+    try:
+        plane = answer["plane"]
+        return Cut(
+            answer["file"],
+            Plane(vector(plane["origin_um"]), vector(plane["normal"]), vector(plane["u"]), vector(plane["v"])),
+            answer["tissue_area_um2"],
+            answer["lumen_area_um2"],
+            answer["islands"],
+            answer["pockets"],
+            tuple(ring(part) for part in answer["rings"]),
+        )
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise UnexpectedAnswer(f"the answer is not a cut: {error!r}") from None
 
 
 @dataclass(frozen=True, eq=False)

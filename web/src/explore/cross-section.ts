@@ -1,0 +1,62 @@
+// What is drawn at a place along the tube: a planar cut of the surface, or the section of the simulation in its stead.
+import type { Cut, RingKind, Section } from "oviduct-client";
+import { area, boundsOf, type Box, type Outline } from "./contours.ts";
+
+/** A closed contour, micrometres. */
+export interface Contour extends Outline {
+  kind: RingKind;
+  /** Area within it, with all that it surrounds, square micrometres. */
+  area: number;
+}
+
+export interface CrossSection {
+  source: "surface" | "simulation";
+  /** Each comes after those that surround it. */
+  contours: readonly Contour[];
+  /** Islands included, square micrometres. */
+  tissue: number;
+  /** Pockets included, without islands, square micrometres. */
+  lumen: number;
+}
+
+export function ofCut({ rings, tissue_area_um2: tissue, lumen_area_um2: lumen }: Cut): CrossSection {
+  const contours = rings.map(({ kind, area_um2, points }) => ({
+    kind, area: area_um2, x: Float64Array.from(points, ([u]) => u!), y: Float64Array.from(points, ([, v]) => v!),
+  }));
+  return { source: "surface", contours, tissue, lumen };
+}
+
+export function ofSection({ inner, outer }: Pick<Section, "inner" | "outer">): CrossSection {
+  const [whole, lumen] = [area(outer), area(inner)];
+  const contours: Contour[] = [{ kind: "tissue", area: whole, x: outer.x, y: outer.y }, { kind: "lumen", area: lumen, x: inner.x, y: inner.y }];
+  return { source: "simulation", contours, tissue: whole - lumen, lumen };
+}
+
+/** Around all tissue. */
+export function extentOf({ contours }: CrossSection): Box {
+  const boxes = contours.filter(({ kind }) => kind === "tissue").map(boundsOf);
+  return {
+    x0: Math.min(...boxes.map(({ x0 }) => x0)),
+    y0: Math.min(...boxes.map(({ y0 }) => y0)),
+    x1: Math.max(...boxes.map(({ x1 }) => x1)),
+    y1: Math.max(...boxes.map(({ y1 }) => y1)),
+  };
+}
+
+export function areas({ contours }: CrossSection, wanted: RingKind): number[] {
+  return contours.filter(({ kind }) => kind === wanted).map(({ area }) => area);
+}
+
+const NAMES: Record<RingKind, string> = { tissue: "outer wall", lumen: "mucosa", island: "island", pocket: "pocket" };
+
+/** `mucosa`, `island 2`: a name for each contour. */
+export function names({ contours }: CrossSection): string[] {
+  const counts = new Map<RingKind, number>();
+  const total = (wanted: RingKind) => contours.filter(({ kind }) => kind === wanted).length;
+  return contours.map(({ kind }) => {
+    const nth = (counts.get(kind) ?? 0) + 1;
+    counts.set(kind, nth);
+    const isAlone = (kind === "tissue" || kind === "lumen") && total(kind) === 1;
+    return isAlone ? NAMES[kind] : `${NAMES[kind]} ${nth}`;
+  });
+}
