@@ -202,6 +202,27 @@ impl Bvh {
         Self { levels, len }
     }
 
+    /// Takes new bounds of some items, in ascending order, into account.
+    pub fn update(&mut self, items: &[u32], bounds: impl Fn(usize) -> Bounds + Sync) {
+        let mut changed: Vec<usize> = items.iter().map(|&item| item as usize).collect();
+        for level in 0..self.levels.len() {
+            changed.iter_mut().for_each(|of| *of /= WIDTH);
+            changed.dedup();
+            let (below, rest) = self.levels.split_at_mut(level);
+            let block_of = |block: &usize| {
+                let children = |count: usize| block * WIDTH..count.min((block + 1) * WIDTH);
+                match below.last() {
+                    None => Block::of(children(self.len).map(&bounds)),
+                    Some(below) => Block::of(below[children(below.len())].iter().map(Block::union)),
+                }
+            };
+            let blocks: Vec<Block> = changed.par_iter().with_min_len(64).map(block_of).collect();
+            for (&at, block) in changed.iter().zip(blocks) {
+                rest[0][at] = block;
+            }
+        }
+    }
+
     /// Number of blocks of items.
     #[must_use]
     pub fn blocks(&self) -> usize {
@@ -374,6 +395,23 @@ mod tests {
                 bvh.overlapping(query, |i| found.push(i));
                 let expected: Vec<_> = (0..bounds.len()).filter(|&i| query.overlaps(&bounds[i])).collect();
                 prop_assert_eq!(found, expected);
+            }
+        }
+    }
+
+    #[test]
+    fn an_updated_hierarchy_is_as_if_it_were_built_anew() {
+        let place = |i: usize, moved: usize| {
+            let moved = if i % 37 == 5 { moved as f64 * 100.0 } else { 0.0 };
+            Bounds::of([[i as f64, moved, 0.0], [i as f64 + 1.0, moved, 1.0]])
+        };
+        for len in [1, 8, 9, 64, 700, 5000] {
+            let mut updated = Bvh::build(len, |i| place(i, 0));
+            let changed: Vec<u32> = (0..len as u32).filter(|i| i % 37 == 5).collect();
+            updated.update(&changed, |i| place(i, 1));
+            let anew = Bvh::build(len, |i| place(i, 1));
+            for (a, b) in updated.levels.iter().flatten().zip(anew.levels.iter().flatten()) {
+                assert!(a.low == b.low && a.high == b.high);
             }
         }
     }

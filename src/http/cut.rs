@@ -3,8 +3,9 @@
 
 use super::AppState;
 use super::access::Caller;
+use super::blocking::blocking;
 use super::conditional::ETag;
-use super::draw::{blocking, turn};
+use super::draw::turn;
 use super::extract::{ModelId, Parameters};
 use super::faults::{Fault, Faults};
 use super::files::{IMMUTABLE, find_model};
@@ -84,7 +85,7 @@ pub(super) async fn cut(
         let place = Place { job: &job, key: &key, index: plane.digest() as u32 };
         let read = async {
             let body = surfaces::read(&state, &file, kind).await?;
-            blocking(move || borders(&body, &plane)).await?
+            blocking("Making the cut", move || borders(&body, &plane)).await?
         };
         let mut response = respond(&state, &caller, place, style, &method, &headers, read).await?;
         response.headers_mut().insert(vary.0, vary.1);
@@ -96,7 +97,7 @@ pub(super) async fn cut(
     }
     let turn = turn(&state, &caller).await?;
     let body = surfaces::read(&state, &file, kind).await?;
-    let made = blocking(move || {
+    let made = blocking("Making the cut", move || {
         let _turn = turn;
         let cut = body.cut(&plane);
         if cut.rings.is_empty() { Err(missed(&body, &plane)) } else { Ok(cut) }

@@ -71,14 +71,6 @@ pub(super) async fn picture<T: Send + 'static>(
     drawn.await.map_err(|error| failed(&error))?.map_err(|error| failed(&error))
 }
 
-/// Runs work of the processor on a thread for such work.
-pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Problem> {
-    tokio::task::spawn_blocking(work).await.map_err(|error| {
-        tracing::error!(%error, "a cut could not be made");
-        Problem::new(Kind::Internal, "The cut could not be made.")
-    })
-}
-
 /// The answer with a picture.
 pub(super) fn answer(state: &AppState, method: &Method, tag: &ETag, png: Bytes) -> Result<Response, Problem> {
     if method == Method::GET {

@@ -5,6 +5,7 @@
 
 mod access;
 mod batches;
+mod blocking;
 mod bodies;
 mod bulk;
 mod compress;

@@ -2,8 +2,9 @@
 
 use super::AppState;
 use super::access::Caller;
+use super::blocking::blocking;
 use super::conditional::ETag;
-use super::draw::{A_DAY, DrawError, blocking, picture};
+use super::draw::{A_DAY, DrawError, picture};
 use super::extract::ModelId;
 use super::files::{file_of, find, permit, whole};
 use super::preview::shown;
@@ -25,9 +26,10 @@ const POLICY: HeaderValue =
 
 /// Read the report of a model as a page to show or to print.
 ///
-/// One HTML file that needs no other: the cut-open tube, a strip of sections (cuts of the surface if it leans), measures beside published anatomy and along the
-/// tube, the certificate, all parameters with their sources, and how to cite the model. It is made from `report.json`,
-/// `sections.bin` and, if the surface leans, the surface; the same version of the service makes the same page.
+/// One HTML file that needs no other: the cut-open tube, a strip of sections (cuts of the surface if it leans), measures
+/// beside published anatomy and along the tube, the certificate, all parameters with their sources, and how to cite the
+/// model. It is made from `report.json`, `sections.bin` and, if the surface leans, the surface; the same version of the
+/// service makes the same page.
 #[utoipa::path(
     get, path = "/models/{id}/report.html", operation_id = "get_report_page", tag = "files",
     params(
@@ -95,7 +97,7 @@ async fn read(
     {
         let body = surfaces::read(state, &file, format).await?;
         let z: Vec<f64> = chosen.iter().map(|entry| entry.z_um).collect();
-        if let Some(strip) = blocking(move || Strip::of_cuts(&body, &z)).await? {
+        if let Some(strip) = blocking("Making the page", move || Strip::of_cuts(&body, &z)).await? {
             return Ok((stored, strip, tube));
         }
     }

@@ -4,6 +4,7 @@
 
 use super::AppState;
 use super::access::Caller;
+use super::blocking::blocking;
 use super::conditional::ETag;
 use super::extract::{ModelId, Parameters, PathTexts};
 use super::faults::{Fault, Faults};
@@ -240,13 +241,8 @@ pub(super) async fn read_entries(
     let range = |entry: &SectionEntry| entry.offset..entry.offset + u64::from(entry.length);
     let ranges: Vec<Range<u64>> = entries.iter().map(range).collect();
     let parts = state.artifacts.get_ranges(&file.key, &ranges).await?;
-    let read = tokio::task::spawn_blocking(move || {
-        entries.iter().zip(parts).map(|(entry, bytes)| read_section_from_bytes(entry, &bytes)).collect()
-    });
-    let sections: Result<Vec<Section>, SectionsError> = read.await.map_err(|error| {
-        tracing::error!(%error, "sections could not be read");
-        Problem::new(Kind::Internal, "The sections could not be read.")
-    })?;
+    let read = move || entries.iter().zip(parts).map(|(entry, bytes)| read_section_from_bytes(entry, &bytes)).collect();
+    let sections: Result<Vec<Section>, SectionsError> = blocking("Reading the sections", read).await?;
     sections.map_err(|error| damaged(&error))
 }
 

@@ -1,10 +1,11 @@
 //! Surfaces of models as they are cut, read from the artifact store.
 
 use super::AppState;
+use super::blocking::blocking;
 use super::files::{permit, whole};
 use super::problem::{Kind, Problem};
 use crate::export::convert::Converted;
-use crate::export::read::{Format, parse};
+use crate::export::read::{Format, ReadError, parse};
 use crate::jobs::{File, Job};
 use crate::model::Body;
 use std::sync::Arc;
@@ -19,6 +20,7 @@ const FILES: [(&str, Format); 5] = [
 ];
 /// Largest file that is cut.
 const MOST_BYTES: u64 = 256 << 20;
+
 /// The file of the tissue's surface that is cut.
 pub(super) fn file(job: &Job) -> Result<(File, Format), Problem> {
     let of = |(name, format)| job.files.iter().find(|file| file.name == name).map(|file| (file.clone(), format));
@@ -50,17 +52,15 @@ pub(super) async fn read(state: &AppState, file: &File, format: Format) -> Resul
         let _download = permit(state)?;
         whole(state, file).await?
     };
-    let read = tokio::task::spawn_blocking(move || {
+    let read = blocking("Reading the surface", move || {
         let surface = parse(&bytes, format, None)?;
         drop(bytes);
-        Ok(Arc::new(Converted::in_its_unit(&surface).into_body()))
+        Ok::<_, ReadError>(Arc::new(Converted::in_its_unit(&surface).into_body()))
     });
-    let damaged = |error: &(dyn std::error::Error + 'static)| {
-        tracing::error!(error, "a surface cannot be read");
+    let body = read.await?.map_err(|error| {
+        tracing::error!(%error, "a surface cannot be read");
         Problem::new(Kind::Internal, "The surface of the model cannot be read.")
-    };
-    let read: Result<_, crate::export::read::ReadError> = read.await.map_err(|error| damaged(&error))?;
-    let body = read.map_err(|error| damaged(&error))?;
+    })?;
     state.bodies.keep(&file.sha256, &body);
     Ok(body)
 }

@@ -22,15 +22,15 @@ impl Meeting {
             .into_par_iter()
             .map(|t| Triangle::new(corners(mesh, t)).is_degenerate())
             .collect();
-        Self { bvh: hierarchy(mesh, &is_flat), is_flat }
+        Self { bvh: Bvh::build(is_flat.len(), |t| bounds(mesh, &is_flat, t)), is_flat }
     }
 
-    /// Takes new places of the corners of some triangles into account.
+    /// Takes new places of the corners of some triangles into account; ascending.
     pub(super) fn update(&mut self, mesh: &Mesh, moved: &[u32]) {
         for &t in moved {
             self.is_flat[t as usize] = Triangle::new(corners(mesh, t as usize)).is_degenerate();
         }
-        self.bvh = hierarchy(mesh, &self.is_flat);
+        self.bvh.update(moved, |t| bounds(mesh, &self.is_flat, t));
     }
 
     /// All pairs.
@@ -74,8 +74,8 @@ impl Meeting {
     }
 }
 
-fn hierarchy(mesh: &Mesh, is_flat: &[bool]) -> Bvh {
-    Bvh::build(is_flat.len(), |t| if is_flat[t] { Bounds::EMPTY } else { Bounds::of(corners(mesh, t)) })
+fn bounds(mesh: &Mesh, is_flat: &[bool], t: usize) -> Bounds {
+    if is_flat[t] { Bounds::EMPTY } else { Bounds::of(corners(mesh, t)) }
 }
 
 fn corners(mesh: &Mesh, t: usize) -> [[f64; 3]; 3] {

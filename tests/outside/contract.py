@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 
 from service import SMALL, Service
 
@@ -54,8 +55,9 @@ def main(folder, keyed):
             "OVIDUCT_KEY": service.key or "",
             "OVIDUCT_SMALL": json.dumps(SMALL),
         },
-        cwd=folder,
+        cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )
+    print(done.stdout, flush=True)
     if done.returncode != 0:
         sys.exit(f"schemathesis ended with {done.returncode}; the end of the server's log:\n{service.tail()}")
     # Afterwards the service is still ready.
@@ -66,6 +68,6 @@ def main(folder, keyed):
 
 if __name__ == "__main__":
     BINARY = os.path.abspath(sys.argv[1])
-    for keyed in (False, True):
-        with tempfile.TemporaryDirectory() as folder:
-            main(folder, keyed)
+    # Both at a time, since schemathesis uses one core.
+    with tempfile.TemporaryDirectory() as first, tempfile.TemporaryDirectory() as second, ThreadPoolExecutor() as pool:
+        list(pool.map(main, (first, second), (False, True)))

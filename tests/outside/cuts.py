@@ -17,6 +17,8 @@ import tempfile
 import numpy as np
 import trimesh
 
+from grown import grown
+
 CUTS = 40
 LEAST_ISLAND_UM2 = 500.0
 LEAST_SHARE = 0.4
@@ -24,15 +26,6 @@ LEAST_TISSUE_UM = 25.0
 LEAST_GAP_UM = 8.0
 # The walls of a tube without lean, for comparison.
 STRAIGHT = ("sway.strength=0", "lean.strength_um=0")
-
-
-def grown(binary, folder, preset, seed, *settings):
-    """Generates a model; returns its report."""
-    options = [f"--set={setting}" for setting in settings]
-    subprocess.run([binary, "generate", "--preset", preset, "--seed", str(seed), "--outputs", "glb", "--out", folder, *options],
-                   check=True, capture_output=True)
-    with open(os.path.join(folder, "report.json"), encoding="utf-8") as file:
-        return json.load(file)
 
 
 def surface(folder):

@@ -38,6 +38,15 @@ class Oviduct:
         return told
 
 
+def grown(binary, folder, preset, seed, *settings):
+    """Grows a model with a surface in glTF; returns its report."""
+    options = [f"--set={setting}" for setting in settings]
+    subprocess.run([binary, "generate", "--preset", preset, "--seed", str(seed), "--outputs", "glb", "--out", folder, *options],
+                   check=True, capture_output=True)
+    with open(os.path.join(folder, "report.json"), encoding="utf-8") as file:
+        return json.load(file)
+
+
 def of_paper_size(told):
     """A sentence for each property of a model that differs from the size of the paper's model."""
     faults = []

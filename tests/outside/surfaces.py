@@ -10,7 +10,6 @@ wall to wall, both ways, at vertices, midpoints of edges and centres of triangle
 import argparse
 import json
 import os
-import subprocess
 import tempfile
 
 import numpy as np
@@ -18,6 +17,7 @@ import trimesh
 import vtk
 from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
+from grown import grown
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 TOLERANCE_UM = 4.0
@@ -27,14 +27,10 @@ SAMPLES = 200_000
 WALLS = ("inner_wall", "outer_wall")
 
 
-def grown(binary, folder, preset, seed, *settings):
-    """Generates a model; returns its folder and report."""
+def straight(binary, folder, preset, seed, *settings):
+    """Generates a model; returns its report."""
     # Without lean, so that contours lie in planes and distances are those of the loft.
-    options = [f"--set={setting}" for setting in (*settings, "lean.strength_um=0")]
-    subprocess.run([binary, "generate", "--preset", preset, "--seed", str(seed), "--outputs", "glb", "--out", folder, *options],
-                   check=True, capture_output=True)
-    with open(os.path.join(folder, "report.json"), encoding="utf-8") as file:
-        return json.load(file)
+    return grown(binary, folder, preset, seed, *settings, "lean.strength_um=0")
 
 
 def walls(folder):
@@ -83,9 +79,9 @@ def judge_even(binary, preset, seed, length_mm, resolution_um):
     begin, end = 0.6, 0.6 + length_mm / tube_mm
     with tempfile.TemporaryDirectory() as folder:
         even, every = (os.path.join(folder, name) for name in ("even", "every"))
-        report = grown(binary, even, preset, seed, f"mesh.resolution_um={resolution_um}", f"mesh.tolerance_um={TOLERANCE_UM}",
-                       f"piece.from={begin}", f"piece.to={end}")
-        grown(binary, every, preset, seed, "solver.record_every=1", f"piece.from={begin - 0.02}", f"piece.to={end + 0.02}")
+        report = straight(binary, even, preset, seed, f"mesh.resolution_um={resolution_um}", f"mesh.tolerance_um={TOLERANCE_UM}",
+                          f"piece.from={begin}", f"piece.to={end}")
+        straight(binary, every, preset, seed, "solver.record_every=1", f"piece.from={begin - 0.02}", f"piece.to={end + 0.02}")
         certificate = report["certificate"]
         assert certificate["passed"], certificate["failures"]
         made, reference = walls(even), walls(every)
@@ -135,10 +131,10 @@ def sample(wall):
 def judge_smooth(binary, preset, seed, settings):
     with tempfile.TemporaryDirectory() as folder:
         smooth, plain = (os.path.join(folder, name) for name in ("smooth", "plain"))
-        report = grown(binary, smooth, preset, seed, f"mesh.smooth_um={SMOOTH_UM}", *settings)
+        report = straight(binary, smooth, preset, seed, f"mesh.smooth_um={SMOOTH_UM}", *settings)
         certificate, summary = report["certificate"], report["summary"]
         assert certificate["passed"], certificate["failures"]
-        assert grown(binary, plain, preset, seed, *settings)["summary"]["particles"] == summary["particles"]
+        assert straight(binary, plain, preset, seed, *settings)["summary"]["particles"] == summary["particles"]
         made, reference = walls(smooth), walls(plain)
     turn = max(greatest_turn(*made[name]) for name in WALLS)
     sharp = max(greatest_turn(*reference[name]) for name in WALLS)

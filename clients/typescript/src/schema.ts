@@ -644,9 +644,10 @@ export interface paths {
         };
         /**
          * Read the report of a model as a page to show or to print.
-         * @description One HTML file that needs no other: the cut-open tube, a strip of sections (cuts of the surface if it leans), measures beside published anatomy and along the
-         *     tube, the certificate, all parameters with their sources, and how to cite the model. It is made from `report.json`,
-         *     `sections.bin` and, if the surface leans, the surface; the same version of the service makes the same page.
+         * @description One HTML file that needs no other: the cut-open tube, a strip of sections (cuts of the surface if it leans), measures
+         *     beside published anatomy and along the tube, the certificate, all parameters with their sources, and how to cite the
+         *     model. It is made from `report.json`, `sections.bin` and, if the surface leans, the surface; the same version of the
+         *     service makes the same page.
          *
          *     Needs a key with the scope `read`.
          */

@@ -2,9 +2,10 @@
 
 use super::request::{BatchRequest, Seeds};
 use crate::http::AppState;
+use crate::http::blocking::blocking;
 use crate::http::create::{self, check_backend, cost, find_preset, too_much};
 use crate::http::faults::{Fault, Faults};
-use crate::http::problem::{Kind, Problem};
+use crate::http::problem::Problem;
 use crate::http::request::ModelRequest;
 use crate::spec::study::Study;
 use crate::spec::{self, Cost, ModelSpec, Preset};
@@ -81,7 +82,7 @@ async fn check_study(
         faults.extend(replaced(preset, &request, &study));
         // Thousands of points take seconds.
         let (common, of, seeds) = (request.clone(), Arc::clone(&study), seeds.len());
-        match blocking(move || resolve(preset, &common, &of, seeds)).await? {
+        match blocking("Checking the request", move || resolve(preset, &common, &of, seeds)).await? {
             Ok(resolved) => points = resolved,
             Err(found) => faults.extend(found),
         }
@@ -103,15 +104,6 @@ fn replaced(preset: &Preset, request: &ModelRequest, study: &Study) -> Vec<Fault
     let faults = ModelSpec::resolve(preset, &request.spec).err().unwrap_or_default();
     let replaced = faults.iter().filter(|fault| is_replaced(&fault.pointer));
     replaced.map(|fault| Fault::at(format!("/spec{}", fault.pointer), &fault.detail)).collect()
-}
-
-/// Does work that may take seconds.
-pub(super) async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> Result<T, Problem> {
-    let span = tracing::Span::current();
-    tokio::task::spawn_blocking(move || span.in_scope(work)).await.map_err(|error| {
-        tracing::error!(%error, "the work for a batch panicked");
-        Problem::new(Kind::Internal, "The batch could not be checked.")
-    })
 }
 
 /// All points, or all faults: each once, with the first point that has it. Each point has so many `seeds`.

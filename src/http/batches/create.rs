@@ -1,10 +1,11 @@
 //! `POST /batches` and `POST /batches/validate`: from a request to queued models.
 
-use super::check::{AcceptedBatch, Point, blocking, check_body};
+use super::check::{AcceptedBatch, Point, check_body};
 use super::read::answer;
 use super::request::Seeds;
 use crate::http::AppState;
 use crate::http::access::{Caller, audit, run_to_completion};
+use crate::http::blocking::blocking;
 use crate::http::create::{draw_seed, key_of, new_job, set_location};
 use crate::http::dto::Batch;
 use crate::http::json::JsonBody;
@@ -80,7 +81,7 @@ async fn submit(
         Seeds::Count(count) => draw(count),
     };
     let (by, priority) = (caller.clone(), request.priority);
-    let (mut jobs, seeds) = blocking(move || {
+    let (mut jobs, seeds) = blocking("Making the batch", move || {
         let mut jobs = Vec::with_capacity(points.len() * seeds.len());
         for Point { spec, .. } in &points {
             let new = new_job(&by, request.clone(), spec);

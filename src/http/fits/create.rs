@@ -5,6 +5,7 @@ use super::shape::{Fit, FitValidation, Parts};
 use crate::generate::Backend;
 use crate::http::AppState;
 use crate::http::access::{Caller, audit, run_to_completion};
+use crate::http::blocking::blocking;
 use crate::http::create::{earlier, key_of, set_location, too_much};
 use crate::http::draw::turn;
 use crate::http::faults::Fault;
@@ -28,15 +29,11 @@ const MOST_SECONDS: f64 = 24.0 * 3600.0;
 async fn check(state: &AppState, caller: &Caller, body: Value) -> Result<Accepted, Problem> {
     // No more images are traced at a time than pictures are drawn.
     let turn = if body.get("images").is_some() { Some(turn(state, caller).await?) } else { None };
-    let read = tokio::task::spawn_blocking(move || {
+    let read = blocking("Checking the request", move || {
         let _turn = turn;
         Accepted::read(body)
     });
-    let accepted = read.await.map_err(|error| {
-        tracing::error!(%error, "a request for a fit could not be read");
-        Problem::new(Kind::Internal, "The request could not be read.")
-    })?;
-    let accepted = accepted.map_err(Problem::invalid)?;
+    let accepted = read.await?.map_err(Problem::invalid)?;
     for spec in accepted.fit.extremes() {
         let cost = spec.cost(&[]);
         state.limits.cost.check(&cost).map_err(|over| too_much(&cost, &over))?;

@@ -54,8 +54,8 @@ pub struct Leaned {
 /// The surface while it is displaced.
 struct Surface<'a> {
     mesh: &'a mut Mesh,
-    /// Places before, µm.
-    places: Vec<[f64; 3]>,
+    /// z before, m.
+    z: Vec<f32>,
     /// Full displacement, µm.
     full: Vec<f64>,
     /// Part of it that is left.
@@ -67,18 +67,18 @@ struct Surface<'a> {
 /// Displaces a surface. `stop` is asked between rounds; if it says so, the surface is left as it is then.
 pub fn lean(mesh: &mut Mesh, lean: &Lean, stop: &dyn Fn() -> bool) -> Leaned {
     let field = Field::new(lean);
-    let places: Vec<[f64; 3]> = mesh.positions.iter().map(|p| p.map(|x| f64::from(x) * 1e6)).collect();
-    let full: Vec<f64> = places.par_iter().map(|&p| field.at(p)).collect();
-    let mut order: Vec<u32> = (0..places.len() as u32).collect();
-    order.sort_by(|&a, &b| places[a as usize][2].total_cmp(&places[b as usize][2]));
-    let left = vec![1.0; places.len()];
-    let mut surface = Surface { mesh, places, full, left, order };
+    let full: Vec<f64> = mesh.positions.par_iter().map(|p| field.at(p.map(in_um))).collect();
+    let z: Vec<f32> = mesh.positions.iter().map(|p| p[2]).collect();
+    let mut order: Vec<u32> = (0..z.len() as u32).collect();
+    order.sort_by(|&a, &b| z[a as usize].total_cmp(&z[b as usize]));
+    let left = vec![1.0; z.len()];
+    let mut surface = Surface { mesh, z, full, left, order };
     let mut done = Leaned::default();
     let at_first = (STEEPEST / lean.steepness()).min(1.0);
     for scaling in 0..=SCALINGS {
         done.scale = if scaling == SCALINGS { 0.0 } else { at_first * SCALE.powi(scaling as i32) };
         surface.left.fill(done.scale);
-        (0..surface.places.len()).for_each(|v| surface.place(v));
+        (0..surface.z.len()).for_each(|v| surface.displace(v));
         let mut meeting = Meeting::new(surface.mesh);
         let mut pairs = meeting.pairs(surface.mesh);
         done.met = done.met.max(pairs.len());
@@ -101,6 +101,10 @@ pub fn lean(mesh: &mut Mesh, lean: &Lean, stop: &dyn Fn() -> bool) -> Leaned {
     done
 }
 
+fn in_um(metres: f32) -> f64 {
+    f64::from(metres) * 1e6
+}
+
 /// Where displacement is damped, and how far around, µm.
 struct Centre {
     place: [f64; 3],
@@ -116,10 +120,16 @@ impl Centre {
 }
 
 impl Surface<'_> {
+    /// Place of a vertex before, µm.
+    fn place(&self, v: usize) -> [f64; 3] {
+        let [x, y, _] = self.mesh.positions[v];
+        [x, y, self.z[v]].map(in_um)
+    }
+
     /// Puts a vertex where it belongs now.
-    fn place(&mut self, v: usize) {
+    fn displace(&mut self, v: usize) {
         if self.full[v] != 0.0 {
-            self.mesh.positions[v][2] = ((self.places[v][2] + self.left[v] * self.full[v]) * 1e-6) as f32;
+            self.mesh.positions[v][2] = ((in_um(self.z[v]) + self.left[v] * self.full[v]) * 1e-6) as f32;
         }
     }
 
@@ -128,7 +138,7 @@ impl Surface<'_> {
         let mut centres: Vec<Centre> = Vec::new();
         for &[a, b] in pairs {
             let corners = [a, b].map(|t| self.mesh.triangles[t as usize]);
-            let places = corners.as_flattened().iter().map(|&v| self.places[v as usize]);
+            let places = corners.as_flattened().iter().map(|&v| self.place(v as usize));
             let mut place = [0.0; 3];
             for p in places {
                 for axis in 0..3 {
@@ -146,23 +156,23 @@ impl Surface<'_> {
     /// Takes a share of the displacement away around places, and returns the pairs of triangles that meet afterwards; all that met before
     /// lie there.
     fn damp(&mut self, centres: &[Centre], damping: f64, meeting: &mut Meeting) -> Vec<[u32; 2]> {
-        let mut is_moved = vec![false; self.places.len()];
+        let mut is_moved = vec![false; self.z.len()];
         for centre in centres {
             let (z, far) = (centre.place[2], FAR * centre.reach[1]);
-            let first = self.order.partition_point(|&v| self.places[v as usize][2] < z - far);
+            let first = self.order.partition_point(|&v| in_um(self.z[v as usize]) < z - far);
             for &v in &self.order[first..] {
                 let v = v as usize;
-                if self.places[v][2] > z + far {
+                if in_um(self.z[v]) > z + far {
                     break;
                 }
-                let square = centre.square(self.places[v]);
+                let square = centre.square(self.place(v));
                 if square < FAR * FAR && self.full[v] != 0.0 {
                     self.left[v] *= 1.0 - damping * libm::exp(-square / 2.0);
                     is_moved[v] = true;
                 }
             }
         }
-        (0..is_moved.len()).filter(|&v| is_moved[v]).for_each(|v| self.place(v));
+        (0..is_moved.len()).filter(|&v| is_moved[v]).for_each(|v| self.displace(v));
         let is_changed: Vec<bool> =
             self.mesh.triangles.iter().map(|t| t.iter().any(|&v| is_moved[v as usize])).collect();
         let changed: Vec<u32> =
