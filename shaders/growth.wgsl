@@ -40,9 +40,12 @@ fn score(member: u32, n: u32, row: u32, edge: u32) -> f32 {
 }
 
 // The edge of run `run` that is to be split, or NONE.
-fn tournament(member: u32, n: u32, row: u32, runs: u32, run: u32) -> u32 {
-    let first = run * n / runs;
-    let end = (run + 1u) * n / runs;
+fn tournament(member: u32, n: u32, row: u32, total: u32, runs: u32, run: u32) -> u32 {
+    let first = first_of(member, n, row, share(total, runs, run));
+    let end = select(n, first_of(member, n, row, share(total, runs, run + 1u)), run + 1u < runs);
+    if first == end {
+        return NONE;
+    }
     let seed = vec2<u32>(members[member].seed_low, members[member].seed_high);
     var best = NONE;
     var best_score = 0.0;
@@ -58,6 +61,57 @@ fn tournament(member: u32, n: u32, row: u32, runs: u32, run: u32) -> u32 {
     return best;
 }
 
+// run * total / runs, rounded down, where the product may be too large.
+fn share(total: u32, runs: u32, run: u32) -> u32 {
+    return run * (total / runs) + run * (total % runs) / runs;
+}
+
+// Weight of the edges before edge i.
+fn lighter(member: u32, row: u32, i: u32) -> u32 {
+    if varies(row) {
+        return particles[slot(member, LIGHTER, i)];
+    }
+    return i;
+}
+
+// The first edge before which there is this much weight, or n.
+fn first_of(member: u32, n: u32, row: u32, weight: u32) -> u32 {
+    if !varies(row) {
+        return weight;
+    }
+    var low = 0u;
+    var high = n;
+    while low < high {
+        let middle = (low + high) / 2u;
+        if lighter(member, row, middle) < weight {
+            low = middle + 1u;
+        } else {
+            high = middle;
+        }
+    }
+    return low;
+}
+
+// Stores the weight before each edge; returns that of all.
+fn weigh(member: u32, n: u32, row: u32, thread: u32) -> u32 {
+    let stretch = (n + LOOP_THREADS - 1u) / LOOP_THREADS;
+    let first = min(thread * stretch, n);
+    let end = select(first, min(first + stretch, n), varies(row));
+    var own = 0u;
+    for (var i = first; i < end; i++) {
+        own += growth_weight(member, row, load2(member, current(ANCHOR_X), i));
+    }
+    let up_to_here = count_up(thread, own);
+    var before = up_to_here - own;
+    for (var i = first; i < end; i++) {
+        particles[slot(member, LIGHTER, i)] = before;
+        before += growth_weight(member, row, load2(member, current(ANCHOR_X), i));
+    }
+    storageBarrier();
+    workgroupBarrier();
+    return select(n, winners[LOOP_THREADS - 1u], varies(row));
+}
+
 @compute @workgroup_size(LOOP_THREADS)
 fn growth(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let member = group.x;
@@ -67,13 +121,15 @@ fn growth(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
     let target_count = rows[row].inner_target;
     let runs = select(0u, min(target_count - n, n), target_count > n && on);
 
+    let total = weigh(member, n, row, thread);
+    workgroupBarrier();
     // Each thread takes consecutive runs, so that winners can be counted in order.
     let stretch = (runs + LOOP_THREADS - 1u) / LOOP_THREADS;
     let first = min(thread * stretch, runs);
     let end = min(first + stretch, runs);
     var won = 0u;
     for (var run = first; run < end; run++) {
-        let winner = tournament(member, n, row, runs, run);
+        let winner = tournament(member, n, row, total, runs, run);
         particles[slot(member, WINNER, run)] = winner;
         won += u32(winner != NONE);
     }
@@ -104,6 +160,7 @@ fn growth(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
         let all = up_to_here;
         states[member].grown_from = n;
         states[member].runs = runs;
+        states[member].weight = total;
         states[member].first_id = states[member].next_id;
         states[member].next_id += all;
         states[member].inner = n + all;
@@ -146,13 +203,19 @@ fn count_up(thread: u32, won: u32) -> u32 {
     return sum;
 }
 
-// The one of `runs` equal runs that contains `i` of `n`, with the bounds that divide the loop.
-fn run_of(n: u32, runs: u32, i: u32) -> u32 {
-    let run = i * runs / n;
-    if i < run * n / runs {
-        return run - 1u;
+// The last of `runs` runs that begins at or before `i` of `total`, with the bounds that divide the loop.
+fn run_of(total: u32, runs: u32, i: u32) -> u32 {
+    var low = 0u;
+    var high = runs - 1u;
+    while low < high {
+        let middle = (low + high + 1u) / 2u;
+        if share(total, runs, middle) <= i {
+            low = middle;
+        } else {
+            high = middle - 1u;
+        }
     }
-    return run + u32(i >= (run + 1u) * n / runs);
+    return low;
 }
 
 // Finds the longest edge of each run of the outer loop, the first of equals. Stores it in the field of the wall's pulls,
@@ -228,7 +291,7 @@ fn split(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     var before = 0u;
     var winner = NONE;
     if runs > 0u {
-        let run = run_of(n, runs, i);
+        let run = run_of(states[member].weight, runs, lighter(member, row, i));
         winner = particles[slot(member, WINNER, run)];
         before = particles[slot(member, BEFORE, run)] + u32(winner != NONE && winner < i);
     }
@@ -243,7 +306,7 @@ fn split(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     }
     store(member, next_rest_field(), to, rest);
     let here = load2(member, current(X), i);
-    let scale = thickness(member, row, here);
+    let scale = scale_of(member, row, here, load2(member, current(ANCHOR_X), i));
     store(member, other + SCALE, to, scale);
     var widest = scale;
     if splits {
@@ -255,9 +318,10 @@ fn split(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
         store2(member, other + X, to + 1u, p);
         store2(member, other + VX, to + 1u, v);
         store(member, next_rest_field(), to + 1u, rest);
-        store2(member, other + ANCHOR_X, to + 1u, nearest_on_ellipse(p, rows[row].r_in, rows[row].squash));
+        let anchor = nearest_on_ellipse(p, rows[row].r_in, rows[row].squash);
+        store2(member, other + ANCHOR_X, to + 1u, anchor);
         store(member, other + SIGN, to + 1u, contortion_sign(member, id));
-        let new_scale = thickness(member, row, p);
+        let new_scale = scale_of(member, row, p, anchor);
         store(member, other + SCALE, to + 1u, new_scale);
         widest = max(widest, new_scale);
     }

@@ -28,6 +28,8 @@ pub enum Stream {
     Sway = 10,
     /// Directions, wavelengths and phases of the lean; index: component.
     Lean = 11,
+    /// Phases of the variety around the wall; index: number of maxima.
+    Variety = 12,
     /// Cells and fibres of stained sections; index: section, and cell or point of a lattice.
     Histology = 9,
 }

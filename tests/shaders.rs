@@ -101,12 +101,19 @@ fn structures_are_laid_out_alike() {
                 wall_damping,
                 wall_friction,
                 sway,
+                asymmetry,
+                height,
+                thickness,
+                shift,
                 inner_target,
                 outer_target,
             }
         );
-        assert_same!(module, Batch { capacity, outer_capacity, rows, events, waves, lobes, tables, flows });
-        assert_same!(module, Member { seed_low, seed_high, candidates, lobes, contorted, clearance });
+        assert_same!(
+            module,
+            Batch { capacity, outer_capacity, rows, events, waves, lobes, tables, flows, modes, around }
+        );
+        assert_same!(module, Member { seed_low, seed_high, candidates, lobes, contorted, clearance, modes });
         assert_same!(
             module,
             Status {
@@ -125,6 +132,7 @@ fn structures_are_laid_out_alike() {
                 built_next,
                 grown_from,
                 runs,
+                weight,
                 first_id,
                 full_searches,
             }
@@ -165,7 +173,7 @@ const SHARED: [(&str, u32); 13] = [
 const INNER_FIELDS: [&str; 10] = ["ID", "X", "Y", "VX", "VY", "REST", "ANCHOR_X", "ANCHOR_Y", "SIGN", "SCALE"];
 const OUTER_FIELDS: [&str; 5] = ["WALL_ID", "WALL_X", "WALL_Y", "WALL_VX", "WALL_VY"];
 /// Constants that only shaders need: fields with their widths, which must not overlap …
-const OWN_INNER_FIELDS: [(&str, u32); 15] = [
+const OWN_INNER_FIELDS: [(&str, u32); 16] = [
     ("STAGE", 8),
     ("SUM_X", 1),
     ("SUM_Y", 1),
@@ -181,6 +189,7 @@ const OWN_INNER_FIELDS: [(&str, u32); 15] = [
     ("BEFORE", 1),
     ("SWAY_X", 1),
     ("SWAY_Y", 1),
+    ("LIGHTER", 1),
 ];
 const OWN_OUTER_FIELDS: [(&str, u32); 3] = [("WALL_PULL_X", 1), ("WALL_PULL_Y", 1), ("WALL_OLD", 5)];
 /// … the distance of lists beyond the skin, and a stride in shared memory.

@@ -46,6 +46,10 @@ struct StepRow {
     wall_damping: f32,
     wall_friction: f32,
     sway: f32,
+    asymmetry: f32,
+    height: f32,
+    thickness: f32,
+    shift: array<f32, 2>,
     inner_target: u32,
     outer_target: u32,
 }
@@ -65,6 +69,9 @@ struct Batch {
     tables: u32,
     // Cosines of the sway.
     flows: u32,
+    // Modes of the variety around the wall, and where they begin in the tables of a member.
+    modes: u32,
+    around: u32,
 }
 
 // Constants of a member.
@@ -75,6 +82,7 @@ struct Member {
     lobes: u32,
     contorted: f32,
     clearance: f32,
+    modes: u32,
 }
 
 // State of a member besides its particles.
@@ -100,9 +108,10 @@ struct Status {
     // Row in which the lists were built: at the start of a step, and after its first evaluation.
     built: u32,
     built_next: u32,
-    // The last growth event: particles before it, and runs into which it divided the loop.
+    // The last growth event: particles before it, runs into which it divided the loop, and the weight of all edges.
     grown_from: u32,
     runs: u32,
+    weight: u32,
     // Id of the first particle that it added.
     first_id: u32,
     // Blocks that visited all others, counted at each evaluation.
@@ -171,7 +180,9 @@ const BEFORE: u32 = 39u;
 // Force of the sway in this step.
 const SWAY_X: u32 = 40u;
 const SWAY_Y: u32 = 41u;
-const FIELDS: u32 = 42u;
+// Weight of all edges before this one at a growth event.
+const LIGHTER: u32 = 42u;
+const FIELDS: u32 = 43u;
 
 // Fields of a particle of the outer loop.
 const WALL_ID: u32 = 0u;

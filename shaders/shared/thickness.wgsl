@@ -1,7 +1,16 @@
-// The thickness field: scale of the force ranges at a point; counterpart of src/sim/cpu/thickness.rs.
+// Scale of the force ranges: the thickness field at a point, and the variety around the wall; counterpart of
+// src/sim/cpu/thickness.rs.
 
 // The field is cut off at this many standard deviations.
 const CUT: f32 = 2.0;
+
+fn scale_of(member: u32, row: u32, p: vec2<f32>, anchor: vec2<f32>) -> f32 {
+    let scale = thickness(member, row, p);
+    if varies(row) {
+        return scale * ranges(member, row, anchor);
+    }
+    return scale;
+}
 
 fn thickness(member: u32, row: u32, p: vec2<f32>) -> f32 {
     let amplitude = rows[row].variation;

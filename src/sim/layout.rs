@@ -63,6 +63,14 @@ pub struct StepRow {
     pub wall_friction: f32,
     /// Friction times the root mean square speed of the sway.
     pub sway: f32,
+    /// Amplitude of the logarithm of the growth rate between the sides of the tube.
+    pub asymmetry: f32,
+    /// Root mean square of the logarithm of the growth rate around the wall.
+    pub height: f32,
+    /// Root mean square of the logarithm of the force ranges around the wall.
+    pub thickness: f32,
+    /// Change of the logarithm of the growth rate, and of the force ranges, over the root mean square shift along the tube.
+    pub shift: [f32; 2],
     /// Particles that the inner loop should have after the growth event at the start of this step.
     pub inner_target: u32,
     /// The same for the outer loop.

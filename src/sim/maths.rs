@@ -1,5 +1,8 @@
 //! Small functions that give the same bits on every machine and can be vectorised in loops.
 
+/// Random fields are clamped to this many standard deviations.
+pub(crate) const CUT: f32 = 2.0;
+
 /// cos(2π·x) with an absolute error under 1e-6 for |x| < 1e4. Only additions and multiplications.
 #[inline(always)]
 pub(crate) fn cos_turns(x: f32) -> f32 {

@@ -4,7 +4,7 @@
 
 use super::layout::StepRow;
 use crate::random::{self, Stream};
-use crate::spec::{Integrator, Parameters, Schedule, Search};
+use crate::spec::{Integrator, Parameters, Schedule, Search, Variety};
 use std::f64::consts::{PI, TAU};
 
 /// One cosine of the thickness field: `cos(2π(x·kx + y·ky + phase + drift·t))`, all in turns.
@@ -29,6 +29,16 @@ pub struct Flow {
     pub phase: f64,
     /// Frequency, turns per step.
     pub frequency: f64,
+}
+
+/// One term of the variety around the wall, by number of maxima: `cos(order·θ + 2π(phase + drift·t))` for heights, thickness and
+/// shift.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Mode {
+    /// Phases, turns.
+    pub phases: [f64; 3],
+    /// Drift, turns per step.
+    pub drift: f64,
 }
 
 /// One lobe of the outer wall: `weight·cos(order·θ + 2π(phase + drift·t))`.
@@ -84,6 +94,8 @@ pub struct Plan {
     pub waves: Vec<Wave>,
     /// Lobes of the outer wall.
     pub lobes: Vec<Lobe>,
+    /// The variety around the wall, first the mode with one maximum; empty if there is none.
+    pub modes: Vec<Mode>,
     /// The sway; empty if it never acts.
     pub flows: Vec<Flow>,
 }
@@ -113,6 +125,7 @@ impl Plan {
             z_um,
             waves: waves(p, seed),
             lobes: lobes(p, seed),
+            modes: modes(p, seed),
             flows: if p.sway.strength.range().1 > 0.0 { flows(p, seed) } else { Vec::new() },
         }
     }
@@ -189,6 +202,10 @@ impl Plan {
             wall_damping: (damping * wall_share) as f32,
             wall_friction: (friction * wall_share) as f32,
             sway: (friction * value(&p.sway.strength)) as f32,
+            asymmetry: value(&p.variety.asymmetry) as f32,
+            height: value(&p.variety.height) as f32,
+            thickness: value(&p.variety.thickness) as f32,
+            shift: shift(p, t0, value(&p.variety.shift)),
             inner_target,
             outer_target,
         }
@@ -201,6 +218,25 @@ fn counts(p: &Parameters, t: f64) -> [u32; 2] {
     let total = p.particles.total.at(u).round() as u32;
     let outer = p.particles.outer.at(u).round() as u32;
     [total.saturating_sub(outer), outer]
+}
+
+/// Half of the change of the logarithms of growth rate and force ranges from `by` steps before a time to `by` steps after it.
+fn shift(p: &Parameters, t: f64, by: f64) -> [f32; 2] {
+    // Below this part of its mean, the growth rate counts as no less.
+    const LEAST_RATE: f64 = 0.1;
+    if by <= 0.0 {
+        return [0.0; 2];
+    }
+    let steps = f64::from(p.steps);
+    let inner = |t: f64| p.particles.total.at(t / steps) - p.particles.outer.at(t / steps);
+    let rate = |t: f64| {
+        let from = t.min(steps - 1.0);
+        (inner(from + 1.0) - inner(from)).max(LEAST_RATE * (inner(steps) - inner(0.0)) / steps)
+    };
+    let ranges = |t: f64| p.collision.tissue_um.at(t / steps) + p.collision.gap_um.at(t / steps);
+    let [before, after] = [t - by, t + by].map(|t| t.clamp(0.0, steps));
+    let half = |before: f64, after: f64| if before > 0.0 { 0.5 * libm::log(after / before) } else { 0.0 };
+    [half(rate(before), rate(after)) as f32, half(ranges(before), ranges(after)) as f32]
 }
 
 fn waves(p: &Parameters, seed: u64) -> Vec<Wave> {
@@ -236,6 +272,18 @@ fn flows(p: &Parameters, seed: u64) -> Vec<Flow> {
         }
     };
     (0..WAVES).map(flow).collect()
+}
+
+fn modes(p: &Parameters, seed: u64) -> Vec<Mode> {
+    let Variety { asymmetry, height, thickness, shift, waves, drift } = &p.variety;
+    if [asymmetry, height, thickness, shift].iter().all(|strength| strength.range().1 <= 0.0) {
+        return Vec::new();
+    }
+    let mode = |order: u32| {
+        let unit = random::words(seed, Stream::Variety, order, 0).map(|word| f64::from(random::unit(word)));
+        Mode { phases: [unit[0], unit[1], unit[2]], drift: drift / TAU * (2.0 * unit[3] - 1.0) }
+    };
+    (1..=*waves).map(mode).collect()
 }
 
 fn lobes(p: &Parameters, seed: u64) -> Vec<Lobe> {

@@ -339,7 +339,8 @@ impl ModelSpec {
             Integrator::Rk4 => 4.0,
             Integrator::Euler => 1.0,
         };
-        let range = p.collision.tissue_um.at(u).max(p.collision.gap_um.at(u)) * p.variation.amplitude.at(u).exp();
+        let spread = p.variation.amplitude.at(u).hypot(p.variety.thickness.at(u));
+        let range = p.collision.tissue_um.at(u).max(p.collision.gap_um.at(u)) * spread.exp();
         let reach = range + SKIN_UM;
         let near = (PI * reach * reach / (p.particles.edge_um.at(u) * p.containment.spacing_um.at(u))).min(inner);
         let pairs = match p.solver.search {

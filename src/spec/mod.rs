@@ -52,7 +52,7 @@ pub use lever::{End, Lever, Setting};
 pub use limits::{Limits, OverLimit};
 pub use parameters::{
     Collision, Containment, Contortion, Histology, Integrator, Labels, Lean, MAX_PARTICLES, MAX_STEPS, MeshOptions,
-    Parameters, Particles, Piece, Regions, Regulatory, Search, Solver, Spring, Sway, Variation, Wall,
+    Parameters, Particles, Piece, Regions, Regulatory, Search, Solver, Spring, Sway, Variation, Variety, Wall,
 };
 pub use preset::{DEFAULT_PRESET, Preset, preset, presets};
 pub use schedule::{Ease, Fluctuation, Schedule};

@@ -56,6 +56,8 @@ group! {
         pub collision: Collision = "Self-intersection force" [""] ();
         /// Random variation of tissue thickness and lumen gap.
         pub variation: Variation = "Thickness variation" [""] ();
+        /// Random differences between folds around the wall.
+        pub variety: Variety = "Variety around the wall" [""] ();
         /// Slow sideways motion of the fronds.
         pub sway: Sway = "Sway" [""] ();
         /// Displacement of the surface along the tube.
@@ -184,6 +186,27 @@ group! {
         pub wavelength_um: f64 = "Variation wavelength" ["µm"] Range::of(20.0, 10_000.0);
         /// Greatest phase drift of the field per step.
         pub drift: f64 = "Variation drift" ["rad/step"] DRIFT;
+    }
+}
+
+group! {
+    /// Random differences around the wall: functions of the angle of a fold's base, which drift slowly along the tube. Strengths of
+    /// zero disable them. Not in the paper.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Variety {
+        /// Amplitude of the logarithm of the growth rate from one side of the tube to the other: folds are longer on one side.
+        pub asymmetry: Schedule = "Asymmetry" [""] Range::of(0.0, 1.0);
+        /// Root mean square of the logarithm of the growth rate around the wall: folds of different height stand side by side.
+        pub height: Schedule = "Variety of fold height" [""] Range::of(0.0, 1.0);
+        /// Root mean square of the logarithm of the ranges `tissue_um` and `gap_um` around the wall: folds of different thickness.
+        pub thickness: Schedule = "Variety of fold thickness" [""] Range::of(0.0, 0.5);
+        /// Root mean square distance along the tube by which growth and ranges are ahead or behind around the wall: where the
+        /// schedules change, as at the junction, some folds change earlier than others.
+        pub shift: Schedule = "Shift along the tube" ["steps"] Range::of(0.0, 1000.0);
+        /// Greatest number of maxima around the wall.
+        pub waves: u32 = "Waves around the wall" ["waves"] Count::of(2, 64);
+        /// Greatest phase drift per step.
+        pub drift: f64 = "Variety drift" ["rad/step"] DRIFT;
     }
 }
 

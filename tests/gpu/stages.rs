@@ -254,6 +254,30 @@ fn thickness_matches() {
     assert_close("scale", &cpu.inner.scale, &gpu.inner.scale, 2e-5);
 }
 
+/// Both halves of the variety: ranges, and which edges are split.
+#[test]
+fn variety_matches() {
+    if no_vulkan() {
+        return;
+    }
+    let strong = json!({ "asymmetry": 0.5, "height": 0.3, "thickness": 0.3, "shift": 100, "drift": 0.01, "waves": 9 });
+    let (plan, start) = buckled(&json!({ "variety": strong, "variation": { "amplitude": 0.2 } }), 16);
+    let row = plan.at(AT);
+    assert!(row.inner_target as usize > start.inner.len() && row.shift != [0.0; 2], "nothing to test");
+    let (cpu, gpu) = both(&plan, &start);
+    let spread = cpu.inner.scale.iter().fold([f32::MAX, 0.0], |s, &x| [s[0].min(x), s[1].max(x)]);
+    assert!(spread[1] > 1.5 * spread[0], "{spread:?}: too little difference to test");
+    assert_eq!(cpu.inner.id, gpu.inner.id);
+    assert_close("scale", &cpu.inner.scale, &gpu.inner.scale, 2e-5);
+    let (without, _) = both(&Plan { modes: Vec::new(), rows: even(&plan.rows), ..plan.clone() }, &start);
+    assert_ne!(cpu.inner.id, without.inner.id, "the same edges are split without variety");
+}
+
+/// Rows without variety.
+fn even(rows: &[StepRow]) -> Vec<StepRow> {
+    rows.iter().map(|row| StepRow { asymmetry: 0.0, height: 0.0, thickness: 0.0, shift: [0.0; 2], ..*row }).collect()
+}
+
 /// The flow is that of the start of a step, in each of its evaluations.
 #[test]
 fn sway_matches() {

@@ -3078,6 +3078,7 @@ export interface components {
             steps?: number | null;
             sway?: components["schemas"]["SwayPatch"] | null;
             variation?: components["schemas"]["VariationPatch"] | null;
+            variety?: components["schemas"]["VarietyPatch"] | null;
             wall?: components["schemas"]["WallPatch"] | null;
             /**
              * Place along the tube
@@ -3535,6 +3536,42 @@ export interface components {
         };
         /** @description The values of one parameter. */
         VariedValues: components["schemas"]["ValueList"] | components["schemas"]["Distribution"] | components["schemas"]["ValueRange"];
+        /**
+         * Variety around the wall
+         * @description Random differences between folds around the wall.
+         */
+        VarietyPatch: {
+            /**
+             * Asymmetry
+             * @description Amplitude of the logarithm of the growth rate from one side of the tube to the other: folds are longer on one side.
+             */
+            asymmetry?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Variety drift
+             * @description Greatest phase drift per step.
+             */
+            drift?: number | null;
+            /**
+             * Variety of fold height
+             * @description Root mean square of the logarithm of the growth rate around the wall: folds of different height stand side by side.
+             */
+            height?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Shift along the tube
+             * @description Root mean square distance along the tube by which growth and ranges are ahead or behind around the wall: where the schedules change, as at the junction, some folds change earlier than others.
+             */
+            shift?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Variety of fold thickness
+             * @description Root mean square of the logarithm of the ranges `tissue_um` and `gap_um` around the wall: folds of different thickness.
+             */
+            thickness?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Waves around the wall
+             * @description Greatest number of maxima around the wall.
+             */
+            waves?: number | null;
+        };
         /**
          * @description A parameter study: values of parameters, and how they are combined to points. Each point is grown with each seed.
          * @example {

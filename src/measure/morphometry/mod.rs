@@ -11,10 +11,12 @@
 //! | `rays` | tissue thickness, lumen gap |
 //! | `ring` | folds on a ring, their continuity and twist |
 //! | `tree` | folds, their heights and branches by the shape tree |
+//! | `around` | how the mucosa is spread around the tube |
 //! | `mask`, `fractal` | fractal dimension and lacunarity |
 //! | `cuts` | planar cuts across the ampulla |
 //! | `tube` | along the tube, by region, and of the whole |
 
+mod around;
 mod cuts;
 mod fractal;
 mod mask;
@@ -28,6 +30,7 @@ mod tree;
 mod tube;
 mod walls;
 
+pub use around::Around;
 pub use cuts::{AmongCuts, Cuts, cuts};
 pub use fractal::Dimension;
 pub use quantity::{QUANTITIES, Quantity};

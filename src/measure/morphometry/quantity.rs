@@ -57,6 +57,9 @@ quantities! {
     "fold_height_p5_um", "Fold height, 5th percentile", "µm", |m| Some(m.folds.as_ref()?.height_um?.p5);
     "fold_height_p50_um", "Fold height, median", "µm", |m| Some(m.folds.as_ref()?.height_um?.p50);
     "fold_height_p95_um", "Fold height, 95th percentile", "µm", |m| Some(m.folds.as_ref()?.height_um?.p95);
+    "fold_height_cv", "Fold height, coefficient of variation", "", |m| Some(m.folds.as_ref()?.height_um?.cv);
+    "asymmetry", "Asymmetry of the mucosa", "", |m| Some(m.around?.asymmetry);
+    "angular_cv", "Mucosa by direction, coefficient of variation", "", |m| Some(m.around?.angular_cv);
     "tissue_thickness_p5_um", "Tissue thickness, 5th percentile", "µm", |m| Some(m.thickness_um?.p5);
     "tissue_thickness_p50_um", "Tissue thickness, median", "µm", |m| Some(m.thickness_um?.p50);
     "tissue_thickness_p95_um", "Tissue thickness, 95th percentile", "µm", |m| Some(m.thickness_um?.p95);

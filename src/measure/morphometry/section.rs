@@ -1,5 +1,6 @@
 //! The measures of one section.
 
+use super::around::{Around, around};
 use super::fractal::{Dimension, dimension, lacunarity};
 use super::mask;
 use super::rays::distances;
@@ -39,6 +40,8 @@ pub struct Measures {
     pub folds_on_ring: u32,
     /// Folds by the shape tree; none if it was not made for this section.
     pub folds: Option<Folds>,
+    /// How the boundary of the lumen is spread around the tube.
+    pub around: Option<Around>,
     /// Distances from the boundary of the lumen along its normals through tissue to the next wall, µm.
     pub thickness_um: Option<Spread>,
     /// Distances from the boundary of the lumen along its normals through the lumen to the next wall, µm.
@@ -73,6 +76,7 @@ pub(super) fn measure_with(shape: &Shape<'_>, base: &Ellipse, trees: bool) -> Me
         islands: shape.islands(),
         folds_on_ring: ring::count(shape, base),
         folds: if trees { tree::folds(shape) } else { None },
+        around: around(shape, base),
         thickness_um: along.thickness,
         gap_um: along.gap,
         area_dimension: dimension(&bits),

@@ -1,9 +1,10 @@
 //! Growth: edges are split at their midpoint, both halves with half the rest length, so that the contour is
 //! unchanged; rest-length growth then buckles it (paper, section 3: "the number of particles also increases").
 //!
-//! Stratified tournaments decide which edges are split: the loop is divided into as many equal runs as
-//! there are splits to make, and each run has one winner. No edge wins twice, and the counts are known in advance.
+//! Stratified tournaments decide which edges are split: the loop is divided into as many runs as there are splits to make, of equal
+//! length or, with variety around the wall, of equal weight, and each run has one winner. No edge wins twice.
 
+use super::variety::Around;
 use crate::random::{self, Stream};
 use crate::sim::layout::StepRow;
 use crate::sim::maths::nearest_on_ellipse;
@@ -25,8 +26,12 @@ pub(super) fn grow_inner(plan: &Plan, time: i64, row: &StepRow, s: &mut InnerLoo
     }
     let event = (time / i64::from(plan.grow_every)) as u32;
     let mut winners = Vec::with_capacity(wanted);
+    let runs = Runs::new(plan, time, s, wanted);
     for run in 0..wanted {
-        let (first, end) = (run * n / wanted, (run + 1) * n / wanted);
+        let (first, end) = (runs.first(run), runs.first(run + 1));
+        if first == end {
+            continue;
+        }
         let mut best: Option<(f32, usize)> = None;
         for c in 0..plan.candidates {
             let word = random::word(plan.seed, Stream::Growth, event, run as u32 * plan.candidates + c);
@@ -40,6 +45,42 @@ pub(super) fn grow_inner(plan: &Plan, time: i64, row: &StepRow, s: &mut InnerLoo
     }
     split(plan, row, s, &winners);
     (wanted - winners.len()) as u32
+}
+
+/// Runs of edges with equal shares of the growth.
+struct Runs {
+    count: usize,
+    edges: usize,
+    /// The weight of the edges before each; empty if all weigh the same.
+    before: Vec<u32>,
+    /// Sum of all weights.
+    total: usize,
+}
+
+impl Runs {
+    fn new(plan: &Plan, time: i64, s: &InnerLoop, count: usize) -> Self {
+        let (edges, mut before, mut total) = (s.len(), Vec::new(), 0);
+        if let Some(around) = Around::new(plan, time) {
+            for (&x, &y) in s.anchor_x.iter().zip(&s.anchor_y) {
+                before.push(total);
+                total += around.weight([x, y]);
+            }
+        }
+        let total = if before.is_empty() { edges } else { total as usize };
+        Self { count, edges, before, total }
+    }
+
+    /// The first edge of a run, or the number of edges after the last. A run without edges begins where the next one does.
+    fn first(&self, run: usize) -> usize {
+        let bound = run * self.total / self.count;
+        if self.before.is_empty() {
+            bound
+        } else if run == self.count {
+            self.edges
+        } else {
+            self.before.partition_point(|&sum| (sum as usize) < bound)
+        }
+    }
 }
 
 fn point(s: &InnerLoop, i: usize) -> [f32; 2] {
@@ -133,5 +174,28 @@ pub(super) fn grow_outer(row: &StepRow, s: &mut OuterLoop) {
         s.id.insert(longest + 1, id);
         s.p.insert(longest + 1, middle(a, b));
         s.v.insert(longest + 1, middle(va, vb));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_of_equal_weight_cover_all_edges_once() {
+        let weights = |i: usize| 1 + (i * 7919 % 255) as u32;
+        for (edges, count) in [(1, 1), (10, 10), (100, 7), (1000, 400)] {
+            let before: Vec<u32> = (0..edges).map(|i| (0..i).map(weights).sum()).collect();
+            let total: u32 = (0..edges).map(weights).sum();
+            let runs = Runs { count, edges, before, total: total as usize };
+            assert_eq!((runs.first(0), runs.first(count)), (0, edges));
+            for run in 0..count {
+                let (first, end) = (runs.first(run), runs.first(run + 1));
+                assert!(first <= end);
+                let weight: u32 = (first..end).map(weights).sum();
+                let even = f64::from(total) / count as f64;
+                assert!((f64::from(weight) - even).abs() <= 256.0, "run {run} of {count}: {weight}, not about {even}");
+            }
+        }
     }
 }

@@ -18,9 +18,11 @@ mod saved;
 mod scalar;
 mod sway;
 mod thickness;
+mod variety;
 mod vectorize;
 
 use super::layout::StepRow;
+use super::maths;
 use super::plan::Plan;
 use super::state::{Checkpoint, InnerLoop, OuterLoop};
 use super::{SimError, Simulator, Statistics};
@@ -30,9 +32,10 @@ use chain::Chain;
 use neighbours::Neighbours;
 pub use pairs::{Kernel, PairTerms, reference_force};
 pub use saved::StateError;
+pub(super) use variety::coefficients;
 
 /// Constants of the model that every backend must share, by their names in the shaders.
-pub const CONSTANTS: [(&str, f32); 19] = [
+pub const CONSTANTS: [(&str, f32); 21] = [
     ("SHARE", integrate::SHARE),
     ("LEAST_MOVE", integrate::LIMITS[0]),
     ("GREATEST_MOVE", integrate::LIMITS[1]),
@@ -41,7 +44,9 @@ pub const CONSTANTS: [(&str, f32); 19] = [
     ("TINY", pairs::TINY),
     ("ROOM", growth::ROOM),
     ("SPAN", growth::SPAN as f32),
-    ("CUT", thickness::CUT),
+    ("CUT", maths::CUT),
+    ("WEIGHT", variety::WEIGHT),
+    ("HEAVIEST", variety::HEAVIEST),
     ("SWAYS", sway::SWAYS),
     ("STILL", sway::STILL),
     ("MARGIN", outer::MARGIN),

@@ -36,6 +36,10 @@ fn walls_never_cross_at_any_step() {
         (2, json!({ "contortion": { "magnitude": 10, "fraction": 0.3 } })),
         (3, json!({ "solver": { "integrator": "euler" } })),
         (4, json!({ "variation": { "amplitude": 1.0 } })),
+        (
+            5,
+            json!({ "variety": { "asymmetry": 1, "height": 1, "thickness": 0.5, "shift": 100, "waves": 64, "drift": 0.5 } }),
+        ),
     ] {
         let mut sim = simulation(&patch, seed, 1);
         run(&mut sim, |s| assert_sound(&s.section()));
@@ -247,6 +251,68 @@ fn growth_leaves_the_contour_and_its_rest_length_unchanged() {
     assert_eq!(sim.inner.len() as u32 + deferred, row.inner_target);
     assert!((length(&sim.inner) / rest - 1.0).abs() < 1e-6);
     assert!((area(&sim.inner) / before - 1.0).abs() < 1e-5);
+}
+
+/// The specification of a simulation in which nothing differs around the wall but what `of` says.
+fn with_variety(of: &Value) -> Value {
+    let mut variety = json!({ "asymmetry": 0, "height": 0, "thickness": 0, "shift": 0, "waves": 6, "drift": 0 });
+    json_patch::merge(&mut variety, of);
+    json!({ "variety": variety, "variation": { "amplitude": 0 } })
+}
+
+#[test]
+fn asymmetry_makes_the_mucosa_longer_on_one_side() {
+    let mean_anchor = |asymmetry: f64| {
+        let mut sim = simulation(&with_variety(&json!({ "asymmetry": asymmetry })), 3, 1);
+        run(&mut sim, |_| {});
+        let mean = |of: &[f32]| of.iter().map(|&x| f64::from(x)).sum::<f64>() / of.len() as f64;
+        let phase = sim.plan.modes.first().map(|mode| std::f64::consts::TAU * mode.phases[0]);
+        ([mean(&sim.inner.anchor_x), mean(&sim.inner.anchor_y)], phase)
+    };
+    let ([x, y], none) = mean_anchor(0.0);
+    assert!(none.is_none() && x.hypot(y) < 0.05, "{x} {y}");
+    let ([x, y], phase) = mean_anchor(0.6);
+    // cos(θ + phase) is greatest at −phase. A density of particles that grows by exp(0.6 cos θ) gives 0.36 when there are four times as many.
+    let along = x * phase.unwrap().cos() - y * phase.unwrap().sin();
+    assert!(along > 0.2 && along < 0.45 && along / x.hypot(y) > 0.95, "{x} {y} {along}");
+}
+
+#[test]
+fn folds_of_different_thickness_have_ranges_that_follow_their_angle() {
+    let mut sim = simulation(&with_variety(&json!({ "thickness": 0.3 })), 4, 1);
+    run(&mut sim, |_| {});
+    let s = &sim.inner;
+    let logs: Vec<f64> = s.scale.iter().map(|&scale| f64::from(scale).ln()).collect();
+    let mean = logs.iter().sum::<f64>() / logs.len() as f64;
+    let deviation = (logs.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / logs.len() as f64).sqrt();
+    assert!(deviation > 0.15 && deviation < 0.45, "{deviation}");
+    assert!(logs.iter().all(|x| x.abs() <= 0.6 + 1e-6), "more than two standard deviations");
+    // Particles with the same anchor have the same range.
+    let mut by_angle: Vec<(f64, f64)> =
+        (0..s.len()).map(|i| (f64::from(s.anchor_y[i]).atan2(f64::from(s.anchor_x[i])), logs[i])).collect();
+    by_angle.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let jump =
+        by_angle.windows(2).filter(|w| w[1].0 - w[0].0 < 1e-3).map(|w| (w[1].1 - w[0].1).abs()).fold(0.0, f64::max);
+    assert!(jump < 0.01, "{jump}");
+}
+
+#[test]
+fn a_shift_acts_only_where_the_schedules_change() {
+    let mut patch = with_variety(&json!({ "shift": 10 }));
+    let change = json!({ "keys": [[0, 60], [0.4, 60], [0.6, 30], [1, 30]] });
+    json_patch::merge(&mut patch, &json!({ "collision": { "tissue_um": change, "gap_um": change } }));
+    let mut sim = simulation(&patch, 6, 1);
+    let mut spreads = Vec::new();
+    run(&mut sim, |sim| {
+        let (low, high) = sim.inner.scale.iter().fold((f32::MAX, f32::MIN), |(l, h), &s| (l.min(s), h.max(s)));
+        spreads.push((sim.time(), high / low));
+    });
+    let at = |time: i64| spreads.iter().find(|of| of.0 == time).unwrap().1;
+    // The last event was at step 70. Half of the change from 60 µm at step 60 to 40 µm at step 80 is 0.2 for each standard deviation.
+    assert!(at(75) > 1.3 && at(75) < 2.5, "{}", at(75));
+    for constant in [20, 130] {
+        assert!((at(constant) - 1.0).abs() < 1e-6, "{}", at(constant));
+    }
 }
 
 #[test]

@@ -1,15 +1,24 @@
 //! The thickness field: a smooth random field that scales the force ranges by exp(a·z). It removes the first limitation
 //! that the paper names (uniform thickness and gaps).
 
-use crate::sim::maths::{cos_turns, fraction};
+use super::variety::Around;
+use crate::sim::maths::{CUT, cos_turns, fraction};
 use crate::sim::plan::Plan;
 use crate::sim::state::InnerLoop;
 
-/// The field is clamped to this many standard deviations.
-pub(super) const CUT: f32 = 2.0;
-
-/// Evaluates the field at every particle. Called at the start and at growth events; the field drifts slowly.
+/// Scales of all particles: the field, and the variety around the wall. Called at the start and at growth events; the field drifts slowly.
 pub(super) fn update(plan: &Plan, time: i64, state: &mut InnerLoop) {
+    varied(plan, time, state);
+    if let Some(around) = Around::new(plan, time) {
+        let anchors = state.anchor_x.iter().zip(&state.anchor_y);
+        for (scale, (&x, &y)) in state.scale.iter_mut().zip(anchors) {
+            *scale *= around.ranges([x, y]);
+        }
+    }
+}
+
+/// The field alone.
+fn varied(plan: &Plan, time: i64, state: &mut InnerLoop) {
     let amplitude = plan.at(time).variation;
     if amplitude == 0.0 {
         state.scale.clear();

@@ -24,7 +24,7 @@ pub const COPIED: u32 = 10;
 /// Field of the clearance.
 pub const CLEARANCE: u32 = 34;
 /// Fields of an inner particle.
-pub const FIELDS: u32 = 42;
+pub const FIELDS: u32 = 43;
 /// Fields of an outer particle.
 pub const WALL_FIELDS: u32 = 12;
 
@@ -48,6 +48,10 @@ pub struct Batch {
     pub tables: u32,
     /// Cosines of the sway.
     pub flows: u32,
+    /// Modes of the variety around the wall for which a member has room.
+    pub modes: u32,
+    /// Where they begin in the tables of a member.
+    pub around: u32,
 }
 
 /// Constants of a member.
@@ -66,6 +70,8 @@ pub struct Member {
     pub contorted: f32,
     /// Least clearance, µm.
     pub clearance: f32,
+    /// Modes of the variety around the wall.
+    pub modes: u32,
 }
 
 /// State of a member besides its particles.
@@ -102,6 +108,8 @@ pub struct Status {
     pub grown_from: u32,
     /// Runs of the last growth event.
     pub runs: u32,
+    /// Weight of all edges at the last growth event.
+    pub weight: u32,
     /// Id of the first particle that it added.
     pub first_id: u32,
     /// Blocks that visited all others, counted at each evaluation.

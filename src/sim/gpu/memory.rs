@@ -4,6 +4,7 @@ use super::device::GpuDevice;
 use super::error::GpuError;
 use super::layout::{Batch, CLEARANCE, COPIED, FIELDS, Member, NONE, RECORDED_OUTER, Status, WALL_FIELDS};
 use super::sizes::Sizes;
+use crate::sim::cpu::coefficients;
 use crate::sim::maths::fraction;
 use crate::sim::{Checkpoint, Plan, StepRow};
 use std::f64::consts::TAU;
@@ -113,6 +114,7 @@ fn member(plan: &Plan) -> Member {
         lobes: plan.lobes.len() as u32,
         contorted: plan.contorted,
         clearance: plan.clearance,
+        modes: plan.modes.len() as u32,
     }
 }
 
@@ -161,7 +163,7 @@ fn outer_fields(start: &Checkpoint, capacity: usize) -> Vec<u32> {
 }
 
 /// Wave vectors, phases of each event and wave; orders and weights of the lobes, phases of each row and lobe; wave vectors and
-/// directions of the sway, phases of each row and flow.
+/// directions of the sway, phases of each row and flow; coefficients of the variety of each event and mode.
 fn tables(plan: &Plan, batch: &Batch) -> Vec<f32> {
     let [waves, lobes, flows] = [batch.waves, batch.lobes, batch.flows].map(|count| count as usize);
     let mut words = vec![0.0f32; batch.tables as usize];
@@ -169,7 +171,15 @@ fn tables(plan: &Plan, batch: &Batch) -> Vec<f32> {
     let (phases, rest) = rest.split_at_mut(waves * batch.events as usize);
     let (shapes, rest) = rest.split_at_mut(2 * lobes);
     let (turns, rest) = rest.split_at_mut(2 * lobes * batch.rows as usize);
-    let (vectors_of_flows, phases_of_flows) = rest.split_at_mut(4 * flows);
+    let (vectors_of_flows, rest) = rest.split_at_mut(4 * flows);
+    let (phases_of_flows, rest) = rest.split_at_mut(flows * batch.rows as usize);
+    if !plan.modes.is_empty() {
+        for (event, of_event) in rest.chunks_exact_mut(6 * batch.modes as usize).enumerate() {
+            let coefficients = coefficients(plan, event as i64 * i64::from(plan.grow_every));
+            let coefficients = coefficients.as_flattened().as_flattened();
+            of_event[..coefficients.len()].copy_from_slice(coefficients);
+        }
+    }
     for (w, wave) in plan.waves.iter().enumerate() {
         vectors[2 * w..2 * w + 2].copy_from_slice(&wave.k);
         for event in 0..batch.events as usize {

@@ -46,7 +46,14 @@ pub const INTEGRATE: Shader = Shader {
 /// Growth of both loops, and the thickness field.
 pub const GROWTH: Shader = Shader {
     name: "growth",
-    source: concat!(shared!("layout"), shared!("random"), shared!("maths"), shared!("thickness"), stage!("growth")),
+    source: concat!(
+        shared!("layout"),
+        shared!("random"),
+        shared!("maths"),
+        shared!("variety"),
+        shared!("thickness"),
+        stage!("growth")
+    ),
     entries: &[("growth", LOOP_THREADS), ("split", THREADS)],
 };
 

@@ -32,7 +32,9 @@ impl Sizes {
         let (rows, events) = (most(&|p| p.rows.len()), most(&|p| (p.steps / p.grow_every) as usize + 1));
         let (waves, lobes) = (most(&|p| p.waves.len()), most(&|p| p.lobes.len()));
         let flows = most(&|p| p.flows.len());
-        let tables = (waves * (2 + events) + 2 * lobes * (1 + rows) + flows * (4 + rows)).max(1);
+        let modes = most(&|p| p.modes.len());
+        let around = waves * (2 + events) + 2 * lobes * (1 + rows) + flows * (4 + rows);
+        let tables = (around + 6 * modes * events).max(1);
         let word = |x: usize| u32::try_from(x).unwrap_or(u32::MAX);
         Self {
             members,
@@ -45,6 +47,8 @@ impl Sizes {
                 lobes: word(lobes),
                 tables: word(tables),
                 flows: word(flows),
+                modes: word(modes),
+                around: word(around),
             },
         }
     }
@@ -91,7 +95,7 @@ impl Sizes {
     /// Checks the limits of the shaders' indices and of the device.
     pub(super) fn check(&self, limits: &wgpu::Limits) -> Result<(), GpuError> {
         let unfit = |detail: String| Err(GpuError::Unfit { detail });
-        // The shaders split the runs of a tournament by products of two counts, which must fit 32 bits.
+        // The shaders split runs by products of two counts, which must fit 32 bits.
         if self.batch.capacity > 65_520 || self.batch.outer_capacity > 65_520 {
             return unfit("more than 65,520 particles in a loop".to_owned());
         }

@@ -35,6 +35,8 @@ fn tolerance(name: &str) -> Option<(f64, bool)> {
         "fractal_dimension_error" | "outline_dimension_error" => None,
         "islands" | "folds_on_ring" | "primary_folds" | "secondary_folds" | "tertiary_folds" => Some((0.0, true)),
         "branching_order" | "branching_order_mean" => Some((0.0, true)),
+        // Near zero in most sections.
+        "asymmetry" | "angular_cv" => Some((0.002, true)),
         // Few lengths have a gap near it: most of the gap is that between fronds, the rest in the ends of clefts.
         "lumen_gap_p5_um" => Some((8.0, false)),
         // A few long rays decide.
