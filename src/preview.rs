@@ -3,9 +3,12 @@
 //! Every model has `sections.bin`, and its sections are exact; the surface between them is a [`draft`].
 
 use crate::export::sections_bin::{SectionEntry, SectionsError, SectionsReader};
+use crate::mesh::bend::bend;
 use crate::mesh::{LoftError, draft};
 use crate::model::{Mesh, Ring, Section};
 use crate::render::{END_WIDTHS, NamedView};
+use crate::spec::ModelSpec;
+use serde_json::Value;
 use std::io::{Read, Seek};
 
 /// Pixels of the longest side of a picture for each section in it: of the whole tube, and of an end, which is seen along the
@@ -37,6 +40,23 @@ pub fn surface(sections_bin: impl Read + Seek, view: NamedView, size: u32) -> Re
     let chosen = chosen(reader.entries(), end.as_ref(), size);
     let sections = chosen.into_iter().map(|k| reader.section(k)).collect::<Result<Vec<Section>, _>>()?;
     Ok(draft(&sections)?)
+}
+
+/// Lofts sections, and bends the tube if its stored specification says so.
+///
+/// # Errors
+/// As [`draft`].
+pub fn tube(sections: &[Section], spec: &Value) -> Result<Mesh, LoftError> {
+    Ok(bent(draft(sections)?, spec))
+}
+
+/// A straight tube, bent if its stored specification says so.
+#[must_use]
+pub fn bent(straight: Mesh, spec: &Value) -> Mesh {
+    match ModelSpec::from_stored(spec).and_then(|spec| spec.centre_line()) {
+        Some(course) => bend(&straight, &course),
+        None => straight,
+    }
 }
 
 /// The section, of `count`, at the end that `view` shows, if it shows one end only.

@@ -30,6 +30,8 @@ pub enum Stream {
     Lean = 11,
     /// Phases of the variety around the wall; index: number of maxima.
     Variety = 12,
+    /// Wavelengths and phases of a random course; index: component.
+    Course = 13,
     /// Cells and fibres of stained sections; index: section, and cell or point of a lattice.
     Histology = 9,
 }

@@ -11,6 +11,7 @@ mod api {
     mod between;
     mod browser;
     mod bulk;
+    mod course;
     mod create;
     mod crowd;
     mod cut;

@@ -11,7 +11,8 @@ use crate::export::read::read_surface;
 use crate::export::svg::cut_svg;
 use crate::model::{Body, Cut, Plane, RingKind};
 use crate::render::Slide;
-use crate::spec::presets;
+use crate::report;
+use crate::spec::{Across, ModelSpec, presets};
 use anyhow::{Context, anyhow};
 use std::path::Path;
 
@@ -66,12 +67,34 @@ fn kind(path: &Path) -> Result<Kind, Failure> {
 
 fn plane(args: &CutArgs) -> Result<Plane, Failure> {
     match (args.z_um, args.origin_um, args.normal) {
-        (Some(z), ..) if z.is_finite() => Ok(Plane::across(z)),
+        (Some(z), ..) if z.is_finite() => across(args, z),
         (Some(_), ..) => Err(Failure::usage("--z-um: must be a number of micrometres")),
         (None, Some(origin), Some(normal)) => Plane::through(origin, normal)
             .ok_or_else(|| Failure::usage("--normal: must not be zero, and all numbers must be finite")),
         _ => Err(Failure::usage("give --z-um, or --origin-um and --normal")),
     }
+}
+
+/// The plane at a place along the tube, which may be bent.
+fn across(args: &CutArgs, z_um: f64) -> Result<Plane, Failure> {
+    let beside = args.file.with_file_name("report.json");
+    let path = match &args.report {
+        Some(path) => path,
+        None if beside.is_file() => &beside,
+        None => return Ok(Plane::across(z_um)),
+    };
+    let shown = path.display();
+    let stored = std::fs::read(path).with_context(|| format!("--report {shown}"))?;
+    let spec = ModelSpec::from_stored(&report::spec(&stored));
+    let Some(across) = spec.map(|spec| Across::of(&spec)) else {
+        return Err(Failure::usage(format!("--report {shown}: is not the report of a model")));
+    };
+    across.at(z_um).ok_or_else(|| {
+        let [first, last] = across.ends_um();
+        Failure::usage(format!(
+            "--z-um {z_um}: along its centre line the model reaches from {first:.1} to {last:.1} µm"
+        ))
+    })
 }
 
 /// A line of figures, and the file.

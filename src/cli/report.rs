@@ -48,14 +48,15 @@ pub(super) fn page(dir: &Path) -> anyhow::Result<String> {
     let z: Vec<f64> = reader.entries().iter().map(|entry| entry.z_um).collect();
     let chosen = report::strip(&z);
     let places: Vec<f64> = chosen.iter().map(|&k| z[k]).collect();
-    let strip = match body(dir, &stored)?.and_then(|body| Strip::of_cuts(&body, &places)) {
+    let spec = report::spec(&stored);
+    let strip = match body(dir, &stored)?.and_then(|body| Strip::of_cuts(&body, &places, &spec)) {
         Some(strip) => strip,
         None => {
             let read = chosen.into_iter().map(|k| reader.section(k)).collect::<Result<Vec<Section>, _>>();
             Strip::of_sections(&read?)
         }
     };
-    let tube = preview::surface(open()?, report::VIEW, report::PICTURE)?;
+    let tube = preview::bent(preview::surface(open()?, report::VIEW, report::PICTURE)?, &spec);
     Ok(report::html(&stored, &strip, &tube)?)
 }
 

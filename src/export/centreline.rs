@@ -5,6 +5,7 @@
 
 use super::Metadata;
 use super::vtp::write_polyline_vtp;
+use crate::geometry::course::Course;
 use crate::model::{LengthUnit, Ring, Section};
 use std::io::{self, Write};
 
@@ -37,18 +38,19 @@ pub struct Centreline {
 }
 
 impl Centreline {
-    /// The centre line through sections.
+    /// The centre line through sections, of a tube that follows a course, µm, if there is one.
     #[must_use]
-    pub fn of(sections: &[Section]) -> Self {
+    pub fn of(sections: &[Section], course: Option<&Course>) -> Self {
         let mut line = Self::default();
-        sections.iter().for_each(|section| line.push(section));
+        sections.iter().for_each(|section| line.push(section, course));
         line
     }
 
     /// Adds the point of the next section.
-    pub fn push(&mut self, section: &Section) {
+    pub fn push(&mut self, section: &Section, course: Option<&Course>) {
         let (inner, outer) = (Extent::of(&section.inner), Extent::of(&section.outer));
-        let point = [outer.centroid[0], outer.centroid[1], section.z_um];
+        let straight = [outer.centroid[0], outer.centroid[1], section.z_um];
+        let point = course.map_or(straight, |course| course.place(straight).into());
         let on = |last: &[f64; 3]| (0..3).map(|axis| (point[axis] - last[axis]).powi(2)).sum::<f64>().sqrt();
         let so_far = self.arc_length.last().copied().unwrap_or(0.0);
         self.arc_length.push(so_far + self.points.last().map_or(0.0, on));
@@ -175,7 +177,7 @@ mod tests {
 
     #[test]
     fn a_leaning_round_tube_has_its_axis_and_radii() {
-        let line = Centreline::of(&tube());
+        let line = Centreline::of(&tube(), None);
         for (k, p) in line.points.iter().enumerate() {
             let k = k as f64;
             assert!((p[0] - 30.0 * k).abs() < 1e-3 && (p[1] - 40.0 * k).abs() < 1e-3 && p[2] == 120.0 * k, "{p:?}");
@@ -189,7 +191,7 @@ mod tests {
     #[test]
     fn the_table_states_its_unit() {
         let mut csv = Vec::new();
-        Centreline::of(&tube()).write_csv(LengthUnit::Millimetre, &mut csv).unwrap();
+        Centreline::of(&tube(), None).write_csv(LengthUnit::Millimetre, &mut csv).unwrap();
         let csv = String::from_utf8(csv).unwrap();
         let mut lines = csv.lines();
         assert_eq!(
@@ -206,7 +208,7 @@ mod tests {
     #[test]
     fn the_polyline_is_written() {
         let mut file = Vec::new();
-        Centreline::of(&tube()).write_vtp(LengthUnit::Micrometre, &meta(), &mut file).unwrap();
+        Centreline::of(&tube(), None).write_vtp(LengthUnit::Micrometre, &meta(), &mut file).unwrap();
         let head = String::from_utf8_lossy(&file);
         assert!(NAMES.iter().all(|name| head.contains(&format!("Name=\"{name}\""))));
     }

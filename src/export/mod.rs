@@ -5,6 +5,7 @@
 pub mod centreline;
 mod chunks;
 pub mod convert;
+pub mod course;
 pub mod cut;
 #[cfg(feature = "fuzzing")]
 #[doc(hidden)]

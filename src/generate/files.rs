@@ -32,6 +32,8 @@ pub(super) struct Inputs<'a> {
     pub(super) surfaces: Vec<(BodyKind, LengthUnit, Box<dyn Source + 'a>)>,
     /// The tissue; none if it is not in memory, as levels and labels are not asked for then.
     pub(super) tissue: Option<&'a Mesh>,
+    /// The tissue before it was bent.
+    pub(super) straight: Option<&'a Mesh>,
     pub(super) sections: Sections<'a>,
     pub(super) centreline: Centreline,
 }
@@ -52,7 +54,7 @@ pub(super) fn write(
     findings: &Findings,
     cancel: &CancelToken,
 ) -> Result<Vec<FileOutput>, GenerateError> {
-    let Inputs { meta, surfaces, tissue, sections, centreline } = inputs;
+    let Inputs { meta, surfaces, tissue, straight, sections, centreline } = inputs;
     let options = GlbOptions { strips: request.spec.mesh.strips };
     let wants = |output| request.outputs.has(output);
     let mut tasks: Vec<(String, &str, Task<'_>)> = Vec::new();
@@ -83,7 +85,7 @@ pub(super) fn write(
     if cancel.is_cancelled() {
         return Err(GenerateError::Cancelled);
     }
-    let mesh = tissue.filter(|_| wants(Output::Labels));
+    let mesh = straight.filter(|_| wants(Output::Labels));
     let labels = mesh.map(|mesh| labels::write(request, mesh, meta, cancel)).transpose()?;
     let levels = levels.map_err(|source| GenerateError::Io { name: lod::FILES[0].into(), source })?;
     let mut report = json!({
@@ -97,6 +99,7 @@ pub(super) fn write(
         "morphometry": findings.morphometry,
         "cuts": findings.cuts,
         "lean": findings.lean,
+        "course": findings.course,
         "comparison": findings.comparison,
     });
     if let Some(levels) = &levels {

@@ -29,7 +29,8 @@ pub use files::write_surface;
 pub use manifest::{Licence, MANIFEST, Manifest, ManifestFile, Origin};
 pub use outputs::{Output, Outputs};
 pub use types::{
-    Backend, CancelToken, FileOutput, Findings, GenerateError, Outcome, Progress, Request, Seconds, Sink, Stage,
+    Backend, Bending, CancelToken, FileOutput, Findings, GenerateError, Outcome, Progress, Request, Seconds, Sink,
+    Stage,
 };
 
 use crate::clock::Stopwatch;
@@ -39,6 +40,7 @@ use crate::measure;
 use crate::measure::Certificate;
 use crate::measure::comparison::compare;
 use crate::measure::morphometry::{Cuts, Morphometry, Regions, cuts, morphometry};
+use crate::mesh::bend::{Leaning, bend_apart};
 use crate::mesh::lean::{Leaned, lean};
 use crate::model::{Body, BodyKind, LengthUnit, Section};
 use crate::sim::Statistics;
@@ -164,6 +166,7 @@ struct Examined<'a> {
     /// Of a surface that leans.
     cuts: Option<Cuts>,
     lean: Option<Leaned>,
+    course: Option<Bending>,
     /// Sections that were added to mend slabs.
     added: usize,
     /// Points of the first and of the last section.
@@ -174,10 +177,19 @@ struct Examined<'a> {
 impl Finishing<'_> {
     /// Examines a surface that is in memory; `watch` runs since its loft was ended.
     fn whole(self, whole: Whole, watch: Stopwatch, mut seconds: Seconds) -> Result<Outcome, GenerateError> {
-        let Whole { mut tissue, lids, sections } = whole;
-        let leaned = lean::lean(self.request).map(|by| lean(&mut tissue, &by, &|| self.cancel.is_cancelled()));
-        let (tissue, sections) = (&tissue, &sections[..]);
-        let surfaces = Surfaces::new(tissue, lids.as_ref(), &self.request.outputs).map_err(walls::unsound)?;
+        let Whole { tissue: mut straight, lids, sections } = whole;
+        let stop = || self.cancel.is_cancelled();
+        let along = self.request.spec.bent_course();
+        let course = along.as_ref().map(|bent| &bent.course);
+        let by = lean::lean(self.request);
+        let z = course.and(by.as_ref()).map(|_| straight.positions.iter().map(|p| p[2]).collect());
+        let leaned = by.as_ref().map(|by| lean(&mut straight, by, &stop));
+        let leaning = by.as_ref().zip(z).map(|(lean, z)| Leaning { lean, z });
+        let (bent, refined) = course.map(|course| bend_apart(&mut straight, leaning, course, &stop)).unzip();
+        let (straight, sections) = (&straight, &sections[..]);
+        let tissue = bent.as_ref().unwrap_or(straight);
+        let surfaces = Surfaces::new(tissue, straight, course, lids.as_ref(), &self.request.outputs);
+        let surfaces = surfaces.map_err(walls::unsound)?;
         seconds.mesh += watch.seconds();
 
         (self.stage)(Stage::Certify, 0.0)?;
@@ -192,8 +204,9 @@ impl Finishing<'_> {
         (self.stage)(Stage::Measure, 0.0)?;
         let watch = Stopwatch::start();
         let morphometry = morphometry(sections, &certificate.section_gaps_um, &self.regions());
-        let cuts = leaned.and_then(|_| cuts(&Body::from(tissue), &self.regions()));
-        let centreline = Centreline::of(sections);
+        // Planes across the straight tube are planes across the centre line.
+        let cuts = leaned.and_then(|_| cuts(&Body::from(straight), &self.regions()));
+        let centreline = Centreline::of(sections, course);
         seconds.measure = watch.seconds();
 
         let meta = self.request.metadata(sections.len());
@@ -202,12 +215,15 @@ impl Finishing<'_> {
             meta: &meta,
             surfaces: placed.iter().map(|of| of.source(&meta)).collect(),
             tissue: Some(tissue),
+            straight: Some(straight),
             sections: Sections::Here(sections),
             centreline,
         };
         let added = sections.iter().filter(|s| s.added).count();
         let ends = [&sections[0], &sections[sections.len() - 1]].map(Section::particles);
-        self.write(Examined { certificate, others, morphometry, cuts, lean: leaned, added, ends, inputs }, seconds)
+        let course = along.as_ref().zip(refined).map(|(bent, refined)| Bending::of(bent, refined));
+        let found = Examined { certificate, others, morphometry, cuts, lean: leaned, course, added, ends, inputs };
+        self.write(found, seconds)
     }
 
     /// As [`Self::whole`] for a surface that has been examined while it came.
@@ -242,11 +258,13 @@ impl Finishing<'_> {
             meta: &meta,
             surfaces,
             tissue: None,
+            straight: None,
             sections: Sections::Written(of.file),
             centreline: of.centreline,
         };
         let (added, ends) = (of.added, of.ends);
-        self.write(Examined { certificate, others, morphometry, cuts: None, lean: None, added, ends, inputs }, seconds)
+        let (cuts, lean, course) = (None, None, None);
+        self.write(Examined { certificate, others, morphometry, cuts, lean, course, added, ends, inputs }, seconds)
     }
 
     fn regions(&self) -> Regions {
@@ -260,7 +278,7 @@ impl Finishing<'_> {
 
     /// Writes the files.
     fn write(self, found: Examined<'_>, mut seconds: Seconds) -> Result<Outcome, GenerateError> {
-        let Examined { certificate, others, morphometry, cuts, lean, added, ends, inputs } = found;
+        let Examined { certificate, others, morphometry, cuts, lean, course, added, ends, inputs } = found;
         let (request, spec) = (self.request, &self.request.spec);
         let comparison = preset(&request.preset).map(|of| compare(&morphometry, &of.organ, &of.species));
 
@@ -296,7 +314,7 @@ impl Finishing<'_> {
         });
         let certificate = serde_json::to_value(&certificate)
             .map_err(|e| GenerateError::Io { name: files::REPORT.into(), source: e.into() })?;
-        let findings = Findings { summary, certificate, surfaces: others, morphometry, cuts, lean, comparison };
+        let findings = Findings { summary, certificate, surfaces: others, morphometry, cuts, lean, course, comparison };
         let files = files::write(request, inputs, &findings, self.cancel)?;
         seconds.export += watch.seconds();
         (self.stage)(Stage::Export, 1.0)?;

@@ -138,7 +138,7 @@ impl Stream {
         let measure = || {
             let watch = Stopwatch::start();
             survey.add(&sections);
-            sections.iter().for_each(|section| centreline.push(section));
+            sections.iter().for_each(|section| centreline.push(section, None));
             seconds.measure += watch.seconds();
         };
         let write = || {

@@ -3,7 +3,9 @@
 use super::outputs::Outputs;
 use super::types::GenerateError;
 use crate::export::{Metadata, Shape, Source};
+use crate::geometry::course::Course;
 use crate::measure::{certify_body, certify_regions};
+use crate::mesh::bend::bend;
 use crate::mesh::quality::Lids;
 use crate::mesh::{self, LoftError};
 use crate::model::{BodyKind, LengthUnit, Mesh};
@@ -21,14 +23,23 @@ pub(super) struct Surfaces<'a> {
 }
 
 impl<'a> Surfaces<'a> {
-    /// Closes the lumen if it is asked for, with `lids` if there are any.
-    pub(super) fn new(tissue: &'a Mesh, lids: Option<&Lids>, outputs: &Outputs) -> Result<Self, LoftError> {
+    /// Closes the lumen of `straight` if it is asked for, with `lids` if there are any, and bends it as `tissue` was bent.
+    pub(super) fn new(
+        tissue: &'a Mesh,
+        straight: &Mesh,
+        course: Option<&Course>,
+        lids: Option<&Lids>,
+        outputs: &Outputs,
+    ) -> Result<Self, LoftError> {
         let written = written(outputs);
         let lumen = need_lumen(outputs).then(|| {
-            let regions = match lids {
-                Some(lids) => lids.regions(tissue),
-                None => mesh::regions(tissue)?,
+            let mut regions = match lids {
+                Some(lids) => lids.regions(straight),
+                None => mesh::regions(straight)?,
             };
+            if let Some(course) = course {
+                regions = bend(&regions, course);
+            }
             Ok((mesh::lumen(&regions), regions))
         });
         Ok(Self { tissue, lumen: lumen.transpose()?, written })

@@ -51,6 +51,55 @@ fn bytes_do_not_depend_on_threads_or_backend() {
 }
 
 #[test]
+fn a_bent_model_has_certified_bodies_and_the_sections_and_labels_of_the_straight_one() {
+    let grown = |course: serde_json::Value| {
+        let dir = tempfile::tempdir().unwrap();
+        let patch = json!({ "length_mm": 20, "lean": { "strength_um": 300 }, "course": course });
+        let outcome =
+            generate(&request(small(&patch), Backend::Cpu, dir.path()), &(), &CancelToken::default()).unwrap();
+        let hashes: BTreeMap<_, _> = outcome.files.iter().map(|f| (f.name.clone(), f.sha256.clone())).collect();
+        let csv = std::fs::read_to_string(dir.path().join("centreline.csv")).unwrap();
+        let ends: Vec<Vec<f64>> = [csv.lines().nth(1), csv.lines().last()]
+            .map(|line| line.unwrap().split(',').take(3).map(|x| x.parse().unwrap()).collect())
+            .to_vec();
+        (outcome.findings, hashes, ends)
+    };
+    let (straight, plain, _) = grown(json!({}));
+    assert_eq!(straight.course, None);
+    let half_turn = json!({ "shape": "arc", "turn_deg": 180 });
+    let (bent, files, ends) = grown(half_turn.clone());
+    let course = bent.course.unwrap();
+    assert!((course.tortuosity - std::f64::consts::FRAC_PI_2).abs() < 1e-3 && !course.relaxed, "{course:?}");
+    assert_eq!(bent.certificate["passed"], true);
+    assert!(bent.surfaces.iter().all(|surface| surface["certificate"]["passed"] == true));
+    assert!(bent.surfaces.iter().any(|surface| surface["body"] == "regions"));
+    let volume = |of: &Findings| of.certificate["volume_mm3"].as_f64().unwrap();
+    assert!((volume(&bent) / volume(&straight) - 1.0).abs() < 0.02);
+    let distance = (0..3).map(|axis| (ends[1][axis] - ends[0][axis]).powi(2)).sum::<f64>().sqrt();
+    assert!((distance - 40.0 / std::f64::consts::PI).abs() < 0.1, "{distance}");
+    assert_eq!(bent.morphometry, straight.morphometry);
+    assert_eq!(bent.cuts, straight.cuts);
+    for name in ["labels.nii.gz", "labels.ome.tif"] {
+        assert!(files.contains_key(name) && plain.contains_key(name));
+    }
+    assert_eq!(grown(half_turn).1, files, "the same bytes");
+}
+
+#[test]
+fn an_even_surface_can_be_bent_with_its_lids() {
+    let dir = tempfile::tempdir().unwrap();
+    let patch = json!({
+        "length_mm": 10, "mesh": { "resolution_um": 60 }, "course": { "shape": "sigmoid", "turn_deg": 60, "twist_deg": 90 },
+        "lean": { "strength_um": 0 },
+    });
+    let mut request = request(small(&patch), Backend::Cpu, dir.path());
+    request.outputs.formats = vec![Output::Vtp];
+    let outcome = generate(&request, &(), &CancelToken::default()).unwrap();
+    assert_eq!(outcome.findings.certificate["passed"], true);
+    assert!(outcome.findings.course.is_some() && outcome.findings.surfaces.len() >= 3);
+}
+
+#[test]
 fn bytes_do_not_depend_on_the_search() {
     let of = |search: &str| {
         let mut files = hashes(small(&json!({ "solver": { "search": search } })), Backend::Cpu, 2);

@@ -6,10 +6,11 @@ use crate::export::Metadata;
 use crate::export::sections_bin::SectionsError;
 use crate::measure::comparison::Comparison;
 use crate::measure::morphometry::{Cuts, Morphometry};
+use crate::mesh::bend::Refined;
 use crate::mesh::lean::Leaned;
 use crate::model::Section;
 use crate::sim::gpu::GpuError;
-use crate::spec::ModelSpec;
+use crate::spec::{Bent, ModelSpec};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -198,6 +199,44 @@ pub struct Outcome {
     pub seconds: Seconds,
 }
 
+/// How a tube was bent along its course.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
+pub struct Bending {
+    /// Distance of the ends of the centre line, mm.
+    pub end_distance_mm: f64,
+    /// Length of the centre line over that distance.
+    pub tortuosity: f64,
+    /// Whether the course was changed because it was too tight or came too near to itself.
+    pub relaxed: bool,
+    /// Where the tube is bent most for its radius, mm from the isthmus end.
+    pub tightest_at_mm: f64,
+    /// Radius of curvature there, mm; none if the course is straight.
+    pub curve_radius_mm: Option<f64>,
+    /// Greatest radius of the wall there, mm.
+    pub wall_radius_mm: f64,
+    /// At least this far apart are the walls of far parts, µm; none if the course does not turn far enough for that.
+    pub far_parts_um: Option<f64>,
+    /// What was done so that bent triangles do not meet.
+    #[serde(flatten)]
+    pub refined: Refined,
+}
+
+impl Bending {
+    pub(super) fn of(bent: &Bent, refined: Refined) -> Self {
+        let Bent { course, room, relaxed } = bent;
+        Self {
+            end_distance_mm: course.end_distance() / 1000.0,
+            tortuosity: course.tortuosity(),
+            relaxed: *relaxed,
+            tightest_at_mm: room.bend.at / 1000.0,
+            curve_radius_mm: Some(room.bend.curve / 1000.0).filter(|radius| radius.is_finite()),
+            wall_radius_mm: room.bend.tube / 1000.0,
+            far_parts_um: room.near.map(|near| near.distance),
+            refined,
+        }
+    }
+}
+
 /// What is found out about a finished model; all of it is in `report.json`.
 #[derive(Clone, Debug, Default)]
 pub struct Findings {
@@ -216,6 +255,8 @@ pub struct Findings {
     pub cuts: Option<Cuts>,
     /// How the surface was displaced, if it leans.
     pub lean: Option<Leaned>,
+    /// How the surface was bent, if its tube is not straight.
+    pub course: Option<Bending>,
     /// The measures beside published ones; none if the model is of no known preset.
     pub comparison: Option<Comparison>,
 }

@@ -3,6 +3,7 @@
 
 pub mod blocks;
 pub mod bvh;
+pub mod course;
 pub mod cut;
 pub mod distance;
 pub mod patch;

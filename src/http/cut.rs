@@ -16,7 +16,9 @@ use super::slides::{PARAMETERS, Place, Stain, Style, respond};
 use super::surfaces;
 use crate::export::cut::CutDocument;
 use crate::export::svg::cut_svg;
+use crate::jobs::Job;
 use crate::model::{Body, Border, Plane};
+use crate::spec::{Across, ModelSpec};
 use axum::Json;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Method, header};
@@ -41,14 +43,15 @@ pub(super) struct CutAnswer {
 /// The stored surface of the tissue is cut exactly as it is, across the tube (`z_um`) or along any plane (`origin_um` and
 /// `normal`). Rings are nested and told apart: `tissue`; its largest hole, `lumen`; `island`, tissue that is not connected to the
 /// wall in this plane; `pocket`, lumen that is not connected to the rest in this plane. The cross sections of
-/// `/models/{id}/sections/{k}` are those of the simulation, before the surface leans, and have no islands.
+/// `/models/{id}/sections/{k}` are those of the simulation, before the surface leans, and have no islands. A plane across a bent tube
+/// cuts the part around its centre line there, and no other.
 ///
 /// Pictures show the same tissues as those of sections. A longer picture of a plane along the tube has larger pixels.
 #[utoipa::path(
     get, path = "/models/{id}/cut", operation_id = "cut_model", tag = "files",
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
-        ("z_um" = Option<f64>, Query, minimum = -1e12, maximum = 1e12, description = "Place along the tube of a plane across it, µm; u is x, v is y"),
+        ("z_um" = Option<f64>, Query, minimum = -1e12, maximum = 1e12, description = "Place along the tube of a plane across it, µm: along its centre line, if it is bent; u and v are x and y of the cross section there"),
         ("origin_um" = Option<String>, Query, pattern = "^[-+0-9.eE ]+(,[-+0-9.eE ]+){2}$", description = "A point of the plane, µm: `x,y,z`; with `normal`, instead of `z_um`", example = "0,0,30000"),
         ("normal" = Option<String>, Query, pattern = "^[-+0-9.eE ]+(,[-+0-9.eE ]+){2}$", description = "Normal of the plane, of any length: `x,y,z`", example = "0,1,0"),
         ("format" = Option<Format>, Query, description = "`json`, `svg` or `png`; takes precedence over `Accept`. `size`, `stain` and `labels` ask for `png`"),
@@ -77,8 +80,9 @@ pub(super) async fn cut(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let job = find_model(&state, &caller, id).await?;
-    let (plane, format, style) = asked(&parameters, &headers)?;
+    let (across, format, style) = asked(&parameters, &headers)?;
     let (file, kind) = surfaces::file(&job)?;
+    let plane = across.plane(&job).await?;
     let key = format!("{}-{:x}", file.sha256, plane.digest());
     let vary = (header::VARY, HeaderValue::from_static("accept"));
     if format == Format::Png {
@@ -111,6 +115,38 @@ pub(super) async fn cut(
     Ok((headers, Json(CutAnswer { model: id.0, file: file.name, cut: cut.into() })).into_response())
 }
 
+/// Which plane is asked for.
+#[derive(Clone, Copy)]
+enum Asked {
+    /// Across the tube, at a place along it.
+    Across(f64),
+    Through(Plane),
+}
+
+impl Asked {
+    /// The plane in the files of a model, which may be bent.
+    async fn plane(self, job: &Job) -> Result<Plane, Problem> {
+        let z_um = match self {
+            Self::Through(plane) => return Ok(plane),
+            Self::Across(z_um) => z_um,
+        };
+        let spec = job.spec.clone();
+        let made = blocking("Making the cut", move || {
+            let Some(across) = ModelSpec::from_stored(&spec).map(|spec| Across::of(&spec)) else {
+                return Ok(Plane::across(z_um));
+            };
+            across.at(z_um).ok_or_else(|| {
+                let [first, last] = across.ends_um();
+                let detail = format!(
+                    "Along its centre line the model reaches from {first:.1} to {last:.1} µm; the plane is at {z_um:.1} µm."
+                );
+                Problem::new(Kind::CutNotFound, detail)
+            })
+        });
+        made.await?
+    }
+}
+
 fn missed(body: &Body<'_>, plane: &Plane) -> Problem {
     let [low, high] = body.extent_um(plane);
     let detail = format!(
@@ -130,7 +166,7 @@ fn borders(body: &Body<'_>, plane: &Plane) -> Result<[Border; 2], Problem> {
 }
 
 /// The plane, the representation, and what it shows if it is a picture.
-fn asked(parameters: &Parameters, headers: &HeaderMap) -> Result<(Plane, Format, Style), Problem> {
+fn asked(parameters: &Parameters, headers: &HeaderMap) -> Result<(Asked, Format, Style), Problem> {
     let [size, stain, labels] = PARAMETERS;
     let mut faults = parameters.faults(&["z_um", "origin_um", "normal", "format", size, stain, labels], &[]);
     let plane = plane(parameters, &mut faults);
@@ -138,22 +174,22 @@ fn asked(parameters: &Parameters, headers: &HeaderMap) -> Result<(Plane, Format,
     Ok((plane, format, style))
 }
 
-fn plane(parameters: &Parameters, faults: &mut Faults) -> Plane {
-    let anything = Plane::across(0.0);
+fn plane(parameters: &Parameters, faults: &mut Faults) -> Asked {
+    let anything = Asked::Across(0.0);
     let mut fault = |name: &str, detail: &str| {
         faults.push(Fault::parameter(name, detail));
         anything
     };
     match [parameters.get("z_um"), parameters.get("origin_um"), parameters.get("normal")] {
         [Some(z), None, None] => match number(z) {
-            Some(z) => Plane::across(z),
+            Some(z) => Asked::Across(z),
             None => fault("z_um", "must be a number of micrometres"),
         },
         [None, Some(origin), Some(normal)] => match (vector(origin), vector(normal)) {
             (None, _) => fault("origin_um", "must be three numbers, x,y,z"),
             (_, None) => fault("normal", "must be three numbers, x,y,z"),
             (Some(origin), Some(normal)) => {
-                Plane::through(origin, normal).unwrap_or_else(|| fault("normal", "must not be zero"))
+                Plane::through(origin, normal).map_or_else(|| fault("normal", "must not be zero"), Asked::Through)
             }
         },
         [None, None, None] => fault("z_um", "is required, or origin_um and normal"),

@@ -12,6 +12,7 @@ mod compress;
 mod conditional;
 mod console;
 mod cors;
+mod course;
 mod create;
 mod cut;
 mod detail;

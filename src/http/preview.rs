@@ -13,9 +13,8 @@ use super::problem::Problem;
 use super::responses::{BadParameters, FileMissing, PictureAway};
 use super::sections;
 use crate::jobs::File;
-use crate::mesh::draft;
 use crate::model::Section;
-use crate::preview::{chosen, end};
+use crate::preview::{chosen, end, tube};
 use crate::render::{NamedView, mesh_png};
 use axum::extract::State;
 use axum::http::{HeaderMap, Method};
@@ -29,7 +28,7 @@ use axum::response::Response;
     get, path = "/models/{id}/preview.png", operation_id = "get_preview", tag = "files",
     params(
         ("id" = Uuid, Path, description = "Id of the model"),
-        ("view" = Option<NamedView>, Query, description = "`opened` (the default): the whole tube with a quarter cut away along it; `whole`: the tube from outside; `isthmus`, `ampulla`: one end, in true proportions"),
+        ("view" = Option<NamedView>, Query, description = "`opened` (the default): the whole tube with a quarter cut away along it, or half of it if it is bent; `whole`: the tube from outside; `isthmus`, `ampulla`: one end, in true proportions"),
         ("size" = Option<u32>, Query, minimum = 32, maximum = 2048, description = "Longest side, pixels; 1024 by default"),
         ("if-none-match" = Option<String>, Header, description = "Entity tags that the client has"),
     ),
@@ -49,13 +48,13 @@ pub(super) async fn preview(
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let (view, size) = options(&parameters)?;
-    let (_, file) = find(&state, &caller, id, "sections.bin").await?;
+    let (job, file) = find(&state, &caller, id, "sections.bin").await?;
     let tag = ETag::strong(format_args!("{}-{}-{size}-{}", file.sha256, view.name(), env!("CARGO_PKG_VERSION")));
     if tag.matches_none(&headers) {
         return tag.not_modified(A_DAY);
     }
     let png = picture(&state, &caller, &tag, shown(&state, &file, view, size), move |sections| {
-        let mesh = draft(&sections)?;
+        let mesh = tube(&sections, &job.spec)?;
         drop(sections);
         Ok(mesh_png(&mesh, &view.of(&mesh, size))?)
     })

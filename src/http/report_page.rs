@@ -12,8 +12,8 @@ use super::problem::Problem;
 use super::responses::{FileMissing, PictureAway};
 use super::{sections, surfaces};
 use crate::jobs::{File, Job};
-use crate::mesh::draft;
 use crate::model::Section;
+use crate::preview::tube as tube_of;
 use crate::report::{self, Strip};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, Method, header};
@@ -56,8 +56,9 @@ pub(super) async fn page(
     if tag.matches_none(&headers) {
         return tag.not_modified(A_DAY);
     }
-    let html = picture(&state, &caller, &tag, read(&state, &job, &stored, &sections), |(stored, strip, tube)| {
-        let tube = draft(&tube)?;
+    let spec = job.spec.clone();
+    let html = picture(&state, &caller, &tag, read(&state, &job, &stored, &sections), move |(stored, strip, tube)| {
+        let tube = tube_of(&tube, &spec)?;
         Ok(report::html(&stored, &strip, &tube).map_err(DrawError::Page)?.into_bytes())
     })
     .await?;
@@ -97,7 +98,8 @@ async fn read(
     {
         let body = surfaces::read(state, &file, format).await?;
         let z: Vec<f64> = chosen.iter().map(|entry| entry.z_um).collect();
-        if let Some(strip) = blocking("Making the page", move || Strip::of_cuts(&body, &z)).await? {
+        let spec = job.spec.clone();
+        if let Some(strip) = blocking("Making the page", move || Strip::of_cuts(&body, &z, &spec)).await? {
             return Ok((stored, strip, tube));
         }
     }

@@ -5,8 +5,8 @@ use super::compress::compress;
 use super::envelope::enclose;
 use super::openapi::Description;
 use super::{
-    AppState, batches, bulk, console, create, cut, docs, events, files, fits, health, manifest, metrics, models,
-    openapi, presets, preview, report_page, retry, sections, tickets, workers,
+    AppState, batches, bulk, console, course, create, cut, docs, events, files, fits, health, manifest, metrics,
+    models, openapi, presets, preview, report_page, retry, sections, tickets, workers,
 };
 use axum::{Extension, Router};
 use serde_json::Value;
@@ -40,6 +40,7 @@ fn routes() -> OpenApiRouter<AppState> {
         .routes(routes!(report_page::page))
         .routes(routes!(manifest::manifest))
         .routes(routes!(sections::section))
+        .routes(routes!(course::course))
         .routes(routes!(cut::cut))
         .routes(routes!(preview::preview))
         .routes(routes!(fits::read::list))

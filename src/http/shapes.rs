@@ -2,6 +2,7 @@
 #![expect(dead_code, reason = "describes JSON; only its schema is used")]
 
 use super::responses::{CertificateFigures, ParameterValue, SpecPatch};
+use crate::generate::Bending;
 use crate::measure::comparison::Comparison;
 use crate::measure::morphometry::{Cuts, Morphometry};
 use crate::measure::{Certificate, RegionsCertificate};
@@ -97,6 +98,9 @@ pub(super) struct StoredReport {
     /// How the surface was displaced, if it leans; otherwise null.
     #[schema(required = false, nullable = true)]
     lean: Option<Leaned>,
+    /// How the surface was bent, if its tube is not straight; otherwise null.
+    #[schema(required = false, nullable = true)]
+    course: Option<Bending>,
     /// The measures beside published ones of the organ and species of the preset.
     #[schema(required = false)]
     comparison: Comparison,

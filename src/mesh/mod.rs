@@ -10,6 +10,7 @@
 //! in shared vertices and edges.
 
 mod align;
+pub mod bend;
 mod bodies;
 mod contact;
 mod draft;

@@ -1,7 +1,7 @@
-//! Views by name, fitted to the size and the proportions of a model.
+//! Views by name, fitted to the size and the proportions of a model, which may be bent.
 
 use super::view::{Plane, View};
-use crate::model::Mesh;
+use crate::model::{Mesh, PatchKind};
 use glam::{DVec3, Vec3};
 use std::str::FromStr;
 
@@ -13,6 +13,8 @@ const AXIAL_SCALES: [f64; 10] = [1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.
 const END: f64 = 0.02;
 /// Length of tube in a picture of an end, in widths of that end.
 pub const END_WIDTHS: f64 = 0.8;
+/// Greatest elevation of the camera in a picture of all of a bent tube, whose plane may lie flat.
+const HIGHEST_DEG: f64 = 70.0;
 /// Angle between the tube and the line of sight in a picture of an end.
 const END_AZIMUTH_DEG: f64 = 24.0;
 
@@ -20,9 +22,11 @@ const END_AZIMUTH_DEG: f64 = 24.0;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, utoipa::ToSchema)]
 #[schema(rename_all = "lowercase")]
 pub enum NamedView {
-    /// The whole tube from outside, with the ampulla end in front; long tubes are shortened.
+    /// The whole tube from outside, with the ampulla end in front; long tubes are shortened. A bent tube is seen from where it is
+    /// broadest, in true proportions.
     Whole,
-    /// As [`Whole`](Self::Whole), with a quarter cut away along the tube, so that the folds are visible in both directions.
+    /// As [`Whole`](Self::Whole), with a quarter cut away along the tube, so that the folds are visible in both directions. Of a bent
+    /// tube, the half that is in front of the plane nearest to it is cut away.
     #[default]
     Opened,
     /// The isthmus end with a piece of tube nearly as long as wide, in true proportions.
@@ -49,6 +53,45 @@ impl NamedView {
     /// This view of a mesh in a picture whose longest side has `size` pixels.
     #[must_use]
     pub fn of(self, mesh: &Mesh, size: u32) -> View {
+        match Ends::of(mesh) {
+            Some(ends) if !ends.are_straight(mesh) => self.bent(mesh, &ends, size),
+            _ => self.straight(mesh, size),
+        }
+    }
+
+    fn bent(self, mesh: &Mesh, ends: &Ends, size: u32) -> View {
+        let plane = |normal: DVec3, through: DVec3| Plane { normal: normal.into(), offset: normal.dot(through) };
+        let toward = |d: DVec3, highest: f64, cut: Vec<Plane>, height: u32| View {
+            width: size,
+            height,
+            azimuth_deg: libm::atan2(d.x, d.z).to_degrees(),
+            elevation_deg: libm::asin(d.y.clamp(-1.0, 1.0)).to_degrees().clamp(-highest, highest),
+            axial_scale: 1.0,
+            cut,
+        };
+        let end = |end: &End, far: &End| {
+            // A little from the side and from above.
+            let side = end.normal.cross(DVec3::Y).normalize_or(DVec3::X);
+            let tilt = side * END_AZIMUTH_DEG.to_radians() + DVec3::Y * (END_AZIMUTH_DEG / 2.0).to_radians();
+            // Nothing is cut away of a piece that is no longer.
+            let kept = END_WIDTHS * end.width;
+            let is_long = (end.middle - far.middle).length() > kept;
+            let cut = if is_long { vec![plane(-end.normal, end.middle - end.normal * kept)] } else { Vec::new() };
+            toward((end.normal + tilt).normalize(), HIGHEST_DEG, cut, size)
+        };
+        let (middle, normal) = nearest_plane(mesh);
+        // From above, or else from where the ampulla end faces.
+        let normal = if normal.y < 0.0 || (normal.y == 0.0 && normal.z < 0.0) { -normal } else { normal };
+        let height = (size * 3).div_ceil(4);
+        match self {
+            Self::Whole => toward(normal, HIGHEST_DEG, Vec::new(), height),
+            Self::Opened => toward(normal, HIGHEST_DEG, vec![plane(normal, middle)], height),
+            Self::Isthmus => end(&ends.isthmus, &ends.ampulla),
+            Self::Ampulla => end(&ends.ampulla, &ends.isthmus),
+        }
+    }
+
+    fn straight(self, mesh: &Mesh, size: u32) -> View {
         let bounds = Bounds::of(mesh, |_| true);
         let length = bounds.max.z - bounds.min.z;
         let middle = (bounds.min + bounds.max) / 2.0;
@@ -101,6 +144,68 @@ fn axial_scale(width: f64, length: f64) -> f64 {
     fits.unwrap_or(AXIAL_SCALES[AXIAL_SCALES.len() - 1])
 }
 
+/// An end of a tube: its cap.
+struct End {
+    middle: DVec3,
+    /// Out of the tube.
+    normal: DVec3,
+    width: f64,
+}
+
+struct Ends {
+    isthmus: End,
+    ampulla: End,
+}
+
+impl Ends {
+    /// None if the mesh has no caps.
+    fn of(mesh: &Mesh) -> Option<Self> {
+        let end = |kinds: [PatchKind; 2]| {
+            let cap = kinds.into_iter().map(|kind| mesh.patch(kind)).find(|cap| !cap.is_empty())?;
+            let at = |v: u32| Vec3::from(mesh.positions[v as usize]).as_dvec3();
+            let middle = cap.iter().flatten().map(|&v| at(v)).sum::<DVec3>() / (3 * cap.len()) as f64;
+            let normal: DVec3 = cap.iter().map(|&[a, b, c]| (at(b) - at(a)).cross(at(c) - at(a))).sum();
+            let reach = cap.iter().flatten().map(|&v| at(v).distance(middle)).fold(0.0, f64::max);
+            Some(End { middle, normal: normal.normalize_or(DVec3::Z), width: 2.0 * reach })
+        };
+        let isthmus = end([PatchKind::CapIsthmus, PatchKind::Inlet])?;
+        Some(Self { isthmus, ampulla: end([PatchKind::CapAmpulla, PatchKind::Outlet])? })
+    }
+
+    /// Whether they face away from each other along z, and all of the mesh lies between them.
+    fn are_straight(&self, mesh: &Mesh) -> bool {
+        let [low, high] = [self.isthmus.middle.z, self.ampulla.middle.z];
+        let slack = 1e-3 * (high - low).abs();
+        let is_between = |p: &[f32; 3]| (low - slack..=high + slack).contains(&f64::from(p[2]));
+        let across = (self.isthmus.middle - self.ampulla.middle).truncate().length();
+        self.isthmus.normal.z < -0.999
+            && self.ampulla.normal.z > 0.999
+            && across <= self.isthmus.width.max(self.ampulla.width)
+            && mesh.positions.iter().all(is_between)
+    }
+}
+
+/// A point and the normal of the plane from which the squares of the distances of the vertices are least.
+fn nearest_plane(mesh: &Mesh) -> (DVec3, DVec3) {
+    let points = || mesh.positions.iter().map(|p| Vec3::from(*p).as_dvec3());
+    let middle = points().sum::<DVec3>() / mesh.positions.len().max(1) as f64;
+    let (mut squares, mut products) = (DVec3::ZERO, DVec3::ZERO);
+    for p in points() {
+        let d = p - middle;
+        squares += d * d;
+        products += DVec3::new(d.y * d.z, d.z * d.x, d.x * d.y);
+    }
+    let ([xx, yy, zz], [yz, zx, xy]) = (squares.to_array(), products.to_array());
+    // Columns of the adjugate of the matrix of moments: the longest has the direction of the least moment.
+    let columns = [
+        DVec3::new(yy * zz - yz * yz, zx * yz - xy * zz, xy * yz - zx * yy),
+        DVec3::new(zx * yz - xy * zz, xx * zz - zx * zx, xy * zx - yz * xx),
+        DVec3::new(xy * yz - zx * yy, xy * zx - yz * xx, xx * yy - xy * xy),
+    ];
+    let longest = columns.into_iter().max_by(|a, b| a.length_squared().total_cmp(&b.length_squared()));
+    (middle, longest.unwrap_or(DVec3::Y).normalize_or(DVec3::Y))
+}
+
 #[derive(Clone, Copy, Debug)]
 struct Bounds {
     min: DVec3,
@@ -142,6 +247,32 @@ mod tests {
             assert_eq!(axial_scale(1.0, length), factor, "{length}");
         }
         assert_eq!(axial_scale(0.0, 0.0), 1.0);
+    }
+
+    #[test]
+    fn a_bent_tube_is_seen_from_where_it_is_broadest() {
+        let straight = sample::tube(60, 40, 0.3);
+        for (plane, normal) in [(0, DVec3::Y), (1, DVec3::X)] {
+            // A quarter turn toward x or y.
+            let mut mesh = straight.clone();
+            for p in &mut mesh.positions {
+                let (sin, cos) = (p[2] / 4e-3 * std::f32::consts::FRAC_PI_2).sin_cos();
+                let radius = 2.55e-3 - p[plane];
+                let (x, z) = (2.55e-3 - radius * cos, radius * sin);
+                let other = p[1 - plane];
+                *p = if plane == 0 { [x, other, z] } else { [other, x, z] };
+            }
+            assert!(nearest_plane(&mesh).1.dot(normal).abs() > 0.99);
+            let view = NamedView::Opened.of(&mesh, 100);
+            assert_eq!((view.width, view.height, view.axial_scale, view.cut.len()), (100, 75, 1.0, 1));
+            assert!(DVec3::from(view.cut[0].normal).dot(normal).abs() > 0.99);
+            assert!(NamedView::Whole.of(&mesh, 100).cut.is_empty());
+            let ends = Ends::of(&mesh).unwrap();
+            assert!(ends.isthmus.normal.distance(DVec3::NEG_Z) < 1e-3);
+            assert!(ends.ampulla.normal.distance(if plane == 0 { DVec3::X } else { DVec3::Y }) < 1e-3);
+            assert!((ends.ampulla.width - 2e-3).abs() < 1e-5);
+        }
+        assert!(Ends::of(&straight).unwrap().are_straight(&straight));
     }
 
     #[test]

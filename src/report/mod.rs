@@ -16,6 +16,8 @@ pub use stored::ReportError;
 
 use crate::model::{Body, Border, Mesh, Plane, Section};
 use crate::render::{NamedView, mesh_png, sheet_png};
+use crate::spec::{Across, ModelSpec};
+use serde_json::Value;
 use stored::Stored;
 
 /// Media type of the page.
@@ -61,11 +63,16 @@ impl Strip {
         Self { z_um, shown: sections.iter().map(Section::borders).collect(), are_cuts: false }
     }
 
-    /// Cuts of the tissue at the places `z_um`; at the ends just within. None if it has no named patches.
+    /// Cuts of the tissue at the places `z_um` along its centre line, which follows from the stored specification; at the ends just
+    /// within. None if it has no named patches.
     #[must_use]
-    pub fn of_cuts(tissue: &Body<'_>, z_um: &[f64]) -> Option<Self> {
-        let [low, high] = tissue.extent_um(&Plane::across(0.0));
-        let cut = |z: &f64| tissue.borders(&Plane::across(z.clamp(low + END_UM, high - END_UM)));
+    pub fn of_cuts(tissue: &Body<'_>, z_um: &[f64], spec: &Value) -> Option<Self> {
+        let [low, high] = [z_um.first()?, z_um.last()?];
+        let across = ModelSpec::from_stored(spec).map(|spec| Across::of(&spec));
+        let cut = |z: &f64| {
+            let z = z.clamp(low + END_UM, high - END_UM);
+            tissue.borders(&across.as_ref().map_or(Some(Plane::across(z)), |across| across.at(z))?)
+        };
         let shown = z_um.iter().map(cut).collect::<Option<Vec<_>>>()?;
         Some(Self { z_um: z_um.to_vec(), shown, are_cuts: true })
     }
@@ -79,6 +86,12 @@ pub fn leans(report: &[u8]) -> bool {
         lean: Option<serde::de::IgnoredAny>,
     }
     serde_json::from_slice(report).is_ok_and(|Lean { lean }| lean.is_some())
+}
+
+/// The specification in a `report.json`; null if it has none.
+#[must_use]
+pub fn spec(report: &[u8]) -> Value {
+    serde_json::from_slice::<Value>(report).map_or(Value::Null, |mut report| report["spec"].take())
 }
 
 /// The page of a model: `report` is its `report.json`, and `tube` is its surface, as dense as [`VIEW`] needs it at [`PICTURE`]
@@ -105,7 +118,7 @@ mod tests {
     use crate::measure::morphometry::{Regions, morphometry};
     use crate::mesh::draft;
     use crate::model::sample::section;
-    use serde_json::{Value, json};
+    use serde_json::json;
 
     fn sections() -> Vec<Section> {
         (0..13).map(|k| section(120, f64::from(k), 500.0 * f64::from(k))).collect()

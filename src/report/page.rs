@@ -1,7 +1,7 @@
 //! The page.
 
 use super::plots::Plot;
-use super::stored::Stored;
+use super::stored::{Course, Stored};
 use crate::measure::comparison::{Compared, Comparison, Verdict};
 use crate::measure::morphometry::{Cuts, Morphometry, QUANTITIES};
 use crate::spec::{DEFAULT_PRESET, ModelSpec, Preset, preset};
@@ -42,9 +42,11 @@ pub(super) fn page(stored: &Stored, pictures: &Pictures, plots: &[Plot]) -> Mark
                 p.soft { "Grown by oviduct " (stored.engine) " from the preset " (stored.preset) ". Digest " code { (stored.digest) } }
                 h2 { "The model" }
                 figure {
-                    img.tube alt="The tube with a quarter cut away along it" src=(data(&pictures.tube));
-                    figcaption { "The tube with a quarter cut away along it." }
+                    @let cut_away = if stored.course.is_some() { "half of it" } else { "a quarter" };
+                    img.tube alt=(format!("The tube with {cut_away} cut away along it")) src=(data(&pictures.tube));
+                    figcaption { "The tube with " (cut_away) " cut away along it." }
                 }
+                @if let Some(course) = &stored.course { p { (bending(course)) } }
                 figure {
                     img alt="Sections along the tube" src=(data(&pictures.strip));
                     figcaption { (if pictures.are_cuts { "Planar cuts of the surface at " } else { "Sections at " }) (places(&pictures.places_mm)) " mm from the isthmus end, to one scale; the bar is 500 µm." }
@@ -173,6 +175,21 @@ fn along(plots: &[Plot]) -> Markup {
             }
         }
     }
+}
+
+fn bending(course: &Course) -> String {
+    let radius = course.curve_radius_mm.map_or_else(String::new, |radius| {
+        format!(
+            "; its radius of curvature is {radius:.1} mm where it is bent most for its width, at {:.1} mm",
+            course.tightest_at_mm
+        )
+    });
+    let relaxed =
+        if course.relaxed { ". It was relaxed: the course that was asked for has no room for the tube" } else { "" };
+    format!(
+        "The tube follows a centre line of tortuosity {:.2}, whose ends are {:.1} mm apart{radius}{relaxed}. Places are those along the centre line, and sections lie across it.",
+        course.tortuosity, course.end_distance_mm
+    )
 }
 
 fn regions(morphometry: &Morphometry) -> Markup {

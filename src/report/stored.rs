@@ -19,6 +19,17 @@ pub(super) struct Stored {
     pub(super) morphometry: Option<Morphometry>,
     pub(super) comparison: Option<Comparison>,
     pub(super) cuts: Option<Cuts>,
+    pub(super) course: Option<Course>,
+}
+
+/// How the tube is bent.
+#[derive(Debug, Deserialize)]
+pub(super) struct Course {
+    pub(super) tortuosity: f64,
+    pub(super) end_distance_mm: f64,
+    pub(super) curve_radius_mm: Option<f64>,
+    pub(super) tightest_at_mm: f64,
+    pub(super) relaxed: bool,
 }
 
 /// Why a page could not be made.

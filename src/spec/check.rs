@@ -36,6 +36,7 @@ pub(super) fn faults(p: &Parameters, bad: &[String]) -> Vec<Fault> {
     checks.mesh(p);
     checks.piece(p);
     checks.labels(p);
+    checks.course(p);
     checks.faults
 }
 
@@ -197,6 +198,16 @@ impl Checks<'_> {
 }
 
 impl Checks<'_> {
+    /// Where the course leads depends on the size of the tube, so it is looked at if nothing is wrong with that.
+    fn course(&mut self, p: &Parameters) {
+        const ABOUT: [&str; 8] =
+            ["/course", "/length_mm", "/steps", "/z", "/particles", "/containment", "/wall", "/collision/clearance_um"];
+        let is_about = |at: &str| ABOUT.iter().any(|about| at.starts_with(about));
+        if !self.faults.iter().any(|fault| is_about(&fault.pointer)) && !self.bad.iter().any(|at| is_about(at)) {
+            self.faults.extend(p.course_fault());
+        }
+    }
+
     fn labels(&mut self, p: &Parameters) {
         let (from, to) = ("/labels/from", "/labels/to");
         let labels = &p.labels;

@@ -112,6 +112,11 @@ const BODIES_SECONDS: f64 = 0.9e-6;
 /// on the default model.
 const LEAN_SECONDS: f64 = 1.7e-6;
 
+/// Seconds per triangle of a bent surface to place it, and to find triangles that meet, one core; measured on the default model.
+const BEND_SECONDS: f64 = 1.7e-6;
+/// Bytes per vertex and triangle of a bent surface: the straight one is kept beside it.
+const BEND_BYTES: u64 = 12;
+
 /// Bytes of the measures of a section in the report; measured on the default model.
 const REPORT_SECTION_BYTES: u64 = 850;
 /// Bytes of a triangle of the finest level of detail and of a simplified one, with its share of the vertices; measured on
@@ -216,24 +221,28 @@ impl ModelSpec {
                 + surface
                 + history
                 + simplification
+                + if self.bends() { (vertices + triangles) * BEND_BYTES } else { 0 }
                 + if needs_lumen { (vertices + triangles) * BODIES_BYTES } else { 0 }
                 + labels.as_ref().map_or(0, |labels| count(labels.memory)),
             seconds: {
                 #[expect(clippy::cast_precision_loss, reason = "an estimate")]
                 let lumen = if needs_lumen { triangles as f64 * BODIES_SECONDS } else { 0.0 };
                 let lean = if self.leans() { triangles as f64 * LEAN_SECONDS } else { 0.0 };
-                let more = lumen + lean + remeshed * self.remesh_seconds() + section_points * self.smooth_seconds();
+                let bend = if self.bends() { triangles as f64 * BEND_SECONDS } else { 0.0 };
+                let more =
+                    lumen + lean + bend + remeshed * self.remesh_seconds() + section_points * self.smooth_seconds();
                 self.seconds(triangles, has("lod"), more + labels.map_or(0.0, |labels| labels.seconds))
             },
         }
     }
 
-    /// Whether the surface is streamed for these outputs, named as for [`Self::cost`]: it is lofted and does not lean, and none
+    /// Whether the surface is streamed for these outputs, named as for [`Self::cost`]: it is lofted, neither leans nor bends, and none
     /// needs the whole of it.
     #[must_use]
     pub fn is_streamed(&self, outputs: &[&str]) -> bool {
         let needs_whole = |name: &&str| ["lumen", "regions", "lod", "labels"].contains(name);
-        self.mesh.resolution_um == 0.0 && !self.mesh.strips && !self.leans() && !outputs.iter().any(needs_whole)
+        let is_lofted = self.mesh.resolution_um == 0.0 && !self.mesh.strips && !self.leans() && !self.bends();
+        is_lofted && !outputs.iter().any(needs_whole)
     }
 
     fn counts(&self) -> Counts {

@@ -12,6 +12,7 @@
 //! | `check`, `stability` | rules between parameters |
 //! | `preset`, `schema` | data files with sources, JSON Schema |
 //! | `canonical` | a unique text of a specification, for the digest |
+//! | `course` | the centre line, and whether there is room for the tube along it |
 //! | `layers` | the layers of a section, the size of a label volume |
 //! | `batch_key` | which models a GPU may grow together |
 //! | `cost`, `limits` | the predicted cost of a model, and its limits |
@@ -23,6 +24,7 @@ mod bounds;
 mod canonical;
 mod check;
 mod cost;
+mod course;
 mod fault;
 #[cfg(feature = "fuzzing")]
 #[doc(hidden)]
@@ -47,12 +49,14 @@ mod tests;
 pub use batch_key::batch_key;
 pub use canonical::canonical_json;
 pub use cost::{Cost, Estimate, LEVEL_TRIANGLES};
+pub use course::{Across, Bent};
 pub use fault::{Fault, members};
 pub use lever::{End, Lever, Setting};
 pub use limits::{Limits, OverLimit};
 pub use parameters::{
-    Collision, Containment, Contortion, Histology, Integrator, Labels, Lean, MAX_PARTICLES, MAX_STEPS, MeshOptions,
-    Parameters, Particles, Piece, Regions, Regulatory, Search, Solver, Spring, Sway, Variation, Variety, Wall,
+    Collision, Containment, Contortion, Course, CourseShape, Histology, Integrator, Labels, Lean, MAX_PARTICLES,
+    MAX_STEPS, MeshOptions, Parameters, Particles, Piece, Regions, Regulatory, Search, Solver, Spring, Sway, Variation,
+    Variety, Wall,
 };
 pub use preset::{DEFAULT_PRESET, Preset, preset, presets};
 pub use schedule::{Ease, Fluctuation, Schedule};
@@ -105,6 +109,13 @@ impl ModelSpec {
     /// All faults; a missing parameter is a fault.
     pub fn from_json(whole: &Value) -> Result<Self, Vec<Fault>> {
         Self::build(&Value::Null, &[whole])
+    }
+
+    /// Reads a stored specification. One of an older version may lack parameters; they have the values of the default preset, which are
+    /// those without effect. `None` if it cannot be read.
+    #[must_use]
+    pub fn from_stored(spec: &Value) -> Option<Self> {
+        Self::resolve(preset(DEFAULT_PRESET)?, spec).ok()
     }
 
     fn build(base: &Value, patches: &[&Value]) -> Result<Self, Vec<Fault>> {

@@ -68,6 +68,8 @@ group! {
         pub solver: Solver = "Solver" [""] ();
         /// Options of the exported surface.
         pub mesh: MeshOptions = "Surface" [""] ();
+        /// The centre line that the tube follows.
+        pub course: Course = "Course" [""] ();
         /// The piece of the tube that becomes the model.
         pub piece: Piece = "Piece" [""] ();
         /// Regions of the tube, for measures.
@@ -284,6 +286,36 @@ group! {
 }
 
 group! {
+    /// The centre line that the finished surface follows. The simulation does not depend on it, nor do the sections: they lie across
+    /// the centre line, whose length is `length_mm`. Not in the paper, whose tubes are straight.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Course {
+        /// Which curve it is. It begins at the origin along z, but for `points`.
+        pub shape: CourseShape = "Shape" [""] ();
+        /// Angle by which an arc turns, and to which a sigmoid swings.
+        pub turn_deg: f64 = "Turn" ["°"] Range::of(0.1, 720.0);
+        /// Windings of a coil.
+        pub windings: f64 = "Windings" [""] Range::of(0.1, 1000.0);
+        /// Advance of a coil in each winding.
+        pub pitch_mm: f64 = "Pitch" ["mm"] Range::of(0.01, 1000.0);
+        /// Length of a random course over the distance of its ends.
+        pub tortuosity: f64 = "Tortuosity" [""] Range::of(1.001, 10.0);
+        /// Mean wavelength of a random course.
+        pub wavelength_mm: f64 = "Wavelength" ["mm"] Range::of(0.1, 10_000.0);
+        /// Seed of a random course. Models of other seeds can so follow the same course, and the same folds other courses.
+        pub seed: u32 = "Seed of the course" [""] Count::of(0, u32::MAX);
+        /// Points that the centre line passes through, from the isthmus end. It is scaled about the first point to `length_mm`.
+        pub points_mm: Vec<[f64; 3]> = "Points" ["mm"] Range::of(-10_000.0, 10_000.0);
+        /// Turn of the tube about the centre line, from end to end, against frames that turn as little as possible.
+        pub twist_deg: f64 = "Twist" ["°"] Range::of(-3600.0, 3600.0);
+        /// Least distance between the outer walls of parts that come near to each other.
+        pub clearance_um: f64 = "Distance of far parts" ["µm"] Range::of(1.0, 1e6);
+        /// Change a course that is too tight, or comes too near to itself, as little as needed instead of refusing it.
+        pub relax: bool = "Relax" [""] ();
+    }
+}
+
+group! {
     /// The piece of the tube that is recorded: surface, sections, measures and labels. It reaches from the last recorded section
     /// that is not after its begin to the first that is not before its end. The simulation begins at the isthmus end all the same.
     #[derive(Clone, Debug, PartialEq)]
@@ -333,6 +365,25 @@ group! {
         pub from: f64 = "Begin" ["of the piece"] Range::of(0.0, 1.0);
         /// Where it ends; greater than `from`.
         pub to: f64 = "End" ["of the piece"] Range::of(0.0, 1.0);
+    }
+}
+
+choice! {
+    /// Curves that a tube can follow.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum CourseShape {
+        /// Along z.
+        Straight = "straight",
+        /// A part of a circle: `turn_deg`.
+        Arc = "arc",
+        /// An S: `turn_deg` to the side and back.
+        Sigmoid = "sigmoid",
+        /// A helix: `windings`, `pitch_mm`.
+        Coil = "coil",
+        /// Random swings: `tortuosity`, `wavelength_mm`, `seed`.
+        Random = "random",
+        /// Through `points_mm`.
+        Points = "points",
     }
 }
 

@@ -12,6 +12,8 @@ use serde_json::{Value, json};
 pub(super) const MAX_KEYS: usize = 256;
 /// Bounds of the period of a fluctuation, in steps. A period below two steps cannot be sampled once a step.
 pub(super) const PERIOD: Range = Range::of(2.0, 1e6);
+/// Most points of a list.
+pub(super) const MAX_POINTS: usize = 1000;
 /// The members of a schedule.
 const MEMBERS: [&str; 3] = ["keys", "ease", "fluctuation"];
 
@@ -61,6 +63,21 @@ impl Reader {
             .and_then(|u| self.bounded(Site { at: &at_u, unit: "of the steps" }, u, Range::of(0.0, 1.0)));
         let v = self.number(&at_v, v).and_then(|v| self.bounded(Site { at: &at_v, unit: site.unit }, v, range));
         Some([u?, v?])
+    }
+
+    fn point(&mut self, site: Site<'_>, i: usize, value: &Value, range: Range) -> Option<[f64; 3]> {
+        let at = format!("{}/{i}", site.at);
+        let Some([x, y, z]) = value.as_array().map(Vec::as_slice) else {
+            let got = value.as_array().map_or_else(|| describe(value), |a| format!("an array of {}", a.len()));
+            return self.fault(at, format!("must be a point [x, y, z], not {got}"));
+        };
+        let mut coordinate = |axis: usize, value: &Value| {
+            let at = format!("{at}/{axis}");
+            let number = self.number(&at, value)?;
+            self.bounded(Site { at: &at, unit: site.unit }, number, range)
+        };
+        let [x, y, z] = [coordinate(0, x), coordinate(1, y), coordinate(2, z)];
+        Some([x?, y?, z?])
     }
 
     fn fluctuation(&mut self, site: Site<'_>, value: &Value) -> Option<Option<Fluctuation>> {
@@ -150,6 +167,30 @@ impl Parameter for bool {
 
     fn write(&self) -> Value {
         Value::from(*self)
+    }
+}
+
+impl Parameter for Vec<[f64; 3]> {
+    type Rule = Range;
+
+    fn kind(rule: Range) -> Kind {
+        Kind::Points(rule)
+    }
+
+    fn read(reader: &mut Reader, site: Site<'_>, value: &Value, rule: Range) -> Option<Self> {
+        let Some(items) = value.as_array() else {
+            return reader.fault(site.at, format!("must be an array of points [x, y, z], not {}", describe(value)));
+        };
+        if items.len() > MAX_POINTS {
+            return reader.fault(site.at, format!("has {} points; at most {MAX_POINTS} are allowed", items.len()));
+        }
+        let points: Vec<Option<[f64; 3]>> =
+            (0..).zip(items).map(|(i, item)| reader.point(site, i, item, rule)).collect();
+        points.into_iter().collect()
+    }
+
+    fn write(&self) -> Value {
+        self.iter().map(|point| point.map(number).to_vec()).collect()
     }
 }
 

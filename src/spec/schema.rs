@@ -8,7 +8,7 @@ use super::canonical::number;
 use super::fault::child;
 use super::parameters::table;
 use super::preset::{DEFAULT_PRESET, preset};
-use super::read::{MAX_KEYS, PERIOD};
+use super::read::{MAX_KEYS, MAX_POINTS, PERIOD};
 use super::schedule::Ease;
 use super::table::{Field, Kind};
 use serde_json::{Map, Value, json};
@@ -46,6 +46,7 @@ fn object(fields: &[Field], at: &str, default: &dyn Fn(&str) -> Option<Value>) -
                     "x-enum-descriptions": names.iter().map(|(_, doc)| *doc).collect::<Vec<_>>(),
                 }),
                 Kind::Bool => json!({ "type": "boolean" }),
+                Kind::Points(range) => points(*range),
             };
             schema["title"] = field.title.into();
             schema["description"] = field.doc.into();
@@ -82,6 +83,18 @@ fn schedule(range: Range) -> Value {
 /// The first number of a key.
 fn fraction() -> Value {
     json!({ "type": "number", "minimum": 0, "maximum": 1 })
+}
+
+fn points(range: Range) -> Value {
+    let coordinate = bounded(range);
+    let point = json!({
+        "type": "array",
+        "prefixItems": [coordinate, coordinate, coordinate],
+        "items": coordinate,
+        "minItems": 3,
+        "maxItems": 3,
+    });
+    json!({ "type": "array", "items": point, "maxItems": MAX_POINTS })
 }
 
 fn bounded(range: Range) -> Value {

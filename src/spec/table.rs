@@ -36,6 +36,8 @@ pub(super) enum Kind {
     Choice(&'static [(&'static str, &'static str)]),
     /// A Boolean.
     Bool,
+    /// A list of points in space, with the bounds of their coordinates.
+    Points(Range),
 }
 
 /// A type that can be the value of a parameter.

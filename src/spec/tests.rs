@@ -522,3 +522,62 @@ fn finer_surfaces_and_longer_pieces_cost_more() {
     assert!(both.seconds["cpu"].seconds > 3.0 * even(40.0).seconds["cpu"].seconds);
     assert!(smooth.bytes["sections"] > whole.bytes["sections"] && smooth.particles_end == whole.particles_end);
 }
+
+#[test]
+fn courses_without_room_are_refused_with_the_place_or_relaxed() {
+    let faults = |course: &Value| resolve(&json!({ "course": course })).unwrap_err();
+    for (course, pointer, words) in [
+        (json!({ "shape": "arc", "turn_deg": 720 }), "/course/turn_deg", "too near to each other"),
+        (json!({ "shape": "sigmoid", "turn_deg": 700 }), "/course/turn_deg", "is too tight at"),
+        (json!({ "shape": "coil", "windings": 12, "pitch_mm": 5 }), "/course/windings", "is not less than /length_mm"),
+        (json!({ "shape": "coil", "windings": 6, "pitch_mm": 2 }), "/course/windings", "mm from the isthmus end"),
+        (
+            json!({ "shape": "random", "tortuosity": 4, "wavelength_mm": 8 }),
+            "/course/tortuosity",
+            "mm from the isthmus end",
+        ),
+        (json!({ "shape": "random", "wavelength_mm": 10_000 }), "/course/tortuosity", "use shorter ones"),
+        (json!({ "shape": "points" }), "/course/points_mm", "has 0 points"),
+        (
+            json!({ "shape": "points", "points_mm": [[0, 0, 0], [0, 0, 1], [0, 0, 1]] }),
+            "/course/points_mm/2",
+            "is the point before it",
+        ),
+        (
+            json!({ "shape": "points", "points_mm": [[9000, 0, 0], [9000, 0, 1]] }),
+            "/course/points_mm",
+            "single precision",
+        ),
+        (json!({ "points_mm": [[0, 0]] }), "/course/points_mm/0", "not an array of 2"),
+        (json!({ "points_mm": [[0, 0, "a"]] }), "/course/points_mm/0/2", "must be a number"),
+        (json!({ "points_mm": 3 }), "/course/points_mm", "must be an array of points"),
+        (json!({ "shape": "knot" }), "/course/shape", "must be one of"),
+    ] {
+        let found = faults(&course);
+        assert!(
+            found.len() == 1 && found[0].pointer == pointer && found[0].detail.contains(words),
+            "{course}: {found:?}"
+        );
+    }
+    for course in [
+        json!({ "shape": "arc", "turn_deg": 720, "relax": true }),
+        json!({ "shape": "random", "tortuosity": 4, "wavelength_mm": 8, "relax": true }),
+        json!({ "shape": "coil", "windings": 6, "pitch_mm": 2, "relax": true }),
+    ] {
+        let bent = resolve(&json!({ "course": course })).unwrap().bent_course().unwrap();
+        assert!(bent.relaxed && bent.room.bend.share() <= 0.8, "{course}");
+        assert!(bent.room.near.is_none_or(|near| near.distance >= 200.0));
+    }
+}
+
+#[test]
+fn a_course_is_the_same_each_time_and_in_a_stored_specification() {
+    let spec = resolve(&json!({ "course": { "shape": "random", "seed": 5 } })).unwrap();
+    let again = ModelSpec::from_stored(&spec.to_json()).unwrap();
+    assert_eq!(again.bent_course(), spec.bent_course());
+    assert!((spec.bent_course().unwrap().course.tortuosity() - 1.5).abs() < 0.01);
+    let mut older = resolve(&json!({})).unwrap().to_json();
+    older.as_object_mut().unwrap().remove("course");
+    assert!(!ModelSpec::from_stored(&older).unwrap().bends());
+    assert!(resolve(&json!({ "course": { "twist_deg": 30 } })).unwrap().bends());
+}

@@ -18,11 +18,10 @@ fn needs(operation: &str) -> Option<Needs> {
         "get_health" | "get_readiness" | "get_docs" => Needs::Nothing,
         "list_presets" | "get_preset" | "get_schema" | "get_openapi" => Needs::Key,
         "list_models" | "get_model" | "validate_model" | "get_batch" | "follow_model" | "follow_all"
-        | "download_file" | "get_report" | "get_section" | "cut_model" | "get_preview" | "get_report_page"
-        | "get_manifest" | "list_workers" | "list_fits" | "get_fit" | "validate_fit" | "follow_fit"
-        | "create_ticket" | "validate_batch" | "get_batch_table" | "get_batch_archive" | "list_batches" => {
-            Needs::Scope(Scope::Read)
-        }
+        | "download_file" | "get_report" | "get_section" | "get_course" | "cut_model" | "get_preview"
+        | "get_report_page" | "get_manifest" | "list_workers" | "list_fits" | "get_fit" | "validate_fit"
+        | "follow_fit" | "create_ticket" | "validate_batch" | "get_batch_table" | "get_batch_archive"
+        | "list_batches" => Needs::Scope(Scope::Read),
         "retry_model" | "cancel_models" | "delete_models" | "cancel_batch" | "create_model" | "delete_model"
         | "create_fit" | "cancel_fit" | "delete_fit" | "cancel_model" | "create_batch" | "delete_batch" => {
             Needs::Scope(Scope::Submit)

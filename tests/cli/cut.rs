@@ -44,6 +44,41 @@ fn a_model_is_cut_across_and_along_in_every_form() {
 }
 
 #[test]
+fn a_bent_model_is_cut_across_its_centre_line() {
+    let at = folder();
+    let grow = |out: &str, course: &[&str]| {
+        let generate = ["generate", "--seed", "3", "--json", "--outputs", "glb", "--out", out];
+        json(&run(at.path(), &[&generate, course, &TINY[..]].concat()));
+    };
+    grow("straight", &[]);
+    grow("bent", &["--set", "course.shape=arc", "--set", "course.turn_deg=120"]);
+    let cut = |model: &str, z: &str| -> Value {
+        let file = format!("{model}/model.glb");
+        let told = run(at.path(), &["cut", &file, "--z-um", z, "--out", "cut.json"]);
+        assert_eq!(code(&told), 0, "{}", said(&told));
+        serde_json::from_slice(&std::fs::read(at.path().join("cut.json")).unwrap()).unwrap()
+    };
+    for z in ["0", "20000", "59000"] {
+        let [straight, bent] = ["straight", "bent"].map(|model| cut(model, z));
+        for name in ["tissue_area_um2", "lumen_area_um2"] {
+            let [a, b] = [&straight, &bent].map(|cut| cut[name].as_f64().unwrap());
+            assert!((a / b - 1.0).abs() < 2e-3, "{name} at {z}: {a} and {b}");
+        }
+        assert_eq!(straight["islands"], bent["islands"]);
+        assert!(bent["plane"]["reach_um"].is_number() && straight["plane"]["reach_um"].is_null());
+    }
+    let beyond = run(at.path(), &["cut", "bent/model.glb", "--z-um", "60001"]);
+    assert!(code(&beyond) == 2 && said(&beyond).contains("from 0.0 to 60000.0 µm"), "{}", said(&beyond));
+    // Elsewhere, the report is named; without it, the plane is one across z.
+    std::fs::rename(at.path().join("bent/report.json"), at.path().join("r.json")).unwrap();
+    let named = run(at.path(), &["cut", "bent/model.glb", "--z-um", "30000", "--report", "r.json"]);
+    assert_eq!(code(&named), 0, "{}", said(&named));
+    assert_eq!(code(&run(at.path(), &["cut", "bent/model.glb", "--z-um", "59000"])), 1);
+    let bad = run(at.path(), &["cut", "bent/model.glb", "--z-um", "1", "--report", "bent/model.glb"]);
+    assert!(code(&bad) == 2 && said(&bad).contains("--report"), "{}", said(&bad));
+}
+
+#[test]
 fn what_is_no_plane_is_named() {
     let at = folder();
     for (options, word) in [

@@ -32,6 +32,8 @@ def test_a_model_is_submitted_waited_for_and_saved(client, tmp_path):
     assert files.keys() == {path.name for path in paths}
     assert (files["model.glb"]["unit"], files["model.glb"]["body"]) == ("m", "tissue")
     assert (model.bodies, model.units) == (("tissue",), None)
+    course = client.course(model)
+    assert (course["shape"], len(course["points"]), course["points"][0]["u"]) == ("straight", 2, [1, 0, 0])
     assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "report.json"]
 
 

@@ -20,6 +20,7 @@ import type {
   FitValidation,
   FollowFilter,
   Health,
+  Course,
   Manifest,
   Model,
   ModelEvent,
@@ -494,6 +495,11 @@ export class Oviduct {
   /** The certificate and the summary of a model, and what computed it. */
   report(id: string, options: CallOptions = {}): Promise<Report> {
     return this.#get(`models/${segment(id)}/report`, options);
+  }
+
+  /** The centre line that a model follows, as points with frames, in millimetres. */
+  course(id: string, options: CallOptions = {}): Promise<Course> {
+    return this.#get(`models/${segment(id)}/course`, options);
   }
 
   /** What the files of a model are: bodies, units, patches, sizes, hashes; its origin, licence and how to cite. */

@@ -67,6 +67,8 @@ export type NamedView = Schemas["NamedView"];
 /** The certificate and the summary of a model, and what computed it. */
 export type Report = Answer<"get_report">;
 export type Manifest = Answer<"get_manifest">;
+/** The centre line that a model follows. */
+export type Course = Answer<"get_course">;
 export type PresetList = Answer<"list_presets">;
 export type Preset = Answer<"get_preset">;
 export type Worker = Answer<"drain_worker">;

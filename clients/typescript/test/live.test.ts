@@ -338,6 +338,8 @@ test("the service describes itself", async () => {
   assert((await client.schema())["properties"]);
   const manifest = await client.manifest(model.id);
   assert.deepEqual(manifest.files.map((file) => file.sha256), model.files.map((file) => file.sha256));
+  const course = await client.course(model.id);
+  assert.deepEqual([course.model, course.shape, course.points.length, course.points[0]?.u], [model.id, "straight", 2, [1, 0, 0]]);
   const report = await client.report(model.id);
   assert(report.digest === model.digest && report["certificate"]);
   assert.equal((await client.health()).status, "ok");

@@ -128,9 +128,12 @@ pub(in crate::cli) struct CutArgs {
     /// Surface of the tissue: glTF (.glb, .gltf), OBJ, STL, PLY or VTP
     #[arg(value_name = "FILE")]
     pub(in crate::cli) file: PathBuf,
-    /// Place along the tube of a plane across it, µm
+    /// Place along the tube of a plane across it, µm; along its centre line, if it is bent
     #[arg(long, value_name = "Z", allow_hyphen_values = true, conflicts_with_all = ["origin_um", "normal"])]
     pub(in crate::cli) z_um: Option<f64>,
+    /// Report of the model, whose spec says how the tube is bent [default: report.json beside FILE, if there is one]
+    #[arg(long, value_name = "FILE", requires = "z_um")]
+    pub(in crate::cli) report: Option<PathBuf>,
     /// A point of the plane, µm
     #[arg(long, value_name = "X,Y,Z", value_parser = triple, allow_hyphen_values = true, requires = "normal")]
     pub(in crate::cli) origin_um: Option<[f64; 3]>,

@@ -8,7 +8,7 @@
 mod field;
 mod stations;
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;
 
 pub use stations::{Lean, Station};
 
@@ -106,12 +106,26 @@ fn in_um(metres: f32) -> f64 {
 }
 
 /// Where displacement is damped, and how far around, µm.
-struct Centre {
+pub(super) struct Centre {
     place: [f64; 3],
     reach: [f64; 2],
 }
 
 impl Centre {
+    /// Adds a place, unless another one is near.
+    pub(super) fn add(centres: &mut Vec<Self>, place: [f64; 3], lean: &Lean) {
+        if !centres.iter().rev().any(|centre| centre.square(place) < 0.25) {
+            let along = ALONG * lean.spacing_um(place[2]);
+            centres.push(Self { place, reach: [ACROSS * lean.wavelength_um, along] });
+        }
+    }
+
+    /// The part of the displacement that is left at a place; none if the place is too far away.
+    pub(super) fn left(&self, p: [f64; 3], damping: f64) -> Option<f64> {
+        let square = self.square(p);
+        (square < FAR * FAR).then(|| 1.0 - damping * libm::exp(-square / 2.0))
+    }
+
     /// Squared distance in reaches.
     fn square(&self, p: [f64; 3]) -> f64 {
         let d = [0, 1, 2].map(|axis| p[axis] - self.place[axis]);
@@ -145,10 +159,7 @@ impl Surface<'_> {
                     place[axis] += p[axis] / 6.0;
                 }
             }
-            if !centres.iter().rev().any(|centre| centre.square(place) < 0.25) {
-                let along = ALONG * lean.spacing_um(place[2]);
-                centres.push(Centre { place, reach: [ACROSS * lean.wavelength_um, along] });
-            }
+            Centre::add(&mut centres, place, lean);
         }
         centres
     }
@@ -165,9 +176,8 @@ impl Surface<'_> {
                 if in_um(self.z[v]) > z + far {
                     break;
                 }
-                let square = centre.square(self.place(v));
-                if square < FAR * FAR && self.full[v] != 0.0 {
-                    self.left[v] *= 1.0 - damping * libm::exp(-square / 2.0);
+                if let Some(left) = centre.left(self.place(v), damping).filter(|_| self.full[v] != 0.0) {
+                    self.left[v] *= left;
                     is_moved[v] = true;
                 }
             }

@@ -36,6 +36,25 @@ fn lean_of(strength_um: f64) -> Lean {
     }
 }
 
+/// That tube, leaning.
+pub(in crate::mesh) fn leaning() -> Mesh {
+    let mut mesh = surface();
+    lean(&mut mesh, &lean_of(300.0), &|| false);
+    mesh
+}
+
+/// That tube with a lean so strong that it meets itself, how it leans, and z of its vertices before.
+pub(in crate::mesh) fn pressed() -> (Mesh, Lean, Vec<f32>) {
+    let mut mesh = surface();
+    let z = mesh.positions.iter().map(|p| p[2]).collect();
+    let lean = lean_of(300.0);
+    let field = Field::new(&lean);
+    for p in &mut mesh.positions {
+        p[2] += 1e-6 * field.at(p.map(in_um)) as f32;
+    }
+    (mesh, lean, z)
+}
+
 #[test]
 fn a_displaced_surface_does_not_meet_itself_and_keeps_its_ends_and_its_outside() {
     let before = surface();

@@ -67,7 +67,9 @@ pub struct Remeshed {
 /// Discs that close the lumen. Vertices are those of the tissue, then `positions`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Lids {
-    /// Vertices within the discs, metres.
+    /// Number of vertices of the tissue that they were made for; more may be added to it.
+    pub tissue: u32,
+    /// Vertices within the discs, which follow those of the tissue; metres.
     pub positions: Vec<[f32; 3]>,
     /// Triangles of [`PatchKind::Inlet`], facing down the tube.
     pub inlet: Vec<[u32; 3]>,
@@ -83,7 +85,8 @@ impl Lids {
         regions.positions.extend_from_slice(&self.positions);
         for (kind, triangles) in [(PatchKind::Inlet, &self.inlet), (PatchKind::Outlet, &self.outlet)] {
             let start = regions.triangles.len();
-            regions.triangles.extend_from_slice(triangles);
+            let moved = |v: u32| if v < self.tissue { v } else { v - self.tissue + tissue.positions.len() as u32 };
+            regions.triangles.extend(triangles.iter().map(|t| t.map(moved)));
             regions.patches.push(Patch { kind, triangles: start..regions.triangles.len() });
         }
         regions
@@ -324,7 +327,10 @@ fn finish(assembled: Assembled, options: &Quality) -> Result<Remeshed, RemeshErr
     }
     let outlet = lid.pop().unwrap_or_default();
     let inlet = turned(lid.pop().unwrap_or_default());
-    Ok(Remeshed { tissue: mesh, lids: Some(Lids { positions: positions.split_off(tissue), inlet, outlet }) })
+    Ok(Remeshed {
+        tissue: mesh,
+        lids: Some(Lids { tissue: tissue as u32, positions: positions.split_off(tissue), inlet, outlet }),
+    })
 }
 
 fn turned(mut triangles: Vec<[u32; 3]>) -> Vec<[u32; 3]> {

@@ -116,7 +116,8 @@ impl<'a> Body<'a> {
             let lines = closed.into_iter().map(line(true)).chain(open.into_iter().map(line(false))).collect();
             let closing = walls.fans[k].iter().filter_map(|(edge, middle)| {
                 let corners = [self.place(edge[0]), self.place(edge[1]), *middle];
-                Some(through(corners, plane)?.map(single))
+                let ends = through(corners, plane)?;
+                ends.iter().all(|p| plane.reaches(*p)).then(|| ends.map(single))
             });
             Border { lines, closing: closing.collect() }
         };
@@ -138,14 +139,18 @@ impl<'a> Body<'a> {
         let height = plane.height_um();
         (self.triangles[triangles].par_iter().with_min_len(CHUNK))
             .filter_map(|t| Crossing::of(t, t.map(|v| plane.height_of(self.place(v))), height))
+            .filter(|crossing| plane.reaches(self.meeting(plane, crossing.from)))
             .collect()
     }
 
+    /// Where an edge meets a plane.
+    fn meeting(&self, plane: &Plane, (a, b): EdgeKey) -> [f64; 3] {
+        let [p, q] = [a, b].map(|v| self.place(v));
+        meeting_point(p, q, [p, q].map(|p| plane.height_of(p)), plane.height_um())
+    }
+
     fn lines(&self, plane: &Plane, crossings: Vec<Crossing>) -> Lines3 {
-        let point = |&(a, b): &EdgeKey| {
-            let [p, q] = [a, b].map(|v| self.place(v));
-            meeting_point(p, q, [p, q].map(|p| plane.height_of(p)), plane.height_um())
-        };
+        let point = |&edge: &EdgeKey| self.meeting(plane, edge);
         let points = |lines: Vec<Vec<EdgeKey>>| lines.iter().map(|line| line.iter().map(point).collect()).collect();
         let Lines { closed, open } = Lines::chain(crossings);
         Lines3 { closed: points(closed), open: points(open) }
@@ -227,8 +232,35 @@ fn rims(triangles: &[[u32; 3]]) -> Vec<Vec<[u32; 2]>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::course::Course;
     use crate::model::RingKind;
     use crate::model::sample::tube;
+
+    #[test]
+    fn other_parts_than_the_one_around_the_plane_are_left_out() {
+        let mut mesh = tube(24, 4, 0.0);
+        let count = mesh.positions.len() as u32;
+        let beside: Vec<[f32; 3]> = mesh.positions.iter().map(|[x, y, z]| [x + 5e-3, *y, *z]).collect();
+        // Patches must be in one piece each, so that the second tube is added to the last.
+        let more: Vec<[u32; 3]> = mesh.triangles.iter().map(|t| t.map(|v| v + count)).collect();
+        mesh.positions.extend(beside);
+        mesh.triangles.extend(more);
+        let last = mesh.patches.len() - 1;
+        mesh.patches[last].triangles.end = mesh.triangles.len();
+        let course = Course::straight(4000.0);
+        let body = Body::from(&mesh);
+        let plane = Plane::across_course(&course, 1700.0, [0.0, 4000.0], 1200.0).unwrap();
+        assert_eq!((plane.u, plane.v, plane.reach_um), ([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], Some(1200.0)));
+        assert_eq!(body.cut(&Plane::across(1700.0)).of(RingKind::Tissue).count(), 2);
+        assert_eq!(body.cut(&plane).of(RingKind::Tissue).count(), 1);
+        assert_ne!(plane.digest(), Plane::across(1700.0).digest());
+        // An end is plane up to rounding.
+        for end in [0.0, 4000.0] {
+            let plane = Plane::across_course(&course, end, [0.0, 4000.0], 1200.0).unwrap();
+            assert_eq!(body.cut(&plane).rings.len(), 2);
+        }
+        assert_eq!(Plane::across_course(&course, 4000.1, [0.0, 4000.0], 1200.0), None);
+    }
 
     #[test]
     fn a_tube_is_cut_across_along_and_at_an_angle() {

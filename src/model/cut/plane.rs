@@ -1,5 +1,6 @@
 //! Planes with coordinates in them.
 
+use crate::geometry::course::{Course, Frame};
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -16,13 +17,52 @@ pub struct Plane {
     pub u: [f64; 3],
     /// Unit vector of v.
     pub v: [f64; 3],
+    /// Radius around the origin beyond which nothing is cut: across a bent tube, other parts of it are left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(required = false)]
+    pub reach_um: Option<f64>,
 }
+
+/// Least distance of a plane across a bent tube from its ends, µm: an end is plane up to rounding.
+const FROM_ENDS: f64 = 0.05;
 
 impl Plane {
     /// The plane across a straight tube: u is x, v is y.
     #[must_use]
     pub fn across(z_um: f64) -> Self {
-        Self { origin_um: [0.0, 0.0, z_um], normal: [0.0, 0.0, 1.0], u: [1.0, 0.0, 0.0], v: [0.0, 1.0, 0.0] }
+        Self {
+            origin_um: [0.0, 0.0, z_um],
+            normal: [0.0, 0.0, 1.0],
+            u: [1.0, 0.0, 0.0],
+            v: [0.0, 1.0, 0.0],
+            reach_um: None,
+        }
+    }
+
+    /// The plane across a tube that follows a course, µm, and whose wall is within `reach_um` of it: u and v are x and y of the section.
+    /// `ends` are the places of both ends of the model; `None` if the place is beyond them.
+    #[must_use]
+    pub fn across_course(course: &Course, place_um: f64, ends: [f64; 2], reach_um: f64) -> Option<Self> {
+        let [first, last] = ends;
+        let place = place_um.clamp(first + FROM_ENDS, last - FROM_ENDS);
+        let Frame { origin, u, v, tangent } = course.at(place);
+        (first..=last).contains(&place_um).then(|| Self {
+            origin_um: origin.into(),
+            normal: tangent.into(),
+            u: u.into(),
+            v: v.into(),
+            reach_um: Some(reach_um),
+        })
+    }
+
+    /// Whether a point of the plane is cut.
+    #[must_use]
+    pub fn reaches(&self, p_um: [f64; 3]) -> bool {
+        let square = |reach: f64| {
+            let [u, v] = self.coordinates(p_um);
+            u * u + v * v <= reach * reach
+        };
+        self.reach_um.is_none_or(square)
     }
 
     /// The plane through a point. u lies along x if the plane is steeper than 45° against the z axis, else along z, as far as
@@ -43,7 +83,7 @@ impl Plane {
             normal[2] * u[0] - normal[0] * u[2],
             normal[0] * u[1] - normal[1] * u[0],
         ];
-        Some(Self { origin_um, normal, u, v })
+        Some(Self { origin_um, normal, u, v, reach_um: None })
     }
 
     /// Height of the plane along its normal.
@@ -62,7 +102,7 @@ impl Plane {
     /// A number for the plane: the same for the same plane, most likely another for another one.
     #[must_use]
     pub fn digest(&self) -> u64 {
-        let numbers = self.origin_um.iter().chain(&self.normal);
+        let numbers = self.origin_um.iter().chain(&self.normal).chain(&self.reach_um);
         // Fowler–Noll–Vo over the bits; adding zero turns −0 into 0.
         numbers.fold(0xcbf2_9ce4_8422_2325, |hash, x| {
             (x + 0.0)

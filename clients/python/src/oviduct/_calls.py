@@ -234,6 +234,10 @@ def report_page(ref: ModelRef) -> Call[str]:
     return Request("GET", f"models/{key(ref)}/report.html"), lambda response: response.text
 
 
+def course(ref: ModelRef) -> Call[Json]:
+    return Request("GET", f"models/{key(ref)}/course"), _object
+
+
 def manifest(ref: ModelRef) -> Call[Json]:
     return Request("GET", f"models/{key(ref)}/manifest.json"), _object
 

@@ -149,6 +149,9 @@ class AsyncClient(AsyncDriver):
     async def report(self, model: ModelRef) -> Json:
         return await self._call(_calls.report(model))
 
+    async def course(self, model: ModelRef) -> Json:
+        return await self._call(_calls.course(model))
+
     async def manifest(self, model: ModelRef) -> Json:
         return await self._call(_calls.manifest(model))
 

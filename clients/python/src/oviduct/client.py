@@ -245,6 +245,13 @@ class Client(Driver):
         """The report of a model: `certificate`, `morphometry`, `comparison`, `summary`, `spec`, `backend`, …"""
         return self._call(_calls.report(model))
 
+    def course(self, model: ModelRef) -> Json:
+        """The centre line that a model follows: points with frames, in millimetres.
+
+        A point (x, y) of the cross section at `s_mm` is at `position_mm` + x·`u` + y·`v` in the files of the model.
+        """
+        return self._call(_calls.course(model))
+
     def manifest(self, model: ModelRef) -> Json:
         """What the files of a model are (bodies, units, patches, hashes), its origin, licence and how to cite."""
         return self._call(_calls.manifest(model))

@@ -1,0 +1,228 @@
+//! The course of a tube: a centre line with a frame at each place, and the map that bends a straight tube along it.
+//!
+//! The centre line is a cubic spline through nodes at equal distances, with continuous curvature, by its arc length. Frames are
+//! rotation-minimising (double reflection; Wang, Jüttler, Zheng and Liu, *Computation of rotation minimizing frames*, ACM TOG 27(1),
+//! 2008) and turned by a uniform twist. The map is one to one where [`Course::room`] finds room for the tube.
+
+mod relax;
+mod room;
+mod shapes;
+mod spline;
+#[cfg(test)]
+mod tests;
+
+pub use relax::Relaxation;
+pub use room::{Bend, Near, Room};
+pub use shapes::Random;
+
+use glam::{DQuat, DVec3};
+use spline::Spline;
+
+/// A curve with frames; lengths in any one unit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Course {
+    length: f64,
+    /// By arc length; its knots are the nodes.
+    line: Spline,
+    /// First vectors of the frames at the nodes, without the twist.
+    us: Vec<DVec3>,
+    /// Turn of the last frame, radians.
+    twist: f64,
+}
+
+/// A place of a course.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// Point of the centre line.
+    pub origin: DVec3,
+    /// Direction of x of the straight tube.
+    pub u: DVec3,
+    /// Direction of y.
+    pub v: DVec3,
+    /// Direction of z: that of the centre line.
+    pub tangent: DVec3,
+}
+
+impl Frame {
+    /// Where a point of the section at this place is.
+    #[must_use]
+    pub fn place(&self, x: f64, y: f64) -> DVec3 {
+        self.origin + self.u * x + self.v * y
+    }
+}
+
+impl Course {
+    /// Through points, scaled about the first to a length; none if two that follow each other are the same, or there are fewer than
+    /// two.
+    #[must_use]
+    pub fn through(points: &[DVec3], length: f64, nodes: usize, twist: f64) -> Option<Self> {
+        let is_curve = points.len() >= 2 && points.windows(2).all(|pair| pair[0].distance(pair[1]) > 0.0);
+        if !is_curve {
+            return None;
+        }
+        let curve = Spline::by_chords(points);
+        let (found, own) = equidistant(&curve, nodes);
+        let scale = length / own;
+        Some(Self::of_nodes(found.iter().map(|p| points[0] + (*p - points[0]) * scale).collect(), length, twist))
+    }
+
+    /// The straight course, along z from the origin.
+    #[must_use]
+    pub fn straight(length: f64) -> Self {
+        Self::of_nodes(vec![DVec3::ZERO, DVec3::Z * length], length, 0.0)
+    }
+
+    /// From the origin along unit vectors, turned so that it begins along z. `direction` is a function of the part of the length.
+    fn along(direction: impl Fn(f64) -> DVec3, length: f64, nodes: usize, twist: f64) -> Self {
+        let begin = DQuat::from_rotation_arc(direction(0.0), DVec3::Z);
+        let step = 1.0 / nodes as f64;
+        let mut at = DVec3::ZERO;
+        let rest = (0..nodes).map(|i| {
+            let middle = (i as f64 + 0.5) * step;
+            let sum: DVec3 = GAUSS.iter().map(|&[x, w]| direction(middle + 0.5 * step * x) * w).sum();
+            at += begin * sum * (0.5 * step * length);
+            at
+        });
+        let points = std::iter::once(DVec3::ZERO).chain(rest).collect();
+        Self::of_nodes(points, length, twist)
+    }
+
+    /// Through points at equal distances along the curve.
+    fn of_nodes(points: Vec<DVec3>, length: f64, twist: f64) -> Self {
+        let last = points.len() - 1;
+        let line = Spline::new((0..=last).map(|i| length * i as f64 / last as f64).collect(), points);
+        let mut us = Vec::with_capacity(last + 1);
+        let ahead = |i: usize| (line.points()[i], line.at(line.knots()[i]).first.normalize());
+        let (mut at, mut tangent) = ahead(0);
+        let mut u = turn_from_z(tangent) * DVec3::X;
+        us.push(u);
+        for i in 1..=last {
+            let (next_at, next_tangent) = ahead(i);
+            let reflected = reflect(u, next_at - at);
+            u = reflect(reflected, next_tangent - reflect(tangent, next_at - at));
+            u = (u - next_tangent * u.dot(next_tangent)).normalize();
+            us.push(u);
+            (at, tangent) = (next_at, next_tangent);
+        }
+        Self { length, line, us, twist }
+    }
+
+    /// Its length.
+    #[must_use]
+    pub fn length(&self) -> f64 {
+        self.length
+    }
+
+    /// Turn of the last frame about the curve, radians.
+    #[must_use]
+    pub fn twist(&self) -> f64 {
+        self.twist
+    }
+
+    /// Places of the nodes. Curvature is greatest at one of them; between neighbours it changes about linearly.
+    #[must_use]
+    pub fn places(&self) -> &[f64] {
+        self.line.knots()
+    }
+
+    /// The frame at a place; beyond the ends the curve goes on as its last piece.
+    #[must_use]
+    pub fn at(&self, place: f64) -> Frame {
+        let (tangent, u) = self.untwisted(place);
+        let v = tangent.cross(u);
+        let (sin, cos) = libm::sincos(self.twist * place / self.length);
+        Frame { origin: self.line.at(place).position, u: u * cos + v * sin, v: v * cos - u * sin, tangent }
+    }
+
+    /// The direction of the curve and the first vector of the rotation-minimising frame.
+    fn untwisted(&self, place: f64) -> (DVec3, DVec3) {
+        let tangent = self.line.at(place).first.normalize();
+        let (i, t) = self.line.span(place);
+        let u = self.us[i] * (1.0 - t) + self.us[i + 1] * t;
+        (tangent, (u - tangent * u.dot(tangent)).normalize())
+    }
+
+    /// Where a point of the straight tube goes: x and y within the section at z.
+    #[must_use]
+    pub fn place(&self, [x, y, z]: [f64; 3]) -> DVec3 {
+        self.at(z).place(x, y)
+    }
+
+    /// Curvature at a place.
+    #[must_use]
+    pub fn curvature(&self, place: f64) -> f64 {
+        let jet = self.line.at(place);
+        jet.first.cross(jet.second).length() / jet.first.length().powi(3)
+    }
+
+    /// Distance of the ends.
+    #[must_use]
+    pub fn end_distance(&self) -> f64 {
+        let points = self.line.points();
+        points[0].distance(points[points.len() - 1])
+    }
+
+    /// Its length over the distance of its ends.
+    #[must_use]
+    pub fn tortuosity(&self) -> f64 {
+        self.length / self.end_distance()
+    }
+
+    /// Greatest absolute coordinate of the centre line.
+    #[must_use]
+    pub fn extent(&self) -> f64 {
+        self.line.points().iter().map(|p| p.abs().max_element()).fold(0.0, f64::max)
+    }
+}
+
+/// Abscissas and weights of a quadrature that is exact for polynomials of degree 5.
+const GAUSS: [[f64; 2]; 3] =
+    [[-0.774_596_669_241_483_4, 5.0 / 9.0], [0.0, 8.0 / 9.0], [0.774_596_669_241_483_4, 5.0 / 9.0]];
+
+/// Pieces of a curve for each node, between which its arc length is tabulated.
+const PIECES: usize = 4;
+
+/// Points of a curve at equal arc lengths, and its length.
+fn equidistant(curve: &Spline, nodes: usize) -> (Vec<DVec3>, f64) {
+    let knots = curve.knots();
+    let pieces = (PIECES * nodes).div_ceil(knots.len() - 1);
+    let cuts: Vec<f64> = knots
+        .windows(2)
+        .flat_map(|pair| (0..pieces).map(move |k| pair[0] + (pair[1] - pair[0]) * k as f64 / pieces as f64))
+        .chain(knots.last().copied())
+        .collect();
+    let length = |from: f64, to: f64| -> f64 {
+        let half = 0.5 * (to - from);
+        GAUSS.iter().map(|&[x, w]| half * w * curve.at(from + half * (1.0 + x)).first.length()).sum()
+    };
+    let mut sums = vec![0.0];
+    for pair in cuts.windows(2) {
+        sums.push(sums[sums.len() - 1] + length(pair[0], pair[1]));
+    }
+    let whole = sums[sums.len() - 1];
+    let at = |node: usize| {
+        if node == nodes {
+            return curve.points()[curve.points().len() - 1];
+        }
+        let wanted = whole * node as f64 / nodes as f64;
+        let k = sums.partition_point(|&sum| sum <= wanted).clamp(1, cuts.len() - 1) - 1;
+        let mut t = cuts[k] + (cuts[k + 1] - cuts[k]) * (wanted - sums[k]) / (sums[k + 1] - sums[k]);
+        for _ in 0..3 {
+            t -= (sums[k] + length(cuts[k], t) - wanted) / curve.at(t).first.length().max(f64::MIN_POSITIVE);
+            t = t.clamp(cuts[k], cuts[k + 1]);
+        }
+        curve.at(t).position
+    };
+    ((0..=nodes).map(at).collect(), whole)
+}
+
+/// The least turn that brings z to a unit vector.
+fn turn_from_z(to: DVec3) -> DQuat {
+    DQuat::from_rotation_arc(DVec3::Z, to)
+}
+
+/// Mirrors a vector at the plane across `normal`, of any length.
+fn reflect(v: DVec3, normal: DVec3) -> DVec3 {
+    let square = normal.length_squared();
+    if square > 0.0 { v - normal * (2.0 * normal.dot(v) / square) } else { v }
+}

@@ -1,0 +1,213 @@
+//! Bends a finished surface along a course.
+//!
+//! The map of space is one to one within the tube, so a surface that it moved exactly could not come to meet itself. Triangles stay
+//! flat, and can: where they do, edges are split at their middles, so that the surface before the map stays the same and the bent
+//! triangles follow the map more closely, until none meet (`meeting`, exact). Where the leaning surface comes so near to itself that
+//! finer triangles do not help, its lean is damped.
+
+use super::lean::{Centre, Lean};
+use super::meeting::Meeting;
+use crate::geometry::course::Course;
+use crate::model::{Mesh, Patch};
+use glam::DVec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use utoipa::ToSchema;
+
+/// Rounds of mending.
+const ROUNDS: u32 = 24;
+/// Rounds after which the lean is damped although finer triangles might help.
+const PATIENCE: u32 = 10;
+/// Edges that are split: those of a triangle that are farther from their image than this part of the farthest one.
+const PART: f64 = 0.3;
+/// Distance of edges from their image at which finer triangles do not help, µm: some units in the last place of positions.
+const FINE_UM: f64 = 0.02;
+/// Share of the lean that a place loses in a round.
+const DAMPING: f64 = 0.3;
+
+/// What was done so that bent triangles do not meet.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Refined {
+    /// Pairs of triangles that would have met.
+    pub met: usize,
+    /// Edges that were split.
+    pub split: usize,
+    /// Places at which the lean was damped.
+    pub damped: usize,
+    /// Rounds of both.
+    pub rounds: u32,
+}
+
+/// The lean of a surface, as far as it is needed to damp it.
+pub struct Leaning<'a> {
+    /// How it leans.
+    pub lean: &'a Lean,
+    /// z of the vertices before, m.
+    pub z: Vec<f32>,
+}
+
+/// A surface, bent as it is.
+#[must_use]
+pub fn bend(mesh: &Mesh, course: &Course) -> Mesh {
+    Mesh { positions: bent(&mesh.positions, course), ..mesh.clone() }
+}
+
+/// A straight surface, bent, whose triangles then do not meet: edges of the straight one are split as needed, and its lean is damped
+/// as a last resort. Vertices are added after the others, none on edges that lie across the tube. `stop` is asked between rounds; if it
+/// says so, the surface is left as it is then.
+pub fn bend_apart(
+    straight: &mut Mesh,
+    mut leaning: Option<Leaning<'_>>,
+    course: &Course,
+    stop: &dyn Fn() -> bool,
+) -> (Mesh, Refined) {
+    let mut found = bend(straight, course);
+    let mut pairs = Meeting::new(&found).pairs(&found);
+    let mut done = Refined { met: pairs.len(), ..Refined::default() };
+    while !pairs.is_empty() && done.rounds < ROUNDS && !stop() {
+        let (mut edges, mut centres) = (Vec::new(), Vec::new());
+        for pair in &pairs {
+            let before = edges.len();
+            pair.iter().for_each(|&t| edges.extend(coarse(straight, course, straight.triangles[t as usize])));
+            if let Some(leaning) = leaning.as_ref().filter(|_| edges.len() == before || done.rounds >= PATIENCE) {
+                Centre::add(&mut centres, leaning.middle(straight, *pair), leaning.lean);
+            }
+        }
+        if edges.is_empty() && centres.is_empty() {
+            break;
+        }
+        edges.sort_unstable();
+        edges.dedup();
+        done.rounds += 1;
+        done.split += edges.len();
+        done.damped += centres.len();
+        let mut is_changed = halve(straight, &edges);
+        if let Some(leaning) = &mut leaning {
+            leaning.halve(&edges);
+            let is_moved = leaning.damp(straight, &centres);
+            for (is_changed, triangle) in is_changed.iter_mut().zip(&straight.triangles) {
+                *is_changed |= triangle.iter().any(|&v| is_moved[v as usize]);
+            }
+        }
+        found = bend(straight, course);
+        let changed: Vec<u32> = (0u32..).zip(&is_changed).filter(|(_, is)| **is).map(|(t, _)| t).collect();
+        // All triangles that met have changed; the others do not meet.
+        pairs = Meeting::new(&found).pairs_of(&found, &changed, &is_changed);
+    }
+    (found, done)
+}
+
+impl Leaning<'_> {
+    /// The middle of two triangles before they leaned, µm.
+    fn middle(&self, mesh: &Mesh, pair: [u32; 2]) -> [f64; 3] {
+        let corners = pair.map(|t| mesh.triangles[t as usize]);
+        let mut sum = [0.0; 3];
+        for &v in corners.as_flattened() {
+            let place = self.place(mesh, v as usize);
+            (0..3).for_each(|axis| sum[axis] += place[axis] / 6.0);
+        }
+        sum
+    }
+
+    fn place(&self, mesh: &Mesh, v: usize) -> [f64; 3] {
+        let [x, y, _] = mesh.positions[v];
+        [x, y, self.z[v]].map(|x| f64::from(x) * 1e6)
+    }
+
+    /// Adds the middles of edges, as [`halve`] does.
+    fn halve(&mut self, edges: &[(u32, u32)]) {
+        for &(v, w) in edges {
+            let [a, b] = [v, w].map(|v| f64::from(self.z[v as usize]));
+            self.z.push((0.5 * (a + b)) as f32);
+        }
+    }
+
+    /// Takes a share of the lean away around places; returns which vertices moved.
+    fn damp(&self, mesh: &mut Mesh, centres: &[Centre]) -> Vec<bool> {
+        let mut is_moved = vec![false; self.z.len()];
+        for (v, is_moved) in is_moved.iter_mut().enumerate() {
+            let place = self.place(mesh, v);
+            let left = centres.iter().filter_map(|centre| centre.left(place, DAMPING)).product::<f64>();
+            let (before, now) = (f64::from(self.z[v]), f64::from(mesh.positions[v][2]));
+            *is_moved = left < 1.0 && now != before;
+            if *is_moved {
+                mesh.positions[v][2] = (before + left * (now - before)) as f32;
+            }
+        }
+        is_moved
+    }
+}
+
+/// Where points go, metres.
+fn bent(positions: &[[f32; 3]], course: &Course) -> Vec<[f32; 3]> {
+    positions.par_iter().map(|p| place(course, p.map(f64::from)).map(|x| x as f32)).collect()
+}
+
+/// Where a point goes, metres.
+fn place(course: &Course, p: [f64; 3]) -> [f64; 3] {
+    (course.place(p.map(|x| x * 1e6)) * 1e-6).into()
+}
+
+/// The edges of a triangle that are far from their image. None lies across the tube, where the map is rigid.
+fn coarse(mesh: &Mesh, course: &Course, [a, b, c]: [u32; 3]) -> impl Iterator<Item = (u32, u32)> {
+    let edges = [(a, b), (b, c), (c, a)].map(|(v, w)| (v.min(w), v.max(w)));
+    let off = edges.map(|(v, w)| {
+        let [p, q] = [v, w].map(|v| mesh.positions[v as usize].map(f64::from));
+        let chord = (DVec3::from(place(course, p)) + DVec3::from(place(course, q))) / 2.0;
+        if p[2] == q[2] { 0.0 } else { 1e6 * DVec3::from(place(course, middle(p, q))).distance(chord) }
+    });
+    let least = (PART * off.into_iter().fold(0.0, f64::max)).max(FINE_UM);
+    edges.into_iter().zip(off).filter(move |(_, off)| *off > least).map(|(edge, _)| edge)
+}
+
+fn middle(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|axis| 0.5 * (p[axis] + q[axis]))
+}
+
+/// Splits edges, given in order, at their middles, and the triangles beside them; returns which triangles are new.
+fn halve(mesh: &mut Mesh, edges: &[(u32, u32)]) -> Vec<bool> {
+    let mut middles: HashMap<(u32, u32), u32> = HashMap::with_capacity(edges.len());
+    for &(v, w) in edges {
+        middles.insert((v, w), mesh.positions.len() as u32);
+        let [p, q] = [v, w].map(|v| mesh.positions[v as usize].map(f64::from));
+        mesh.positions.push(middle(p, q).map(|x| x as f32));
+    }
+    let middle_of = |v: u32, w: u32| middles.get(&(v.min(w), v.max(w))).copied();
+    let mut triangles = Vec::with_capacity(mesh.triangles.len() + 2 * edges.len());
+    let mut is_new = Vec::with_capacity(mesh.triangles.len() + 2 * edges.len());
+    let patches = mesh.patches.iter().map(|patch| {
+        let from = triangles.len();
+        for &[a, b, c] in &mesh.triangles[patch.triangles.clone()] {
+            let first = triangles.len();
+            match [middle_of(a, b), middle_of(b, c), middle_of(c, a)] {
+                [None, None, None] => triangles.push([a, b, c]),
+                [Some(m), None, None] => triangles.extend(one([a, b, c], m)),
+                [None, Some(m), None] => triangles.extend(one([b, c, a], m)),
+                [None, None, Some(m)] => triangles.extend(one([c, a, b], m)),
+                [Some(m), Some(n), None] => triangles.extend(two([a, b, c], m, n)),
+                [None, Some(m), Some(n)] => triangles.extend(two([b, c, a], m, n)),
+                [Some(n), None, Some(m)] => triangles.extend(two([c, a, b], m, n)),
+                [Some(l), Some(m), Some(n)] => triangles.extend([[a, l, n], [l, b, m], [m, c, n], [l, m, n]]),
+            }
+            is_new.resize(triangles.len(), triangles.len() > first + 1);
+        }
+        Patch { kind: patch.kind, triangles: from..triangles.len() }
+    });
+    mesh.patches = patches.collect();
+    mesh.triangles = triangles;
+    is_new
+}
+
+/// Parts of a triangle whose first edge is split.
+fn one([a, b, c]: [u32; 3], m: u32) -> [[u32; 3]; 2] {
+    [[a, m, c], [m, b, c]]
+}
+
+/// Parts of a triangle whose first two edges are split.
+fn two([a, b, c]: [u32; 3], m: u32, n: u32) -> [[u32; 3]; 3] {
+    [[m, b, n], [a, m, n], [a, n, c]]
+}
+
+#[cfg(test)]
+mod tests;

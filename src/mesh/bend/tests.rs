@@ -1,0 +1,93 @@
+use super::*;
+use crate::mesh::lean::tests::{leaning, pressed};
+use crate::mesh::{meeting, regions};
+use crate::model::sample::tube;
+use std::collections::HashSet;
+use std::f64::consts::PI;
+
+fn volume(mesh: &Mesh) -> f64 {
+    let of = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| glam::Vec3::from(mesh.positions[v as usize]).as_dvec3());
+        a.dot(b.cross(c)) / 6.0
+    };
+    mesh.triangles.iter().map(of).sum()
+}
+
+fn is_closed(mesh: &Mesh) -> bool {
+    let edges: HashSet<_> = mesh.triangles.iter().flat_map(|t| [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])]).collect();
+    edges.len() == 3 * mesh.triangles.len() && edges.iter().all(|&(a, b)| edges.contains(&(b, a)))
+}
+
+#[test]
+fn a_bent_tube_keeps_its_volume_and_its_sections() {
+    let straight = tube(96, 64, 0.2);
+    let course = Course::arc(PI / 2.0, 4000.0, 256, 0.0);
+    let bent = bend(&straight, &course);
+    // Pappus: the centre of each section is on the centre line.
+    assert!((volume(&bent) / volume(&straight) - 1.0).abs() < 1e-3, "{}", volume(&bent) / volume(&straight));
+    let distance = |mesh: &Mesh, v: usize, w: usize| {
+        glam::Vec3::from(mesh.positions[v]).distance(glam::Vec3::from(mesh.positions[w]))
+    };
+    for (v, w) in [(0, 48), (96, 120), (64 * 96, 64 * 96 + 20)] {
+        assert_eq!(straight.positions[v][2], straight.positions[w][2]);
+        assert!((distance(&bent, v, w) - distance(&straight, v, w)).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn a_surface_that_would_meet_itself_is_refined_until_it_does_not() {
+    let before = leaning();
+    // Twice as tight as allowed for the widest section here would be 1.25 radii; this is near that.
+    let course = Course::arc(6.0, 12_000.0, 512, 0.5);
+    let met = meeting::pairs(&bend(&before, &course)).len();
+    assert!(met > 0, "too mild to test");
+    let mut mesh = before.clone();
+    let (bent, done) = bend_apart(&mut mesh, None, &course, &|| false);
+    assert_eq!(done.met, met);
+    assert!(done.split > 0 && mesh.positions.len() == before.positions.len() + done.split, "{done:?}");
+    assert!(meeting::pairs(&bent).is_empty(), "{done:?}");
+    assert!(bent == bend(&mesh, &course));
+    assert!(is_closed(&bent));
+    // The straight surface is the same set of points, but for rounding.
+    assert_eq!(mesh.positions[..before.positions.len()], before.positions[..]);
+    assert!((volume(&mesh) / volume(&before) - 1.0).abs() < 1e-6);
+    let covered: Vec<usize> = mesh.patches.iter().flat_map(|patch| patch.triangles.clone()).collect();
+    assert_eq!(covered, (0..mesh.triangles.len()).collect::<Vec<_>>());
+    // Rims are as before, so that lids fit.
+    let regions = regions(&mesh).unwrap();
+    assert!(meeting::pairs(&bend(&regions, &course)).is_empty());
+    assert_eq!(bend_apart(&mut before.clone(), None, &course, &|| true).1.split, 0, "stopped");
+}
+
+#[test]
+fn where_finer_triangles_do_not_help_the_lean_is_damped() {
+    let (mut mesh, lean, z) = pressed();
+    let course = Course::arc(6.0, 12_000.0, 512, 0.5);
+    let before = mesh.clone();
+    let (bent, done) = bend_apart(&mut mesh, Some(Leaning { lean: &lean, z }), &course, &|| false);
+    assert!(done.damped > 0, "too mild to test: {done:?}");
+    assert!(meeting::pairs(&bent).is_empty() && is_closed(&bent), "{done:?}");
+    let moved = |axis: usize| (0..before.positions.len()).any(|v| before.positions[v][axis] != mesh.positions[v][axis]);
+    assert!(!moved(0) && !moved(1) && moved(2), "along the tube only");
+    let (mut undamped, ..) = pressed();
+    let (bent, _) = bend_apart(&mut undamped, None, &course, &|| false);
+    assert!(!meeting::pairs(&bent).is_empty(), "needs no damping");
+}
+
+#[test]
+fn edges_are_halved_in_all_combinations() {
+    let all = [(0, 1), (1, 2), (0, 2), (2, 3), (0, 3), (1, 3)];
+    let positions = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let triangles = vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
+    let patches = vec![Patch { kind: crate::model::PatchKind::OuterWall, triangles: 0..4 }];
+    let whole = Mesh { body: crate::model::BodyKind::Lumen, positions, triangles, patches };
+    for chosen in 0..64_u32 {
+        let mut edges: Vec<(u32, u32)> = (0..6).filter(|k| chosen >> k & 1 == 1).map(|k| all[k as usize]).collect();
+        edges.sort_unstable();
+        let mut mesh = whole.clone();
+        halve(&mut mesh, &edges);
+        assert!(is_closed(&mesh) && (volume(&mesh) - 1.0 / 6.0).abs() < 1e-7, "{edges:?}");
+        assert_eq!((mesh.positions.len(), mesh.triangles.len()), (4 + edges.len(), 4 + 2 * edges.len()));
+        assert_eq!(mesh.patches[0].triangles, 0..mesh.triangles.len());
+    }
+}

@@ -1,0 +1,254 @@
+//! The course of a tube: which curve a specification means, and whether there is room for the tube along it.
+
+use super::fault::Fault;
+use super::parameters::{Course as Options, CourseShape, Parameters};
+use super::schedule::Schedule;
+use crate::geometry::course::{Course, Random, Relaxation, Room};
+use crate::model::Plane;
+use glam::DVec3;
+
+/// Greatest radius of the tube over that of the centre line: at its inner side, the tube keeps a fifth of its length.
+pub(super) const TIGHTEST: f64 = 0.8;
+/// Nodes of the centre line for each radius of the tube along it, and bounds of their number.
+const NODES_PER_RADIUS: f64 = 16.0;
+const FEWEST_NODES: f64 = 256.0;
+const MOST_NODES: f64 = 8192.0;
+/// Places at which the radius of the tube is sampled.
+const PLACES: u32 = 512;
+/// Steps within which the wall reaches its scheduled radius.
+const LAG: f64 = 64.0;
+/// By how much the wall may reach beyond its scheduled radius.
+const BEYOND: f64 = 1.01;
+/// Positions are single precision: the least clearance between walls must be this many units in their last place.
+const CLEARANCE_PLACES: f64 = 4.0;
+
+impl Parameters {
+    /// Whether the tube is bent or twisted.
+    #[must_use]
+    pub fn bends(&self) -> bool {
+        self.course.shape != CourseShape::Straight || self.course.twist_deg != 0.0
+    }
+
+    /// The course of the whole tube by the place along it, µm; none if it is straight.
+    #[must_use]
+    pub fn centre_line(&self) -> Option<Course> {
+        self.bent_course().map(|bent| bent.course)
+    }
+
+    /// The course, and how much room there is along it; none if it is straight.
+    #[must_use]
+    pub fn bent_course(&self) -> Option<Bent> {
+        if self.bends() { self.bent(&Reach::of(self)).ok() } else { None }
+    }
+
+    /// What is wrong with the course.
+    pub(super) fn course_fault(&self) -> Option<Fault> {
+        if self.bends() { self.bent(&Reach::of(self)).err() } else { None }
+    }
+
+    fn bent(&self, reach: &Reach) -> Result<Bent, Fault> {
+        let asked = self.asked(reach)?;
+        let radius = |place: f64| reach.at(place);
+        let room = asked.room(&radius);
+        let Some(detail) = self.misfit(&room) else {
+            return self.exact(Bent { course: asked, room, relaxed: false }, reach);
+        };
+        let at = self.course.decisive();
+        if !self.course.relax {
+            return Err(Fault::new(at, format!("{detail} (use a gentler course, a longer tube, or /course/relax)")));
+        }
+        let to = Relaxation { radius: &radius, share: TIGHTEST, distance: self.course.clearance_um };
+        let course = asked.relaxed(&to);
+        let room = course.room(&radius);
+        self.exact(Bent { course, room, relaxed: true }, reach)
+    }
+
+    /// The curve that is asked for, wherever it leads.
+    fn asked(&self, reach: &Reach) -> Result<Course, Fault> {
+        let Options {
+            shape, turn_deg, windings, pitch_mm, tortuosity, wavelength_mm, seed, points_mm, twist_deg, ..
+        } = &self.course;
+        let length = 1000.0 * self.length_mm;
+        let nodes = (NODES_PER_RADIUS * length / reach.least()).ceil().clamp(FEWEST_NODES, MOST_NODES) as usize;
+        let (turn, twist) = (turn_deg.to_radians(), twist_deg.to_radians());
+        let fault = |detail: &str| Fault::new(self.course.decisive(), detail);
+        match shape {
+            CourseShape::Straight => {
+                Course::through(&[DVec3::ZERO, DVec3::Z], length, nodes, twist).ok_or_else(|| fault("is not a curve"))
+            }
+            CourseShape::Arc => Ok(Course::arc(turn, length, nodes, twist)),
+            CourseShape::Sigmoid => Ok(Course::sigmoid(turn, length, nodes, twist)),
+            CourseShape::Coil => Course::coil(*windings, 1000.0 * pitch_mm, length, nodes, twist).ok_or_else(|| {
+                fault(&format!("times /course/pitch_mm {pitch_mm} is not less than /length_mm {}", self.length_mm))
+            }),
+            CourseShape::Random => {
+                let of = Random { seed: u64::from(*seed), wavelength: 1000.0 * wavelength_mm, tortuosity: *tortuosity };
+                Course::random(&of, length, nodes, twist).ok_or_else(|| {
+                    fault(&format!(
+                        "is not reached with waves of /course/wavelength_mm {wavelength_mm}; use shorter ones"
+                    ))
+                })
+            }
+            CourseShape::Points => {
+                let points: Vec<DVec3> = points_mm.iter().map(|p| 1000.0 * DVec3::from(*p)).collect();
+                if points.len() < 2 {
+                    return Err(fault(&format!("has {} points; a course of points needs at least 2", points.len())));
+                }
+                if let Some(i) = (1..points.len()).find(|&i| points[i] == points[i - 1]) {
+                    return Err(Fault::new(format!("/course/points_mm/{i}"), "is the point before it"));
+                }
+                Course::through(&points, length, nodes, twist).ok_or_else(|| fault("is not a curve"))
+            }
+        }
+    }
+
+    /// Why there is no room for the tube, and where.
+    fn misfit(&self, room: &Room) -> Option<String> {
+        let mm = |um: f64| um / 1000.0;
+        let bend = room.bend;
+        if bend.share() > TIGHTEST {
+            return Some(format!(
+                "is too tight at {:.2} mm from the isthmus end: there the centre line has a radius of curvature of {:.2} mm, and the \
+                 wall reaches up to {:.2} mm from it; the radius must be at least {:.2} mm",
+                mm(bend.at),
+                mm(bend.curve),
+                mm(bend.tube),
+                mm(bend.tube / TIGHTEST)
+            ));
+        }
+        let near = room.near.filter(|near| near.distance < self.course.clearance_um)?;
+        Some(format!(
+            "brings the parts at {:.2} mm and {:.2} mm from the isthmus end too near to each other: their walls may {}; \
+             /course/clearance_um is {}",
+            mm(near.at[0]),
+            mm(near.at[1]),
+            if near.distance > 0.0 { format!("be only {:.0} µm apart", near.distance) } else { "meet".to_owned() },
+            self.course.clearance_um
+        ))
+    }
+
+    /// Refuses a course so far from the origin that positions are too coarse.
+    fn exact(&self, bent: Bent, reach: &Reach) -> Result<Bent, Fault> {
+        let metres = ((bent.course.extent() + reach.greatest()) * 1e-6) as f32;
+        let last_place = f64::from(metres.next_up() - metres) * 1e6;
+        let least = CLEARANCE_PLACES * last_place;
+        if self.collision.clearance_um >= least {
+            return Ok(bent);
+        }
+        Err(Fault::new(
+            self.course.decisive(),
+            format!(
+                "reaches {:.0} mm from the origin, where positions in single precision are {last_place:.3} µm apart; that needs a \
+                 /collision/clearance_um of at least {least:.3}",
+                f64::from(metres) * 1e3
+            ),
+        ))
+    }
+}
+
+/// A course that has room for its tube.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bent {
+    /// The course, µm.
+    pub course: Course,
+    /// How much room there is.
+    pub room: Room,
+    /// Whether the course is not the one that was asked for, but one near it.
+    pub relaxed: bool,
+}
+
+/// The planes across the tube of a model, which may be bent.
+#[derive(Clone, Debug)]
+pub struct Across {
+    bent: Option<Course>,
+    reach: Reach,
+    ends_um: [f64; 2],
+}
+
+impl Across {
+    /// Of a model with this specification.
+    #[must_use]
+    pub fn of(p: &Parameters) -> Self {
+        Self { bent: p.centre_line(), reach: Reach::of(p), ends_um: p.piece_um() }
+    }
+
+    /// Where the model begins and ends along its centre line, µm.
+    #[must_use]
+    pub fn ends_um(&self) -> [f64; 2] {
+        self.ends_um
+    }
+
+    /// Whether the tube is bent or twisted.
+    #[must_use]
+    pub fn bends(&self) -> bool {
+        self.bent.is_some()
+    }
+
+    /// The plane at a place along the centre line; none if the model is bent and the place beyond its ends.
+    #[must_use]
+    pub fn at(&self, place_um: f64) -> Option<Plane> {
+        match &self.bent {
+            Some(course) => Plane::across_course(course, place_um, self.ends_um, self.reach.at(place_um)),
+            None => Some(Plane::across(place_um)),
+        }
+    }
+}
+
+impl Options {
+    /// The parameter that decides where the course leads.
+    fn decisive(&self) -> &'static str {
+        match self.shape {
+            CourseShape::Straight => "/course/twist_deg",
+            CourseShape::Arc | CourseShape::Sigmoid => "/course/turn_deg",
+            CourseShape::Coil => "/course/windings",
+            CourseShape::Random => "/course/tortuosity",
+            CourseShape::Points => "/course/points_mm",
+        }
+    }
+}
+
+/// How far the outer wall may be from the centre line, by the place along the tube, µm.
+#[derive(Clone, Debug)]
+struct Reach {
+    places: Vec<f64>,
+    radii: Vec<f64>,
+}
+
+impl Reach {
+    fn of(p: &Parameters) -> Self {
+        let fractions: Vec<f64> = (0..=PLACES).map(|i| f64::from(i) / f64::from(PLACES)).collect();
+        let scheduled: Vec<f64> = fractions.iter().map(|&u| scheduled_reach_um(p, u)).collect();
+        let window = (LAG / f64::from(p.steps) * f64::from(PLACES)).ceil() as usize + 1;
+        let around = |i: usize| scheduled[i.saturating_sub(window)..(i + window + 1).min(scheduled.len())].iter();
+        Self {
+            places: fractions.iter().map(|&u| 1000.0 * p.length_mm * p.z.at(u)).collect(),
+            radii: (0..scheduled.len()).map(|i| BEYOND * around(i).copied().fold(0.0, f64::max)).collect(),
+        }
+    }
+
+    fn at(&self, place: f64) -> f64 {
+        let after = self.places.partition_point(|&at| at <= place).clamp(1, self.places.len() - 1);
+        self.radii[after - 1].max(self.radii[after])
+    }
+
+    fn least(&self) -> f64 {
+        self.radii.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
+    fn greatest(&self) -> f64 {
+        self.radii.iter().copied().fold(0.0, f64::max)
+    }
+}
+
+/// The most by which the lobed wall's target can be away from the centre at `u`, the fraction of steps, with all fluctuations.
+fn scheduled_reach_um(p: &Parameters, u: f64) -> f64 {
+    let swing = |s: &Schedule| s.fluctuation.map_or(0.0, |f| f.amplitude.abs());
+    let [most, least] = [1.0, -1.0].map(|sign| move |s: &Schedule| s.at(u) + sign * swing(s));
+    let c = &p.containment;
+    let inner = (p.particles.total.at(u) - p.particles.outer.at(u)).max(0.0) + 1.0;
+    let squash = least(&c.squash).max(1e-3);
+    let radius = (inner * most(&p.particles.edge_um) * most(&c.spacing_um) / (std::f64::consts::PI * squash)).sqrt();
+    // The weights of the lobes have unit root-sum-square.
+    let lobes = f64::from(p.wall.lobes.saturating_sub(1)).sqrt();
+    (radius + most(&c.wall_um)) * (1.0 + most(&p.wall.lobing) * lobes) * most(&c.squash).max(1.0)
+}
