@@ -1,9 +1,9 @@
 //! Bends a finished surface along a course.
 //!
 //! The map of space is one to one within the tube, so a surface that it moved exactly could not come to meet itself. Triangles stay
-//! flat, and can: where they do, edges are split at their middles, so that the surface before the map stays the same and the bent
-//! triangles follow the map more closely, until none meet (`meeting`, exact). Where the leaning surface comes so near to itself that
-//! finer triangles do not help, its lean is damped.
+//! flat, and can: where they do, edges of them and of their neighbours are split at their middles, so that the surface before the map
+//! stays the same and the bent triangles follow the map more closely, until none meet (`meeting`, exact). Where the leaning surface
+//! comes so near to itself that finer triangles do not help, its lean is damped.
 
 use super::lean::{Centre, Lean};
 use super::meeting::Meeting;
@@ -16,15 +16,16 @@ use std::collections::HashMap;
 use utoipa::ToSchema;
 
 /// Rounds of mending.
-const ROUNDS: u32 = 24;
-/// Rounds after which the lean is damped although finer triangles might help.
-const PATIENCE: u32 = 10;
+const ROUNDS: u32 = 60;
+/// Rounds after which all lean is halved, and after which it is taken away: without it parts of a surface are far enough apart.
+const HALVED: u32 = 20;
+const DROPPED: u32 = 40;
 /// Edges that are split: those of a triangle that are farther from their image than this part of the farthest one.
 const PART: f64 = 0.3;
 /// Distance of edges from their image at which finer triangles do not help, µm: some units in the last place of positions.
 const FINE_UM: f64 = 0.02;
 /// Share of the lean that a place loses in a round.
-const DAMPING: f64 = 0.3;
+const DAMPING: f64 = 0.5;
 
 /// What was done so that bent triangles do not meet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -70,29 +71,43 @@ pub fn bend_apart(
         for pair in &pairs {
             let before = edges.len();
             pair.iter().for_each(|&t| edges.extend(coarse(straight, course, straight.triangles[t as usize])));
-            if let Some(leaning) = leaning.as_ref().filter(|_| edges.len() == before || done.rounds >= PATIENCE) {
+            if let Some(leaning) = leaning.as_ref().filter(|_| edges.len() == before) {
                 Centre::add(&mut centres, leaning.middle(straight, *pair), leaning.lean);
             }
         }
-        if edges.is_empty() && centres.is_empty() {
-            break;
-        }
+        edges.extend(coarse_around(straight, course, &edges));
         edges.sort_unstable();
         edges.dedup();
         done.rounds += 1;
         done.split += edges.len();
         done.damped += centres.len();
-        let mut is_changed = halve(straight, &edges);
+        let mut is_met = vec![false; straight.triangles.len()];
+        pairs.as_flattened().iter().for_each(|&t| is_met[t as usize] = true);
+        let parts = halve(straight, &edges);
+        let mut is_moved = vec![false; straight.positions.len()];
         if let Some(leaning) = &mut leaning {
             leaning.halve(&edges);
-            let is_moved = leaning.damp(straight, &centres);
-            for (is_changed, triangle) in is_changed.iter_mut().zip(&straight.triangles) {
-                *is_changed |= triangle.iter().any(|&v| is_moved[v as usize]);
-            }
+            let all = match done.rounds {
+                HALVED => 0.5,
+                DROPPED => 0.0,
+                _ => 1.0,
+            };
+            is_moved = leaning.damp(straight, &centres, all);
+        }
+        if edges.is_empty() && !is_moved.contains(&true) {
+            break;
         }
         found = bend(straight, course);
+        let is_changed: Vec<bool> = (0..parts.len())
+            .map(|t| {
+                let is_part = |other: Option<&u32>| other == Some(&parts[t]);
+                is_met[parts[t] as usize]
+                    || is_part(parts.get(t + 1))
+                    || (t > 0 && is_part(parts.get(t - 1)))
+                    || straight.triangles[t].iter().any(|&v| is_moved[v as usize])
+            })
+            .collect();
         let changed: Vec<u32> = (0u32..).zip(&is_changed).filter(|(_, is)| **is).map(|(t, _)| t).collect();
-        // All triangles that met have changed; the others do not meet.
         pairs = Meeting::new(&found).pairs_of(&found, &changed, &is_changed);
     }
     (found, done)
@@ -123,12 +138,12 @@ impl Leaning<'_> {
         }
     }
 
-    /// Takes a share of the lean away around places; returns which vertices moved.
-    fn damp(&self, mesh: &mut Mesh, centres: &[Centre]) -> Vec<bool> {
+    /// Leaves a part of all lean, less around places; returns which vertices moved.
+    fn damp(&self, mesh: &mut Mesh, centres: &[Centre], all: f64) -> Vec<bool> {
         let mut is_moved = vec![false; self.z.len()];
         for (v, is_moved) in is_moved.iter_mut().enumerate() {
             let place = self.place(mesh, v);
-            let left = centres.iter().filter_map(|centre| centre.left(place, DAMPING)).product::<f64>();
+            let left = all * centres.iter().filter_map(|centre| centre.left(place, DAMPING)).product::<f64>();
             let (before, now) = (f64::from(self.z[v]), f64::from(mesh.positions[v][2]));
             *is_moved = left < 1.0 && now != before;
             if *is_moved {
@@ -161,12 +176,20 @@ fn coarse(mesh: &Mesh, course: &Course, [a, b, c]: [u32; 3]) -> impl Iterator<It
     edges.into_iter().zip(off).filter(move |(_, off)| *off > least).map(|(edge, _)| edge)
 }
 
+/// The edges that are far from their image, of the triangles that share a vertex with given edges.
+fn coarse_around(mesh: &Mesh, course: &Course, edges: &[(u32, u32)]) -> Vec<(u32, u32)> {
+    let mut is_near = vec![false; mesh.positions.len()];
+    edges.iter().for_each(|&(v, w)| [v, w].iter().for_each(|&v| is_near[v as usize] = true));
+    let around = mesh.triangles.par_iter().filter(|triangle| triangle.iter().any(|&v| is_near[v as usize]));
+    around.flat_map_iter(|&triangle| coarse(mesh, course, triangle)).collect()
+}
+
 fn middle(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
     [0, 1, 2].map(|axis| 0.5 * (p[axis] + q[axis]))
 }
 
-/// Splits edges, given in order, at their middles, and the triangles beside them; returns which triangles are new.
-fn halve(mesh: &mut Mesh, edges: &[(u32, u32)]) -> Vec<bool> {
+/// Splits edges, given in order, at their middles, and the triangles beside them; returns of which triangle each one is a part.
+fn halve(mesh: &mut Mesh, edges: &[(u32, u32)]) -> Vec<u32> {
     let mut middles: HashMap<(u32, u32), u32> = HashMap::with_capacity(edges.len());
     for &(v, w) in edges {
         middles.insert((v, w), mesh.positions.len() as u32);
@@ -175,11 +198,11 @@ fn halve(mesh: &mut Mesh, edges: &[(u32, u32)]) -> Vec<bool> {
     }
     let middle_of = |v: u32, w: u32| middles.get(&(v.min(w), v.max(w))).copied();
     let mut triangles = Vec::with_capacity(mesh.triangles.len() + 2 * edges.len());
-    let mut is_new = Vec::with_capacity(mesh.triangles.len() + 2 * edges.len());
+    let mut parts = Vec::with_capacity(mesh.triangles.len() + 2 * edges.len());
     let patches = mesh.patches.iter().map(|patch| {
         let from = triangles.len();
-        for &[a, b, c] in &mesh.triangles[patch.triangles.clone()] {
-            let first = triangles.len();
+        for t in patch.triangles.clone() {
+            let [a, b, c] = mesh.triangles[t];
             match [middle_of(a, b), middle_of(b, c), middle_of(c, a)] {
                 [None, None, None] => triangles.push([a, b, c]),
                 [Some(m), None, None] => triangles.extend(one([a, b, c], m)),
@@ -190,13 +213,13 @@ fn halve(mesh: &mut Mesh, edges: &[(u32, u32)]) -> Vec<bool> {
                 [Some(n), None, Some(m)] => triangles.extend(two([c, a, b], m, n)),
                 [Some(l), Some(m), Some(n)] => triangles.extend([[a, l, n], [l, b, m], [m, c, n], [l, m, n]]),
             }
-            is_new.resize(triangles.len(), triangles.len() > first + 1);
+            parts.resize(triangles.len(), t as u32);
         }
         Patch { kind: patch.kind, triangles: from..triangles.len() }
     });
     mesh.patches = patches.collect();
     mesh.triangles = triangles;
-    is_new
+    parts
 }
 
 /// Parts of a triangle whose first edge is split.

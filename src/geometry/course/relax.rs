@@ -41,13 +41,7 @@ impl Course {
         let count = nodes.div_ceil(COARSE);
         let step = self.length() / count as f64;
         let middle = |i: usize| step * (i as f64 + 0.5);
-        let bends: Vec<DVec2> = (0..count)
-            .map(|i| {
-                let (tangent, u) = self.untwisted(middle(i));
-                let second = self.line.at(middle(i)).second;
-                DVec2::new(second.dot(u), second.dot(tangent.cross(u)))
-            })
-            .collect();
+        let bends: Vec<DVec2> = (0..count).map(|i| self.bend(step * i as f64, step * (i + 1) as f64)).collect();
         let most: Vec<f64> = (0..count).map(|i| MARGIN * to.share / (to.radius)(middle(i))).collect();
         for part in (0..=STEPS).rev() {
             let scale = f64::from(part) / f64::from(STEPS);
@@ -60,6 +54,14 @@ impl Course {
             }
         }
         self.clone()
+    }
+
+    /// The mean curvature between two places, by the frame at the first.
+    fn bend(&self, from: f64, to: f64) -> DVec2 {
+        let ((tangent, u), (next, _)) = (self.untwisted(from), self.untwisted(to));
+        let off = DVec2::new(next.dot(u), next.dot(tangent.cross(u)));
+        let angle = tangent.angle_between(next);
+        off.normalize_or_zero() * (angle / (to - from))
     }
 
     /// Points of the curve with these curvatures that begins as this one.
@@ -113,5 +115,12 @@ fn spread(mut bends: Vec<DVec2>, most: &[f64]) -> Vec<DVec2> {
             break;
         }
     }
-    bends.iter().zip(most).map(|(bend, most)| bend.clamp_length_max(*most)).collect()
+    let kept: Vec<DVec2> = bends.iter().zip(most).map(|(bend, most)| bend.clamp_length_max(*most)).collect();
+    smoothed(&kept)
+}
+
+/// Means of neighbours: a spline overshoots where its curvature jumps.
+fn smoothed(bends: &[DVec2]) -> Vec<DVec2> {
+    let at = |i: usize| bends[i.min(bends.len() - 1)];
+    (0..bends.len()).map(|i| 0.25 * at(i.saturating_sub(1)) + 0.5 * at(i) + 0.25 * at(i + 1)).collect()
 }

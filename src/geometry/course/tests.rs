@@ -1,3 +1,5 @@
+//! Tests of courses: their lengths, frames and forms, the room along them, and relaxation.
+
 use super::*;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 

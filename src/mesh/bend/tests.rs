@@ -1,3 +1,5 @@
+//! Tests of bent surfaces: what bending keeps, and that mended ones do not meet themselves.
+
 use super::*;
 use crate::mesh::lean::tests::{leaning, pressed};
 use crate::mesh::{meeting, regions};
