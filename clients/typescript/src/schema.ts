@@ -494,6 +494,30 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/models/{id}/course": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read the centre line that a model follows.
+         * @description Points at equal distances along the centre line, each with a frame. A point (x, y) of the cross section at `s_mm` is at
+         *     `position_mm` + x·`u` + y·`v` in the files of the model. Between points, straight lines are within 1 µm of the centre line. The course
+         *     follows from the spec, so it is known before the model has grown. A straight tube has two points.
+         *
+         *     Needs a key with the scope `read`.
+         */
+        get: operations["get_course"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/models/{id}/cut": {
         parameters: {
             query?: never;
@@ -506,7 +530,8 @@ export interface paths {
          * @description The stored surface of the tissue is cut exactly as it is, across the tube (`z_um`) or along any plane (`origin_um` and
          *     `normal`). Rings are nested and told apart: `tissue`; its largest hole, `lumen`; `island`, tissue that is not connected to the
          *     wall in this plane; `pocket`, lumen that is not connected to the rest in this plane. The cross sections of
-         *     `/models/{id}/sections/{k}` are those of the simulation, before the surface leans, and have no islands.
+         *     `/models/{id}/sections/{k}` are those of the simulation, before the surface leans, and have no islands. A plane across a bent tube
+         *     cuts the part around its centre line there, and no other.
          *
          *     Pictures show the same tissues as those of sections. A longer picture of a plane along the tube has larger pixels.
          *
@@ -1133,6 +1158,41 @@ export interface components {
             /** @description The seeds of each point; null if they will be drawn. */
             seeds?: number[] | null;
         };
+        /** @description How a tube was bent along its course. */
+        Bending: components["schemas"]["Refined"] & {
+            /**
+             * Format: double
+             * @description Radius of curvature there, mm; none if the course is straight.
+             */
+            curve_radius_mm?: number | null;
+            /**
+             * Format: double
+             * @description Distance of the ends of the centre line, mm.
+             */
+            end_distance_mm: number;
+            /**
+             * Format: double
+             * @description At least this far apart are the walls of far parts, µm; none if the course does not turn far enough for that.
+             */
+            far_parts_um?: number | null;
+            /** @description Whether the course was changed because it was too tight or came too near to itself. */
+            relaxed: boolean;
+            /**
+             * Format: double
+             * @description Where the tube is bent most for its radius, mm from the isthmus end.
+             */
+            tightest_at_mm: number;
+            /**
+             * Format: double
+             * @description Length of the centre line over that distance.
+             */
+            tortuosity: number;
+            /**
+             * Format: double
+             * @description Greatest radius of the wall there, mm.
+             */
+            wall_radius_mm: number;
+        };
         /**
          * @description The closed body, or bodies, that a mesh bounds.
          * @enum {string}
@@ -1533,6 +1593,143 @@ export interface components {
             /** @description Unit of coordinates in `obj`, `stl`, `stl-ascii`, `ply`, `vtp` and `centreline`. By default `obj` is in metres and the others in millimetres. glTF is always in metres. */
             units?: components["schemas"]["LengthUnit"] | null;
             vary?: components["schemas"]["Vary"];
+        };
+        /** @description The course of a model. */
+        CourseAnswer: components["schemas"]["CourseDocument"] & {
+            /**
+             * Format: uuid
+             * @description Id of the model.
+             */
+            model: string;
+        };
+        /** @description The centre line that a model follows. */
+        CourseDocument: {
+            /**
+             * Format: double
+             * @description Distance of the ends of the whole tube's centre line, mm.
+             */
+            end_distance_mm: number;
+            /**
+             * Format: double
+             * @description Where the model begins, mm along the centre line of the whole tube from its isthmus end.
+             */
+            from_mm: number;
+            /**
+             * Format: double
+             * @description Least radius of curvature, mm; null if the course is straight.
+             */
+            least_radius_mm: number | null;
+            /** @description Points at equal distances, from `from_mm` to `to_mm`. */
+            points: components["schemas"]["CoursePoint"][];
+            /** @description Whether the course was changed because it was too tight or came too near to itself. */
+            relaxed: boolean;
+            /**
+             * @description Which curve it is.
+             * @example arc
+             */
+            shape: string;
+            /**
+             * Format: double
+             * @description Where it ends.
+             */
+            to_mm: number;
+            /**
+             * Format: double
+             * @description Length of the centre line over that distance.
+             */
+            tortuosity: number;
+            /**
+             * Format: double
+             * @description Turn of the tube about its centre line, from end to end, degrees.
+             */
+            twist_deg: number;
+        };
+        /**
+         * Course
+         * @description The centre line that the tube follows.
+         */
+        CoursePatch: {
+            /**
+             * Distance of far parts
+             * @description Least distance between the outer walls of parts that come near to each other.
+             */
+            clearance_um?: number | null;
+            /**
+             * Pitch
+             * @description Advance of a coil in each winding.
+             */
+            pitch_mm?: number | null;
+            /**
+             * Points
+             * @description Points that the centre line passes through, from the isthmus end. It is scaled about the first point to `length_mm`.
+             */
+            points_mm?: [
+                number,
+                number,
+                number
+            ][] | null;
+            /**
+             * Relax
+             * @description Change a course that is too tight, or comes too near to itself, as little as needed instead of refusing it.
+             */
+            relax?: boolean | null;
+            /**
+             * Seed of the course
+             * @description Seed of a random course. Models of other seeds can so follow the same course, and the same folds other courses.
+             */
+            seed?: number | null;
+            /**
+             * Shape
+             * @description Which curve it is. It begins at the origin along z, but for `points`.
+             * @enum {string|null}
+             */
+            shape?: "straight" | "arc" | "sigmoid" | "coil" | "random" | "points" | null;
+            /**
+             * Tortuosity
+             * @description Length of a random course over the distance of its ends.
+             */
+            tortuosity?: number | null;
+            /**
+             * Turn
+             * @description Angle by which an arc turns, and to which a sigmoid swings.
+             */
+            turn_deg?: number | null;
+            /**
+             * Twist
+             * @description Turn of the tube about the centre line, from end to end, against frames that turn as little as possible.
+             */
+            twist_deg?: number | null;
+            /**
+             * Wavelength
+             * @description Mean wavelength of a random course.
+             */
+            wavelength_mm?: number | null;
+            /**
+             * Windings
+             * @description Windings of a coil.
+             */
+            windings?: number | null;
+        };
+        /** @description A place of a centre line. */
+        CoursePoint: {
+            /**
+             * Format: double
+             * @description Curvature of the centre line, 1/mm.
+             */
+            curvature_per_mm: number;
+            /** @description Where it is, mm. */
+            position_mm: number[];
+            /**
+             * Format: double
+             * @description Place along the centre line of the whole tube, mm.
+             */
+            s_mm: number;
+            /** @description Unit vector along the centre line. */
+            tangent: number[];
+            /** @description Unit vector of x of the cross section. */
+            u: number[];
+            /** @description Unit vector of y of the cross section. */
+            v: number[];
         };
         /** @description A planar cut of a model's surface. */
         CutAnswer: components["schemas"]["CutDocument"] & {
@@ -2545,6 +2742,11 @@ export interface components {
             normal: number[];
             /** @description Where u and v are zero. */
             origin_um: number[];
+            /**
+             * Format: double
+             * @description Radius around the origin beyond which nothing is cut: across a bent tube, other parts of it are left out.
+             */
+            reach_um?: number | null;
             /** @description Unit vector of u. */
             u: number[];
             /** @description Unit vector of v. */
@@ -2728,6 +2930,17 @@ export interface components {
             models_sd?: number | null;
             /** @description Number of these seeds: more than `seeds` for measures that cost little. */
             seeds?: number;
+        };
+        /** @description What was done so that bent triangles do not meet. */
+        Refined: {
+            /** @description Places at which the lean was damped. */
+            damped: number;
+            /** @description Pairs of triangles that would have met. */
+            met: number;
+            /** @description Rounds of both. */
+            rounds: number;
+            /** @description Edges that were split. */
+            split: number;
         };
         /** @description Measures of a region. */
         Region: {
@@ -3051,6 +3264,7 @@ export interface components {
             collision?: components["schemas"]["CollisionPatch"] | null;
             containment?: components["schemas"]["ContainmentPatch"] | null;
             contortion?: components["schemas"]["ContortionPatch"] | null;
+            course?: components["schemas"]["CoursePatch"] | null;
             /**
              * Friction
              * @description Friction strength: the force is −k·v.
@@ -3151,6 +3365,7 @@ export interface components {
             certificate: components["schemas"]["Certificate"];
             /** @description The measures beside published ones of the organ and species of the preset. */
             comparison?: components["schemas"]["Comparison"];
+            course?: components["schemas"]["Bending"] | null;
             cuts?: components["schemas"]["Cuts"] | null;
             /** @description SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as in the model. */
             digest: string;
@@ -6787,10 +7002,120 @@ export interface operations {
             };
         };
     };
+    get_course: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Entity tags that the client has */
+                "if-none-match"?: string;
+            };
+            path: {
+                /** @description Id of the model */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The course */
+            200: {
+                headers: {
+                    /** @description Entity tag of the course */
+                    etag?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CourseAnswer"];
+                };
+            };
+            /** @description The client has this course */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description A key is required (`unauthorized`) */
+            401: {
+                headers: {
+                    /** @description `Bearer`, and why the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The key does not allow this (`forbidden`) */
+            403: {
+                headers: {
+                    /** @description `Bearer` and the scope that is missing; only if the key was refused */
+                    "www-authenticate"?: string;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description There is no such model (`model-not-found`) */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service does not answer to this host name (`unknown-host`) */
+            421: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description Too many requests (`rate-limited`) */
+            429: {
+                headers: {
+                    /** @description What is left of the limit; not if the queue is full */
+                    ratelimit?: string;
+                    /** @description The limit; not if the queue is full */
+                    "ratelimit-policy"?: string;
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The service failed (`internal`) */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description The job store is unavailable (`store-unavailable`); The artifact store is unavailable (`storage-unavailable`) */
+            503: {
+                headers: {
+                    /** @description Seconds to wait before the next attempt */
+                    "retry-after"?: number;
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
     cut_model: {
         parameters: {
             query?: {
-                /** @description Place along the tube of a plane across it, µm; u is x, v is y */
+                /** @description Place along the tube of a plane across it, µm: along its centre line, if it is bent; u and v are x and y of the cross section there */
                 z_um?: number;
                 /**
                  * @description A point of the plane, µm: `x,y,z`; with `normal`, instead of `z_um`
@@ -7347,7 +7672,7 @@ export interface operations {
     get_preview: {
         parameters: {
             query?: {
-                /** @description `opened` (the default): the whole tube with a quarter cut away along it; `whole`: the tube from outside; `isthmus`, `ampulla`: one end, in true proportions */
+                /** @description `opened` (the default): the whole tube with a quarter cut away along it, or half of it if it is bent; `whole`: the tube from outside; `isthmus`, `ampulla`: one end, in true proportions */
                 view?: components["schemas"]["NamedView"];
                 /** @description Longest side, pixels; 1024 by default */
                 size?: number;
