@@ -100,7 +100,7 @@ test("triangles wholly behind a plane are left out", () => {
   // Four in a row along x, each 1 wide, of a strip.
   const positions = Float32Array.from([0, 0, 0, 1, 0, 0, 0, 1, 0, 2, 0, 0, 3, 0, 0, 2, 1, 0]);
   const index = Uint16Array.from([0, 1, 2, 3, 4, 5, 0, 4, 5]);
-  const patch = { name: "outer_wall" as const, positions, normals: new Int8Array(), index };
+  const patch = { name: "outer_wall" as const, positions, straight: positions, normals: new Int8Array(), index };
   const out = new Uint16Array(index.length);
   const left = (...planes: { nx: number; ny: number; nz: number; d: number }[]) => [...out.subarray(0, select(patch, planes, out))];
   assert.deepEqual(left(), [...index]);

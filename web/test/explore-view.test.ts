@@ -110,9 +110,11 @@ test("measured points go into a link and come back; a third begins anew", () => 
 function box(name: Patch["name"], half = 1): Patch {
   const corners = [0, 10].flatMap((z) => [[-half, -half, z], [half, -half, z], [half, half, z], [-half, half, z]]);
   const faces = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]];
+  const positions = Float32Array.from(corners.flat());
   return {
     name,
-    positions: Float32Array.from(corners.flat()),
+    positions,
+    straight: positions,
     normals: new Int8Array(24),
     index: Uint16Array.from(faces.flatMap(([a, b, c, d]) => [a!, b!, c!, a!, c!, d!])),
   };
@@ -140,6 +142,7 @@ test("segments grow and keep what they hold", () => {
     segments.points.fill(k, at, at + 6);
   }
   for (const k of [0, 4095, 4096, 9999]) assert.equal(segments.points[6 * k + 5], k);
+  assert.equal(segments.straight, segments.points);
 });
 
 test("a ray meets the surface, a cut face of tissue, or what lies behind what is cut away", () => {

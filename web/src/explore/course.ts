@@ -19,10 +19,11 @@ export function isBent({ spec }: Pick<Model, "spec">): boolean {
 }
 
 export class Course {
-  readonly shape: string;
   readonly tortuosity: number;
   /** Distance of the ends of the whole tube. */
   readonly endDistance: number;
+  /** How far the whole tube is turned about it, degrees. */
+  readonly turned: number;
   /** Where the model begins along the whole tube. */
   readonly begin: number;
   readonly length: number;
@@ -32,10 +33,10 @@ export class Course {
   readonly #places: Float64Array;
   readonly #frames: Float64Array;
 
-  constructor({ shape, tortuosity, end_distance_mm, from_mm, to_mm, points }: Omit<CourseDocument, "model">) {
-    this.shape = shape;
+  constructor({ tortuosity, end_distance_mm, twist_deg, from_mm, to_mm, points }: Omit<CourseDocument, "model">) {
     this.tortuosity = tortuosity;
     this.endDistance = end_distance_mm;
+    this.turned = twist_deg;
     this.begin = from_mm;
     this.length = to_mm - from_mm;
     this.#places = Float64Array.from(points, ({ s_mm }) => s_mm - from_mm);

@@ -3,6 +3,7 @@ import { batch, computed, signal } from "@preact/signals";
 import type { Model, Report, Sections } from "oviduct-client";
 import { ask, explain } from "../service.ts";
 import { reconnections } from "../stream.ts";
+import type { Course } from "./course.ts";
 import type { Answer } from "./cuts.ts";
 import type { Tube } from "./framing.ts";
 import { Latest } from "./latest.ts";
@@ -42,10 +43,11 @@ export class Exploration {
   #surfaceLoad = new AbortController();
   #leave = () => {};
 
-  constructor(model: Model) {
+  /** Bent models need their course. */
+  constructor(model: Model, course?: Course) {
     this.model = model;
     this.levels = levelsOf(model);
-    this.tube = tubeOf(model);
+    this.tube = tubeOf(model, course);
   }
 
   /** Loads sections and report; the surface is loaded once a picture can show it. What fails is repeated when the service is back. */
@@ -103,7 +105,10 @@ export class Exploration {
       if (!signal.aborted) this.loading.value = { level, received };
     };
     onProgress(0);
-    const surface = await readSurface(await ask((service) => service.bytes(this.model.id, level.file.name, { onProgress, signal })), this.tube.begin);
+    const file = await ask((service) => service.bytes(this.model.id, level.file.name, { onProgress, signal }));
+    const { begin, course } = this.tube;
+    // Along a course, places of a piece are not those of an axis.
+    const surface = await readSurface(file, course ? 0 : begin, course);
     signal.throwIfAborted();
     batch(() => {
       this.surface.value = surface;
@@ -143,10 +148,15 @@ export class Exploration {
   }
 }
 
-function tubeOf({ summary }: Model): Tube {
+function tubeOf({ summary }: Model, course: Course | undefined): Tube {
   const bounds = summary?.certificate?.bounds_um;
   if (!bounds) throw new Error("The model has no certificate.");
   const [low, high] = bounds;
+  if (course) {
+    // The walls are at least so far from the centre line, and there hardly farther.
+    const beyond = [0, 1, 2].flatMap((axis) => [high[axis]! / 1000 - course.high[axis]!, course.low[axis]! - low[axis]! / 1000]);
+    return { x: 0, y: 0, radius: Math.max(...beyond), begin: course.begin, length: course.length, course };
+  }
   const middle = (axis: 0 | 1) => (low[axis] + high[axis]) / 2000;
   return {
     x: middle(0),

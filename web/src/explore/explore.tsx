@@ -3,9 +3,12 @@ import type { Model } from "oviduct-client";
 import { useEffect, useMemo } from "preact/hooks";
 import { Notice } from "../ui/widgets.tsx";
 import { CutPanel, DetailPanel, FlightPanel, PartsPanel, ViewButtons } from "./controls.tsx";
+import type { Course } from "./course.ts";
+import { useCourses } from "./courses.tsx";
 import { Downloads } from "./downloads.tsx";
 import { Exploration } from "./exploration.ts";
 import { Flight } from "./flight.ts";
+import { middleOf } from "./framing.ts";
 import { keepLink } from "./link.ts";
 import { MeasurePanel } from "./measure-panel.tsx";
 import { Picture } from "./picture.tsx";
@@ -13,6 +16,7 @@ import { ProfileCharts } from "./profile-charts.tsx";
 import { ReportPanel } from "./report-panel.tsx";
 import { SectionView } from "./section-view.tsx";
 import { View } from "./view.ts";
+import { courseInWords } from "./words.ts";
 import "./explore.css";
 
 export default function Explore({ model }: { model: Model }) {
@@ -23,12 +27,17 @@ export default function Explore({ model }: { model: Model }) {
       </Notice>
     );
   }
-  return <Explorer key={model.id} model={model} />;
+  return <WithCourse key={model.id} model={model} />;
 }
 
-function Explorer({ model }: { model: Model }) {
+function WithCourse({ model }: { model: Model }) {
+  const { courses, instead } = useCourses([model]);
+  return courses ? <Explorer model={model} course={courses[0]} /> : instead;
+}
+
+function Explorer({ model, course }: { model: Model; course: Course | undefined }) {
   const { exploration, view, flight } = useMemo(() => {
-    const exploration = new Exploration(model);
+    const exploration = new Exploration(model, course);
     const view = new View(exploration.tube);
     return { exploration, view, flight: new Flight(view, exploration.tube.length) };
   }, []);
@@ -48,13 +57,14 @@ function Explorer({ model }: { model: Model }) {
         <Picture name={`model ${model.seed}`} exploration={exploration} view={view} flight={flight} />
         <div class="explore-bar">
           <ViewButtons view={view} />
+          {course && <p class="soft small num">{courseInWords(course)}</p>}
         </div>
       </section>
       <div class="explore-controls card">
         <CutPanel view={view} tubes={[tube]} />
         <PartsPanel view={view} />
         <FlightPanel explorations={[exploration]} view={view} flight={flight} />
-        <MeasurePanel measurement={measurement} middle={{ x: tube.x, y: tube.y, z: tube.length / 2 }} />
+        <MeasurePanel measurement={measurement} middle={middleOf(tube)} />
         <DetailPanel exploration={exploration} />
       </div>
       <section class="explore-section card" aria-labelledby="explore-section">

@@ -1,7 +1,8 @@
 // Standard views: how far away the camera must be for the tube to fill the picture.
+import type { Course } from "./course.ts";
 import type { Placement, StandardView } from "./pose.ts";
 
-/** A tube along z, millimetres. */
+/** A tube along z, millimetres; or along its course, of which z is then the place. */
 export interface Tube {
   /** Where it begins along the whole tube, if it is a piece of it. Here, its lower end is at z = 0. */
   begin: number;
@@ -11,6 +12,8 @@ export interface Tube {
   /** Centre of its cross section. */
   x: number;
   y: number;
+  /** If it is bent. */
+  course?: Course | undefined;
 }
 
 /** The part of a tube that is not cut away, as fractions of its length. */
@@ -27,6 +30,7 @@ const AROUND = 24;
 
 /** The placement for a view of what is kept of a tube; `aspect` is the picture's width by its height. */
 export function standardView(view: StandardView, tube: Tube, kept: Kept, aspect: number): Placement {
+  if (tube.course) return bentView(view, tube, tube.course, kept, aspect);
   switch (view) {
     case "isthmus":
       return { x: tube.x, y: tube.y, z: kept.from, azimuth: 180, elevation: 0, distance: endDistance(tube, aspect) };
@@ -52,34 +56,137 @@ export function depthOf(camera: Placement, { length }: Pick<Tube, "length">, poi
   return camera.distance - (dx * Math.cos(e) * Math.sin(a) + dy * Math.sin(e) + dz * Math.cos(e) * Math.cos(a));
 }
 
+/** Where the tube is along z, in its lengths. */
+export function reachOf({ course, length }: Tube): readonly [number, number] {
+  return course ? [course.low[2] / length, course.high[2] / length] : [0, 1];
+}
+
+/** The point of the axis in the middle. */
+export function middleOf({ x, y, length, course }: Tube): { x: number; y: number; z: number } {
+  const middle = new Point();
+  middle.set(x, y, length / 2);
+  course?.bend(x, y, length / 2, middle);
+  return { x: middle.x, y: middle.y, z: middle.z };
+}
+
+/** Points of the centre line that views of a bent tube are fitted to. */
+const ALONG = 96;
+/** Directions that are tried, degrees apart. */
+const STEP = 5;
+/** Highest elevation of the view of the whole: from above, the tube would not turn about the vertical. */
+const STEEPEST = 70;
+
+function bentView(view: StandardView, tube: Tube, course: Course, kept: Kept, aspect: number): Placement {
+  switch (view) {
+    case "isthmus":
+      return facing(tube, course, kept.from, -1, aspect);
+    case "ampulla":
+      return facing(tube, course, kept.to, 1, aspect);
+    case "side":
+      return frame(tube, kept, -90, 0, aspect);
+    case "whole":
+      return frame(tube, kept, ...broadest(tube, course, aspect), aspect);
+  }
+}
+
+/** On to an end from beyond it. */
+function facing(tube: Tube, course: Course, at: number, sign: number, aspect: number): Placement {
+  const [back, target] = [new Point(), new Point()];
+  course.turn(0, 0, sign, at * tube.length, back);
+  course.bend(tube.x, tube.y, at * tube.length, target);
+  const elevation = Math.max(-89, Math.min(89, (Math.asin(Math.max(-1, Math.min(1, back.y))) * 180) / Math.PI));
+  const azimuth = (Math.atan2(back.x, back.z) * 180) / Math.PI;
+  return { x: target.x, y: target.y, z: target.z / tube.length, azimuth, elevation, distance: endDistance(tube, aspect) };
+}
+
+/** Azimuth and elevation from which the course has the least depth, from above; on a steep view, those in which it fills the picture. */
+function broadest(tube: Tube, course: Course, aspect: number): [number, number] {
+  const points = Array.from({ length: ALONG }, (_, i) => {
+    const point = new Point();
+    course.bend(0, 0, (course.length * i) / (ALONG - 1), point);
+    return [point.x, point.y, point.z] as const;
+  });
+  const depth = ([azimuth, elevation]: [number, number]) => {
+    const { back } = directions(azimuth, elevation);
+    const at = points.map((point) => dot(point, back));
+    const middle = mean(at);
+    return mean(at.map((value) => (value - middle) ** 2));
+  };
+  const around = Array.from({ length: 360 / STEP }, (_, i) => i * STEP - 180);
+  const upward = Array.from({ length: 90 / STEP + 1 }, (_, i) => i * STEP);
+  const [azimuth, elevation] = least(upward.flatMap((elevation) => around.map((azimuth): [number, number] => [azimuth, elevation])), depth);
+  if (elevation <= STEEPEST) return [azimuth, elevation];
+  const steep = around.map((azimuth): [number, number] => [azimuth, STEEPEST]);
+  return least(steep, (direction) => frame(tube, { from: 0, to: 1 }, ...direction, aspect).distance);
+}
+
+function least<T>(choices: readonly T[], cost: (choice: T) => number): T {
+  const costs = choices.map(cost);
+  return choices[costs.indexOf(Math.min(...costs))]!;
+}
+
+class Point {
+  x = 0;
+  y = 0;
+  z = 0;
+
+  set(x: number, y: number, z: number): void {
+    [this.x, this.y, this.z] = [x, y, z];
+  }
+}
+
 function endDistance({ radius }: Tube, aspect: number): number {
   return radius / (Math.tan(((FIELD / 2) * Math.PI) / 180) * Math.min(aspect, 1) * FILLED);
 }
 
 /** The nearest placement in a direction from which all of it is seen. */
 function frame(tube: Tube, kept: Kept, azimuth: number, elevation: number, aspect: number): Placement {
-  const [a, e] = [(azimuth * Math.PI) / 180, (elevation * Math.PI) / 180];
-  const back = [Math.cos(e) * Math.sin(a), Math.sin(e), Math.cos(e) * Math.cos(a)] as const;
-  const right = [Math.cos(a), 0, -Math.sin(a)] as const;
-  const up = [-Math.sin(e) * Math.sin(a), Math.cos(e), -Math.sin(e) * Math.cos(a)] as const;
+  const { back, right, up } = directions(azimuth, elevation);
   const slopeY = Math.tan(((FIELD / 2) * Math.PI) / 180) * FILLED;
   const across = new Extent(slopeY * aspect);
   const upward = new Extent(slopeY);
-  for (let i = 0; i < 2 * AROUND; i++) {
-    const turn = (2 * Math.PI * i) / AROUND;
-    const point = [tube.x + tube.radius * Math.cos(turn), tube.y + tube.radius * Math.sin(turn), (i < AROUND ? kept.from : kept.to) * tube.length] as const;
+  const points = outermost(tube, kept);
+  for (const point of points) {
     across.add(dot(point, right), dot(point, back));
     upward.add(dot(point, up), dot(point, back));
   }
   const height = Math.max(across.height(), upward.height());
   const [u, v] = [across.middle(), upward.middle()];
   const eye = [0, 1, 2].map((i) => right[i]! * u + up[i]! * v + back[i]! * height) as [number, number, number];
-  const distance = distanceToAxis(eye, back, tube, kept);
+  const distance = tube.course ? dot(eye, back) - mean(points.map((point) => dot(point, back))) : distanceToAxis(eye, back, tube, kept);
   const target = eye.map((at, i) => at - back[i]! * distance) as [number, number, number];
   return { x: target[0], y: target[1], z: target[2] / tube.length, azimuth, elevation, distance };
 }
 
 type Triple = readonly [number, number, number];
+
+/** Towards the camera, and to the right and up in its picture. */
+function directions(azimuth: number, elevation: number): { back: Triple; right: Triple; up: Triple } {
+  const [a, e] = [(azimuth * Math.PI) / 180, (elevation * Math.PI) / 180];
+  return {
+    back: [Math.cos(e) * Math.sin(a), Math.sin(e), Math.cos(e) * Math.cos(a)],
+    right: [Math.cos(a), 0, -Math.sin(a)],
+    up: [-Math.sin(e) * Math.sin(a), Math.cos(e), -Math.sin(e) * Math.cos(a)],
+  };
+}
+
+/** Points around what is kept of a tube: around its ends, and along a bent one. */
+function outermost({ x, y, radius, length, course }: Tube, { from, to }: Kept): Triple[] {
+  const rings = course ? ALONG : 2;
+  const around = course ? AROUND / 3 : AROUND;
+  const point = new Point();
+  return Array.from({ length: rings * around }, (_, i) => {
+    const turn = (2 * Math.PI * (i % around)) / around;
+    const at = from + ((to - from) * Math.floor(i / around)) / (rings - 1);
+    point.set(x + radius * Math.cos(turn), y + radius * Math.sin(turn), at * length);
+    course?.bend(point.x, point.y, point.z, point);
+    return [point.x, point.y, point.z];
+  });
+}
+
+function mean(values: readonly number[]): number {
+  return values.reduce((sum, value) => sum + value, 0) / values.length;
+}
 
 /** From the eye to the point of its line of sight that is nearest to the tube's axis, within what is kept. */
 function distanceToAxis(eye: Triple, back: Triple, tube: Tube, { from, to }: Kept): number {

@@ -44,13 +44,13 @@ export class Pose implements Placement {
     this.changes.value++;
   }
 
-  /** Moves the point that is looked at, in the plane of the picture: millimetres to the right and up. */
-  pan(right: number, up: number, length: number): void {
+  /** Moves the point that is looked at, in the plane of the picture: millimetres to the right and up. `low` and `high` are where the tube is. */
+  pan(right: number, up: number, length: number, [low, high]: readonly [number, number] = [0, 1]): void {
     this.#touch();
     const [a, e] = [(this.azimuth * Math.PI) / 180, (this.elevation * Math.PI) / 180];
     this.x += right * Math.cos(a) - up * Math.sin(e) * Math.sin(a);
     this.y += up * Math.cos(e);
-    this.z = limit(this.z + (-right * Math.sin(a) - up * Math.sin(e) * Math.cos(a)) / length, -0.2, 1.2);
+    this.z = limit(this.z + (-right * Math.sin(a) - up * Math.sin(e) * Math.cos(a)) / length, low - 0.2, high + 0.2);
     this.changes.value++;
   }
 

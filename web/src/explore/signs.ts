@@ -36,9 +36,9 @@ export class Signs {
 
   /** Names the ends of a surface where they are. */
   show({ patches }: Surface): void {
-    for (const { name, positions } of patches) {
-      if (name === "cap_isthmus") this.#ends[0].fit(positions);
-      else if (name === "cap_ampulla") this.#ends[1].fit(positions);
+    for (const { name, straight } of patches) {
+      if (name === "cap_isthmus") this.#ends[0].fit(straight);
+      else if (name === "cap_ampulla") this.#ends[1].fit(straight);
     }
   }
 
@@ -112,6 +112,7 @@ class End {
   look(view: View, tube: Tube, at: number, stage: Stage, perMillimetre: number): void {
     const { x, y, radius } = this.#circle;
     const spot = this.#at.set(x, y, at * tube.length);
+    tube.course?.bend(spot.x, spot.y, spot.z, spot);
     this.depth = depthOf(view.pose, tube, spot);
     this.radius = (radius * perMillimetre * view.pose.distance) / this.depth;
     this.before = this.depth > 0;

@@ -1,6 +1,7 @@
-// Islands and pockets in words.
+// What models have, in words.
 import type { Report } from "oviduct-client";
-import { squareMicrometres } from "../ui/format.ts";
+import { short, squareMicrometres } from "../ui/format.ts";
+import type { Course } from "./course.ts";
 
 /** `no islands`, `1 island (1,730 µm²)`, `3 islands (5,210 µm²)`. */
 export function census(areas: readonly number[], name: string): string {
@@ -16,4 +17,10 @@ export function islands({ cuts }: Pick<Report, "cuts">): string | undefined {
   const through = `${count} planar cuts through the ampulla`;
   if (islands_per_cut === 0) return `No islands in ${through}`;
   return `Islands in ${Math.round(100 * with_islands)} % of ${through}, ${islands_per_cut.toFixed(1)} a cut${area ? `, median ${squareMicrometres(area.p50)}` : ""}`;
+}
+
+/** How a bent tube runs: of its whole length, also if the model is a piece of it. */
+export function courseInWords({ tortuosity, endDistance, turned }: Pick<Course, "tortuosity" | "endDistance" | "turned">): string {
+  if (tortuosity - 1 < 1e-9) return `The tube is straight and turned by ${short(turned)}° about its centre line.`;
+  return `The tube follows a centre line of tortuosity ${short(tortuosity)} with ends ${short(endDistance)} mm apart.`;
 }

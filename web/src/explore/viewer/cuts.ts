@@ -6,8 +6,11 @@
 // Coarse pictures get by without counting: a back face of the closed surface is seen only where the line of sight enters tissue
 // through a cut, so the walls draw their back faces in the colour of the cut. Slivers of triangles leave a few wrong pixels, and
 // tissue where two cuts meet may be seen through from behind one of them.
+//
+// Planes cut the straight tube. In a bent one they follow its course, so their faces are no planes, and are made as triangles.
 import {
   AlwaysStencilFunc,
+  BufferAttribute,
   BufferGeometry,
   DoubleSide,
   EqualStencilFunc,
@@ -19,11 +22,13 @@ import {
   MeshBasicMaterial,
   Plane,
   PlaneGeometry,
-  ShaderChunk,
   Vector3,
 } from "three";
+import type { Course } from "../course.ts";
 import type { Tube } from "../framing.ts";
 import type { View } from "../view.ts";
+import { BENT } from "./clipping.ts";
+import { fill, type Direction, type Face } from "./fill.ts";
 import { addOutline, type CutPlane } from "./outline.ts";
 import { Ribbons } from "./ribbons.ts";
 import type { Stretch } from "./sight.ts";
@@ -33,11 +38,6 @@ import { TISSUE } from "./tissue.ts";
 /** Edges of cut faces: as in the service's drawings, of the width of an epithelium (millimetres). */
 const [MUCOSA, MUCOSA_WIDTH] = [0x7d3a78, 0.012];
 const [OUTSIDE, OUTSIDE_WIDTH] = [0xa9607a, 0.008];
-
-// At the edge of a thin triangle a pixel's centre lies outside of it, where its position along the tube may be far off.
-for (const chunk of ["clipping_planes_pars_vertex", "clipping_planes_pars_fragment"] as const) {
-  ShaderChunk[chunk] = ShaderChunk[chunk].replace(/^\s*varying/m, "centroid varying");
-}
 
 /** Tells faces along the tube from those across it. */
 const SHADED_TISSUE = 0xd2879c;
@@ -50,14 +50,21 @@ class Cut {
   readonly group = new Group();
   readonly color: number;
   readonly #counting: MeshBasicMaterial;
-  readonly #face: Mesh<PlaneGeometry, MeshBasicMaterial>;
+  readonly #face: Mesh<BufferGeometry, MeshBasicMaterial>;
   readonly #counters = new Group();
-  readonly #edges = new Edges();
+  readonly #edges: Edges;
+  readonly #course: Course | undefined;
+  /** Across the tube and, of a cut lengthwise, along it. */
+  readonly #axes = [new Vector3(), new Vector3()] as const;
+  /** The face in a bent tube, once it has been made. */
+  #filled: Face | undefined;
   /** What the edges were made from. */
   #drawn: { surface: Surface; plane: Plane } | undefined;
 
-  constructor(bit: number, color: number) {
+  constructor(bit: number, color: number, course: Course | undefined) {
     this.color = color;
+    this.#course = course;
+    this.#edges = new Edges(course);
     this.#counting = new MeshBasicMaterial({
       side: DoubleSide,
       colorWrite: false,
@@ -72,7 +79,7 @@ class Cut {
     const material = new MeshBasicMaterial({
       color,
       side: DoubleSide,
-      stencilWrite: true,
+      stencilWrite: !course,
       stencilWriteMask: 0,
       stencilFuncMask: bit,
       stencilRef: bit,
@@ -83,15 +90,18 @@ class Cut {
       polygonOffsetFactor: 1,
       polygonOffsetUnits: 2,
     });
-    this.#face = new Mesh(new PlaneGeometry(1, 1), material);
+    if (course) material.defines = BENT;
+    this.#face = new Mesh(course ? new BufferGeometry() : new PlaneGeometry(1, 1), material);
     this.#face.renderOrder = 2;
     this.#face.matrixAutoUpdate = false;
+    if (course) this.#face.frustumCulled = false;
     this.group.add(this.#counters, this.#face, this.#edges.group);
     this.group.visible = false;
   }
 
   count(geometries: readonly BufferGeometry[]): void {
     this.#counters.clear();
+    if (this.#course) return;
     for (const geometry of geometries) {
       const counter = new Mesh(geometry, this.#counting);
       counter.renderOrder = 1;
@@ -102,6 +112,9 @@ class Cut {
 
   place(normal: Vector3, point: Vector3, face: Matrix4): void {
     this.plane.setFromNormalAndCoplanarPoint(normal, point);
+    this.#axes[0].setFromMatrixColumn(face, 0).normalize();
+    this.#axes[1].setFromMatrixColumn(face, 1).normalize();
+    if (this.#course) return;
     this.#face.matrix.copy(face);
     this.#face.matrixWorldNeedsUpdate = true;
   }
@@ -115,8 +128,24 @@ class Cut {
     if (this.#drawn?.surface !== surface || !this.#drawn.plane.equals(this.plane)) {
       this.#edges.trace(surface, [cutPlane(this.plane)]);
       this.#drawn = { surface, plane: this.plane.clone() };
+      this.#filled = undefined;
     }
     this.#edges.clip(others);
+    if (this.#course && counted && !this.#filled) {
+      const { positions, straight, index } = this.face!;
+      // Buffers keep their sizes, so it is another geometry.
+      this.#face.geometry.dispose();
+      this.#face.geometry = new BufferGeometry()
+        .setAttribute("position", new BufferAttribute(positions, 3))
+        .setAttribute("straight", new BufferAttribute(straight, 3))
+        .setIndex(new BufferAttribute(index, 1));
+    }
+  }
+
+  /** The face in a bent tube. */
+  get face(): Face | undefined {
+    if (!this.#course || !this.group.visible) return undefined;
+    return (this.#filled ??= this.#edges.fill(this.#axes[0].toArray(), this.#axes[1].toArray()));
   }
 
   /** Whether the edges of its face are drawn. */
@@ -135,10 +164,12 @@ class Cut {
 /** Where the walls meet planes. */
 class Edges {
   readonly group = new Group();
-  readonly #mucosa = new Ribbons(MUCOSA, MUCOSA_WIDTH);
-  readonly #outside = new Ribbons(OUTSIDE, OUTSIDE_WIDTH);
+  readonly #mucosa: Ribbons;
+  readonly #outside: Ribbons;
 
-  constructor() {
+  constructor(course: Course | undefined) {
+    this.#mucosa = new Ribbons(MUCOSA, MUCOSA_WIDTH, course);
+    this.#outside = new Ribbons(OUTSIDE, OUTSIDE_WIDTH, course);
     this.group.add(this.#mucosa.object, this.#outside.object);
   }
 
@@ -154,6 +185,11 @@ class Edges {
     this.#outside.update(planes[0]);
   }
 
+  /** What is between the edges with one plane. */
+  fill(right: Direction, up: Direction): Face {
+    return fill([this.#mucosa.segments, this.#outside.segments], right, up);
+  }
+
   clip(planes: Plane[]): void {
     this.#mucosa.clip(planes);
     this.#outside.clip(planes);
@@ -167,10 +203,10 @@ class Edges {
 
 export class Cuts {
   readonly group = new Group();
-  readonly #lengthwise = new Cut(1, SHADED_TISSUE);
-  readonly #across = new Cut(2, TISSUE);
+  readonly #lengthwise: Cut;
+  readonly #across: Cut;
   /** Of the caps at the ends. */
-  readonly #rims = new Edges();
+  readonly #rims: Edges;
   readonly #tube: Tube;
   /** Planes that are in use. */
   active: Plane[] = [];
@@ -184,6 +220,9 @@ export class Cuts {
 
   constructor(tube: Tube) {
     this.#tube = tube;
+    this.#lengthwise = new Cut(1, SHADED_TISSUE, tube.course);
+    this.#across = new Cut(2, TISSUE, tube.course);
+    this.#rims = new Edges(tube.course);
     this.kept = { from: 0, to: tube.length };
     this.group.add(this.#lengthwise.group, this.#across.group, this.#rims.group);
   }
@@ -221,6 +260,11 @@ export class Cuts {
     this.#rims.group.visible = on && this.#rimmed;
     this.#lengthwise.edged = on;
     this.#across.edged = on;
+  }
+
+  /** The faces of the cuts in a bent tube. */
+  get faces(): Face[] {
+    return [this.#lengthwise.face, this.#across.face].filter((face) => face !== undefined);
   }
 
   /** Whether the tube is cut lengthwise, and its inside is seen from there. */

@@ -9,7 +9,7 @@ const DARKEST = 0.42;
  * Brightness of each vertex of the inner wall, 0 to 255: by its place between the innermost fold tip and the deepest crypt of
  * its stretch of the tube. An approximation of ambient occlusion that costs nothing while drawing.
  */
-export function mucosaLight({ positions }: Patch, length: number): Uint8Array<ArrayBuffer> {
+export function mucosaLight({ straight: positions }: Patch, length: number): Uint8Array<ArrayBuffer> {
   const count = positions.length / 3;
   const deepest = new Float32Array(BINS);
   const innermost = new Float32Array(BINS).fill(Infinity);

@@ -1,7 +1,7 @@
 // Where a plane crosses a surface.
 import type { Patch } from "./surface.ts";
 
-/** Points with x·nx + y·ny + z·nz + d = 0; what is on the negative side is cut away. */
+/** Points of the straight tube with x·nx + y·ny + z·nz + d = 0; what is on the negative side is cut away. */
 export interface CutPlane {
   nx: number;
   ny: number;
@@ -12,7 +12,13 @@ export interface CutPlane {
 /** Line segments, six numbers each; grows as needed and is used again. */
 export class Segments {
   points = new Float32Array(6 * 4096);
+  /** Where they are in the straight tube: other numbers if it is bent. */
+  straight = this.points;
   count = 0;
+
+  constructor(bent = false) {
+    if (bent) this.straight = new Float32Array(this.points.length);
+  }
 
   clear(): void {
     this.count = 0;
@@ -22,22 +28,29 @@ export class Segments {
   next(): number {
     const at = 6 * this.count++;
     if (at + 6 > this.points.length) {
-      const more = new Float32Array(2 * this.points.length);
-      more.set(this.points);
-      this.points = more;
+      const bent = this.straight !== this.points;
+      this.points = grown(this.points);
+      this.straight = bent ? grown(this.straight) : this.points;
     }
     return at;
   }
 }
 
+export function grown(numbers: Float32Array): Float32Array<ArrayBuffer> {
+  const more = new Float32Array(2 * numbers.length);
+  more.set(numbers);
+  return more;
+}
+
 let distances = new Float32Array(0);
 
 /** Adds the segments in which a plane crosses the triangles of a patch. */
-export function addOutline({ positions, index }: Patch, { nx, ny, nz, d }: CutPlane, out: Segments): void {
+export function addOutline({ positions, straight, index }: Patch, { nx, ny, nz, d }: CutPlane, out: Segments): void {
   const vertices = positions.length / 3;
+  const bent = out.straight !== out.points;
   if (distances.length < vertices) distances = new Float32Array(vertices);
   for (let i = 0, p = 0; i < vertices; i++, p += 3) {
-    distances[i] = positions[p]! * nx + positions[p + 1]! * ny + positions[p + 2]! * nz + d;
+    distances[i] = straight[p]! * nx + straight[p + 1]! * ny + straight[p + 2]! * nz + d;
   }
   for (let t = 0; t < index.length; t += 3) {
     const a = index[t]!;
@@ -52,10 +65,16 @@ export function addOutline({ positions, index }: Patch, { nx, ny, nz, d }: CutPl
     const at = out.next();
     cross(positions, tip, left, out.points, at);
     cross(positions, tip, right, out.points, at + 3);
+    if (!bent) continue;
+    cross(straight, tip, left, out.straight, at);
+    cross(straight, tip, right, out.straight, at + 3);
   }
 }
 
-function cross(positions: Float32Array, a: number, b: number, out: Float32Array, at: number): void {
+function cross(positions: Float32Array, one: number, other: number, out: Float32Array, at: number): void {
+  // The same for both triangles of an edge.
+  const a = Math.min(one, other);
+  const b = Math.max(one, other);
   const t = distances[a]! / (distances[a]! - distances[b]!);
   for (let k = 0; k < 3; k++) {
     const from = positions[3 * a + k]!;

@@ -26,7 +26,7 @@ export function firstHit(
   let nearest = Infinity;
   for (const patch of patches) {
     const seen = visible(patch);
-    eachCrossing(patch, ray, (distance) => {
+    eachCrossing(patch.positions, patch.index, ray, (distance) => {
       for (const face of faces) if (distance > face.distance) face.beyond++;
       if (seen && distance < nearest && isKept(planes, ray, distance)) nearest = distance;
     });
@@ -34,6 +34,28 @@ export function firstHit(
   for (const { plane, distance, beyond } of faces) {
     const others = planes.filter((other) => other !== plane);
     if (distance > 0 && distance < nearest && beyond % 2 === 1 && isKept(others, ray, distance)) nearest = distance;
+  }
+  return Number.isFinite(nearest) ? nearest : undefined;
+}
+
+/** Millimetres by which positions of a cut face may be off. */
+const ROUNDING = 1e-4;
+
+/** As `firstHit`, of a bent tube: planes cut the straight one, and the faces that they leave are given. */
+export function firstHitBent(
+  patches: readonly Pick<Patch, "positions" | "straight" | "index">[],
+  planes: readonly CutPlane[],
+  ray: Ray,
+): number | undefined {
+  let nearest = Infinity;
+  for (const { positions, straight, index } of patches) {
+    eachCrossing(positions, index, ray, (distance, t, u, v) => {
+      if (distance >= nearest) return;
+      const [a, b, c] = [3 * index[t]!, 3 * index[t + 1]!, 3 * index[t + 2]!];
+      const at = (axis: number) => straight[a + axis]! * (1 - u - v) + straight[b + axis]! * u + straight[c + axis]! * v;
+      const [x, y, z] = [at(0), at(1), at(2)];
+      if (planes.every(({ nx, ny, nz, d }) => nx * x + ny * y + nz * z + d >= -ROUNDING)) nearest = distance;
+    });
   }
   return Number.isFinite(nearest) ? nearest : undefined;
 }
@@ -49,8 +71,16 @@ function isKept(planes: readonly CutPlane[], ray: Ray, distance: number): boolea
   );
 }
 
-/** Calls back with the distance of each triangle that the ray crosses, from either side (Möller, Trumbore 1997). */
-function eachCrossing({ positions: p, index }: Patch, { ox, oy, oz, dx, dy, dz }: Ray, found: (distance: number) => void): void {
+/**
+ * Calls back with the distance of each triangle that the ray crosses, from either side (Möller, Trumbore 1997); also with its place in
+ * the index, and the shares of its second and third corner.
+ */
+function eachCrossing(
+  p: Float32Array,
+  index: ArrayLike<number>,
+  { ox, oy, oz, dx, dy, dz }: Ray,
+  found: (distance: number, t: number, u: number, v: number) => void,
+): void {
   for (let t = 0; t < index.length; t += 3) {
     const a = 3 * index[t]!;
     const b = 3 * index[t + 1]!;
@@ -80,6 +110,6 @@ function eachCrossing({ positions: p, index }: Patch, { ox, oy, oz, dx, dy, dz }
     const v = (dx * qx + dy * qy + dz * qz) / determinant;
     if (v < 0 || u + v > 1) continue;
     const distance = (vx * qx + vy * qy + vz * qz) / determinant;
-    if (distance > 0) found(distance);
+    if (distance > 0) found(distance, t, u, v);
   }
 }

@@ -1,5 +1,5 @@
 // The plane of a section in the scene.
-import { DoubleSide, Group, Mesh, MeshBasicMaterial, PlaneGeometry } from "three";
+import { DoubleSide, Group, Mesh, MeshBasicMaterial, PlaneGeometry, Vector3 } from "three";
 import type { Tube } from "../framing.ts";
 import { Ribbons } from "./ribbons.ts";
 
@@ -11,8 +11,11 @@ export class SectionPlane {
   readonly group = new Group();
   readonly #glass: Mesh<PlaneGeometry, MeshBasicMaterial>;
   readonly #border = new Ribbons(0xffffff, BORDER);
+  readonly #tube: Tube;
 
-  constructor({ x, y, radius }: Tube) {
+  constructor(tube: Tube) {
+    this.#tube = tube;
+    const { x, y, radius } = tube;
     const r = SIZE * radius;
     const material = new MeshBasicMaterial({ transparent: true, opacity: 0.18, side: DoubleSide, depthWrite: false });
     this.#glass = new Mesh(new PlaneGeometry(2 * r, 2 * r), material);
@@ -24,6 +27,7 @@ export class SectionPlane {
     }
     this.#border.update({ nx: 0, ny: 0, nz: 1 });
     this.group.position.set(x, y, 0);
+    this.group.matrixAutoUpdate = false;
     this.group.add(this.#glass, this.#border.object);
   }
 
@@ -32,10 +36,21 @@ export class SectionPlane {
     this.#border.object.material.color.set(color);
   }
 
-  /** Shows the plane at `z` millimetres; undefined hides it. */
+  /** Shows the plane across the tube at `z` millimetres; undefined hides it. */
   place(z: number | undefined): void {
     this.group.visible = z !== undefined;
     if (z === undefined) return;
+    const { course } = this.#tube;
+    if (course) {
+      const [u, v, tangent, at] = [new Vector3(), new Vector3(), new Vector3(), new Vector3()];
+      course.turn(1, 0, 0, z, u);
+      course.turn(0, 1, 0, z, v);
+      course.turn(0, 0, 1, z, tangent);
+      course.bend(0, 0, z, at);
+      this.group.matrix.makeBasis(u, v, tangent).setPosition(at);
+      this.group.matrixWorldNeedsUpdate = true;
+      return;
+    }
     this.group.position.z = z;
     this.group.updateMatrix();
   }

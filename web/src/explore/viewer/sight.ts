@@ -46,7 +46,7 @@ function round(out: Stretch, length: number): void {
 let behind = new Uint8Array(0);
 
 /** Writes to `out` the triangles of a patch but those that lie wholly behind a plane; the number of indices. At most eight planes. */
-export function select({ positions, index }: Patch, planes: readonly CutPlane[], out: Uint16Array | Uint32Array): number {
+export function select({ straight: positions, index }: Patch, planes: readonly CutPlane[], out: Uint16Array | Uint32Array): number {
   const vertices = positions.length / 3;
   if (behind.length < vertices) behind = new Uint8Array(vertices);
   behind.fill(0, 0, vertices);

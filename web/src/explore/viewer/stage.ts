@@ -2,7 +2,7 @@
 import { effect, signal, untracked } from "@preact/signals";
 import { PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { positionAt, type Centreline } from "../centreline.ts";
-import { FIELD, type Tube } from "../framing.ts";
+import { FIELD, reachOf, type Tube } from "../framing.ts";
 import type { Spot } from "../measure.ts";
 import type { StandardView } from "../pose.ts";
 import type { View } from "../view.ts";
@@ -11,11 +11,11 @@ import { glideFrom } from "../motion.ts";
 import { control } from "./controls.ts";
 import { Cuts } from "./cuts.ts";
 import type { Device } from "./device.ts";
-import { firstHit } from "./ray.ts";
+import { firstHit, firstHitBent } from "./ray.ts";
 import { Resolution } from "./resolution.ts";
 import { SectionPlane } from "./section-plane.ts";
 import { around, seenThroughEnds, type Stretch } from "./sight.ts";
-import type { Surface } from "./surface.ts";
+import type { Patch, Surface } from "./surface.ts";
 import { Tissue } from "./tissue.ts";
 import { FLIGHT_FOG, LUMEN_DARK } from "./tissue-material.ts";
 
@@ -50,7 +50,7 @@ export class Stage {
   readonly #resolution: Resolution;
   readonly #scene = new Scene();
   readonly #camera = new PerspectiveCamera(FIELD, 1, 0.1, 1000);
-  readonly #tissue = new Tissue();
+  readonly #tissue: Tissue;
   readonly #cuts: Cuts;
   readonly #plane: SectionPlane;
   readonly #surface = signal<Surface | undefined>(undefined);
@@ -74,6 +74,7 @@ export class Stage {
     this.#renderer = new WebGLRenderer({ canvas, antialias: !software, alpha: true, stencil: true, powerPreference: "high-performance" });
     this.#resolution = new Resolution(software, this.#request);
     this.#renderer.localClippingEnabled = true;
+    this.#tissue = new Tissue(tube.course !== undefined);
     this.#cuts = new Cuts(tube);
     this.#plane = new SectionPlane(tube);
     this.#scene.add(this.#tissue.group, this.#cuts.group, this.#plane.group, this.#camera);
@@ -235,8 +236,8 @@ export class Stage {
     this.#cuts.edged = !this.#coarse || FINEST_EDGE * this.#renderer.domElement.height > view.pose.distance;
     if (!this.#coarse) return this.#tissue.unlimit();
     if (flying) {
-      around(position.z, FLIGHT_FOG[1], this.#tube, inside);
-    } else if (view.closed && !this.#cuts.opensTo(position)) {
+      around(view.flown * this.#tube.length, FLIGHT_FOG[1], this.#tube, inside);
+    } else if (!this.#tube.course && view.closed && !this.#cuts.opensTo(position)) {
       seenThroughEnds(position, this.#tube, this.#cuts.kept, inside);
     } else {
       inside.from = -Infinity;
@@ -260,12 +261,20 @@ export class Stage {
 
   #fly(way: Centreline): void {
     const { position } = this.#camera;
-    const z = this.#view.flown * this.#tube.length;
+    const { length, course } = this.#tube;
+    const z = this.#view.flown * length;
     positionAt(way, z, position);
     positionAt(way, z + AHEAD, this.#target);
     // At the end of the way the last direction is that of the tube.
     this.#target.z = position.z + AHEAD;
+    if (course) {
+      // The vertical of the picture is y of the cross section.
+      course.turn(0, 1, 0, z, this.#camera.up);
+      course.bend(position.x, position.y, position.z, position);
+      course.bend(this.#target.x, this.#target.y, this.#target.z, this.#target);
+    }
     this.#camera.lookAt(this.#target);
+    this.#camera.up.set(0, 1, 0);
     this.#camera.rotateY((this.#look.yaw * Math.PI) / 180);
     this.#camera.rotateX((this.#look.pitch * Math.PI) / 180);
     this.#project(FLIGHT_FIELD, 0.004, 2 * FLIGHT_FOG[1]);
@@ -293,7 +302,7 @@ export class Stage {
     if (this.#view.flying.peek()) return this.#turn(right * DRAG_TURN, down * DRAG_TURN);
     const { pose } = this.#view;
     const millimetres = (2 * pose.distance * Math.tan(((FIELD / 2) * Math.PI) / 180)) / this.#canvas.clientHeight;
-    pose.pan(-right * millimetres, down * millimetres, this.#tube.length);
+    pose.pan(-right * millimetres, down * millimetres, this.#tube.length, reachOf(this.#tube));
   }
 
   #zoom(factor: number): void {
@@ -326,7 +335,10 @@ export class Stage {
     const from = this.#camera.position;
     const direction = new Vector3((2 * x) / width - 1, 1 - (2 * y) / height, 0.5).unproject(this.#camera).sub(from).normalize();
     const ray = { ox: from.x, oy: from.y, oz: from.z, dx: direction.x, dy: direction.y, dz: direction.z };
-    const distance = firstHit(surface.patches, (patch) => this.#tissue.isVisible(patch), this.#cuts.planes, ray);
+    const isVisible = (patch: Patch) => this.#tissue.isVisible(patch);
+    const distance = this.#tube.course
+      ? firstHitBent([...surface.patches.filter(isVisible), ...this.#cuts.faces], this.#cuts.planes, ray)
+      : firstHit(surface.patches, isVisible, this.#cuts.planes, ray);
     if (distance === undefined) return;
     const { x: px, y: py, z: pz } = direction.multiplyScalar(distance).add(from);
     this.onPick({ x: px, y: py, z: pz });

@@ -3,6 +3,7 @@ import { Matrix3, Vector3, type Mesh, type Object3D } from "three";
 import type { Report } from "oviduct-client";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { MeshoptDecoder } from "three/addons/libs/meshopt_decoder.module.js";
+import type { Course } from "../course.ts";
 
 type DetailLevel = NonNullable<Report["levels"]>[number];
 
@@ -13,6 +14,8 @@ export interface Patch {
   name: PatchName;
   /** x, y, z of each vertex, millimetres. */
   positions: Float32Array;
+  /** The same in the straight tube: the very same array if it is not bent. */
+  straight: Float32Array;
   /** x, y, z of each vertex, 127 times a length of 1. */
   normals: Int8Array;
   /** Three vertices a triangle. */
@@ -34,15 +37,15 @@ export interface Difference {
   precision: readonly number[];
 }
 
-/** Reads a `.glb`; `begin` millimetres along z become 0. Throws if it is damaged or has no patch of a tissue. */
-export async function readSurface(file: ArrayBuffer, begin: number): Promise<Surface> {
+/** Reads a `.glb` of a tube that may follow a course; `begin` millimetres along z become 0. Throws if it is damaged or has no patch of a tissue. */
+export async function readSurface(file: ArrayBuffer, begin: number, course?: Course): Promise<Surface> {
   const loader = new GLTFLoader().setMeshoptDecoder(MeshoptDecoder);
   const { scene, asset } = await loader.parseAsync(file, "");
   scene.updateMatrixWorld(true);
   const patches: Patch[] = [];
   scene.traverse((node) => {
     const name = PATCH_NAMES.find((name) => name === node.name);
-    if (name && isMesh(node)) patches.push(patch(name, node, begin));
+    if (name && isMesh(node)) patches.push(patch(name, node, begin, course));
   });
   if (patches.length === 0) throw new Error("The file has no walls of a tube.");
   return { patches, triangles: patches.reduce((sum, { index }) => sum + index.length / 3, 0), difference: statedDifference(asset.extras) };
@@ -59,7 +62,7 @@ function isMesh(node: Object3D): node is Mesh {
 }
 
 /** Quantized positions and normals are scaled by the transform of the node; glTF is in metres. */
-function patch(name: PatchName, { geometry, matrixWorld }: Mesh, begin: number): Patch {
+function patch(name: PatchName, { geometry, matrixWorld }: Mesh, begin: number, course: Course | undefined): Patch {
   if (!geometry.hasAttribute("normal")) geometry.computeVertexNormals();
   const [position, normal] = [geometry.getAttribute("position"), geometry.getAttribute("normal")];
   const [vector, direction] = [new Vector3(), new Matrix3().getNormalMatrix(matrixWorld)];
@@ -73,5 +76,5 @@ function patch(name: PatchName, { geometry, matrixWorld }: Mesh, begin: number):
   }
   const order = geometry.index?.array ?? Uint32Array.from({ length: position.count }, (_, i) => i);
   const index = order instanceof Uint16Array || order instanceof Uint32Array ? order : Uint32Array.from(order);
-  return { name, positions, normals, index };
+  return { name, positions, straight: course?.straighten(positions, index) ?? positions, normals, index };
 }

@@ -1,5 +1,6 @@
 // How walls and caps are shaded: with little work a pixel, since some browsers draw in software.
 import { Color, LinearSRGBColorSpace, ShaderMaterial, Vector3, type ColorRepresentation } from "three";
+import { BENT } from "./clipping.ts";
 
 /** Where the lumen is lost in the dark in flight, millimetres. */
 export const FLIGHT_FOG = [0.02, 1.8] as const;
@@ -41,7 +42,11 @@ void main() {
     open = openness;
   #endif
   #ifdef FLIGHT
-    along = position.z;
+    #ifdef BENT
+      along = straight.z;
+    #else
+      along = position.z;
+    #endif
     away = -mvPosition.z;
   #endif
 }`;
@@ -98,7 +103,11 @@ void main() {
   #if defined(CUT_OPEN) && NUM_CLIPPING_PLANES > 0
     if (!gl_FrontFacing) {
       shown = cuts[0];
-      #if NUM_CLIPPING_PLANES > 1
+      #if NUM_CLIPPING_PLANES > 1 && defined(BENT)
+        // The nearer of the two is nearly always the one that is looked through.
+        vec2 behind = vec2(clippingPlanes[0].w, clippingPlanes[1].w) - vec2(dot(vClipPosition, clippingPlanes[0].xyz), dot(vClipPosition, clippingPlanes[1].xyz));
+        if (behind.y < behind.x) shown = cuts[1];
+      #elif NUM_CLIPPING_PLANES > 1
         // The line of sight enters what is kept through the plane that it meets last, if it comes from behind it.
         vec2 away = vec2(clippingPlanes[0].w, clippingPlanes[1].w);
         vec2 entry = min(away, 0.0) / vec2(dot(vClipPosition, clippingPlanes[0].xyz), dot(vClipPosition, clippingPlanes[1].xyz));
@@ -114,12 +123,12 @@ void main() {
 
 /** `lit` surfaces scatter the light; others have their colour whatever the light. */
 export class TissueMaterial extends ShaderMaterial {
-  constructor(color: number, { lit, occluded }: { lit: boolean; occluded: boolean }) {
+  constructor(color: number, { lit, occluded, bent }: { lit: boolean; occluded: boolean; bent: boolean }) {
     super({
       vertexShader: VERTEX,
       fragmentShader: FRAGMENT,
       clipping: true,
-      defines: { ...(occluded && { OCCLUDED: "" }), ...(!lit && { FLAT: "" }) },
+      defines: { ...(occluded && { OCCLUDED: "" }), ...(!lit && { FLAT: "" }), ...(bent && BENT) },
       uniforms: {
         ...SHARED,
         color: { value: lit ? new Color(color) : displayed(color) },

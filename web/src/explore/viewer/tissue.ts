@@ -26,11 +26,16 @@ interface Drawn {
 export class Tissue {
   readonly group = new Group();
   surface: Surface | undefined;
+  readonly #bent: boolean;
   readonly #materials = new Map<PatchName, TissueMaterial>();
   #drawn: Drawn[] = [];
   /** Within which the patches are drawn, if not wholly. */
   #limits: (Stretch & { planes: readonly CutPlane[]; everywhere: boolean }) | undefined;
   #visible: Record<PatchGroup, boolean> = { inner: true, outer: true, caps: true };
+
+  constructor(bent: boolean) {
+    this.#bent = bent;
+  }
 
   /** Takes over a surface in place of the present one; returns its geometries. */
   show(surface: Surface, length: number): BufferGeometry[] {
@@ -39,6 +44,7 @@ export class Tissue {
     return surface.patches.map((patch) => {
       const geometry = new BufferGeometry();
       geometry.setAttribute("position", new BufferAttribute(patch.positions, 3));
+      if (this.#bent) geometry.setAttribute("straight", new BufferAttribute(patch.straight, 3));
       geometry.setAttribute("normal", new BufferAttribute(patch.normals, 3, true));
       const all = new BufferAttribute(patch.index, 1);
       geometry.setIndex(all);
@@ -125,7 +131,10 @@ export class Tissue {
 
   #material(name: PatchName): TissueMaterial {
     let material = this.#materials.get(name);
-    if (!material) this.#materials.set(name, (material = new TissueMaterial(COLORS[name], { lit: GROUPS[name] !== "caps", occluded: name === "inner_wall" })));
+    if (!material) {
+      material = new TissueMaterial(COLORS[name], { lit: GROUPS[name] !== "caps", occluded: name === "inner_wall", bent: this.#bent });
+      this.#materials.set(name, material);
+    }
     return material;
   }
 }

@@ -1,0 +1,19 @@
+// How planes clip what is drawn: a bent tube where they cut the straight one, so that cuts follow its course.
+import { ShaderChunk } from "three";
+
+// At the edge of a thin triangle a pixel's centre lies outside of it, where its position along the tube may be far off.
+for (const chunk of ["clipping_planes_pars_vertex", "clipping_planes_pars_fragment"] as const) {
+  ShaderChunk[chunk] = ShaderChunk[chunk].replace(/^\s*varying/m, "centroid varying");
+}
+
+/** Of materials whose geometries have an attribute `straight`: where their vertices are in the straight tube. */
+export const BENT = { BENT: "" };
+
+ShaderChunk.clipping_planes_pars_vertex += `
+#ifdef BENT
+  attribute vec3 straight;
+#endif`;
+ShaderChunk.clipping_planes_vertex += `
+#if defined(BENT) && NUM_CLIPPING_PLANES > 0
+  vClipPosition = -(modelViewMatrix * vec4(straight, 1.0)).xyz;
+#endif`;
