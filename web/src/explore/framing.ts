@@ -71,10 +71,14 @@ export function middleOf({ x, y, length, course }: Tube): { x: number; y: number
 
 /** Points of the centre line that views of a bent tube are fitted to. */
 const ALONG = 96;
-/** Directions that are tried, degrees apart. */
+/** Directions that are tried for the view of the whole, degrees apart, and their elevations: from steeply above a tube hardly turns. */
 const STEP = 5;
-/** Highest elevation of the view of the whole: from above, the tube would not turn about the vertical. */
-const STEEPEST = 70;
+const ELEVATIONS = [-15, 60] as const;
+/** How much deeper the tube may be in them than in the least deep, as a part of its size. */
+const DEEPER = 0.15;
+/** What it is worth in size to see on to the face of the ampulla, and to have the isthmus at the left or above. */
+const FACE = 0.25;
+const ORDER = 0.15;
 
 function bentView(view: StandardView, tube: Tube, course: Course, kept: Kept, aspect: number): Placement {
   switch (view) {
@@ -99,30 +103,49 @@ function facing(tube: Tube, course: Course, at: number, sign: number, aspect: nu
   return { x: target.x, y: target.y, z: target.z / tube.length, azimuth, elevation, distance: endDistance(tube, aspect) };
 }
 
-/** Azimuth and elevation from which the course has the least depth, from above; on a steep view, those in which it fills the picture. */
-function broadest(tube: Tube, course: Course, aspect: number): [number, number] {
-  const points = Array.from({ length: ALONG }, (_, i) => {
-    const point = new Point();
-    course.bend(0, 0, (course.length * i) / (ALONG - 1), point);
-    return [point.x, point.y, point.z] as const;
-  });
-  const depth = ([azimuth, elevation]: [number, number]) => {
-    const { back } = directions(azimuth, elevation);
-    const at = points.map((point) => dot(point, back));
-    const middle = mean(at);
-    return mean(at.map((value) => (value - middle) ** 2));
-  };
-  const around = Array.from({ length: 360 / STEP }, (_, i) => i * STEP - 180);
-  const upward = Array.from({ length: 90 / STEP + 1 }, (_, i) => i * STEP);
-  const [azimuth, elevation] = least(upward.flatMap((elevation) => around.map((azimuth): [number, number] => [azimuth, elevation])), depth);
-  if (elevation <= STEEPEST) return [azimuth, elevation];
-  const steep = around.map((azimuth): [number, number] => [azimuth, STEEPEST]);
-  return least(steep, (direction) => frame(tube, { from: 0, to: 1 }, ...direction, aspect).distance);
+/** Azimuth and elevation from which the course has hardly any depth, so that it is large in the picture, with the ends well placed. */
+function broadest({ radius }: Tube, course: Course, aspect: number): [number, number] {
+  const points = courseOf(course);
+  const face = new Point();
+  course.turn(0, 0, 1, course.length, face);
+  const elevations = Array.from({ length: (ELEVATIONS[1] - ELEVATIONS[0]) / STEP + 1 }, (_, i) => ELEVATIONS[0] + i * STEP);
+  const seen = elevations.flatMap((elevation) => Array.from({ length: 360 / STEP }, (_, i) => {
+    const azimuth = i * STEP - 180;
+    const { back, right, up } = directions(azimuth, elevation);
+    const [depth, across, upward] = [back, right, up].map((axis) => points.map((point) => dot(point, axis))) as [number[], number[], number[]];
+    const inOrder = aspect > 1 ? across[0]! < across.at(-1)! : upward[0]! > upward.at(-1)!;
+    const size = Math.max((range(across) + 2 * radius) / aspect, range(upward) + 2 * radius);
+    return { azimuth, elevation, depth: range(depth), cost: size * (1 - FACE * dot([face.x, face.y, face.z], back)) * (inOrder ? 1 : 1 + ORDER) };
+  }));
+  const deepest = Math.min(...seen.map(({ depth }) => depth)) + DEEPER * Math.max(...seen.map(({ depth }) => depth));
+  const choices = seen.filter(({ depth }) => depth <= deepest);
+  const least = Math.min(...choices.map(({ cost }) => cost));
+  const { azimuth, elevation } = choices.find(({ cost }) => cost === least)!;
+  return [azimuth, elevation];
 }
 
-function least<T>(choices: readonly T[], cost: (choice: T) => number): T {
-  const costs = choices.map(cost);
-  return choices[costs.indexOf(Math.min(...costs))]!;
+/** The angle of a lengthwise cut that opens a bent tube towards the view of the whole. */
+export function openingAngle(tube: Tube & { course: Course }, aspect: number): number {
+  const { back } = directions(...broadest(tube, tube.course, aspect));
+  const point = new Point();
+  const towards = (x: number, y: number) => mean(Array.from({ length: ALONG }, (_, i) => {
+    tube.course.turn(x, y, 0, (tube.length * i) / (ALONG - 1), point);
+    return dot([point.x, point.y, point.z], back);
+  }));
+  return Math.round((Math.atan2(-towards(0, 1), -towards(1, 0)) * 180) / Math.PI);
+}
+
+/** Points of a centre line. */
+function courseOf(course: Course): Triple[] {
+  const point = new Point();
+  return Array.from({ length: ALONG }, (_, i) => {
+    course.bend(0, 0, (course.length * i) / (ALONG - 1), point);
+    return [point.x, point.y, point.z];
+  });
+}
+
+function range(values: readonly number[]): number {
+  return Math.max(...values) - Math.min(...values);
 }
 
 class Point {

@@ -1,6 +1,6 @@
 // What is shown and how: shared by the parts of a page, and kept in its link.
 import { computed, signal, type Signal } from "@preact/signals";
-import { standardView, type Kept, type Tube } from "./framing.ts";
+import { openingAngle, standardView, type Kept, type Tube } from "./framing.ts";
 import { Pose, STANDARD_VIEWS, type StandardView } from "./pose.ts";
 import { LOOKS, type Look } from "./slides.ts";
 
@@ -42,6 +42,8 @@ export class View {
 
   constructor(tube: Tube) {
     this.tube = tube;
+    const { course } = tube;
+    if (course) this.angle.value = openingAngle({ ...tube, course }, this.aspect);
     this.reframe();
   }
 
