@@ -1,4 +1,4 @@
-// Two models side by side, seen from the same place and cut alike.
+// Two models side by side, seen from the same place and cut alike; bent ones each from a place of its own.
 import type { Model } from "oviduct-client";
 import { useEffect, useMemo, useState } from "preact/hooks";
 import { state } from "../models.ts";
@@ -8,13 +8,17 @@ import { reconnections } from "../stream.ts";
 import { micrometres, short } from "../ui/format.ts";
 import { CopyButton, Notice } from "../ui/widgets.tsx";
 import { CutPanel, DetailPanel, FlightPanel, PartsPanel, ViewButtons } from "./controls.tsx";
+import type { Course } from "./course.ts";
+import { useCourses } from "./courses.tsx";
 import { Exploration } from "./exploration.ts";
 import { Flight } from "./flight.ts";
+import { middleOf } from "./framing.ts";
 import { keepLink } from "./link.ts";
 import { MeasurePanel } from "./measure-panel.tsx";
 import { Picture } from "./picture.tsx";
 import { SectionView } from "./section-view.tsx";
 import { View } from "./view.ts";
+import { courseInWords } from "./words.ts";
 import "./explore.css";
 
 export default function Compare() {
@@ -38,7 +42,7 @@ export default function Compare() {
     );
     return () => abort.abort();
   }, [state(a).value?.status, state(b).value?.status, reconnections.value, attempts]);
-  if (comparable) return <Comparison models={models} />;
+  if (comparable) return <WithCourses models={models} />;
   if (fault !== undefined) {
     return (
       <Notice title="The models could not be loaded" kind="error">
@@ -58,12 +62,18 @@ export default function Compare() {
   );
 }
 
-function Comparison({ models }: { models: readonly [Model, Model] }) {
+function WithCourses({ models }: { models: readonly [Model, Model] }) {
+  const { courses, instead } = useCourses(models);
+  return courses ? <Comparison models={models} courses={courses} /> : instead;
+}
+
+function Comparison({ models, courses }: { models: readonly [Model, Model]; courses: readonly (Course | undefined)[] }) {
   const { explorations, view, flight } = useMemo(() => {
-    const explorations = models.map((model) => new Exploration(model));
+    const explorations = models.map((model, k) => new Exploration(model, courses[k]));
     const longest = explorations.reduce((a, b) => (b.tube.length > a.tube.length ? b : a)).tube;
     const radius = Math.max(...explorations.map(({ tube }) => tube.radius));
-    const view = new View({ ...longest, radius });
+    // Bent tubes have directions of their own, so each is framed for itself.
+    const view = courses.some(Boolean) ? new View(explorations[0]!.tube, explorations[1]!.tube) : new View({ ...longest, radius });
     return { explorations, view, flight: new Flight(view, longest.length) };
   }, []);
   useEffect(() => {
@@ -85,7 +95,7 @@ function Comparison({ models }: { models: readonly [Model, Model] }) {
       <div class="compare">
         {explorations.map((exploration, k) => (
           <section key={k} class="compare-model card" aria-label={ordinalName(exploration.model, k)}>
-            <Head model={exploration.model} />
+            <Head model={exploration.model} course={exploration.tube.course} />
             <Picture name={ordinalName(exploration.model, k)} exploration={exploration} view={view} flight={flight} />
           </section>
         ))}
@@ -99,7 +109,7 @@ function Comparison({ models }: { models: readonly [Model, Model] }) {
           return (
             <section key={k} class="compare-section card" aria-label={`Cross section of ${ordinalName(model, k)}`}>
               <SectionView exploration={exploration} view={view} />
-              <MeasurePanel measurement={exploration.measurement} middle={{ x: tube.x, y: tube.y, z: tube.length / 2 }} />
+              <MeasurePanel measurement={exploration.measurement} middle={middleOf(tube)} />
               <DetailPanel exploration={exploration} />
             </section>
           );
@@ -122,7 +132,7 @@ function ordinalName(model: Model, k: number): string {
   return `the ${k === 0 ? "first" : "second"} model, ${nameOf(model)}`;
 }
 
-function Head({ model }: { model: Model }) {
+function Head({ model, course }: { model: Model; course: Course | undefined }) {
   const { summary } = model;
   return (
     <header class="compare-head">
@@ -133,6 +143,7 @@ function Head({ model }: { model: Model }) {
           {summary.min_gap_um == null ? "" : `, smallest gap ${micrometres(summary.min_gap_um)}`}, {short(summary.particles.end)} particles
         </p>
       )}
+      {course && <p class="soft small num">{courseInWords(course)}</p>}
     </header>
   );
 }

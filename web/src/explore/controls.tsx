@@ -129,7 +129,7 @@ export function FlightPanel({ explorations, view, flight }: { explorations: read
       <p class="soft small">
         Drag the picture to look around. Rings mark every 0.1 mm, dark ones every millimetre.
         {stillness.value && " Play moves the camera; it does not start by itself."}
-        {Math.min(...lengths) < view.tube.length && " The speed is that in the longer tube."}
+        {Math.min(...lengths) < Math.max(...lengths) && " The speed is that in the longer tube."}
       </p>
     </Panel>
   );

@@ -125,11 +125,11 @@ function broadest({ radius }: Tube, course: Course, aspect: number): [number, nu
 }
 
 /** The angle of a lengthwise cut that opens a bent tube towards the view of the whole. */
-export function openingAngle(tube: Tube & { course: Course }, aspect: number): number {
-  const { back } = directions(...broadest(tube, tube.course, aspect));
+export function openingAngle(tube: Tube, course: Course, aspect: number): number {
+  const { back } = directions(...broadest(tube, course, aspect));
   const point = new Point();
   const towards = (x: number, y: number) => mean(Array.from({ length: ALONG }, (_, i) => {
-    tube.course.turn(x, y, 0, (tube.length * i) / (ALONG - 1), point);
+    course.turn(x, y, 0, (tube.length * i) / (ALONG - 1), point);
     return dot([point.x, point.y, point.z], back);
   }));
   return Math.round((Math.atan2(-towards(0, 1), -towards(1, 0)) * 180) / Math.PI);

@@ -30,7 +30,7 @@ export function Picture(props: Props) {
     const stage = newStage(canvas.current!, view, exploration);
     setStage(stage ?? "impossible");
     if (!stage) return;
-    const leave = connect(stage, props, new Ruler(ruler.current!), new Signs(names.current!, scale.current!, exploration.tube));
+    const leave = connect(stage, props, new Ruler(ruler.current!), new Signs(names.current!, scale.current!, exploration.tube, view.viewpointOf(exploration.tube).pose));
     return () => {
       leave();
       stage.dispose();

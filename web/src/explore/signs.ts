@@ -3,6 +3,7 @@ import { Vector3 } from "three";
 import { roundLength } from "../growing/contours.ts";
 import { micrometres } from "../ui/format.ts";
 import { depthOf, pixelsPerMillimetre, type Tube } from "./framing.ts";
+import type { Pose } from "./pose.ts";
 import type { Stage } from "./viewer/stage.ts";
 import type { Surface } from "./viewer/surface.ts";
 import type { View } from "./view.ts";
@@ -18,6 +19,7 @@ export class Signs {
   readonly #scale: HTMLElement;
   readonly #bar: HTMLElement;
   readonly #tube: Tube;
+  readonly #pose: Pose;
   readonly #ends: readonly [End, End];
   #shown = false;
   /** Millimetres, and pixels, that the scale bar shows. */
@@ -25,8 +27,9 @@ export class Signs {
   #width = 0;
 
   /** `overlay` has the names of the isthmus and the ampulla, `scale` an element that is made as wide as the bar. */
-  constructor(overlay: SVGSVGElement, scale: HTMLElement, tube: Tube) {
+  constructor(overlay: SVGSVGElement, scale: HTMLElement, tube: Tube, pose: Pose) {
     this.#tube = tube;
+    this.#pose = pose;
     this.#ends = [new End(tube), new End(tube)];
     this.#overlay = overlay;
     this.#names = overlay.querySelectorAll("text");
@@ -52,11 +55,11 @@ export class Signs {
     }
     if (!shown) return;
     const { clientWidth: width, clientHeight: height } = this.#scale.parentElement!;
-    const perMillimetre = pixelsPerMillimetre(view.pose.distance, height);
+    const perMillimetre = pixelsPerMillimetre(this.#pose.distance, height);
     const [isthmus, ampulla] = this.#ends;
     const { from, to } = view.kept;
-    isthmus.look(view, this.#tube, from, stage, perMillimetre);
-    ampulla.look(view, this.#tube, to, stage, perMillimetre);
+    isthmus.look(this.#pose, this.#tube, from, stage, perMillimetre);
+    ampulla.look(this.#pose, this.#tube, to, stage, perMillimetre);
     const covered = isthmus.covers(ampulla) ? ampulla : ampulla.covers(isthmus) ? isthmus : undefined;
     for (let i = 0; i < 2; i++) {
       const end = this.#ends[i]!;
@@ -109,12 +112,12 @@ class End {
     this.#circle = { x: (left + right) / 2, y: (bottom + top) / 2, radius: Math.max(right - left, top - bottom) / 2 };
   }
 
-  look(view: View, tube: Tube, at: number, stage: Stage, perMillimetre: number): void {
+  look(pose: Pose, tube: Tube, at: number, stage: Stage, perMillimetre: number): void {
     const { x, y, radius } = this.#circle;
     const spot = this.#at.set(x, y, at * tube.length);
     tube.course?.bend(spot.x, spot.y, spot.z, spot);
-    this.depth = depthOf(view.pose, tube, spot);
-    this.radius = (radius * perMillimetre * view.pose.distance) / this.depth;
+    this.depth = depthOf(pose, tube, spot);
+    this.radius = (radius * perMillimetre * pose.distance) / this.depth;
     this.before = this.depth > 0;
     stage.project(spot, spot);
     [this.x, this.y] = [spot.x, spot.y];

@@ -1,19 +1,25 @@
 // What is shown and how: shared by the parts of a page, and kept in its link.
 import { computed, signal, type Signal } from "@preact/signals";
-import { openingAngle, standardView, type Kept, type Tube } from "./framing.ts";
+import { openingAngle, reachOf, standardView, type Kept, type Tube } from "./framing.ts";
 import { Pose, STANDARD_VIEWS, type StandardView } from "./pose.ts";
 import { LOOKS, type Look } from "./slides.ts";
 
 export const PATCHES = ["inner", "outer", "caps"] as const;
 export type PatchGroup = (typeof PATCHES)[number];
 
-/** Positions along the tube are fractions of its length: two models of different length share a view. */
-export class View {
-  readonly pose = new Pose();
-  /** What standard views frame: the tube, the longer one of two. */
+/** From where a tube is seen. */
+export interface Viewpoint {
+  readonly pose: Pose;
+  /** What standard views frame: the tube, or the longer one of two that are seen from the same place. */
   readonly tube: Tube;
   /** Width of the picture by its height. */
-  aspect = 1.5;
+  aspect: number;
+}
+
+/** Positions along the tube are fractions of its length: two models of different length share a view. */
+export class View {
+  /** One for all tubes, or one for each, which are moved together. */
+  readonly viewpoints: readonly [Viewpoint, ...Viewpoint[]];
   /** Whether the tube is opened along its axis, and at which angle around it (degrees). */
   readonly lengthwise = signal(false);
   readonly angle = signal(0);
@@ -36,15 +42,24 @@ export class View {
   readonly flying = computed(() => this.flight.value !== undefined);
 
   readonly #linked: readonly Signal[] = [
-    this.pose.changes, this.lengthwise, this.angle, this.across, this.position, this.flipped, ...Object.values(this.shown),
+    this.lengthwise, this.angle, this.across, this.position, this.flipped, ...Object.values(this.shown),
     this.translucent, this.section, this.look, this.plane, this.flight,
   ];
 
-  constructor(tube: Tube) {
-    this.tube = tube;
-    const { course } = tube;
-    if (course) this.angle.value = openingAngle({ ...tube, course }, this.aspect);
+  constructor(...tubes: [Tube, ...Tube[]]) {
+    this.viewpoints = tubes.map((tube) => ({ pose: new Pose(), tube, aspect: 1.5 })) as [Viewpoint, ...Viewpoint[]];
+    const bent = this.viewpoints.find(({ tube }) => tube.course);
+    if (bent) this.angle.value = openingAngle(bent.tube, bent.tube.course!, bent.aspect);
     this.reframe();
+  }
+
+  /** The first of the viewpoints. */
+  get pose(): Pose {
+    return this.viewpoints[0].pose;
+  }
+
+  viewpointOf(tube: Tube): Viewpoint {
+    return this.viewpoints.find((viewpoint) => viewpoint.tube === tube) ?? this.viewpoints[0];
   }
 
   /** Whether all walls and caps are shown, and hide what is behind them. */
@@ -55,13 +70,37 @@ export class View {
   /** Subscribes the effect that calls it to all that a link keeps. */
   subscribe(): void {
     for (let i = 0; i < this.#linked.length; i++) void this.#linked[i]!.value;
+    for (const { pose } of this.viewpoints) void pose.changes.value;
   }
 
   /** Shows a standard view: moving there from `now` on (milliseconds, as of frames), or at once. */
   show(standard: StandardView, now?: number): void {
-    const placement = standardView(standard, this.tube, this.kept, this.aspect);
-    if (now === undefined) this.pose.place(placement, standard);
-    else this.pose.glide(placement, standard, now);
+    for (const viewpoint of this.viewpoints) this.frame(viewpoint, standard, now);
+  }
+
+  /** Shows a standard view of one viewpoint. */
+  frame({ pose, tube, aspect }: Viewpoint, standard: StandardView, now?: number): void {
+    const placement = standardView(standard, tube, this.kept, aspect);
+    if (now === undefined) pose.place(placement, standard);
+    else pose.glide(placement, standard, now);
+  }
+
+  orbit(azimuth: number, elevation: number): void {
+    for (const { pose } of this.viewpoints) pose.orbit(azimuth, elevation);
+  }
+
+  /** Moves in the plane of the picture: millimetres to the right and up, in the picture of a tube. */
+  pan(right: number, up: number, tube: Tube): void {
+    const from = this.viewpointOf(tube).pose.distance;
+    for (const viewpoint of this.viewpoints) {
+      const seen = this.viewpoints.length > 1 ? viewpoint.tube : tube;
+      const scale = viewpoint.pose.distance / from;
+      viewpoint.pose.pan(right * scale, up * scale, seen.length, reachOf(seen));
+    }
+  }
+
+  zoom(factor: number): void {
+    for (const { pose } of this.viewpoints) pose.zoom(factor);
   }
 
   /** What the cut across leaves. */
@@ -73,21 +112,19 @@ export class View {
 
   /** Fits a standard view to the present shape of the picture, and to what is kept. */
   reframe(): void {
-    if (this.pose.standard) this.show(this.pose.standard);
+    for (const viewpoint of this.viewpoints) if (viewpoint.pose.standard) this.frame(viewpoint, viewpoint.pose.standard);
   }
 }
 
 /** Names in the query that belong to a view; others belong to the page. */
-const NAMES = ["cam", "open", "cut", "flip", "hide", "glass", "at", "look", "plane", "fly"] as const;
+const NAMES = ["cam", "cam2", "open", "cut", "flip", "hide", "glass", "at", "look", "plane", "fly"] as const;
 
 /** Writes the view into a query, as short as the picture needs. */
 export function writeView(view: View, query: URLSearchParams): URLSearchParams {
   const result = new URLSearchParams(query);
   for (const name of NAMES) result.delete(name);
   const put = (name: (typeof NAMES)[number], value: string | undefined) => value !== undefined && result.set(name, value);
-  const { pose } = view;
-  const numbers = [pose.azimuth, pose.elevation, pose.distance, pose.x, pose.y].map((value) => significant(value, 4));
-  put("cam", pose.standard === "whole" ? undefined : (pose.standard ?? [...numbers, fraction(pose.z)].join("_")));
+  view.viewpoints.forEach(({ pose }, k) => put(CAMERAS[k]!, writeCamera(pose)));
   put("open", view.lengthwise.value ? significant(view.angle.value, 4) : undefined);
   put("cut", view.across.value ? fraction(view.position.value) : undefined);
   put("flip", view.flipped.value ? "1" : undefined);
@@ -117,16 +154,23 @@ export function readView(view: View, query: URLSearchParams): void {
   view.look.value = LOOKS.find((look) => look === query.get("look")) ?? "contours";
   view.plane.value = query.get("plane") === "1";
   view.flight.value = number(query, "fly", 0, 1);
-  readCamera(view, query.get("cam"));
+  view.viewpoints.forEach((viewpoint, k) => readCamera(view, viewpoint, query.get(CAMERAS[k]!)));
 }
 
-function readCamera(view: View, camera: string | null): void {
+const CAMERAS = ["cam", "cam2"] as const;
+
+function writeCamera(pose: Pose): string | undefined {
+  const numbers = [pose.azimuth, pose.elevation, pose.distance, pose.x, pose.y].map((value) => significant(value, 4));
+  return pose.standard === "whole" ? undefined : (pose.standard ?? [...numbers, fraction(pose.z)].join("_"));
+}
+
+function readCamera(view: View, viewpoint: Viewpoint, camera: string | null): void {
   const [azimuth, elevation, distance, x, y, z] = camera?.split("_").map(Number) ?? [];
   const numbers = [azimuth, elevation, distance, x, y, z];
   if (numbers.every((value) => Number.isFinite(value)) && distance! > 0) {
-    view.pose.place({ azimuth: azimuth!, elevation: elevation!, distance: distance!, x: x!, y: y!, z: z! });
+    viewpoint.pose.place({ azimuth: azimuth!, elevation: elevation!, distance: distance!, x: x!, y: y!, z: z! });
   } else {
-    view.show(STANDARD_VIEWS.find((name) => name === camera) ?? "whole");
+    view.frame(viewpoint, STANDARD_VIEWS.find((name) => name === camera) ?? "whole");
   }
 }
 

@@ -2,10 +2,10 @@
 import { effect, signal, untracked } from "@preact/signals";
 import { PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { positionAt, type Centreline } from "../centreline.ts";
-import { FIELD, reachOf, type Tube } from "../framing.ts";
+import { FIELD, type Tube } from "../framing.ts";
 import type { Spot } from "../measure.ts";
 import type { StandardView } from "../pose.ts";
-import type { View } from "../view.ts";
+import type { View, Viewpoint } from "../view.ts";
 import { dark } from "../../ui/theme.ts";
 import { glideFrom } from "../motion.ts";
 import { control } from "./controls.ts";
@@ -45,6 +45,7 @@ export class Stage {
   onAdvance: ((now: number) => boolean) | undefined;
   readonly #view: View;
   readonly #tube: Tube;
+  readonly #viewpoint: Viewpoint;
   readonly #canvas: HTMLCanvasElement;
   readonly #renderer: WebGLRenderer;
   readonly #resolution: Resolution;
@@ -70,6 +71,7 @@ export class Stage {
     this.#canvas = canvas;
     this.#view = view;
     this.#tube = tube;
+    this.#viewpoint = view.viewpointOf(tube);
     const software = strength === "software";
     this.#renderer = new WebGLRenderer({ canvas, antialias: !software, alpha: true, stencil: true, powerPreference: "high-performance" });
     this.#resolution = new Resolution(software, this.#request);
@@ -178,7 +180,7 @@ export class Stage {
         this.invalidate();
       }),
       effect(() => {
-        void view.pose.changes.value;
+        void this.#viewpoint.pose.changes.value;
         void view.flight.value;
         this.invalidate();
       }),
@@ -201,7 +203,7 @@ export class Stage {
     this.#renderer.setSize(width, height, false);
     this.#camera.aspect = width / height;
     this.#resized = true;
-    this.#view.aspect = this.#camera.aspect;
+    this.#viewpoint.aspect = this.#camera.aspect;
     this.#view.reframe();
     this.invalidate();
   }
@@ -210,7 +212,7 @@ export class Stage {
   readonly #draw = (now: number): void => {
     this.#pending = 0;
     if (this.lost.value) return;
-    this.#view.pose.advance(now);
+    this.#viewpoint.pose.advance(now);
     if (this.onAdvance?.(now)) this.invalidate();
     this.#resolution.frame(now);
     if (this.#resolution.ratio !== this.#renderer.getPixelRatio()) this.#renderer.setPixelRatio(this.#resolution.ratio);
@@ -233,7 +235,7 @@ export class Stage {
     const view = this.#view;
     const inside = this.#inside;
     const { position } = this.#camera;
-    this.#cuts.edged = !this.#coarse || FINEST_EDGE * this.#renderer.domElement.height > view.pose.distance;
+    this.#cuts.edged = !this.#coarse || FINEST_EDGE * this.#renderer.domElement.height > this.#viewpoint.pose.distance;
     if (!this.#coarse) return this.#tissue.unlimit();
     if (flying) {
       around(view.flown * this.#tube.length, FLIGHT_FOG[1], this.#tube, inside);
@@ -247,7 +249,7 @@ export class Stage {
   }
 
   #orbit(): void {
-    const { pose } = this.#view;
+    const { pose } = this.#viewpoint;
     const { length, radius } = this.#tube;
     const a = (pose.azimuth * Math.PI) / 180;
     const e = (pose.elevation * Math.PI) / 180;
@@ -292,7 +294,7 @@ export class Stage {
 
   /** Degrees; positive as the hand moves right and down. */
   #turn(right: number, down: number): void {
-    if (!this.#view.flying.peek()) return this.#view.pose.orbit(-right, down);
+    if (!this.#view.flying.peek()) return this.#view.orbit(-right, down);
     this.#look.yaw += right;
     this.#look.pitch = Math.max(-85, Math.min(85, this.#look.pitch + down));
     this.invalidate();
@@ -300,16 +302,16 @@ export class Stage {
 
   #pan(right: number, down: number): void {
     if (this.#view.flying.peek()) return this.#turn(right * DRAG_TURN, down * DRAG_TURN);
-    const { pose } = this.#view;
+    const { pose } = this.#viewpoint;
     const millimetres = (2 * pose.distance * Math.tan(((FIELD / 2) * Math.PI) / 180)) / this.#canvas.clientHeight;
-    pose.pan(-right * millimetres, down * millimetres, this.#tube.length, reachOf(this.#tube));
+    this.#view.pan(-right * millimetres, down * millimetres, this.#tube);
   }
 
   #zoom(factor: number): void {
     const { flight } = this.#view;
     // In flight, towards the picture is forward.
     if (flight.peek() !== undefined) flight.value = Math.max(0, Math.min(1, this.#view.flown - Math.log(factor) * 0.02));
-    else this.#view.pose.zoom(factor);
+    else this.#view.zoom(factor);
   }
 
   #key(key: string, shift: boolean): boolean {
