@@ -11,7 +11,7 @@ import { groupsOf, parametersOf, type SchemaNode } from "../src/request/paramete
 import { changesOf } from "../src/request/patch.ts";
 import { addKey, extent, moveKey, removeKey, round, stepOf, valueAt, type Schedule } from "../src/request/schedule.ts";
 import { snippets } from "../src/request/snippets.ts";
-import { readList, readNumber, readSeeds } from "../src/request/text.ts";
+import { readList, readNumber, readPoints, readSeeds } from "../src/request/text.ts";
 
 // A cut of `GET /schema` and `GET /presets/pig`.
 const schema: SchemaNode = {
@@ -21,6 +21,7 @@ const schema: SchemaNode = {
     collision: { title: "Self-intersection force", properties: { gap_um: scheduled(5, 1000, 497.5) } },
     solver: { title: "Solver", properties: { integrator: { type: "string", enum: ["rk4", "euler"], "x-enum-descriptions": ["A.", "B."] } } },
     mesh: { title: "Surface", properties: { strips: { type: "boolean" } } },
+    course: { title: "Course", properties: { points_mm: { type: "array", items: { type: "array", items: { type: "number" } } } } },
   },
   $defs: {
     Fluctuation: { properties: { amplitude: { type: "number", minimum: 0 }, period: { minimum: 2, maximum: 1e6 } } },
@@ -49,6 +50,7 @@ const preset = {
     ["/collision/gap_um", GAP],
     ["/solver/integrator", "rk4"],
     ["/mesh/strips", false],
+    ["/course/points_mm", []],
   ].map(([pointer, value]) => ({ pointer, value, title: pointer, description: "", unit: "", source: null })),
 } as unknown as Preset;
 const parameters = parametersOf(schema, preset);
@@ -60,16 +62,16 @@ function bodyOf(form: Partial<Form>): Record<string, unknown> {
 }
 
 test("parameters have the kinds and bounds of the schema", () => {
-  const [steps, friction, gap, integrator, strips] = parameters.map(({ kind }) => kind);
+  const [steps, friction, gap, integrator, strips, points] = parameters.map(({ kind }) => kind);
   assert.deepEqual(steps, { type: "number", integer: true, bounds: { minimum: 1, maximum: 100_000, reason: undefined } });
   assert(friction?.type === "schedule" && gap?.type === "schedule");
   assert.deepEqual(friction.bounds, { minimum: 0, maximum: 2.5, reason: "the integration is unstable above it" });
   assert.deepEqual([friction.amplitude.minimum, friction.amplitude.maximum, friction.period.maximum], [0, 1.25, 1e6]);
   assert.deepEqual([friction.mostKeys, friction.eases.map(({ name }) => name)], [256, ["linear", "smooth"]]);
   assert.deepEqual(integrator, { type: "choice", choices: [{ name: "rk4", description: "A." }, { name: "euler", description: "B." }] });
-  assert.deepEqual(strips, { type: "flag" });
+  assert.deepEqual([strips, points], [{ type: "flag" }, { type: "points" }]);
   const groups = groupsOf(schema, parameters).map(({ title, parameters }) => [title, parameters.length]);
-  assert.deepEqual(groups, [["General", 2], ["Self-intersection force", 1], ["Solver", 1], ["Surface", 1]]);
+  assert.deepEqual(groups, [["General", 2], ["Self-intersection force", 1], ["Solver", 1], ["Surface", 1], ["Course", 1]]);
 });
 
 test("a request holds only what differs from the preset and the defaults", () => {
@@ -99,6 +101,15 @@ test("a fluctuation of the preset is switched off by its amplitude", () => {
 test("the spec of a model gives the changes that made it", () => {
   const resolved = { steps: 2000, friction: 0.2, collision: { gap_um: { ...GAP, fluctuation: { amplitude: 0 } } }, solver: { integrator: "euler" }, mesh: { strips: false } };
   assert.deepEqual(changesOf(resolved, parameters), { "/friction": 0.2, "/solver/integrator": "euler" });
+});
+
+test("points are written one a line, or as JSON", () => {
+  const points = [[0, 0, 0], [1.5, -2, 30]];
+  for (const text of ["0, 0, 0\n1.5 -2 30\n", "[[0,0,0],[1.5, -2, 30]]", "[0, 0, 0],\n[1.5, -2, 30],"]) assert.deepEqual(readPoints(text), points);
+  assert.deepEqual(bodyOf({ changes: { "/course/points_mm": "0, 0, 0\n1.5, -2, 30" } })["spec"], { course: { points_mm: points } });
+  assert.deepEqual(changesOf({ course: { points_mm: points } }, parameters), { "/course/points_mm": "0, 0, 0\n1.5, -2, 30" });
+  const [fault] = requestOf({ ...BLANK, changes: { "/course/points_mm": "0, 0, 0\n1, 2" } }, "pig", parameters) as { pointer: string; detail: string }[];
+  assert.deepEqual([fault!.pointer, fault!.detail], ["/spec/course/points_mm", "point 2, “1, 2”, is not three numbers such as 0, 0, 12"]);
 });
 
 test("what is no number is a fault at its field", () => {

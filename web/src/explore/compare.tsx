@@ -95,7 +95,7 @@ function Comparison({ models, courses }: { models: readonly [Model, Model]; cour
       <div class="compare">
         {explorations.map((exploration, k) => (
           <section key={k} class="compare-model card" aria-label={ordinalName(exploration.model, k)}>
-            <Head model={exploration.model} course={exploration.tube.course} />
+            <Head model={exploration.model} words={courses.some(Boolean) ? courseInWords(courses[k]) : undefined} />
             <Picture name={ordinalName(exploration.model, k)} exploration={exploration} view={view} flight={flight} />
           </section>
         ))}
@@ -132,7 +132,7 @@ function ordinalName(model: Model, k: number): string {
   return `the ${k === 0 ? "first" : "second"} model, ${nameOf(model)}`;
 }
 
-function Head({ model, course }: { model: Model; course: Course | undefined }) {
+function Head({ model, words }: { model: Model; words: string | undefined }) {
   const { summary } = model;
   return (
     <header class="compare-head">
@@ -143,7 +143,7 @@ function Head({ model, course }: { model: Model; course: Course | undefined }) {
           {summary.min_gap_um == null ? "" : `, smallest gap ${micrometres(summary.min_gap_um)}`}, {short(summary.particles.end)} particles
         </p>
       )}
-      {course && <p class="soft small num">{courseInWords(course)}</p>}
+      {words && <p class="soft small num">{words}</p>}
     </header>
   );
 }

@@ -94,6 +94,9 @@ export function DetailPanel({ exploration }: { exploration: Exploration }) {
   );
 }
 
+/** Millimetres by which tubes of the same length may differ. */
+const ROUNDING = 1e-3;
+
 /** Flies through all tubes at once. */
 export function FlightPanel({ explorations, view, flight }: { explorations: readonly Exploration[]; view: View; flight: Flight }) {
   const ready = explorations.every(({ survey }) => survey.value);
@@ -129,7 +132,7 @@ export function FlightPanel({ explorations, view, flight }: { explorations: read
       <p class="soft small">
         Drag the picture to look around. Rings mark every 0.1 mm, dark ones every millimetre.
         {stillness.value && " Play moves the camera; it does not start by itself."}
-        {Math.min(...lengths) < Math.max(...lengths) && " The speed is that in the longer tube."}
+        {Math.max(...lengths) - Math.min(...lengths) > ROUNDING && " The speed is that in the longer tube."}
       </p>
     </Panel>
   );

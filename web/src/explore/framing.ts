@@ -74,8 +74,8 @@ const ALONG = 96;
 /** Directions that are tried for the view of the whole, degrees apart, and their elevations: from steeply above a tube hardly turns. */
 const STEP = 5;
 const ELEVATIONS = [-15, 60] as const;
-/** How much deeper the tube may be in them than in the least deep, as a part of its size. */
-const DEEPER = 0.15;
+/** Cosine of the angle by which they may be away from that of the least depth. */
+const AWAY = Math.cos((32 * Math.PI) / 180);
 /** What it is worth in size to see on to the face of the ampulla, and to have the isthmus at the left or above. */
 const FACE = 0.25;
 const ORDER = 0.15;
@@ -103,25 +103,36 @@ function facing(tube: Tube, course: Course, at: number, sign: number, aspect: nu
   return { x: target.x, y: target.y, z: target.z / tube.length, azimuth, elevation, distance: endDistance(tube, aspect) };
 }
 
-/** Azimuth and elevation from which the course has hardly any depth, so that it is large in the picture, with the ends well placed. */
+/** Azimuth and elevation from which the course has little depth, so that it is broad in the picture, with its ends well placed. */
 function broadest({ radius }: Tube, course: Course, aspect: number): [number, number] {
   const points = courseOf(course);
   const face = new Point();
   course.turn(0, 0, 1, course.length, face);
-  const elevations = Array.from({ length: (ELEVATIONS[1] - ELEVATIONS[0]) / STEP + 1 }, (_, i) => ELEVATIONS[0] + i * STEP);
-  const seen = elevations.flatMap((elevation) => Array.from({ length: 360 / STEP }, (_, i) => {
-    const azimuth = i * STEP - 180;
-    const { back, right, up } = directions(azimuth, elevation);
-    const [depth, across, upward] = [back, right, up].map((axis) => points.map((point) => dot(point, axis))) as [number[], number[], number[]];
+  const depth = ({ back }: Directions) => {
+    const at = points.map((point) => dot(point, back));
+    const middle = mean(at);
+    return mean(at.map((value) => (value - middle) ** 2));
+  };
+  const flattest = least(around(0, 90), depth);
+  const choices = around(...ELEVATIONS).filter(({ back }) => Math.abs(dot(back, flattest.back)) >= AWAY);
+  const { azimuth, elevation } = least(choices, ({ back, right, up }) => {
+    const [across, upward] = [right, up].map((axis) => points.map((point) => dot(point, axis))) as [number[], number[]];
     const inOrder = aspect > 1 ? across[0]! < across.at(-1)! : upward[0]! > upward.at(-1)!;
     const size = Math.max((range(across) + 2 * radius) / aspect, range(upward) + 2 * radius);
-    return { azimuth, elevation, depth: range(depth), cost: size * (1 - FACE * dot([face.x, face.y, face.z], back)) * (inOrder ? 1 : 1 + ORDER) };
-  }));
-  const deepest = Math.min(...seen.map(({ depth }) => depth)) + DEEPER * Math.max(...seen.map(({ depth }) => depth));
-  const choices = seen.filter(({ depth }) => depth <= deepest);
-  const least = Math.min(...choices.map(({ cost }) => cost));
-  const { azimuth, elevation } = choices.find(({ cost }) => cost === least)!;
+    return size * (1 - FACE * dot([face.x, face.y, face.z], back)) * (inOrder ? 1 : 1 + ORDER);
+  });
   return [azimuth, elevation];
+}
+
+/** Directions from all sides, between two elevations. */
+function around(lowest: number, highest: number): Directions[] {
+  const elevations = Array.from({ length: (highest - lowest) / STEP + 1 }, (_, i) => lowest + i * STEP);
+  return elevations.flatMap((elevation) => Array.from({ length: 360 / STEP }, (_, i) => directions(i * STEP - 180, elevation)));
+}
+
+function least<T>(choices: readonly T[], cost: (choice: T) => number): T {
+  const costs = choices.map(cost);
+  return choices[costs.indexOf(Math.min(...costs))]!;
 }
 
 /** The angle of a lengthwise cut that opens a bent tube towards the view of the whole. */
@@ -184,9 +195,19 @@ function frame(tube: Tube, kept: Kept, azimuth: number, elevation: number, aspec
 type Triple = readonly [number, number, number];
 
 /** Towards the camera, and to the right and up in its picture. */
-function directions(azimuth: number, elevation: number): { back: Triple; right: Triple; up: Triple } {
+interface Directions {
+  azimuth: number;
+  elevation: number;
+  back: Triple;
+  right: Triple;
+  up: Triple;
+}
+
+function directions(azimuth: number, elevation: number): Directions {
   const [a, e] = [(azimuth * Math.PI) / 180, (elevation * Math.PI) / 180];
   return {
+    azimuth,
+    elevation,
     back: [Math.cos(e) * Math.sin(a), Math.sin(e), Math.cos(e) * Math.cos(a)],
     right: [Math.cos(a), 0, -Math.sin(a)],
     up: [-Math.sin(e) * Math.sin(a), Math.cos(e), -Math.sin(e) * Math.cos(a)],

@@ -5,6 +5,7 @@ import { micrometres, short } from "../ui/format.ts";
 import { Notice, toast } from "../ui/widgets.tsx";
 import { ComparisonTable } from "./comparison.tsx";
 import type { Exploration } from "./exploration.ts";
+import type { Tube } from "./framing.ts";
 import { islands } from "./words.ts";
 
 type Certificate = Report["certificate"];
@@ -23,12 +24,12 @@ export function statements(certificate: Certificate): { text: string; holds: boo
   ];
 }
 
-function figures({ certificate, summary, engine, seed }: Report): [string, string][] {
+function figures({ certificate, summary, engine, seed }: Report, { length, course }: Tube): [string, string][] {
   const { min_gap_um } = certificate;
   return [
     ["Volume of the tissue", `${short(certificate.volume_mm3)} mm³`],
     ["Area of the surface", `${short(certificate.area_mm2)} mm²`],
-    ["Length", `${short((certificate.bounds_um[1][2] - certificate.bounds_um[0][2]) / 1000)} mm`],
+    [course ? "Length along the centre line" : "Length", `${short(length)} mm`],
     ["Smallest gap", min_gap_um == null ? "unknown" : micrometres(min_gap_um)],
     ["Triangles", short(certificate.triangles)],
     ["Vertices", short(certificate.vertices)],
@@ -74,7 +75,7 @@ export function ReportPanel({ exploration }: { exploration: Exploration }) {
           <p key={code} class="warning">{detail}</p>
         ))}
         <dl class="figures num">
-          {figures(report.value).map(([name, value]) => (
+          {figures(report.value, exploration.tube).map(([name, value]) => (
             <div key={name}><dt>{name}</dt><dd>{value}</dd></div>
           ))}
         </dl>

@@ -19,8 +19,10 @@ export function islands({ cuts }: Pick<Report, "cuts">): string | undefined {
   return `Islands in ${Math.round(100 * with_islands)} % of ${through}, ${islands_per_cut.toFixed(1)} a cut${area ? `, median ${squareMicrometres(area.p50)}` : ""}`;
 }
 
-/** How a bent tube runs: of its whole length, also if the model is a piece of it. */
-export function courseInWords({ tortuosity, endDistance, turned }: Pick<Course, "tortuosity" | "endDistance" | "turned">): string {
+/** How a tube runs: of its whole length, also if the model is a piece of it. */
+export function courseInWords(course: Pick<Course, "tortuosity" | "endDistance" | "turned"> | undefined): string {
+  if (!course) return "The tube is straight.";
+  const { tortuosity, endDistance, turned } = course;
   if (tortuosity - 1 < 1e-9) return `The tube is straight and turned by ${short(turned)}° about its centre line.`;
   return `The tube follows a centre line of tortuosity ${short(tortuosity)} with ends ${short(endDistance)} mm apart.`;
 }

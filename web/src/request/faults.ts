@@ -47,6 +47,6 @@ const PARTS: Record<string, string> = {
 function part(rest: string): string | undefined {
   const key = /^\/keys\/(\d+)(?:\/([01]))?$/.exec(rest);
   if (key) return `${key[2] === "0" ? "The place of key" : key[2] === "1" ? "The value of key" : "Key"} ${Number(key[1]) + 1}`;
-  const item = /^\/(\d+)$/.exec(rest);
+  const item = /^\/(\d+)(?:\/\d+)?$/.exec(rest);
   return item ? `Entry ${Number(item[1]) + 1}` : PARTS[rest];
 }

@@ -3,7 +3,7 @@ import type { BatchRequest, Fault, ModelRequest } from "oviduct-client";
 import type { Parameter } from "./parameters.ts";
 import { specPatch, type Changes, type Json } from "./patch.ts";
 import { isSchedule, type Value } from "./schedule.ts";
-import { readList, readNumber, readSeeds } from "./text.ts";
+import { readList, readNumber, readPoints, readSeeds } from "./text.ts";
 
 export type Backend = NonNullable<ModelRequest["backend"]>;
 export type Output = NonNullable<ModelRequest["outputs"]>[number];
@@ -106,7 +106,12 @@ export function requestOf(form: Form, preset: string, parameters: readonly Param
     return value;
   };
   const body: Json = { preset };
-  for (const { pointer } of parameters) faults.push(...notNumbers(form.changes[pointer], `/spec${pointer}`));
+  for (const { pointer, kind } of parameters) {
+    const value = form.changes[pointer];
+    const points = kind.type === "points" && value !== undefined ? readPoints(String(value)) : undefined;
+    if (typeof points === "string") faults.push({ pointer: `/spec${pointer}`, detail: points });
+    else faults.push(...notNumbers(value, `/spec${pointer}`));
+  }
   const spec = specPatch(form.changes, parameters);
   if (Object.keys(spec).length > 0) body["spec"] = spec;
   if (form.outputs.join() !== DEFAULT_OUTPUTS.join()) body["outputs"] = form.outputs;
@@ -193,6 +198,7 @@ function notNumbers(value: Value | undefined, pointer: string): Fault[] {
 /** Values to begin with when a parameter is varied: a fifth to either side of the preset's, within the bounds. */
 export function variedFrom({ pointer, kind, preset }: Parameter): Varied {
   const blank: Varied = { pointer, values: "list", from: "", to: "", count: "5", list: "" };
+  if (kind.type === "points") return blank;
   if (kind.type === "flag") return { ...blank, list: "false, true" };
   if (kind.type === "choice") return { ...blank, list: kind.choices.map(({ name }) => name).join(", ") };
   const values = isSchedule(preset) ? preset.keys.map(([, value]) => value) : [Number(preset)];

@@ -66,6 +66,13 @@ function Control({ parameter, value, onChange }: { parameter: Parameter; value: 
       );
     case "choice":
       return <ChoiceSelect kind={kind} value={String(value)} onChange={onChange} attributes={attributes} />;
+    case "points":
+      return (
+        <>
+          <textarea {...attributes} class="mono" rows={5} autocomplete="off" spellcheck={false} value={String(value)} onInput={({ currentTarget }) => onChange(currentTarget.value)} />
+          <span class="hint">One a line: x, y, z{unit && ` in ${unit}`}</span>
+        </>
+      );
     case "flag":
       return (
         <span class="row">
@@ -84,12 +91,13 @@ function ChoiceSelect(props: { kind: Kind & { type: "choice" }; value: string; o
           <option key={name} value={name}>{name}</option>
         ))}
       </select>
-      {chosen?.description && <span class="hint">{chosen.description}</span>}
+      {chosen?.description && <span class="hint"><Marked text={chosen.description} /></span>}
     </>
   );
 }
 
 function written(value: Value, unit: string): string {
+  if (value === "") return "none";
   if (isSchedule(value)) return summary(value, unit);
   if (typeof value === "boolean") return value ? "yes" : "no";
   return `${value} ${unit}`.trim();

@@ -49,7 +49,8 @@ export type Kind =
   | { type: "number"; integer: boolean; bounds: Bounds }
   | ScheduleKind
   | { type: "choice"; choices: Choice[] }
-  | { type: "flag" };
+  | { type: "flag" }
+  | { type: "points" };
 
 export interface Parameter {
   /** JSON pointer into the spec. */
@@ -111,6 +112,7 @@ function nodeAt(schema: SchemaNode, pointer: string): SchemaNode | undefined {
 function kindOf(node: SchemaNode, schema: SchemaNode): Kind | undefined {
   if (node.enum) return { type: "choice", choices: choicesOf(node) };
   if (node.type === "boolean") return { type: "flag" };
+  if (node.type === "array" && node.items && resolved(node.items, schema).items?.type === "number") return { type: "points" };
   if (node.type === "number" || node.type === "integer") {
     return { type: "number", integer: node.type === "integer", bounds: boundsOf(node) };
   }

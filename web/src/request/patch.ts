@@ -1,6 +1,7 @@
 // The changes of a preset, as a merge patch (RFC 7396) and as values by JSON pointer.
 import type { Parameter } from "./parameters.ts";
 import { isSchedule, readValue, same, sameFluctuation, sameKeys, type Schedule, type Value } from "./schedule.ts";
+import { readPoints } from "./text.ts";
 
 /** Changed values by the pointers of their parameters. */
 export type Changes = Readonly<Record<string, Value>>;
@@ -12,14 +13,14 @@ export interface Json {
 /** The merge patch on the preset that makes these changes; empty if there are none. */
 export function specPatch(changes: Changes, parameters: readonly Parameter[]): Json {
   const patch: Json = {};
-  for (const { pointer, preset } of parameters) {
+  for (const { pointer, kind, preset } of parameters) {
     const value = changes[pointer];
     if (value === undefined || same(value, preset)) continue;
     const segments = pointer.split("/").slice(1);
     const last = segments.pop()!;
     let at = patch;
     for (const segment of segments) at = (at[segment] ??= {}) as Json;
-    at[last] = isSchedule(value) ? schedulePatch(value, preset) : value;
+    at[last] = kind.type === "points" ? readPoints(String(value)) : isSchedule(value) ? schedulePatch(value, preset) : value;
   }
   return patch;
 }

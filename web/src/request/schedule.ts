@@ -1,5 +1,7 @@
 // Values of parameters, and those that change along the tube. The interpolation is that of src/spec/schedule.rs.
 
+import { writePoints } from "./text.ts";
+
 /** A fraction of the steps, and the value there. */
 export type Key = [at: number, value: number];
 
@@ -17,7 +19,7 @@ export interface Schedule {
   fluctuation?: Fluctuation | undefined;
 }
 
-/** A number that is not one (NaN) is what was typed so far. */
+/** A number that is not one (NaN) is what was typed so far. Points are their text. */
 export type Value = number | string | boolean | Schedule;
 
 interface Range {
@@ -31,6 +33,7 @@ export const CLOSEST = 0.001;
 /** Reads a value of a resolved spec. A fluctuation without amplitude is none. */
 export function readValue(json: unknown): Value | undefined {
   if (typeof json === "number" || typeof json === "string" || typeof json === "boolean") return json;
+  if (Array.isArray(json) && json.every((item) => Array.isArray(item))) return writePoints(json);
   if (typeof json !== "object" || json === null || !("keys" in json)) return undefined;
   const { keys, ease = "linear", fluctuation } = json as Schedule;
   return { keys, ease, ...(fluctuation?.amplitude ? { fluctuation } : {}) };

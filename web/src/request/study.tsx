@@ -68,7 +68,7 @@ function SeedFields() {
 
 function AddVaried() {
   const taken = new Set(varied.value.map(({ pointer }) => pointer));
-  const free = parameters.value.filter(({ pointer }) => !taken.has(pointer));
+  const free = parameters.value.filter(({ pointer, kind }) => !taken.has(pointer) && kind.type !== "points");
   const add = (pointer: string) => {
     const parameter = free.find((other) => other.pointer === pointer);
     if (!parameter) return;

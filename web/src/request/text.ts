@@ -1,4 +1,4 @@
-// Numbers and lists as people type them.
+// Numbers, lists and points as people type them.
 
 const NUMBER = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;
 /** More seeds are not written out; the service refuses as many. */
@@ -40,4 +40,17 @@ export function readList(text: string): (number | string | boolean)[] | string {
     if (!Number.isNaN(value)) return value;
     return part === "true" || part === "false" ? part === "true" : part;
   });
+}
+
+/** Points such as `0, 0, 12`, one a line, or as JSON; or what is wrong with them. */
+export function readPoints(text: string): number[][] | string {
+  const lines = text.replace(/\]\s*,\s*\[/g, "\n").replace(/[[\]]/g, " ").split("\n").filter((line) => line.trim() !== "");
+  const points = lines.map((line) => parts(line).map(readNumber));
+  const wrong = points.findIndex((point) => point.length !== 3 || point.some(Number.isNaN));
+  return wrong < 0 ? points : `point ${wrong + 1}, “${lines[wrong]!.trim()}”, is not three numbers such as 0, 0, 12`;
+}
+
+/** One a line. */
+export function writePoints(points: readonly (readonly number[])[]): string {
+  return points.map((point) => point.join(", ")).join("\n");
 }
