@@ -148,14 +148,17 @@ export class Exploration {
   }
 }
 
+/** How much wider a bent tube may be where it is not at the sides of its box. */
+const ELSEWHERE = 1.15;
+
 function tubeOf({ summary }: Model, course: Course | undefined): Tube {
   const bounds = summary?.certificate?.bounds_um;
   if (!bounds) throw new Error("The model has no certificate.");
   const [low, high] = bounds;
   if (course) {
-    // The walls are at least so far from the centre line, and there hardly farther.
+    // The walls are at least so far from the centre line.
     const beyond = [0, 1, 2].flatMap((axis) => [high[axis]! / 1000 - course.high[axis]!, course.low[axis]! - low[axis]! / 1000]);
-    return { x: 0, y: 0, radius: Math.max(...beyond), begin: course.begin, length: course.length, course };
+    return { x: 0, y: 0, radius: ELSEWHERE * Math.max(...beyond), begin: course.begin, length: course.length, course };
   }
   const middle = (axis: 0 | 1) => (low[axis] + high[axis]) / 2000;
   return {

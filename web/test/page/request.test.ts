@@ -57,6 +57,29 @@ test("what the form shows as JSON is what it sends", async () => {
   });
 });
 
+test("a course through points is written one a line, and its faults stand there", async () => {
+  await withService(["--cpu-workers", "0"], async ({ url }) => {
+    const visit = await Visit.open(`${url}/#/new?preset=pig`);
+    const { page } = visit;
+    visit.refusals = [422];
+    await page.getByText("Course", { exact: true }).click();
+    await page.getByRole("combobox", { name: "Shape" }).selectOption("points");
+    const points = page.getByRole("textbox", { name: "Points" });
+    await points.fill("0, 0, 0\n0, 0");
+    await page.getByText("Point 2, “0, 0”, is not three numbers such as 0, 0, 12.").waitFor();
+    await points.fill("0, 0, 0\n0, 0, 30\n0, 0, 30");
+    await page.getByText("Entry 3 is the point before it.").waitFor();
+    assert.equal(await points.getAttribute("aria-invalid"), "true");
+    await visit.accessible();
+    await points.fill("0, 0, 0\n0, 0, 30\n10, 0, 60");
+    await page.getByText("One correction needed").waitFor({ state: "detached" });
+    const sent = page.waitForRequest((request) => request.method() === "POST" && request.url() === `${url}/models`);
+    await page.getByRole("button", { name: "Grow the model" }).click();
+    assert.deepEqual((await sent).postDataJSON().spec, { course: { shape: "points", points_mm: [[0, 0, 0], [0, 0, 30], [10, 0, 60]] } });
+    await visit.close();
+  });
+});
+
 test("a key of a curve is dragged, within the bounds", async () => {
   await withService(["--cpu-workers", "0"], async ({ url }) => {
     const visit = await Visit.open(`${url}/#/new?preset=pig`);
