@@ -143,6 +143,6 @@ test("two tubes with viewpoints of their own are moved together, and both are in
 
 test("how a tube runs is said in a line", () => {
   assert.equal(courseInWords(course), "The tube follows a centre line of tortuosity 1.11 with ends 14.1 mm apart.");
-  assert.equal(courseInWords({ tortuosity: 1, endDistance: 60, turned: 90 }), "The tube is straight and turned by 90° about its centre line.");
+  assert.equal(courseInWords({ tortuosity: 1, endDistance: 60, turned: 90, isStraight: true }), "The tube is straight and turned by 90° about its centre line.");
   assert.equal(courseInWords(undefined), "The tube is straight.");
 });

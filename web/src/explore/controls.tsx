@@ -52,7 +52,7 @@ export function CutPanel({ view, tubes }: { view: View; tubes: readonly Tube[] }
           <Toggle label="Remove the isthmus side" on={view.flipped} />
         </>
       )}
-      {tubes.some(({ course }) => course) && <p class="soft small">Both follow the centre line of a bent tube.</p>}
+      {tubes.some(({ course }) => course) && <p class="soft small">Both follow the centre line of the tube.</p>}
     </Panel>
   );
 }

@@ -46,6 +46,11 @@ export class Course {
     this.high = extreme(Math.max) as [number, number, number];
   }
 
+  /** Whether the tube is only turned about its centre line. */
+  get isStraight(): boolean {
+    return this.tortuosity - 1 < 1e-9;
+  }
+
   /** Where the point (x, y, z) of the straight tube is; beyond its ends, the bent tube goes straight on. */
   bend(x: number, y: number, z: number, out: Target): void {
     this.#combine(z, 1, x, y, Math.min(z, 0) + Math.max(z - this.length, 0), out);

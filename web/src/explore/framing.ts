@@ -30,15 +30,18 @@ const AROUND = 24;
 
 /** The placement for a view of what is kept of a tube; `aspect` is the picture's width by its height. */
 export function standardView(view: StandardView, tube: Tube, kept: Kept, aspect: number): Placement {
-  if (tube.course) return bentView(view, tube, tube.course, kept, aspect);
+  const { course } = tube;
   switch (view) {
     case "isthmus":
+      if (course) return facing(tube, course, kept.from, -1, aspect);
       return { x: tube.x, y: tube.y, z: kept.from, azimuth: 180, elevation: 0, distance: endDistance(tube, aspect) };
     case "ampulla":
+      if (course) return facing(tube, course, kept.to, 1, aspect);
       return { x: tube.x, y: tube.y, z: kept.to, azimuth: 0, elevation: 0, distance: endDistance(tube, aspect) };
     case "side":
       return frame(tube, kept, -90, 0, aspect);
     case "whole":
+      if (course && !course.isStraight) return frame(tube, kept, ...broadest(tube, course, aspect), aspect);
       // From the ampulla end, receding: across a wide picture, up a tall one.
       return aspect > 1 ? frame(tube, kept, -24, 10, aspect) : frame(tube, kept, -9, 20, aspect);
   }
@@ -79,19 +82,6 @@ const AWAY = Math.cos((32 * Math.PI) / 180);
 /** What it is worth in size to see on to the face of the ampulla, and to have the isthmus at the left or above. */
 const FACE = 0.25;
 const ORDER = 0.15;
-
-function bentView(view: StandardView, tube: Tube, course: Course, kept: Kept, aspect: number): Placement {
-  switch (view) {
-    case "isthmus":
-      return facing(tube, course, kept.from, -1, aspect);
-    case "ampulla":
-      return facing(tube, course, kept.to, 1, aspect);
-    case "side":
-      return frame(tube, kept, -90, 0, aspect);
-    case "whole":
-      return frame(tube, kept, ...broadest(tube, course, aspect), aspect);
-  }
-}
 
 /** On to an end from beyond it. */
 function facing(tube: Tube, course: Course, at: number, sign: number, aspect: number): Placement {

@@ -48,7 +48,7 @@ export class View {
 
   constructor(...tubes: [Tube, ...Tube[]]) {
     this.viewpoints = tubes.map((tube) => ({ pose: new Pose(), tube, aspect: 1.5 })) as [Viewpoint, ...Viewpoint[]];
-    const bent = this.viewpoints.find(({ tube }) => tube.course);
+    const bent = this.viewpoints.find(({ tube }) => tube.course && !tube.course.isStraight);
     if (bent) this.angle.value = openingAngle(bent.tube, bent.tube.course!, bent.aspect);
     this.reframe();
   }

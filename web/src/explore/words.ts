@@ -20,9 +20,9 @@ export function islands({ cuts }: Pick<Report, "cuts">): string | undefined {
 }
 
 /** How a tube runs: of its whole length, also if the model is a piece of it. */
-export function courseInWords(course: Pick<Course, "tortuosity" | "endDistance" | "turned"> | undefined): string {
+export function courseInWords(course: Pick<Course, "tortuosity" | "endDistance" | "turned" | "isStraight"> | undefined): string {
   if (!course) return "The tube is straight.";
-  const { tortuosity, endDistance, turned } = course;
-  if (tortuosity - 1 < 1e-9) return `The tube is straight and turned by ${short(turned)}° about its centre line.`;
+  const { tortuosity, endDistance, turned, isStraight } = course;
+  if (isStraight) return `The tube is straight and turned by ${short(turned)}° about its centre line.`;
   return `The tube follows a centre line of tortuosity ${short(tortuosity)} with ends ${short(endDistance)} mm apart.`;
 }

@@ -70,7 +70,7 @@ test("a bent model is seen, cut and flown through along its centre line", async 
   const whole = await shown(page);
   assert(colours(whole) > 200, `${colours(whole)} colours`);
   await page.getByRole("checkbox", { name: "Lengthwise" }).check();
-  await page.getByText("Both follow the centre line of a bent tube.").waitFor();
+  await page.getByText("Both follow the centre line of the tube.").waitFor();
   const opened = await shown(page);
   assert(share(whole, SHADED_TISSUE) < 0.001 && share(opened, SHADED_TISSUE) > 0.05, `${share(opened, SHADED_TISSUE)} of the picture is cut`);
   await visit.accessible();
