@@ -56,8 +56,9 @@ class Cut {
   readonly #course: Course | undefined;
   /** Across the tube and, of a cut lengthwise, along it. */
   readonly #axes = [new Vector3(), new Vector3()] as const;
-  /** The face in a bent tube, once it has been made. */
+  /** The face in a bent tube, once it has been made, and the one that is drawn. */
   #filled: Face | undefined;
+  #shown: Face | undefined;
   /** What the edges were made from. */
   #drawn: { surface: Surface; plane: Plane } | undefined;
 
@@ -131,15 +132,19 @@ class Cut {
       this.#filled = undefined;
     }
     this.#edges.clip(others);
-    if (this.#course && counted && !this.#filled) {
-      const { positions, straight, index } = this.face!;
-      // Buffers keep their sizes, so it is another geometry.
-      this.#face.geometry.dispose();
-      this.#face.geometry = new BufferGeometry()
-        .setAttribute("position", new BufferAttribute(positions, 3))
-        .setAttribute("straight", new BufferAttribute(straight, 3))
-        .setIndex(new BufferAttribute(index, 1));
-    }
+    const face = counted ? this.face : undefined;
+    if (face) this.#show(face);
+  }
+
+  #show(face: Face): void {
+    if (face === this.#shown) return;
+    this.#shown = face;
+    // Buffers keep their sizes, so it is another geometry.
+    this.#face.geometry.dispose();
+    this.#face.geometry = new BufferGeometry()
+      .setAttribute("position", new BufferAttribute(face.positions, 3))
+      .setAttribute("straight", new BufferAttribute(face.straight, 3))
+      .setIndex(new BufferAttribute(face.index, 1));
   }
 
   /** The face in a bent tube. */

@@ -24,25 +24,42 @@ export function fill(outlines: readonly Segments[], right: Direction, up: Direct
     if (line.partner && line.begun < at) corners.add(line, line.partner, line.begun, at);
     line.partner = undefined;
   };
-  let present: Line[] = [];
+  const present: Line[] = [];
   let next = 0;
   for (let i = 0; i < heights.length; i++) {
     const at = heights[i]!;
     const above = heights[i + 1] ?? at;
     if (at === above && i + 1 < heights.length) continue;
-    present = present.filter((line) => line.top > at || (end(line, at), false));
+    let kept = 0;
+    for (const line of present) {
+      if (line.top > at) present[kept++] = line;
+      else end(line, at);
+    }
+    present.length = kept;
     while (next < rising.length && rising[next]!.bottom <= at) present.push(rising[next++]!);
     const middle = (at + above) / 2;
     for (const line of present) line.x = line.across(middle);
-    present.sort((a, b) => a.x - b.x);
-    present.forEach((line, j) => {
+    sort(present);
+    for (let j = 0; j < present.length; j++) {
+      const line = present[j]!;
       const partner = j % 2 === 0 ? present[j + 1] : undefined;
-      if (line.partner === partner) return;
+      if (line.partner === partner) continue;
       end(line, at);
-      [line.partner, line.begun] = [partner, at];
-    });
+      line.partner = partner;
+      line.begun = at;
+    }
   }
   return corners.face();
+}
+
+/** From left to right, by insertion: they are nearly in order. */
+function sort(lines: Line[]): void {
+  for (let i = 1; i < lines.length; i++) {
+    const line = lines[i]!;
+    let j = i;
+    for (; j > 0 && lines[j - 1]!.x > line.x; j--) lines[j] = lines[j - 1]!;
+    lines[j] = line;
+  }
 }
 
 /** A segment of an outline, upwards. */
