@@ -56,9 +56,7 @@ class Cut {
   readonly #course: Course | undefined;
   /** Across the tube and, of a cut lengthwise, along it. */
   readonly #axes = [new Vector3(), new Vector3()] as const;
-  /** The face in a bent tube, once it has been made, and the one that is drawn. */
   #filled: Face | undefined;
-  #shown: Face | undefined;
   /** What the edges were made from. */
   #drawn: { surface: Surface; plane: Plane } | undefined;
 
@@ -120,37 +118,35 @@ class Cut {
     this.#face.matrixWorldNeedsUpdate = true;
   }
 
-  /** `counted` faces are drawn here, others by the walls. */
+  /** `counted` faces, and those of bent tubes, are drawn here, others by the walls. */
   update(on: boolean, surface: Surface | undefined, others: Plane[], counted: boolean): void {
     this.group.visible = on && surface !== undefined;
     if (!on || !surface) return;
-    this.#counters.visible = this.#face.visible = counted;
+    this.#counters.visible = counted;
+    this.#face.visible = counted || this.#course !== undefined;
     this.#face.material.clippingPlanes = others;
     if (this.#drawn?.surface !== surface || !this.#drawn.plane.equals(this.plane)) {
       this.#edges.trace(surface, [cutPlane(this.plane)]);
       this.#drawn = { surface, plane: this.plane.clone() };
-      this.#filled = undefined;
+      if (this.#course) this.#fill();
     }
     this.#edges.clip(others);
-    const face = counted ? this.face : undefined;
-    if (face) this.#show(face);
   }
 
-  #show(face: Face): void {
-    if (face === this.#shown) return;
-    this.#shown = face;
+  #fill(): void {
+    this.#filled = this.#edges.fill(this.#axes[0].toArray(), this.#axes[1].toArray());
+    const { positions, straight, index } = this.#filled;
     // Buffers keep their sizes, so it is another geometry.
     this.#face.geometry.dispose();
     this.#face.geometry = new BufferGeometry()
-      .setAttribute("position", new BufferAttribute(face.positions, 3))
-      .setAttribute("straight", new BufferAttribute(face.straight, 3))
-      .setIndex(new BufferAttribute(face.index, 1));
+      .setAttribute("position", new BufferAttribute(positions, 3))
+      .setAttribute("straight", new BufferAttribute(straight, 3))
+      .setIndex(new BufferAttribute(index, 1));
   }
 
-  /** The face in a bent tube. */
+  /** The face in a bent tube, if it is in use. */
   get face(): Face | undefined {
-    if (!this.#course || !this.group.visible) return undefined;
-    return (this.#filled ??= this.#edges.fill(this.#axes[0].toArray(), this.#axes[1].toArray()));
+    return this.group.visible ? this.#filled : undefined;
   }
 
   /** Whether the edges of its face are drawn. */
@@ -253,7 +249,9 @@ export class Cuts {
     this.kept.to = across && !view.flipped.value ? at : this.#tube.length;
     // Without its face, the cut does not hide the plane of a section.
     const counted = !coarse || !view.closed || view.plane.value;
-    this.backs = counted || cuts.length === 0 ? undefined : cuts.map(({ color }) => color);
+    // Between triangles of the face of a bent tube, single pixels may be open to what is behind it.
+    const seen = cuts.length > 0 && (!counted || (this.#tube.course !== undefined && view.closed));
+    this.backs = seen ? cuts.map(({ color }) => color) : undefined;
     this.#rims.clip(this.active);
     this.#rimmed = outside && view.shown.caps.value;
     this.#lengthwise.update(lengthwise, surface, across ? [this.#across.plane] : [], counted);

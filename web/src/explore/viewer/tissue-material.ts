@@ -103,11 +103,7 @@ void main() {
   #if defined(CUT_OPEN) && NUM_CLIPPING_PLANES > 0
     if (!gl_FrontFacing) {
       shown = cuts[0];
-      #if NUM_CLIPPING_PLANES > 1 && defined(BENT)
-        // The nearer of the two is nearly always the one that is looked through.
-        vec2 behind = vec2(clippingPlanes[0].w, clippingPlanes[1].w) - vec2(dot(vClipPosition, clippingPlanes[0].xyz), dot(vClipPosition, clippingPlanes[1].xyz));
-        if (behind.y < behind.x) shown = cuts[1];
-      #elif NUM_CLIPPING_PLANES > 1
+      #if NUM_CLIPPING_PLANES > 1
         // The line of sight enters what is kept through the plane that it meets last, if it comes from behind it.
         vec2 away = vec2(clippingPlanes[0].w, clippingPlanes[1].w);
         vec2 entry = min(away, 0.0) / vec2(dot(vClipPosition, clippingPlanes[0].xyz), dot(vClipPosition, clippingPlanes[1].xyz));
