@@ -9,10 +9,10 @@ use super::lean::{Centre, Lean};
 use super::meeting::Meeting;
 use crate::geometry::course::Course;
 use crate::model::{Mesh, Patch};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use utoipa::ToSchema;
 
 /// Rounds of mending.
@@ -25,7 +25,7 @@ const PART: f64 = 0.3;
 /// Distance of edges from their image at which finer triangles do not help, µm: some units in the last place of positions.
 const FINE_UM: f64 = 0.02;
 /// Share of the lean that a place loses in a round.
-const DAMPING: f64 = 0.5;
+const DAMPING: f64 = 0.3;
 
 /// What was done so that bent triangles do not meet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -76,8 +76,7 @@ pub fn bend_apart(
             }
         }
         edges.extend(coarse_around(straight, course, &edges));
-        edges.sort_unstable();
-        edges.dedup();
+        let edges = with_longest(straight, edges);
         done.rounds += 1;
         done.split += edges.len();
         done.damped += centres.len();
@@ -165,8 +164,8 @@ fn place(course: &Course, p: [f64; 3]) -> [f64; 3] {
 }
 
 /// The edges of a triangle that are far from their image. None lies across the tube, where the map is rigid.
-fn coarse(mesh: &Mesh, course: &Course, [a, b, c]: [u32; 3]) -> impl Iterator<Item = (u32, u32)> {
-    let edges = [(a, b), (b, c), (c, a)].map(|(v, w)| (v.min(w), v.max(w)));
+fn coarse(mesh: &Mesh, course: &Course, triangle: [u32; 3]) -> impl Iterator<Item = (u32, u32)> {
+    let edges = edges_of(triangle);
     let off = edges.map(|(v, w)| {
         let [p, q] = [v, w].map(|v| mesh.positions[v as usize].map(f64::from));
         let chord = (DVec3::from(place(course, p)) + DVec3::from(place(course, q))) / 2.0;
@@ -182,6 +181,41 @@ fn coarse_around(mesh: &Mesh, course: &Course, edges: &[(u32, u32)]) -> Vec<(u32
     edges.iter().for_each(|&(v, w)| [v, w].iter().for_each(|&v| is_near[v as usize] = true));
     let around = mesh.triangles.par_iter().filter(|triangle| triangle.iter().any(|&v| is_near[v as usize]));
     around.flat_map_iter(|&triangle| coarse(mesh, course, triangle)).collect()
+}
+
+/// Adds the longest edge of each triangle that loses an edge, so that its parts do not become ever flatter (Rivara, 1984); in order.
+fn with_longest(mesh: &Mesh, edges: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
+    let mut is_near = vec![false; mesh.positions.len()];
+    let mut found: HashSet<(u32, u32)> = HashSet::with_capacity(2 * edges.len());
+    let mut added = edges;
+    while !added.is_empty() {
+        added.iter().for_each(|&(v, w)| [v, w].iter().for_each(|&v| is_near[v as usize] = true));
+        found.extend(added);
+        let losing = mesh.triangles.par_iter().map(|&triangle| edges_of(triangle)).filter(|edges| {
+            edges.iter().any(|&(v, w)| is_near[v as usize] && is_near[w as usize] && found.contains(&(v, w)))
+        });
+        added = losing.filter_map(|edges| longest(mesh, edges)).filter(|edge| !found.contains(edge)).collect();
+    }
+    let mut all: Vec<_> = found.into_iter().collect();
+    all.sort_unstable();
+    all
+}
+
+/// The longest of three edges, unless it lies across the tube.
+fn longest(mesh: &Mesh, edges: [(u32, u32); 3]) -> Option<(u32, u32)> {
+    let ends = |(v, w): (u32, u32)| [v, w].map(|v| Vec3::from(mesh.positions[v as usize]));
+    let length = |edge: &(u32, u32)| {
+        let [p, q] = ends(*edge);
+        p.distance_squared(q)
+    };
+    let longest = edges.into_iter().max_by(|a, b| length(a).total_cmp(&length(b)).then(a.cmp(b)))?;
+    let [p, q] = ends(longest);
+    (p.z != q.z).then_some(longest)
+}
+
+/// The edges of a triangle, the lower index first.
+fn edges_of([a, b, c]: [u32; 3]) -> [(u32, u32); 3] {
+    [(a, b), (b, c), (c, a)].map(|(v, w)| (v.min(w), v.max(w)))
 }
 
 fn middle(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
@@ -208,9 +242,9 @@ fn halve(mesh: &mut Mesh, edges: &[(u32, u32)]) -> Vec<u32> {
                 [Some(m), None, None] => triangles.extend(one([a, b, c], m)),
                 [None, Some(m), None] => triangles.extend(one([b, c, a], m)),
                 [None, None, Some(m)] => triangles.extend(one([c, a, b], m)),
-                [Some(m), Some(n), None] => triangles.extend(two([a, b, c], m, n)),
-                [None, Some(m), Some(n)] => triangles.extend(two([b, c, a], m, n)),
-                [Some(n), None, Some(m)] => triangles.extend(two([c, a, b], m, n)),
+                [Some(m), Some(n), None] => triangles.extend(two(&mesh.positions, [a, b, c], m, n)),
+                [None, Some(m), Some(n)] => triangles.extend(two(&mesh.positions, [b, c, a], m, n)),
+                [Some(n), None, Some(m)] => triangles.extend(two(&mesh.positions, [c, a, b], m, n)),
                 [Some(l), Some(m), Some(n)] => triangles.extend([[a, l, n], [l, b, m], [m, c, n], [l, m, n]]),
             }
             parts.resize(triangles.len(), t as u32);
@@ -227,9 +261,10 @@ fn one([a, b, c]: [u32; 3], m: u32) -> [[u32; 3]; 2] {
     [[a, m, c], [m, b, c]]
 }
 
-/// Parts of a triangle whose first two edges are split.
-fn two([a, b, c]: [u32; 3], m: u32, n: u32) -> [[u32; 3]; 3] {
-    [[m, b, n], [a, m, n], [a, n, c]]
+/// Parts of a triangle whose first two edges are split: the longer one first, then its parts.
+fn two(positions: &[[f32; 3]], [a, b, c]: [u32; 3], m: u32, n: u32) -> [[u32; 3]; 3] {
+    let square = |v: u32, w: u32| Vec3::from(positions[v as usize]).distance_squared(Vec3::from(positions[w as usize]));
+    if square(a, b) >= square(b, c) { [[m, b, n], [m, n, c], [a, m, c]] } else { [[m, b, n], [a, m, n], [a, n, c]] }
 }
 
 #[cfg(test)]
