@@ -93,3 +93,28 @@ fn edges_are_halved_in_all_combinations() {
         assert_eq!(mesh.patches[0].triangles, 0..mesh.triangles.len());
     }
 }
+
+#[test]
+fn triangles_that_are_split_again_and_again_do_not_become_ever_flatter() {
+    let height = |mesh: &Mesh| {
+        let of = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|v| glam::Vec3::from(mesh.positions[v as usize]).as_dvec3());
+            let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
+            (b - a).cross(c - a).length() / (longest * longest)
+        };
+        mesh.triangles.iter().map(of).fold(f64::INFINITY, f64::min)
+    };
+    let positions = vec![[0.0, 0.0, 0.0], [1.0, 0.1, 0.2], [0.2, 1.0, 0.4], [0.1, 0.3, 1.1]];
+    let triangles = vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]];
+    let patches = vec![Patch { kind: crate::model::PatchKind::OuterWall, triangles: 0..4 }];
+    let mut mesh = Mesh { body: crate::model::BodyKind::Lumen, positions, triangles, patches };
+    let first = height(&mesh);
+    for round in 0..20 {
+        let edge = edges_of(mesh.triangles[0])[round % 3];
+        let edges = with_longest(&mesh, vec![edge]);
+        assert!(edges.contains(&edge) && edges.is_sorted());
+        halve(&mut mesh, &edges);
+        assert!(is_closed(&mesh), "round {round}");
+    }
+    assert!(height(&mesh) > 0.2 * first, "{} of {first}", height(&mesh));
+}
