@@ -20,7 +20,7 @@ pub(in crate::export) use grid::Grid;
 
 use super::Metadata;
 use crate::geometry::distance::Triangles;
-use crate::model::Mesh;
+use crate::model::{Mesh, Patch};
 use crate::spec::LEVEL_TRIANGLES;
 use encode::Encoded;
 use full::{Full, Level as Triangulation, Part};
@@ -88,6 +88,35 @@ pub fn levels(mesh: &Mesh, stop: &(dyn Fn() -> bool + Sync)) -> io::Result<Vec<L
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "the mesh has no triangles"));
     }
     levels_of(mesh, LEVEL_TRIANGLES, stop).ok_or_else(|| io::ErrorKind::Interrupted.into())
+}
+
+/// The surface of a simplified level with about `target` triangles, not rounded, and which vertices of the full one it has.
+///
+/// # Panics
+/// As [`levels`].
+#[must_use]
+pub fn reduced(mesh: &Mesh, target: usize) -> (Mesh, Vec<u32>) {
+    let full = Full::new(mesh);
+    let level = coarser(&full, &full.level(), target);
+    let (mut kept, mut triangles, mut patches) = (Vec::new(), Vec::new(), Vec::new());
+    let mut numbers = vec![u32::MAX; mesh.positions.len()];
+    for (part, own) in full.parts.iter().zip(&level) {
+        let from = triangles.len();
+        triangles.extend(own.iter().map(|t| {
+            t.map(|corner| {
+                let v = full.vertices[corner as usize];
+                let number = &mut numbers[v as usize];
+                if *number == u32::MAX {
+                    *number = kept.len() as u32;
+                    kept.push(v);
+                }
+                *number
+            })
+        }));
+        patches.push(Patch { kind: part.kind, triangles: from..triangles.len() });
+    }
+    let positions = kept.iter().map(|&v| mesh.positions[v as usize]).collect();
+    (Mesh { body: mesh.body, positions, triangles, patches }, kept)
 }
 
 /// The levels, unless it was stopped.

@@ -2,11 +2,13 @@
 //!
 //! No writer reads a clock or draws a random number: the same input gives the same bytes.
 
+pub mod animation;
 pub mod centreline;
 mod chunks;
 pub mod convert;
 pub mod course;
 pub mod cut;
+pub mod frames;
 #[cfg(feature = "fuzzing")]
 #[doc(hidden)]
 pub mod fuzzing;

@@ -108,6 +108,9 @@ pub(super) fn write(
     if let Some((_, volume)) = &labels {
         report["labels"] = json!(volume);
     }
+    if let Some(contraction) = &findings.contraction {
+        report["contraction"] = json!(contraction);
+    }
     if !findings.surfaces.is_empty() {
         report["surfaces"] = json!(findings.surfaces);
     }

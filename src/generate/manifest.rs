@@ -1,5 +1,6 @@
 //! What the files of a model are, how to check them, and where they come from.
 
+use super::contraction;
 use super::outputs::{Kind, Outputs, kind_of};
 use super::types::FileOutput;
 use crate::export::CITATION;
@@ -108,14 +109,15 @@ fn spec_schema() -> utoipa::openapi::Ref {
 
 fn entry(outputs: &Outputs, file: &FileOutput) -> ManifestFile {
     let kind = kind_of(&file.name);
-    let body = kind.and_then(surface);
+    let contracting = contraction::is_frames(&file.name);
+    let body = if contracting { Some(BodyKind::Tissue) } else { kind.and_then(surface) };
     ManifestFile {
         name: file.name.clone(),
         media_type: file.media_type.clone(),
         bytes: file.bytes,
         sha256: file.sha256.clone(),
         body,
-        unit: kind.and_then(|kind| kind.output.unit(outputs.units)),
+        unit: if contracting { Some(LengthUnit::Metre) } else { kind.and_then(|kind| kind.output.unit(outputs.units)) },
         patches: body.map_or_else(Vec::new, |body| body.patches().iter().map(|patch| patch.name()).collect()),
     }
 }

@@ -6,6 +6,7 @@
 
 mod batch;
 mod checkpoint;
+mod contraction;
 mod device;
 mod files;
 #[cfg(feature = "fuzzing")]
@@ -29,8 +30,8 @@ pub use files::write_surface;
 pub use manifest::{Licence, MANIFEST, Manifest, ManifestFile, Origin};
 pub use outputs::{Output, Outputs};
 pub use types::{
-    Backend, Bending, CancelToken, FileOutput, Findings, GenerateError, Outcome, Progress, Request, Seconds, Sink,
-    Stage,
+    Backend, Bending, CancelToken, ContractionReport, FileOutput, Findings, FrameReport, GenerateError, Outcome,
+    Progress, Request, Seconds, Sink, Stage,
 };
 
 use crate::clock::Stopwatch;
@@ -41,6 +42,7 @@ use crate::measure::Certificate;
 use crate::measure::comparison::compare;
 use crate::measure::morphometry::{Cuts, Morphometry, Regions, cuts, morphometry};
 use crate::mesh::bend::{Leaning, bend_apart};
+use crate::mesh::contract::Rest;
 use crate::mesh::lean::{Leaned, lean};
 use crate::model::{Body, BodyKind, LengthUnit, Section};
 use crate::sim::Statistics;
@@ -162,6 +164,8 @@ struct Finishing<'a> {
 struct Examined<'a> {
     certificate: Certificate,
     others: Vec<serde_json::Value>,
+    /// The frames of a tube that contracts: files that are written, and what they measure.
+    contraction: Option<(Vec<FileOutput>, ContractionReport)>,
     morphometry: Morphometry,
     /// Of a surface that leans.
     cuts: Option<Cuts>,
@@ -182,10 +186,14 @@ impl Finishing<'_> {
         let along = self.request.spec.bent_course();
         let course = along.as_ref().map(|bent| &bent.course);
         let by = lean::lean(self.request);
-        let z = course.and(by.as_ref()).map(|_| straight.positions.iter().map(|p| p[2]).collect());
+        let z: Vec<f32> = straight.positions.iter().map(|p| p[2]).collect();
         let leaned = by.as_ref().map(|by| lean(&mut straight, by, &stop));
-        let leaning = by.as_ref().zip(z).map(|(lean, z)| Leaning { lean, z });
-        let (bent, refined) = course.map(|course| bend_apart(&mut straight, leaning, course, &stop)).unzip();
+        let leaning = course.and(by.as_ref()).map(|lean| Leaning { lean, z: z.clone() });
+        let (mut bent, mut refined, mut split) = (None, None, Vec::new());
+        if let Some(course) = course {
+            let (mesh, done, edges) = bend_apart(&mut straight, leaning, course, &stop);
+            (bent, refined, split) = (Some(mesh), Some(done), edges);
+        }
         let (straight, sections) = (&straight, &sections[..]);
         let tissue = bent.as_ref().unwrap_or(straight);
         let surfaces = Surfaces::new(tissue, straight, course, lids.as_ref(), &self.request.outputs);
@@ -199,6 +207,12 @@ impl Finishing<'_> {
             return Err(GenerateError::Certificate { detail });
         }
         let others = surfaces.certify(certificate.volume_mm3)?;
+        let contraction = self.request.spec.contracts().then(|| {
+            let rest = Rest { straight, z: &z, split: &split, course };
+            let progress = |part| (self.stage)(Stage::Certify, part);
+            contraction::write(self.request, rest, (tissue, certificate.volume_mm3), &progress, &stop)
+        });
+        let contraction = contraction.transpose()?;
         seconds.certify = watch.seconds();
 
         (self.stage)(Stage::Measure, 0.0)?;
@@ -222,7 +236,8 @@ impl Finishing<'_> {
         let added = sections.iter().filter(|s| s.added).count();
         let ends = [&sections[0], &sections[sections.len() - 1]].map(Section::particles);
         let course = along.as_ref().zip(refined).map(|(bent, refined)| Bending::of(bent, refined));
-        let found = Examined { certificate, others, morphometry, cuts, lean: leaned, course, added, ends, inputs };
+        let found =
+            Examined { certificate, others, contraction, morphometry, cuts, lean: leaned, course, added, ends, inputs };
         self.write(found, seconds)
     }
 
@@ -263,8 +278,9 @@ impl Finishing<'_> {
             centreline: of.centreline,
         };
         let (added, ends) = (of.added, of.ends);
-        let (cuts, lean, course) = (None, None, None);
-        self.write(Examined { certificate, others, morphometry, cuts, lean, course, added, ends, inputs }, seconds)
+        let (contraction, cuts, lean, course) = (None, None, None, None);
+        let found = Examined { certificate, others, contraction, morphometry, cuts, lean, course, added, ends, inputs };
+        self.write(found, seconds)
     }
 
     fn regions(&self) -> Regions {
@@ -278,7 +294,8 @@ impl Finishing<'_> {
 
     /// Writes the files.
     fn write(self, found: Examined<'_>, mut seconds: Seconds) -> Result<Outcome, GenerateError> {
-        let Examined { certificate, others, morphometry, cuts, lean, course, added, ends, inputs } = found;
+        let Examined { certificate, others, contraction, morphometry, cuts, lean, course, added, ends, inputs } = found;
+        let (frames, contraction) = contraction.unzip();
         let (request, spec) = (self.request, &self.request.spec);
         let comparison = preset(&request.preset).map(|of| compare(&morphometry, &of.organ, &of.species));
 
@@ -314,8 +331,19 @@ impl Finishing<'_> {
         });
         let certificate = serde_json::to_value(&certificate)
             .map_err(|e| GenerateError::Io { name: files::REPORT.into(), source: e.into() })?;
-        let findings = Findings { summary, certificate, surfaces: others, morphometry, cuts, lean, course, comparison };
-        let files = files::write(request, inputs, &findings, self.cancel)?;
+        let findings = Findings {
+            summary,
+            certificate,
+            surfaces: others,
+            morphometry,
+            cuts,
+            lean,
+            course,
+            contraction,
+            comparison,
+        };
+        let mut files = files::write(request, inputs, &findings, self.cancel)?;
+        files.extend(frames.into_iter().flatten());
         seconds.export += watch.seconds();
         (self.stage)(Stage::Export, 1.0)?;
         seconds.total = self.ran.total.seconds();

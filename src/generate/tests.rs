@@ -51,6 +51,47 @@ fn bytes_do_not_depend_on_threads_or_backend() {
 }
 
 #[test]
+fn a_tube_contracts_in_frames_that_are_certified_and_keep_its_tissue() {
+    let grown = |more: serde_json::Value, threads: usize| {
+        let mut patch = json!({
+            "length_mm": 20, "lean": { "strength_um": 300 },
+            "contraction": { "frames": 5, "wavelength_mm": 6, "shortening": 0.01 },
+        });
+        json_patch::merge(&mut patch, &more);
+        let dir = tempfile::tempdir().unwrap();
+        let request = Request {
+            outputs: Outputs { formats: vec![Output::Vtp], bodies: vec![BodyKind::Tissue], units: None },
+            ..request(small(&patch), Backend::Cpu, dir.path())
+        };
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let outcome = pool.install(|| generate(&request, &(), &CancelToken::default())).unwrap();
+        let data = std::fs::read(dir.path().join("frames.bin")).unwrap();
+        (outcome, data)
+    };
+    for more in [json!({}), json!({ "course": { "shape": "sigmoid" } }), json!({ "mesh": { "smooth_um": 5 } })] {
+        let (outcome, data) = grown(more.clone(), 1);
+        let report = outcome.findings.contraction.clone().unwrap();
+        assert!(report.tissue_deviation < 0.02, "{more}: {report:?}");
+        assert_eq!(report.frames.len(), 5);
+        let count = |name: &str| outcome.findings.summary[name].as_u64().unwrap();
+        assert_eq!(data.len() as u64, 13 * count("triangles") + 5 * 12 * count("vertices"));
+        for frame in &report.frames {
+            let certificate = &frame.certificate;
+            assert!(certificate.passed && certificate.triangles == count("triangles"), "{more}");
+            assert!(frame.lumen_volume_mm3 < report.lumen_volume_mm3 && frame.length_mm < 20.0, "{more}");
+            assert!(frame.closed > 0.1 && frame.narrowed > 0.0, "{more}: {frame:?}");
+        }
+        let names: Vec<&str> = outcome.files.iter().map(|file| file.name.as_str()).collect();
+        for name in ["animation.glb", "frames.bin", "frames.xdmf"] {
+            assert!(names.contains(&name), "{names:?}");
+        }
+        let (again, _) = grown(more, 3);
+        let hashes = |outcome: &Outcome| outcome.files.iter().map(|file| file.sha256.clone()).collect::<Vec<_>>();
+        assert_eq!(hashes(&outcome), hashes(&again), "the same bytes on any number of threads");
+    }
+}
+
+#[test]
 fn a_bent_model_has_certified_bodies_and_the_sections_and_labels_of_the_straight_one() {
     let grown = |course: serde_json::Value| {
         let dir = tempfile::tempdir().unwrap();

@@ -4,9 +4,11 @@ use super::outputs::Outputs;
 use crate::ENGINE_VERSION;
 use crate::export::Metadata;
 use crate::export::sections_bin::SectionsError;
+use crate::measure::Certificate;
 use crate::measure::comparison::Comparison;
 use crate::measure::morphometry::{Cuts, Morphometry};
 use crate::mesh::bend::Refined;
+use crate::mesh::contract::Contracted;
 use crate::mesh::lean::Leaned;
 use crate::model::Section;
 use crate::sim::gpu::GpuError;
@@ -237,6 +239,41 @@ impl Bending {
     }
 }
 
+/// A wave of contraction: what its frames measure.
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
+pub struct ContractionReport {
+    /// Period, seconds.
+    pub period_s: f64,
+    /// Volume of the lumen at rest, mm³; that of the tissue is in the certificate of the model.
+    pub lumen_volume_mm3: f64,
+    /// Greatest difference of the volume of the tissue of a frame from that at rest, as a share of it.
+    pub tissue_deviation: f64,
+    /// What was done so that walls do not meet.
+    #[serde(flatten)]
+    pub contracted: Contracted,
+    /// The frames of one period, in order.
+    pub frames: Vec<FrameReport>,
+}
+
+/// A frame of a contraction.
+#[derive(Clone, Debug, PartialEq, Serialize, utoipa::ToSchema)]
+pub struct FrameReport {
+    /// Time, seconds.
+    pub time_s: f64,
+    /// Length of the tube along its centre line, mm.
+    pub length_mm: f64,
+    /// Volume of the tissue, mm³.
+    pub tissue_volume_mm3: f64,
+    /// Volume of the lumen, mm³.
+    pub lumen_volume_mm3: f64,
+    /// Greatest share of the lumen that is closed in a section.
+    pub closed: f64,
+    /// Greatest share by which the outer wall of a section is narrower than at rest.
+    pub narrowed: f64,
+    /// What is proved of its surface.
+    pub certificate: Certificate,
+}
+
 /// What is found out about a finished model; all of it is in `report.json`.
 #[derive(Clone, Debug, Default)]
 pub struct Findings {
@@ -257,6 +294,8 @@ pub struct Findings {
     pub lean: Option<Leaned>,
     /// How the surface was bent, if its tube is not straight.
     pub course: Option<Bending>,
+    /// What the frames of its contraction measure, if it contracts.
+    pub contraction: Option<ContractionReport>,
     /// The measures beside published ones; none if the model is of no known preset.
     pub comparison: Option<Comparison>,
 }

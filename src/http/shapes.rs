@@ -2,7 +2,7 @@
 #![expect(dead_code, reason = "describes JSON; only its schema is used")]
 
 use super::responses::{CertificateFigures, ParameterValue, SpecPatch};
-use crate::generate::Bending;
+use crate::generate::{Bending, ContractionReport};
 use crate::measure::comparison::Comparison;
 use crate::measure::morphometry::{Cuts, Morphometry};
 use crate::measure::{Certificate, RegionsCertificate};
@@ -101,6 +101,9 @@ pub(super) struct StoredReport {
     /// How the surface was bent, if its tube is not straight; otherwise null.
     #[schema(required = false, nullable = true)]
     course: Option<Bending>,
+    /// What the frames of the contraction measure; only if the tube contracts.
+    #[schema(required = false)]
+    contraction: ContractionReport,
     /// The measures beside published ones of the organ and species of the preset.
     #[schema(required = false)]
     comparison: Comparison,

@@ -55,14 +55,15 @@ pub fn bend(mesh: &Mesh, course: &Course) -> Mesh {
 }
 
 /// A straight surface, bent, whose triangles then do not meet: edges of the straight one are split as needed, and its lean is damped
-/// as a last resort. Vertices are added after the others, none on edges that lie across the tube. `stop` is asked between rounds; if it
-/// says so, the surface is left as it is then.
+/// as a last resort. Vertices are added after the others, none on edges that lie across the tube; the edges whose middles they are come
+/// last, in order. `stop` is asked between rounds; if it says so, the surface is left as it is then.
 pub fn bend_apart(
     straight: &mut Mesh,
     mut leaning: Option<Leaning<'_>>,
     course: &Course,
     stop: &dyn Fn() -> bool,
-) -> (Mesh, Refined) {
+) -> (Mesh, Refined, Vec<(u32, u32)>) {
+    let mut split = Vec::new();
     let mut found = bend(straight, course);
     let mut pairs = Meeting::new(&found).pairs(&found);
     let mut done = Refined { met: pairs.len(), ..Refined::default() };
@@ -83,6 +84,7 @@ pub fn bend_apart(
         let mut is_met = vec![false; straight.triangles.len()];
         pairs.as_flattened().iter().for_each(|&t| is_met[t as usize] = true);
         let parts = halve(straight, &edges);
+        split.extend_from_slice(&edges);
         let mut is_moved = vec![false; straight.positions.len()];
         if let Some(leaning) = &mut leaning {
             leaning.halve(&edges);
@@ -109,7 +111,7 @@ pub fn bend_apart(
         let changed: Vec<u32> = (0u32..).zip(&is_changed).filter(|(_, is)| **is).map(|(t, _)| t).collect();
         pairs = Meeting::new(&found).pairs_of(&found, &changed, &is_changed);
     }
-    (found, done)
+    (found, done, split)
 }
 
 impl Leaning<'_> {

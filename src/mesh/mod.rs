@@ -13,6 +13,7 @@ mod align;
 pub mod bend;
 mod bodies;
 mod contact;
+pub mod contract;
 mod draft;
 mod error;
 pub mod lean;

@@ -37,6 +37,7 @@ pub(super) fn faults(p: &Parameters, bad: &[String]) -> Vec<Fault> {
     checks.piece(p);
     checks.labels(p);
     checks.course(p);
+    checks.contraction(p);
     checks.faults
 }
 
@@ -103,6 +104,19 @@ impl Checks<'_> {
             format!(
                 "is {}; use at least {MIN_RESOLUTION_UM} µm, or 0 for the surface of the recorded sections",
                 number(resolution)
+            )
+        });
+    }
+
+    fn contraction(&mut self, p: &Parameters) {
+        let (at, resolution) = ("/contraction/frames", "/mesh/resolution_um");
+        let frames = p.contraction.frames;
+        self.require(frames != 1, at, &[at], || "is 1; use at least 2 frames, or 0 for none".to_owned());
+        self.require(!p.contracts() || p.mesh.resolution_um == 0.0, at, &[at, resolution], || {
+            format!(
+                "is {frames}, and /mesh/resolution_um is {}: an even surface does not contract, since its vertices do not lie in \
+                 sections (use /mesh/resolution_um 0)",
+                number(p.mesh.resolution_um)
             )
         });
     }

@@ -117,6 +117,14 @@ const BEND_SECONDS: f64 = 1.7e-6;
 /// Bytes per vertex and triangle of a bent surface: the straight one is kept beside it.
 const BEND_BYTES: u64 = 12;
 
+/// Contraction: seconds per triangle of a frame, which is made and searched twice and certified, one core; bytes per vertex for the room of
+/// the mucosa, two frames and the tables of the search; bytes of a frame in the description, and of its certificate in the report.
+/// Measured on the default model.
+const FRAME_SECONDS: f64 = 5e-6;
+const FRAME_VERTEX_BYTES: u64 = 200;
+const FRAME_FIXED: f64 = 1024.0;
+const FRAME_REPORT_BYTES: u64 = 2600;
+
 /// Bytes of the measures of a section in the report; measured on the default model.
 const REPORT_SECTION_BYTES: u64 = 850;
 /// Bytes of a triangle of the finest level of detail and of a simplified one, with its share of the vertices; measured on
@@ -192,6 +200,11 @@ impl ModelSpec {
         if outputs.contains(&"lod") {
             bytes.insert("lod".to_owned(), count(levels_bytes(triangles)));
         }
+        if self.contracts() {
+            bytes.insert("contraction".to_owned(), count(self.frames_bytes(vertices, triangles)));
+            let reports = u64::from(self.contraction.frames) * FRAME_REPORT_BYTES;
+            bytes.entry("report".to_owned()).and_modify(|bytes| *bytes += reports);
+        }
         let labels = outputs.contains(&"labels").then(|| self.label_cost(triangles));
         if let Some(labels) = &labels {
             bytes.insert("labels".to_owned(), count(labels.bytes));
@@ -222,6 +235,7 @@ impl ModelSpec {
                 + history
                 + simplification
                 + if self.bends() { (vertices + triangles) * BEND_BYTES } else { 0 }
+                + if self.contracts() { self.frames_memory(vertices, triangles) } else { 0 }
                 + if needs_lumen { (vertices + triangles) * BODIES_BYTES } else { 0 }
                 + labels.as_ref().map_or(0, |labels| count(labels.memory)),
             seconds: {
@@ -229,20 +243,41 @@ impl ModelSpec {
                 let lumen = if needs_lumen { triangles as f64 * BODIES_SECONDS } else { 0.0 };
                 let lean = if self.leans() { triangles as f64 * LEAN_SECONDS } else { 0.0 };
                 let bend = if self.bends() { triangles as f64 * BEND_SECONDS } else { 0.0 };
-                let more =
-                    lumen + lean + bend + remeshed * self.remesh_seconds() + section_points * self.smooth_seconds();
+                let frames = f64::from(self.contraction.frames) * triangles as f64 * FRAME_SECONDS;
+                let more = lumen
+                    + lean
+                    + bend
+                    + frames
+                    + remeshed * self.remesh_seconds()
+                    + section_points * self.smooth_seconds();
                 self.seconds(triangles, has("lod"), more + labels.map_or(0.0, |labels| labels.seconds))
             },
         }
     }
 
-    /// Whether the surface is streamed for these outputs, named as for [`Self::cost`]: it is lofted, neither leans nor bends, and none
-    /// needs the whole of it.
+    /// Whether the surface is streamed for these outputs, named as for [`Self::cost`]: it is lofted, neither leans, bends nor contracts, and
+    /// none needs the whole of it.
     #[must_use]
     pub fn is_streamed(&self, outputs: &[&str]) -> bool {
         let needs_whole = |name: &&str| ["lumen", "regions", "lod", "labels"].contains(name);
         let is_lofted = self.mesh.resolution_um == 0.0 && !self.mesh.strips && !self.leans() && !self.bends();
+        let is_lofted = is_lofted && !self.contracts();
         is_lofted && !outputs.iter().any(needs_whole)
+    }
+
+    /// Bytes of the files of a contraction.
+    fn frames_bytes(&self, vertices: f64, triangles: f64) -> f64 {
+        let frames = f64::from(self.contraction.frames);
+        let level = triangles.min(LEVEL_TRIANGLES[1] as f64);
+        13.0 * triangles + frames * (12.0 * vertices + 12.0 * level + FRAME_FIXED)
+    }
+
+    /// Memory of a contraction: frames one at a time, and the animation.
+    fn frames_memory(&self, vertices: u64, triangles: u64) -> u64 {
+        let level = triangles.min(LEVEL_TRIANGLES[1] as u64);
+        vertices * FRAME_VERTEX_BYTES
+            + u64::from(self.contraction.frames) * level * 18
+            + triangles * SIMPLIFICATION_BYTES
     }
 
     fn counts(&self) -> Counts {

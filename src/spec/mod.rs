@@ -54,9 +54,9 @@ pub use fault::{Fault, members};
 pub use lever::{End, Lever, Setting};
 pub use limits::{Limits, OverLimit};
 pub use parameters::{
-    Collision, Containment, Contortion, Course, CourseShape, Histology, Integrator, Labels, Lean, MAX_PARTICLES,
-    MAX_STEPS, MeshOptions, Parameters, Particles, Piece, Regions, Regulatory, Search, Solver, Spring, Sway, Variation,
-    Variety, Wall,
+    Collision, Containment, Contortion, Contraction, Course, CourseShape, Histology, Integrator, Labels, Lean,
+    MAX_PARTICLES, MAX_STEPS, MeshOptions, Parameters, Particles, Piece, Regions, Regulatory, Search, Solver, Spring,
+    Sway, Toward, Variation, Variety, Wall,
 };
 pub use preset::{DEFAULT_PRESET, Preset, preset, presets};
 pub use schedule::{Ease, Fluctuation, Schedule};
@@ -185,6 +185,12 @@ impl Parameters {
     #[must_use]
     pub fn asks_to_lean(&self) -> bool {
         self.lean.strength_um.range().1 > 0.0
+    }
+
+    /// Whether there are frames of a contraction.
+    #[must_use]
+    pub fn contracts(&self) -> bool {
+        self.contraction.frames > 0
     }
 
     /// The steps of the first and of the last section of the piece. No step after the last is simulated.

@@ -70,6 +70,8 @@ group! {
         pub mesh: MeshOptions = "Surface" [""] ();
         /// The centre line that the tube follows.
         pub course: Course = "Course" [""] ();
+        /// A wave of contraction, as a series of frames.
+        pub contraction: Contraction = "Contraction" [""] ();
         /// The piece of the tube that becomes the model.
         pub piece: Piece = "Piece" [""] ();
         /// Regions of the tube, for measures.
@@ -316,6 +318,30 @@ group! {
 }
 
 group! {
+    /// A wave of contraction that travels along the finished tube. Each frame of one period is a surface of its own with the vertices and
+    /// triangles of the model, which is the tube at rest: tissue keeps its volume, the lumen gives way. Not in the paper.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Contraction {
+        /// Frames of one period. 0: none.
+        pub frames: u32 = "Frames" ["frames"] Count::of(0, 200);
+        /// Share of the lumen that is closed where the wave is highest; less where folds leave no room for the tissue.
+        pub closure: Schedule = "Closure of the lumen" ["of the lumen"] Range::of(0.0, 0.9).steady();
+        /// Share by which the tube is shortened there.
+        pub shortening: Schedule = "Shortening" ["of the length"] Range::of(0.0, 0.3).steady();
+        /// Wavelength.
+        pub wavelength_mm: Schedule = "Wavelength" ["mm"] Range::of(0.5, 1000.0).steady();
+        /// Wavelengths between the isthmus end of the model and a crest in the first frame.
+        pub phase: f64 = "Phase" ["of the wavelength"] Range::of(0.0, 1.0);
+        /// Where the wave travels.
+        pub toward: Toward = "Direction" [""] ();
+        /// Period.
+        pub period_s: f64 = "Period" ["s"] Range::of(0.01, 3600.0);
+        /// Distance from either end of the model over which the wave rises from zero.
+        pub ends_mm: f64 = "Relaxed ends" ["mm"] Range::of(0.1, 1000.0);
+    }
+}
+
+group! {
     /// The piece of the tube that is recorded: surface, sections, measures and labels. It reaches from the last recorded section
     /// that is not after its begin to the first that is not before its end. The simulation begins at the isthmus end all the same.
     #[derive(Clone, Debug, PartialEq)]
@@ -384,6 +410,17 @@ choice! {
         Random = "random",
         /// Through `points_mm`.
         Points = "points",
+    }
+}
+
+choice! {
+    /// Ends toward which a wave travels.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Toward {
+        /// From the ampulla to the isthmus.
+        Uterus = "uterus",
+        /// From the isthmus to the ampulla.
+        Ovary = "ovary",
     }
 }
 

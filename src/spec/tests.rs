@@ -581,3 +581,32 @@ fn a_course_is_the_same_each_time_and_in_a_stored_specification() {
     assert!(!ModelSpec::from_stored(&older).unwrap().bends());
     assert!(resolve(&json!({ "course": { "twist_deg": 30 } })).unwrap().bends());
 }
+
+#[test]
+fn a_contraction_needs_frames_that_its_surface_can_make() {
+    let faults = |patch: Value| resolve(&patch).unwrap_err();
+    for (patch, words) in [
+        (json!({ "contraction": { "frames": 1 } }), "at least 2 frames"),
+        (
+            json!({ "contraction": { "frames": 20 }, "mesh": { "resolution_um": 40 } }),
+            "an even surface does not contract",
+        ),
+        (json!({ "contraction": { "frames": 201 } }), "200"),
+    ] {
+        let found = faults(patch);
+        assert!(found.len() == 1 && found[0].pointer == "/contraction/frames", "{found:?}");
+        assert!(found[0].detail.contains(words), "{found:?}");
+    }
+    assert_eq!(faults(json!({ "contraction": { "toward": "up" } }))[0].pointer, "/contraction/toward");
+    let cost = |frames: u32| resolve(&json!({ "contraction": { "frames": frames } })).unwrap().cost(&["vtp"]);
+    let (none, twenty, forty) = (cost(0), cost(20), cost(40));
+    assert!(!none.bytes.contains_key("contraction"));
+    assert!(twenty.bytes["contraction"] > 10 * none.bytes["vtp"] / 4);
+    assert!(forty.seconds["cpu"].seconds > twenty.seconds["cpu"].seconds + 10.0);
+    assert!(twenty.memory_bytes > none.memory_bytes);
+    let streamed = |frames: u32| {
+        let spec = json!({ "contraction": { "frames": frames }, "lean": { "strength_um": 0 } });
+        resolve(&spec).unwrap().is_streamed(&["vtp"])
+    };
+    assert!(streamed(0) && !streamed(2));
+}

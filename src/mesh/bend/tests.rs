@@ -44,7 +44,7 @@ fn a_surface_that_would_meet_itself_is_refined_until_it_does_not() {
     let met = meeting::pairs(&bend(&before, &course)).len();
     assert!(met > 0, "too mild to test");
     let mut mesh = before.clone();
-    let (bent, done) = bend_apart(&mut mesh, None, &course, &|| false);
+    let (bent, done, split) = bend_apart(&mut mesh, None, &course, &|| false);
     assert_eq!(done.met, met);
     assert!(done.split > 0 && mesh.positions.len() == before.positions.len() + done.split, "{done:?}");
     assert!(meeting::pairs(&bent).is_empty(), "{done:?}");
@@ -55,6 +55,11 @@ fn a_surface_that_would_meet_itself_is_refined_until_it_does_not() {
     assert!((volume(&mesh) / volume(&before) - 1.0).abs() < 1e-6);
     let covered: Vec<usize> = mesh.patches.iter().flat_map(|patch| patch.triangles.clone()).collect();
     assert_eq!(covered, (0..mesh.triangles.len()).collect::<Vec<_>>());
+    assert_eq!((split.len(), mesh.positions.len()), (done.split, before.positions.len() + done.split));
+    for (m, &(v, w)) in (before.positions.len()..).zip(&split) {
+        let [p, q] = [v, w].map(|v| mesh.positions[v as usize].map(f64::from));
+        assert_eq!(mesh.positions[m], middle(p, q).map(|x| x as f32));
+    }
     // Rims are as before, so that lids fit.
     let regions = regions(&mesh).unwrap();
     assert!(meeting::pairs(&bend(&regions, &course)).is_empty());
@@ -66,13 +71,13 @@ fn where_finer_triangles_do_not_help_the_lean_is_damped() {
     let (mut mesh, lean, z) = pressed();
     let course = Course::arc(6.0, 12_000.0, 512, 0.5);
     let before = mesh.clone();
-    let (bent, done) = bend_apart(&mut mesh, Some(Leaning { lean: &lean, z }), &course, &|| false);
+    let (bent, done, _) = bend_apart(&mut mesh, Some(Leaning { lean: &lean, z }), &course, &|| false);
     assert!(done.damped > 0, "too mild to test: {done:?}");
     assert!(meeting::pairs(&bent).is_empty() && is_closed(&bent), "{done:?}");
     let moved = |axis: usize| (0..before.positions.len()).any(|v| before.positions[v][axis] != mesh.positions[v][axis]);
     assert!(!moved(0) && !moved(1) && moved(2), "along the tube only");
     let (mut undamped, ..) = pressed();
-    let (bent, _) = bend_apart(&mut undamped, None, &course, &|| false);
+    let (bent, ..) = bend_apart(&mut undamped, None, &course, &|| false);
     assert!(!meeting::pairs(&bent).is_empty(), "needs no damping");
 }
 

@@ -6,7 +6,7 @@ use crate::mesh::{Lofter, meeting};
 use crate::model::{PatchKind, Section};
 
 /// A tube of 41 sections, 12 mm long, with folds that grow and turn.
-fn surface() -> Mesh {
+pub(in crate::mesh) fn surface() -> Mesh {
     let mut folds = Folds::new(240, 60, 9.0, 40.0);
     let mut dice = Dice(5);
     let section = |folds: &Folds, step: u32| {

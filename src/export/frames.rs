@@ -1,0 +1,108 @@
+//! A series of surfaces with the same triangles: positions frame by frame in a binary file, described by an XDMF file (version 3),
+//! which `ParaView` and VTK read as a time series.
+//!
+//! The data are little-endian: the triangles (three 32-bit indices each), the patch of each triangle (one byte, its place in the
+//! patches of the body), then for each frame the positions in metres, single precision, as they were certified.
+
+use super::chunks::{vec3, write_items};
+use crate::model::Mesh;
+use std::io::{self, Write};
+
+/// Names of the description and of its data.
+pub const FILES: [&str; 2] = ["frames.xdmf", "frames.bin"];
+/// Their media types.
+pub const MEDIA_TYPES: [&str; 2] = ["application/xml", "application/octet-stream"];
+
+/// Writes what frames have in common.
+///
+/// # Errors
+/// Those of `out`.
+pub fn write_common(mesh: &Mesh, out: &mut dyn Write) -> io::Result<()> {
+    write_items(&mesh.triangles, out, |t| -> [u8; 12] {
+        let mut bytes = [0; 12];
+        bytes.chunks_exact_mut(4).zip(t).for_each(|(slot, v)| slot.copy_from_slice(&v.to_le_bytes()));
+        bytes
+    })?;
+    for (number, patch) in mesh.patches.iter().enumerate() {
+        out.write_all(&vec![number as u8; patch.triangles.len()])?;
+    }
+    Ok(())
+}
+
+/// Writes a frame.
+///
+/// # Errors
+/// Those of `out`.
+pub fn write_frame(mesh: &Mesh, out: &mut dyn Write) -> io::Result<()> {
+    write_items(&mesh.positions, out, |p| vec3(*p))
+}
+
+/// Writes the description: frames at these times in seconds.
+///
+/// # Errors
+/// Those of `out`.
+pub fn write_description(mesh: &Mesh, times: &[f64], out: &mut dyn Write) -> io::Result<()> {
+    let (vertices, triangles) = (mesh.positions.len(), mesh.triangles.len());
+    let data = FILES[1];
+    let names: Vec<String> =
+        mesh.patches.iter().enumerate().map(|(number, patch)| format!("{number} {}", patch.kind.name())).collect();
+    writeln!(out, r#"<?xml version="1.0"?>"#)?;
+    writeln!(out, r#"<Xdmf Version="3.0">"#)?;
+    writeln!(out, "  <!-- Metres. Patches: {}. -->", names.join(", "))?;
+    writeln!(out, "  <Domain>")?;
+    writeln!(out, r#"    <Grid Name="contraction" GridType="Collection" CollectionType="Temporal">"#)?;
+    for (frame, time) in times.iter().enumerate() {
+        let seek = 13 * triangles + 12 * vertices * frame;
+        let item = |kind: &str, precision: u32, seek: usize, size: &str| {
+            format!(
+                r#"<DataItem Format="Binary" NumberType="{kind}" Precision="{precision}" Endian="Little" Seek="{seek}" Dimensions="{size}">{data}</DataItem>"#
+            )
+        };
+        writeln!(out, r#"      <Grid Name="frame {frame}" GridType="Uniform">"#)?;
+        writeln!(out, r#"        <Time Value="{time}"/>"#)?;
+        writeln!(out, r#"        <Topology TopologyType="Triangle" NumberOfElements="{triangles}">"#)?;
+        writeln!(out, "          {}", item("Int", 4, 0, &format!("{triangles} 3")))?;
+        writeln!(out, "        </Topology>")?;
+        writeln!(out, r#"        <Geometry GeometryType="XYZ">"#)?;
+        writeln!(out, "          {}", item("Float", 4, seek, &format!("{vertices} 3")))?;
+        writeln!(out, "        </Geometry>")?;
+        writeln!(out, r#"        <Attribute Name="patch" AttributeType="Scalar" Center="Cell">"#)?;
+        writeln!(out, "          {}", item("UChar", 1, 12 * triangles, &triangles.to_string()))?;
+        writeln!(out, "        </Attribute>")?;
+        writeln!(out, "      </Grid>")?;
+    }
+    writeln!(out, "    </Grid>")?;
+    writeln!(out, "  </Domain>")?;
+    writeln!(out, "</Xdmf>")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::sample;
+
+    #[test]
+    fn the_description_says_where_the_data_are() {
+        let mesh = sample::tube(12, 2, 0.2);
+        let mut data = Vec::new();
+        write_common(&mesh, &mut data).unwrap();
+        write_frame(&mesh, &mut data).unwrap();
+        write_frame(&mesh, &mut data).unwrap();
+        let mut text = Vec::new();
+        write_description(&mesh, &[0.0, 0.5], &mut text).unwrap();
+        let text = String::from_utf8(text).unwrap();
+        let seeks: Vec<usize> =
+            text.split(r#"Seek=""#).skip(1).map(|rest| rest.split('"').next().unwrap().parse().unwrap()).collect();
+        let (triangles, vertices) = (mesh.triangles.len(), mesh.positions.len());
+        let first = 13 * triangles;
+        assert_eq!(seeks, [0, first, 12 * triangles, 0, first + 12 * vertices, 12 * triangles]);
+        assert_eq!(data.len(), first + 24 * vertices);
+        let x = f32::from_le_bytes(data[seeks[4]..seeks[4] + 4].try_into().unwrap());
+        assert_eq!(x, mesh.positions[0][0]);
+        let corner = u32::from_le_bytes(data[4..8].try_into().unwrap());
+        assert_eq!(corner, mesh.triangles[0][1]);
+        assert_eq!(data[seeks[2]..first].iter().filter(|&&patch| patch == 1).count(), mesh.patches[1].triangles.len());
+        assert_eq!(text.matches("<Grid").count(), text.matches("</Grid>").count());
+        assert_eq!(text.matches("<Time").count(), 2);
+    }
+}

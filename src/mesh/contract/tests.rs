@@ -1,0 +1,95 @@
+//! Tubes with folds that contract.
+
+use super::*;
+use crate::mesh::lean::tests::{leaning, surface};
+use crate::mesh::{Lofter, meeting};
+use crate::model::Section;
+use crate::model::sample;
+
+/// A straight tube of 21 sections, 10 mm long, and its contraction.
+fn tube() -> (Mesh, Contraction) {
+    let section = |k: u32| Section { z_um: 500.0 * f64::from(k), ..sample::section(240, f64::from(k), 0.0) };
+    let mut lofter = Lofter::new(section(0)).unwrap();
+    (1..=20).for_each(|k| drop(lofter.advance(&[section(k)]).unwrap()));
+    let station = |z_um| Station {
+        z_um,
+        base_um2: 1.0e6 * std::f64::consts::PI * 0.64,
+        closure: 0.5,
+        shortening: 0.15,
+        wavelength_um: 5000.0,
+    };
+    let stations = vec![station(0.0), station(10_000.0)];
+    let by = Contraction { stations, phase: 0.25, to_uterus: true, ends_um: 1000.0 };
+    (lofter.finish().unwrap(), by)
+}
+
+fn heights(mesh: &Mesh) -> Vec<f32> {
+    mesh.positions.iter().map(|p| p[2]).collect()
+}
+
+fn volume(mesh: &Mesh) -> f64 {
+    let corner = |v: u32| glam::Vec3::from(mesh.positions[v as usize]).as_dvec3();
+    1e9 * mesh.triangles.iter().map(|t| corner(t[0]).dot(corner(t[1]).cross(corner(t[2]))) / 6.0).sum::<f64>()
+}
+
+#[test]
+fn tissue_keeps_its_volume_while_the_lumen_closes_and_the_tube_shortens() {
+    let (mesh, by) = tube();
+    let z = heights(&mesh);
+    let rest = Rest { straight: &mesh, z: &z, split: &[], course: None };
+    let mut tube = Contracting::new(rest, &by);
+    let (tissue, lumen) = (volume(&mesh), lumen_mm3(&mesh));
+    let mut crests = Vec::new();
+    for k in 0..8 {
+        let frame = tube.frame(f64::from(k) / 8.0, &|| false);
+        assert_eq!(frame.mesh.triangles, mesh.triangles);
+        assert!(meeting::pairs(&frame.mesh).is_empty());
+        assert!((volume(&frame.mesh) / tissue - 1.0).abs() < 0.01, "{} of {tissue}", volume(&frame.mesh));
+        assert!(lumen_mm3(&frame.mesh) < 0.9 * lumen && frame.closed > 0.3 && frame.narrowed > 0.0);
+        assert!(frame.length_um < 9_700.0);
+        let low = frame.mesh.positions.iter().map(|p| p[2]).fold(f32::MAX, f32::min);
+        assert_eq!(low, 0.0, "the isthmus end stays");
+        let height = |section: &usize| tube.wave.rise(*section, f64::from(k) / 8.0);
+        crests.push((3..13).max_by(|a, b| height(a).total_cmp(&height(b))).unwrap());
+    }
+    let falls = crests.windows(2).filter(|pair| pair[1] < pair[0]).count();
+    assert!(falls >= 6, "toward the uterus: {crests:?}");
+    assert_eq!(tube.done().met, 0);
+    // After a period it is as it was.
+    let [first, last] = [0.0, 1.0].map(|time| tube.place(time).mesh);
+    let apart = first.positions.iter().flatten().zip(last.positions.iter().flatten()).map(|(a, b)| (a - b).abs());
+    assert!(apart.fold(0.0, f32::max) < 1e-9);
+}
+
+#[test]
+fn nothing_moves_without_a_wave() {
+    let (mesh, mut by) = tube();
+    by.stations.iter_mut().for_each(|station| (station.closure, station.shortening) = (0.0, 0.0));
+    let z = heights(&mesh);
+    let mut tube = Contracting::new(Rest { straight: &mesh, z: &z, split: &[], course: None }, &by);
+    let frame = tube.frame(0.3, &|| false);
+    let apart = frame.mesh.positions.iter().flatten().zip(mesh.positions.iter().flatten()).map(|(a, b)| (a - b).abs());
+    assert!(apart.fold(0.0, f32::max) < 2e-9);
+}
+
+#[test]
+fn a_leaning_tube_contracts_without_contact() {
+    let (mesh, z) = (leaning(), heights(&surface()));
+    let station = |z_um: f64| Station {
+        z_um,
+        base_um2: 1e6 * std::f64::consts::PI,
+        closure: 0.4,
+        shortening: 0.02,
+        wavelength_um: 6000.0,
+    };
+    let by =
+        Contraction { stations: vec![station(0.0), station(12_000.0)], phase: 0.0, to_uterus: false, ends_um: 1000.0 };
+    let mut tube = Contracting::new(Rest { straight: &mesh, z: &z, split: &[], course: None }, &by);
+    let tissue = volume(&mesh);
+    for k in 0..4 {
+        let frame = tube.frame(f64::from(k) / 4.0, &|| false);
+        assert!(meeting::pairs(&frame.mesh).is_empty());
+        assert!((volume(&frame.mesh) / tissue - 1.0).abs() < 0.02, "{} of {tissue}", volume(&frame.mesh));
+    }
+    assert!(tube.done().met > 0, "too mild to test");
+}
