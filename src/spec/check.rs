@@ -111,6 +111,9 @@ impl Checks<'_> {
     fn contraction(&mut self, p: &Parameters) {
         let (at, resolution) = ("/contraction/frames", "/mesh/resolution_um");
         let frames = p.contraction.frames;
+        self.require(!p.contracts() || !p.bends(), at, &[at, "/course/shape", "/course/twist_deg"], || {
+            format!("is {frames}, and /course bends the tube: only a straight tube contracts")
+        });
         self.require(frames != 1, at, &[at], || "is 1; use at least 2 frames, or 0 for none".to_owned());
         self.require(!p.contracts() || p.mesh.resolution_um == 0.0, at, &[at, resolution], || {
             format!(
