@@ -38,21 +38,24 @@ fn a_bent_tube_keeps_its_volume_and_its_sections() {
 
 #[test]
 fn a_surface_that_would_meet_itself_is_refined_until_it_does_not() {
-    let before = leaning();
+    let (before, lean, z) = leaning();
     // Twice as tight as allowed for the widest section here would be 1.25 radii; this is near that.
     let course = Course::arc(6.0, 12_000.0, 512, 0.5);
     let met = meeting::pairs(&bend(&before, &course)).len();
     assert!(met > 0, "too mild to test");
     let mut mesh = before.clone();
-    let (bent, done) = bend_apart(&mut mesh, None, &course, &|| false);
+    let (bent, done) = bend_apart(&mut mesh, Some(Leaning { lean: &lean, z }), &course, &|| false);
     assert_eq!(done.met, met);
+    // The lean was damped until triangles just did not meet, so in some places only rounding keeps them apart.
+    assert!(done.damped < met / 20, "{done:?}");
     assert!(done.split > 0 && mesh.positions.len() == before.positions.len() + done.split, "{done:?}");
     assert!(meeting::pairs(&bent).is_empty(), "{done:?}");
     assert!(bent == bend(&mesh, &course));
     assert!(is_closed(&bent));
-    // The straight surface is the same set of points, but for rounding.
-    assert_eq!(mesh.positions[..before.positions.len()], before.positions[..]);
-    assert!((volume(&mesh) / volume(&before) - 1.0).abs() < 1e-6);
+    // The straight surface is the same set of points, but for rounding and where its lean was damped.
+    let same = before.positions.iter().zip(&mesh.positions).filter(|(before, after)| before == after).count();
+    assert!(same * 50 > before.positions.len() * 49, "{same} of {}", before.positions.len());
+    assert!((volume(&mesh) / volume(&before) - 1.0).abs() < 1e-4);
     let covered: Vec<usize> = mesh.patches.iter().flat_map(|patch| patch.triangles.clone()).collect();
     assert_eq!(covered, (0..mesh.triangles.len()).collect::<Vec<_>>());
     // Rims are as before, so that lids fit.

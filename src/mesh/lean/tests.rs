@@ -36,11 +36,13 @@ fn lean_of(strength_um: f64) -> Lean {
     }
 }
 
-/// That tube, leaning.
-pub(in crate::mesh) fn leaning() -> Mesh {
+/// That tube, leaning, how it leans, and z of its vertices before.
+pub(in crate::mesh) fn leaning() -> (Mesh, Lean, Vec<f32>) {
     let mut mesh = surface();
-    lean(&mut mesh, &lean_of(300.0), &|| false);
-    mesh
+    let z = mesh.positions.iter().map(|p| p[2]).collect();
+    let by = lean_of(300.0);
+    lean(&mut mesh, &by, &|| false);
+    (mesh, by, z)
 }
 
 /// That tube with a lean so strong that it meets itself, how it leans, and z of its vertices before.
