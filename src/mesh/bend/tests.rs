@@ -45,7 +45,7 @@ fn a_surface_that_would_meet_itself_is_refined_until_it_does_not() {
     assert!(met > 0, "too mild to test");
     let mut mesh = before.clone();
     let (bent, done) = bend_apart(&mut mesh, Some(Leaning { lean: &lean, z }), &course, &|| false);
-    assert_eq!(done.met, met);
+    assert!((1..=met).contains(&done.met), "{done:?} of {met}");
     // The lean was damped until triangles just did not meet, so in some places only rounding keeps them apart.
     assert!(done.damped < met / 20, "{done:?}");
     assert!(done.split > 0 && mesh.positions.len() == before.positions.len() + done.split, "{done:?}");
@@ -62,6 +62,18 @@ fn a_surface_that_would_meet_itself_is_refined_until_it_does_not() {
     let regions = regions(&mesh).unwrap();
     assert!(meeting::pairs(&bend(&regions, &course)).is_empty());
     assert_eq!(bend_apart(&mut before.clone(), None, &course, &|| true).1.split, 0, "stopped");
+}
+
+#[test]
+fn triangles_longer_than_the_course_is_wide_are_split_before_they_are_searched() {
+    // 400 mm in fifteen windings of 4 mm radius, and sections less than three to a winding.
+    let mut straight = tube(24, 40, 0.2);
+    straight.positions.iter_mut().for_each(|p| p[2] *= 100.0);
+    let course = Course::coil(15.0, 4000.0, 400_000.0, 4096, 0.0).unwrap();
+    let before = volume(&straight);
+    let (bent, done) = bend_apart(&mut straight, None, &course, &|| false);
+    assert!(meeting::pairs(&bent).is_empty() && is_closed(&bent), "{done:?}");
+    assert!(done.split > 0 && (volume(&bent) / before - 1.0).abs() < 0.1, "{done:?}: {}", volume(&bent) / before);
 }
 
 #[test]
