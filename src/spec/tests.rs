@@ -579,5 +579,6 @@ fn a_course_is_the_same_each_time_and_in_a_stored_specification() {
     let mut older = resolve(&json!({})).unwrap().to_json();
     older.as_object_mut().unwrap().remove("course");
     assert!(!ModelSpec::from_stored(&older).unwrap().bends());
+    assert!(ModelSpec::from_stored(&Value::Null).is_none(), "no specification is not an empty one");
     assert!(resolve(&json!({ "course": { "twist_deg": 30 } })).unwrap().bends());
 }
