@@ -79,6 +79,14 @@ def arc_frame(place, length, turn):
     return origin, np.array([cos, 0, -sin]), np.array([0.0, 1, 0]), np.array([sin, 0, cos])
 
 
+def sag(spec, radius):
+    """The farthest that a flat triangle between two sections is from an arc of a radius, µm."""
+    keys = spec["z"]["keys"]
+    steepest = max((b[1] - a[1]) / (b[0] - a[0]) for a, b in zip(keys, keys[1:]))
+    spacing = 1e3 * spec["length_mm"] * steepest * spec["solver"]["record_every"] / spec["steps"]
+    return spacing * spacing / (8 * radius)
+
+
 def judge_arc(binary, straight, bent, report):
     """Compares a tube on an arc with the straight one, vertex by vertex and cut by cut."""
     length, turn = 1e3 * report["spec"]["length_mm"], math.radians(report["spec"]["course"]["turn_deg"])
@@ -101,13 +109,15 @@ def judge_arc(binary, straight, bent, report):
         with open(out, encoding="utf-8") as file:
             own = json.load(file)
         assert np.allclose(own["plane"]["u"], u, atol=1e-5) and np.allclose(own["plane"]["origin_um"], origin, atol=0.1)
-        # Flat triangles follow the map within a fraction of a micrometre; slivers may come and go.
+        # Slivers may come and go.
         for other in (found, sorted(depths(own), key=lambda ring: -ring[0])):
             assert islands(other) == islands(expected) or abs(islands(other) - islands(expected)) <= 1
             for (a, _), (b, _) in list(zip(other, expected))[:2]:
                 worst = max(worst, abs(a / b - 1))
-    assert worst < 0.003, f"areas of cuts differ by {worst:.2%}"
-    print(f"  on the arc: vertices within {off:.3f} µm, areas of cuts within {worst:.3%}", flush=True)
+    # Flat triangles do not follow the arc between sections; where folds lean, that makes narrow gaps wider or narrower.
+    farthest = sag(report["spec"], length / turn)
+    assert worst < 0.002 + 0.0005 * farthest, f"areas of cuts differ by {worst:.2%}"
+    print(f"  on the arc: vertices within {off:.3f} µm, areas of cuts within {worst:.3%}, triangles within {farthest:.1f} µm", flush=True)
 
 
 def fill(folder, report):
@@ -119,7 +129,7 @@ def fill(folder, report):
         points = np.asarray(mesh.vertices, dtype=np.float64) * 1e6
         filler = tetgen.TetGen(points, np.asarray(mesh.faces, dtype=np.int32))
         filler.tetrahedralize(switches="pYQ")
-        nodes, cells = np.asarray(filler.grid.points), filler.grid.cells.reshape(-1, 5)[:, 1:]
+        nodes, cells = np.asarray(filler.node), np.asarray(filler.elem)
         a, b, c, d = (nodes[cells[:, k]] for k in range(4))
         volume = np.abs(np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)).sum() / 6
         exact = trimesh.Trimesh(points, mesh.faces, process=False).volume
