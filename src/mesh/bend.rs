@@ -67,16 +67,17 @@ pub fn bend_apart(
     stop: &dyn Fn() -> bool,
 ) -> (Mesh, Refined) {
     let mut done = Refined::default();
+    let mut found = bend(straight, course);
     loop {
-        let edges = with_longest(straight, far_from_image(straight, course));
+        let edges = with_longest(straight, far_from_image(straight, &found, course));
         if edges.is_empty() || stop() {
             break;
         }
         done.split += edges.len();
         halve(straight, &edges);
         leaning.iter_mut().for_each(|leaning| leaning.halve(&edges));
+        found = bend(straight, course);
     }
-    let mut found = bend(straight, course);
     let mut pairs = Meeting::new(&found).pairs(&found);
     done.met = pairs.len();
     while !pairs.is_empty() && done.rounds < ROUNDS && !stop() {
@@ -176,23 +177,28 @@ fn place(course: &Course, p: [f64; 3]) -> [f64; 3] {
     (course.place(p.map(|x| x * 1e6)) * 1e-6).into()
 }
 
-/// The edges that are so far from their image that they are split in any case.
-fn far_from_image(mesh: &Mesh, course: &Course) -> Vec<(u32, u32)> {
-    let edges = mesh.triangles.par_iter().flat_map_iter(|&triangle| edges_of(triangle));
-    edges.filter(|&edge| off(mesh, course, edge) > COARSE_UM).collect()
+/// The edges that are so far from their image that they are split in any case. Each is that of two triangles, in which it has
+/// opposite directions.
+fn far_from_image(mesh: &Mesh, bent: &Mesh, course: &Course) -> Vec<(u32, u32)> {
+    let edges = mesh.triangles.par_iter().flat_map_iter(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
+    let image = |v: u32| Vec3::from(bent.positions[v as usize]).as_dvec3();
+    edges.filter(|&(v, w)| v < w && off(mesh, course, (v, w), image) > COARSE_UM).collect()
 }
 
-/// Distance of the middle of an edge from its image, µm. It is 0 across the tube, where the map is rigid.
-fn off(mesh: &Mesh, course: &Course, (v, w): (u32, u32)) -> f64 {
+/// Distance of the middle of an edge from its image, µm, by the images of its ends. It is 0 across the tube, where the map is rigid.
+fn off(mesh: &Mesh, course: &Course, (v, w): (u32, u32), image: impl Fn(u32) -> DVec3) -> f64 {
     let [p, q] = [v, w].map(|v| mesh.positions[v as usize].map(f64::from));
-    let chord = (DVec3::from(place(course, p)) + DVec3::from(place(course, q))) / 2.0;
-    if p[2] == q[2] { 0.0 } else { 1e6 * DVec3::from(place(course, middle(p, q))).distance(chord) }
+    if p[2] == q[2] {
+        return 0.0;
+    }
+    1e6 * DVec3::from(place(course, middle(p, q))).distance((image(v) + image(w)) / 2.0)
 }
 
 /// The edges of a triangle that are far from their image. None lies across the tube.
 fn coarse(mesh: &Mesh, course: &Course, triangle: [u32; 3]) -> impl Iterator<Item = (u32, u32)> {
     let edges = edges_of(triangle);
-    let off = edges.map(|edge| off(mesh, course, edge));
+    let image = |v: u32| DVec3::from(place(course, mesh.positions[v as usize].map(f64::from)));
+    let off = edges.map(|edge| off(mesh, course, edge, image));
     let least = (PART * off.into_iter().fold(0.0, f64::max)).max(FINE_UM);
     edges.into_iter().zip(off).filter(move |(_, off)| *off > least).map(|(edge, _)| edge)
 }
