@@ -79,14 +79,6 @@ def arc_frame(place, length, turn):
     return origin, np.array([cos, 0, -sin]), np.array([0.0, 1, 0]), np.array([sin, 0, cos])
 
 
-def sag(spec, radius):
-    """The farthest that a flat triangle between two sections is from an arc of a radius, µm."""
-    keys = spec["z"]["keys"]
-    steepest = max((b[1] - a[1]) / (b[0] - a[0]) for a, b in zip(keys, keys[1:]))
-    spacing = 1e3 * spec["length_mm"] * steepest * spec["solver"]["record_every"] / spec["steps"]
-    return spacing * spacing / (8 * radius)
-
-
 def judge_arc(binary, straight, bent, report):
     """Compares a tube on an arc with the straight one, vertex by vertex and cut by cut."""
     length, turn = 1e3 * report["spec"]["length_mm"], math.radians(report["spec"]["course"]["turn_deg"])
@@ -109,15 +101,13 @@ def judge_arc(binary, straight, bent, report):
         with open(out, encoding="utf-8") as file:
             own = json.load(file)
         assert np.allclose(own["plane"]["u"], u, atol=1e-5) and np.allclose(own["plane"]["origin_um"], origin, atol=0.1)
-        # Slivers may come and go.
+        # Flat triangles follow the map within a fraction of a micrometre; slivers may come and go.
         for other in (found, sorted(depths(own), key=lambda ring: -ring[0])):
             assert islands(other) == islands(expected) or abs(islands(other) - islands(expected)) <= 1
             for (a, _), (b, _) in list(zip(other, expected))[:2]:
                 worst = max(worst, abs(a / b - 1))
-    # Flat triangles do not follow the arc between sections; where folds lean, that makes narrow gaps wider or narrower.
-    farthest = sag(report["spec"], length / turn)
-    assert worst < 0.002 + 0.0005 * farthest, f"areas of cuts differ by {worst:.2%}"
-    print(f"  on the arc: vertices within {off:.3f} µm, areas of cuts within {worst:.3%}, triangles within {farthest:.1f} µm", flush=True)
+    assert worst < 0.003, f"areas of cuts differ by {worst:.2%}"
+    print(f"  on the arc: vertices within {off:.3f} µm, areas of cuts within {worst:.3%}", flush=True)
 
 
 def fill(folder, report):

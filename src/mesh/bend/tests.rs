@@ -47,15 +47,16 @@ fn a_surface_that_would_meet_itself_is_refined_until_it_does_not() {
     let (bent, done) = bend_apart(&mut mesh, Some(Leaning { lean: &lean, z }), &course, &|| false);
     assert!((1..=met).contains(&done.met), "{done:?} of {met}");
     // The lean was damped until triangles just did not meet, so in some places only rounding keeps them apart.
-    assert!(done.damped < met / 20, "{done:?}");
+    assert!(done.damped < met / 100, "{done:?}");
     assert!(done.split > 0 && mesh.positions.len() == before.positions.len() + done.split, "{done:?}");
     assert!(meeting::pairs(&bent).is_empty(), "{done:?}");
     assert!(bent == bend(&mesh, &course));
     assert!(is_closed(&bent));
     // The straight surface is the same set of points, but for rounding and where its lean was damped.
-    let same = before.positions.iter().zip(&mesh.positions).filter(|(before, after)| before == after).count();
-    assert!(same * 50 > before.positions.len() * 49, "{same} of {}", before.positions.len());
-    assert!((volume(&mesh) / volume(&before) - 1.0).abs() < 1e-4);
+    let pairs = || before.positions.iter().zip(&mesh.positions);
+    assert!(pairs().all(|(before, after)| before[..2] == after[..2]));
+    assert!(pairs().filter(|(before, after)| before[2] != after[2]).count() < before.positions.len() / 100);
+    assert!((volume(&mesh) / volume(&before) - 1.0).abs() < 1e-5);
     let covered: Vec<usize> = mesh.patches.iter().flat_map(|patch| patch.triangles.clone()).collect();
     assert_eq!(covered, (0..mesh.triangles.len()).collect::<Vec<_>>());
     // Rims are as before, so that lids fit.
