@@ -43,7 +43,6 @@ pub fn write_frame(mesh: &Mesh, out: &mut dyn Write) -> io::Result<()> {
 /// Those of `out`.
 pub fn write_description(mesh: &Mesh, times: &[f64], out: &mut dyn Write) -> io::Result<()> {
     let (vertices, triangles) = (mesh.positions.len(), mesh.triangles.len());
-    let data = FILES[1];
     let names: Vec<String> =
         mesh.patches.iter().enumerate().map(|(number, patch)| format!("{number} {}", patch.kind.name())).collect();
     writeln!(out, r#"<?xml version="1.0"?>"#)?;
@@ -53,7 +52,9 @@ pub fn write_description(mesh: &Mesh, times: &[f64], out: &mut dyn Write) -> io:
     writeln!(out, r#"    <Grid Name="contraction" GridType="Collection" CollectionType="Temporal">"#)?;
     for (frame, time) in times.iter().enumerate() {
         let seek = 13 * triangles + 12 * vertices * frame;
-        let item = |kind: &str, precision: u32, seek: usize, size: &str| {
+        // VTK takes the positions of the time step before if they are in a file of the same path.
+        let own = "./".repeat(frame) + FILES[1];
+        let item = |kind: &str, precision: u32, seek: usize, size: &str, data: &str| {
             format!(
                 r#"<DataItem Format="Binary" NumberType="{kind}" Precision="{precision}" Endian="Little" Seek="{seek}" Dimensions="{size}">{data}</DataItem>"#
             )
@@ -61,13 +62,13 @@ pub fn write_description(mesh: &Mesh, times: &[f64], out: &mut dyn Write) -> io:
         writeln!(out, r#"      <Grid Name="frame {frame}" GridType="Uniform">"#)?;
         writeln!(out, r#"        <Time Value="{time}"/>"#)?;
         writeln!(out, r#"        <Topology TopologyType="Triangle" NumberOfElements="{triangles}">"#)?;
-        writeln!(out, "          {}", item("Int", 4, 0, &format!("{triangles} 3")))?;
+        writeln!(out, "          {}", item("Int", 4, 0, &format!("{triangles} 3"), FILES[1]))?;
         writeln!(out, "        </Topology>")?;
         writeln!(out, r#"        <Geometry GeometryType="XYZ">"#)?;
-        writeln!(out, "          {}", item("Float", 4, seek, &format!("{vertices} 3")))?;
+        writeln!(out, "          {}", item("Float", 4, seek, &format!("{vertices} 3"), &own))?;
         writeln!(out, "        </Geometry>")?;
         writeln!(out, r#"        <Attribute Name="patch" AttributeType="Scalar" Center="Cell">"#)?;
-        writeln!(out, "          {}", item("UChar", 1, 12 * triangles, &triangles.to_string()))?;
+        writeln!(out, "          {}", item("UChar", 1, 12 * triangles, &triangles.to_string(), FILES[1]))?;
         writeln!(out, "        </Attribute>")?;
         writeln!(out, "      </Grid>")?;
     }
@@ -104,5 +105,8 @@ mod tests {
         assert_eq!(data[seeks[2]..first].iter().filter(|&&patch| patch == 1).count(), mesh.patches[1].triangles.len());
         assert_eq!(text.matches("<Grid").count(), text.matches("</Grid>").count());
         assert_eq!(text.matches("<Time").count(), 2);
+        let positions: Vec<&str> =
+            text.split(r#"NumberType="Float""#).skip(1).map(|rest| rest.split(['>', '<']).nth(1).unwrap()).collect();
+        assert_eq!(positions, ["frames.bin", "./frames.bin"]);
     }
 }

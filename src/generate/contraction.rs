@@ -59,7 +59,7 @@ pub(super) fn write(
     let time = |k: u32| f64::from(k) / f64::from(count);
     let (mut level, kept) = reduced(tissue, LEVEL_TRIANGLES[1]);
     let mut tube = Contracting::new(rest, &contraction(request));
-    // Damping holds for frames after it; those before it are made again.
+    // Damping holds for all frames; what one needed is known before the first is written.
     for k in 0..count {
         progress(0.5 * time(k))?;
         tube.frame(time(k), stop);
@@ -76,8 +76,12 @@ pub(super) fn write(
     };
     for k in 0..count {
         progress(0.5 + 0.5 * time(k))?;
-        let frame = tube.frame(time(k), stop);
-        let certificate = certify_body(&frame.mesh, LengthUnit::Metre);
+        let mut frame = tube.place(time(k));
+        let mut certificate = certify_body(&frame.mesh, LengthUnit::Metre);
+        if !certificate.passed {
+            frame = tube.frame(time(k), stop);
+            certificate = certify_body(&frame.mesh, LengthUnit::Metre);
+        }
         if let Some(detail) = certificate.first_failure() {
             return Err(GenerateError::Certificate { detail: format!("frame {k} of the contraction: {detail}") });
         }

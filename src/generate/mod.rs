@@ -208,7 +208,7 @@ impl Finishing<'_> {
         }
         let others = surfaces.certify(certificate.volume_mm3)?;
         let contraction = self.request.spec.contracts().then(|| {
-            let rest = Rest { straight, z: &z, split: &split, course };
+            let rest = Rest { straight, z: &z, split: &split, lean: by.as_ref(), course };
             let progress = |part| (self.stage)(Stage::Certify, part);
             contraction::write(self.request, rest, (tissue, certificate.volume_mm3), &progress, &stop)
         });
@@ -314,6 +314,7 @@ impl Finishing<'_> {
             target: spec.particles.total.at(f64::from(last) / f64::from(spec.steps)).round() as u64,
             lean_scale: lean.map(|lean| lean.scale),
             lean_left_out: spec.asks_to_lean() && !spec.leans(),
+            wave: contraction.as_ref().map(|of| [of.contracted.least_factor, of.contracted.least_factor_at_mm]),
         });
         let summary = json!({
             "sections": inputs.meta.sections - added,

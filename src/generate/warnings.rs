@@ -9,6 +9,9 @@ const SMALL_GAP_UM: f64 = 0.1;
 /// A lean that was reduced to less than this share of its strength is reported.
 const MUCH_LEAN: f64 = 0.9;
 
+/// A wave of contraction that was reduced to less than this share of its height in some place is reported.
+const MUCH_WAVE: f64 = 0.5;
+
 /// How a model grew.
 pub(super) struct Growth {
     /// Splits that were deferred for lack of room and never made.
@@ -23,12 +26,14 @@ pub(super) struct Growth {
     pub(super) lean_scale: Option<f64>,
     /// Whether a lean was asked for of an even surface.
     pub(super) lean_left_out: bool,
+    /// Least factor on the wave of contraction, and where that is, mm; none if the tube does not contract.
+    pub(super) wave: Option<[f64; 2]>,
 }
 
 /// A warning, as it appears in the summary.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(super) struct Warning {
-    /// `splits-missing`, `small-gap`, `particles-short`, `lean-reduced` or `lean-left-out`.
+    /// `splits-missing`, `small-gap`, `particles-short`, `lean-reduced`, `lean-left-out` or `contraction-reduced`.
     pub(super) code: &'static str,
     /// A sentence with the numbers.
     pub(super) detail: String,
@@ -38,7 +43,7 @@ pub(super) struct Warning {
 pub(super) fn warnings(growth: &Growth) -> Vec<Warning> {
     let mut warnings = Vec::new();
     let mut warn = |code, detail| warnings.push(Warning { code, detail });
-    let Growth { splits_missing, min_gap_um, particles, target, lean_scale, lean_left_out } = *growth;
+    let Growth { splits_missing, min_gap_um, particles, target, lean_scale, lean_left_out, wave } = *growth;
     if splits_missing > 0 {
         let are = if splits_missing == 1 { "split was" } else { "splits were" };
         warn(
@@ -77,6 +82,15 @@ pub(super) fn warnings(growth: &Growth) -> Vec<Warning> {
             "An even surface (/mesh/resolution_um) does not lean: its cuts have no islands (/lean/strength_um 0 asks for that).".into(),
         );
     }
+    if let Some([factor, place]) = wave.filter(|wave| wave[0] < MUCH_WAVE) {
+        warn(
+            "contraction-reduced",
+            format!(
+                "The wave of contraction was reduced to {factor:.2} of its height at {place:.1} mm to keep walls apart \
+                 (/contraction/closure, /contraction/shortening)."
+            ),
+        );
+    }
     warnings
 }
 
@@ -97,6 +111,7 @@ mod tests {
             target: 600,
             lean_scale: Some(0.95),
             lean_left_out: false,
+            wave: Some([0.6, 3.0]),
         };
         assert_eq!(codes(&good()), [""; 0]);
         assert_eq!(codes(&Growth { min_gap_um: None, ..good() }), [""; 0]);
@@ -104,6 +119,7 @@ mod tests {
         assert_eq!(codes(&Growth { min_gap_um: Some(0.0999), ..good() }), ["small-gap"]);
         assert_eq!(codes(&Growth { lean_scale: Some(0.7), ..good() }), ["lean-reduced"]);
         assert_eq!(codes(&Growth { lean_scale: None, lean_left_out: true, ..good() }), ["lean-left-out"]);
+        assert_eq!(codes(&Growth { wave: Some([0.4, 3.0]), ..good() }), ["contraction-reduced"]);
         let short = warnings(&Growth { particles: 588, ..good() });
         assert_eq!(short[0].code, "particles-short");
         assert!(short[0].detail.contains("588") && short[0].detail.contains("600"), "{short:?}");

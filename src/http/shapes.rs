@@ -65,7 +65,7 @@ pub(super) struct ParticleCounts {
 /// A sign of poor growth of a model that has succeeded.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ModelWarning {
-    /// `splits-missing`, `small-gap`, `particles-short`, `lean-reduced` or `lean-left-out`; there may be more in future.
+    /// `splits-missing`, `small-gap`, `particles-short`, `lean-reduced`, `lean-left-out` or `contraction-reduced`; there may be more in future.
     pub code: String,
     /// A sentence with the numbers.
     pub detail: String,

@@ -22,6 +22,9 @@ const HALVED: u32 = 20;
 const DROPPED: u32 = 40;
 /// Edges that are split: those of a triangle that are farther from their image than this part of the farthest one.
 const PART: f64 = 0.3;
+/// Distance of edges from their image above which they are split before triangles that meet are searched, µm. Edges of ordinary
+/// models are nearer; triangles as long as the course is wide would meet almost all others.
+const COARSE_UM: f64 = 50.0;
 /// Distance of edges from their image at which finer triangles do not help, µm: some units in the last place of positions.
 const FINE_UM: f64 = 0.02;
 /// Share of the lean that a place loses in a round.
@@ -63,10 +66,21 @@ pub fn bend_apart(
     course: &Course,
     stop: &dyn Fn() -> bool,
 ) -> (Mesh, Refined, Vec<(u32, u32)>) {
-    let mut split = Vec::new();
+    let (mut done, mut split) = (Refined::default(), Vec::new());
     let mut found = bend(straight, course);
+    loop {
+        let edges = with_longest(straight, far_from_image(straight, &found, course));
+        if edges.is_empty() || stop() {
+            break;
+        }
+        done.split += edges.len();
+        halve(straight, &edges);
+        split.extend_from_slice(&edges);
+        leaning.iter_mut().for_each(|leaning| leaning.halve(&edges));
+        found = bend(straight, course);
+    }
     let mut pairs = Meeting::new(&found).pairs(&found);
-    let mut done = Refined { met: pairs.len(), ..Refined::default() };
+    done.met = pairs.len();
     while !pairs.is_empty() && done.rounds < ROUNDS && !stop() {
         let (mut edges, mut centres) = (Vec::new(), Vec::new());
         for pair in &pairs {
@@ -165,14 +179,28 @@ fn place(course: &Course, p: [f64; 3]) -> [f64; 3] {
     (course.place(p.map(|x| x * 1e6)) * 1e-6).into()
 }
 
-/// The edges of a triangle that are far from their image. None lies across the tube, where the map is rigid.
+/// The edges that are so far from their image that they are split in any case. Each is that of two triangles, in which it has
+/// opposite directions.
+fn far_from_image(mesh: &Mesh, bent: &Mesh, course: &Course) -> Vec<(u32, u32)> {
+    let edges = mesh.triangles.par_iter().flat_map_iter(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
+    let image = |v: u32| Vec3::from(bent.positions[v as usize]).as_dvec3();
+    edges.filter(|&(v, w)| v < w && off(mesh, course, (v, w), image) > COARSE_UM).collect()
+}
+
+/// Distance of the middle of an edge from its image, µm, by the images of its ends. It is 0 across the tube, where the map is rigid.
+fn off(mesh: &Mesh, course: &Course, (v, w): (u32, u32), image: impl Fn(u32) -> DVec3) -> f64 {
+    let [p, q] = [v, w].map(|v| mesh.positions[v as usize].map(f64::from));
+    if p[2] == q[2] {
+        return 0.0;
+    }
+    1e6 * DVec3::from(place(course, middle(p, q))).distance((image(v) + image(w)) / 2.0)
+}
+
+/// The edges of a triangle that are far from their image. None lies across the tube.
 fn coarse(mesh: &Mesh, course: &Course, triangle: [u32; 3]) -> impl Iterator<Item = (u32, u32)> {
     let edges = edges_of(triangle);
-    let off = edges.map(|(v, w)| {
-        let [p, q] = [v, w].map(|v| mesh.positions[v as usize].map(f64::from));
-        let chord = (DVec3::from(place(course, p)) + DVec3::from(place(course, q))) / 2.0;
-        if p[2] == q[2] { 0.0 } else { 1e6 * DVec3::from(place(course, middle(p, q))).distance(chord) }
-    });
+    let image = |v: u32| DVec3::from(place(course, mesh.positions[v as usize].map(f64::from)));
+    let off = edges.map(|edge| off(mesh, course, edge, image));
     let least = (PART * off.into_iter().fold(0.0, f64::max)).max(FINE_UM);
     edges.into_iter().zip(off).filter(move |(_, off)| *off > least).map(|(edge, _)| edge)
 }

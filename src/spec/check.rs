@@ -109,17 +109,32 @@ impl Checks<'_> {
     }
 
     fn contraction(&mut self, p: &Parameters) {
+        if !p.contracts() {
+            return;
+        }
         let (at, resolution) = ("/contraction/frames", "/mesh/resolution_um");
-        let frames = p.contraction.frames;
-        self.require(!p.contracts() || !p.bends(), at, &[at, "/course/shape", "/course/twist_deg"], || {
-            format!("is {frames}, and /course bends the tube: only a straight tube contracts")
-        });
+        let (of, frames) = (&p.contraction, p.contraction.frames);
         self.require(frames != 1, at, &[at], || "is 1; use at least 2 frames, or 0 for none".to_owned());
-        self.require(!p.contracts() || p.mesh.resolution_um == 0.0, at, &[at, resolution], || {
+        self.require(p.mesh.resolution_um == 0.0, at, &[at, resolution], || {
             format!(
                 "is {frames}, and /mesh/resolution_um is {}: an even surface does not contract, since its vertices do not lie in \
                  sections (use /mesh/resolution_um 0)",
                 number(p.mesh.resolution_um)
+            )
+        });
+        let [closure, shortening] = ["/contraction/closure", "/contraction/shortening"];
+        let moves = of.closure.range().1 > 0.0 || of.shortening.range().1 > 0.0;
+        self.require(moves, at, &[at, closure, shortening], || {
+            format!("is {frames}, and {closure} and {shortening} are 0: nothing would move")
+        });
+        let ends = "/contraction/ends_mm";
+        let [from, to] = p.piece_um();
+        let length_mm = (to - from) / 1000.0;
+        self.require(2.0 * of.ends_mm <= length_mm, ends, &[at, ends, "/length_mm", "/piece", "/z", "/steps"], || {
+            format!(
+                "is {}, more than half of the {length_mm:.3} mm that are modelled: the wave would not reach its height (use a shorter \
+                 distance)",
+                number(of.ends_mm)
             )
         });
     }

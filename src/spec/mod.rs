@@ -115,6 +115,7 @@ impl ModelSpec {
     /// those without effect. `None` if it cannot be read.
     #[must_use]
     pub fn from_stored(spec: &Value) -> Option<Self> {
+        spec.as_object()?;
         Self::resolve(preset(DEFAULT_PRESET)?, spec).ok()
     }
 

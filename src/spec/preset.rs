@@ -13,10 +13,15 @@ use std::sync::LazyLock;
 pub const DEFAULT_PRESET: &str = "pig";
 
 /// The texts of the files, the default first.
-const FILES: [&str; 4] = [
+const FILES: [&str; 9] = [
     include_str!("../../presets/pig.json"),
     include_str!("../../presets/human.json"),
     include_str!("../../presets/cow.json"),
+    include_str!("../../presets/mouse.json"),
+    include_str!("../../presets/utero-tubal-junction.json"),
+    include_str!("../../presets/infundibulum.json"),
+    include_str!("../../presets/ureter.json"),
+    include_str!("../../presets/oesophagus.json"),
     include_str!("../../presets/paper.json"),
 ];
 

@@ -579,6 +579,7 @@ fn a_course_is_the_same_each_time_and_in_a_stored_specification() {
     let mut older = resolve(&json!({})).unwrap().to_json();
     older.as_object_mut().unwrap().remove("course");
     assert!(!ModelSpec::from_stored(&older).unwrap().bends());
+    assert!(ModelSpec::from_stored(&Value::Null).is_none(), "no specification is not an empty one");
     assert!(resolve(&json!({ "course": { "twist_deg": 30 } })).unwrap().bends());
 }
 
@@ -592,12 +593,18 @@ fn a_contraction_needs_frames_that_its_surface_can_make() {
             "an even surface does not contract",
         ),
         (json!({ "contraction": { "frames": 201 } }), "200"),
+        (json!({ "contraction": { "frames": 20, "closure": 0, "shortening": 0 } }), "nothing would move"),
     ] {
         let found = faults(patch);
         assert!(found.len() == 1 && found[0].pointer == "/contraction/frames", "{found:?}");
         assert!(found[0].detail.contains(words), "{found:?}");
     }
     assert_eq!(faults(json!({ "contraction": { "toward": "up" } }))[0].pointer, "/contraction/toward");
+    let short =
+        |ends_mm: f64| json!({ "contraction": { "frames": 2, "ends_mm": ends_mm }, "piece": { "from": 0.9, "to": 1 } });
+    let found = faults(short(3.1));
+    assert!(found.len() == 1 && found[0].pointer == "/contraction/ends_mm", "{found:?}");
+    assert!(resolve(&short(2.9)).is_ok());
     let cost = |frames: u32| resolve(&json!({ "contraction": { "frames": frames } })).unwrap().cost(&["vtp"]);
     let (none, twenty, forty) = (cost(0), cost(20), cost(40));
     assert!(!none.bytes.contains_key("contraction"));

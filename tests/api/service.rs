@@ -142,7 +142,10 @@ async fn presets_are_complete_and_valid() {
     let app = App::new().await;
     let list = app.get("/presets").await.json();
     let names: Vec<_> = list["presets"].as_array().unwrap().iter().map(|p| p["name"].as_str().unwrap()).collect();
-    assert_eq!(names, ["pig", "human", "cow", "paper"]);
+    assert_eq!(
+        names,
+        ["pig", "human", "cow", "mouse", "utero-tubal-junction", "infundibulum", "ureter", "oesophagus", "paper"]
+    );
     for name in names {
         let whole = app.post("/models/validate", &json!({ "preset": name })).await.json()["spec"].clone();
         let preset = app.get(&format!("/presets/{name}")).await.json();

@@ -119,7 +119,7 @@ def fill(folder, report):
         points = np.asarray(mesh.vertices, dtype=np.float64) * 1e6
         filler = tetgen.TetGen(points, np.asarray(mesh.faces, dtype=np.int32))
         filler.tetrahedralize(switches="pYQ")
-        nodes, cells = np.asarray(filler.grid.points), filler.grid.cells.reshape(-1, 5)[:, 1:]
+        nodes, cells = np.asarray(filler.node), np.asarray(filler.elem)
         a, b, c, d = (nodes[cells[:, k]] for k in range(4))
         volume = np.abs(np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)).sum() / 6
         exact = trimesh.Trimesh(points, mesh.faces, process=False).volume

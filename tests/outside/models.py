@@ -82,9 +82,13 @@ def main(folder):
     oviduct.run("check", "--euler", "0", out("many/model.vtp"))
     generate(out("pig"), "--seed", "7")
 
+    # Frames of a contraction.
+    generate(out("contracting"), "--seed", "7", "--outputs", "obj", "--set", "contraction.frames=5", "--set", "length_mm=20", *SMALL)
+    subprocess.run([sys.executable, os.path.join(HERE, "frames.py"), out("contracting")], check=True)
+
     models = [out(f"{name}/model.{kind}") for name, kind in
               [("small", "glb"), ("small", "obj"), ("strips", "glb"), ("paper", "glb"), ("paper", "obj"), ("pig", "glb")]]
-    glbs = [model for model in models if model.endswith(".glb")]
+    glbs = [*(model for model in models if model.endswith(".glb")), out("contracting/animation.glb")]
     node = os.path.join(JUDGES, "node")
     levels = [out(f"{name}/model.lod{level}.glb") for name in ["strips", "pig"] for level in range(3)]
     subprocess.run(["node", os.path.join(HERE, "gltf.mjs"), node, *glbs, *levels], check=True)

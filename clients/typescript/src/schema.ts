@@ -1526,6 +1526,94 @@ export interface components {
              */
             period?: number | null;
         };
+        /** @description What was done so that the walls of frames do not meet. */
+        Contracted: {
+            /** @description Places at which the motion of the mucosa was damped. */
+            damped: number;
+            /** @description Places at which the lean of frames was damped. */
+            lean_damped: number;
+            /**
+             * Format: double
+             * @description Least factor on the wave, away from the ends: 1 if there is room for all of it everywhere.
+             */
+            least_factor: number;
+            /**
+             * Format: double
+             * @description Where that is, mm from the isthmus end.
+             */
+            least_factor_at_mm: number;
+            /** @description Pairs of triangles that met before damping, in all frames. */
+            met: number;
+            /** @description Rounds of damping. */
+            rounds: number;
+        };
+        /**
+         * Contraction
+         * @description A wave of contraction, as a series of frames.
+         */
+        ContractionPatch: {
+            /**
+             * Closure of the lumen
+             * @description Share of the lumen that is closed where the wave is highest; less where folds leave no room for the tissue.
+             */
+            closure?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Relaxed ends
+             * @description Distance from either end of the model over which the wave rises from zero.
+             */
+            ends_mm?: number | null;
+            /**
+             * Frames
+             * @description Frames of one period. 0: none.
+             */
+            frames?: number | null;
+            /**
+             * Period
+             * @description Period.
+             */
+            period_s?: number | null;
+            /**
+             * Phase
+             * @description Wavelengths between the isthmus end of the model and a crest in the first frame.
+             */
+            phase?: number | null;
+            /**
+             * Shortening
+             * @description Share by which the tube is shortened there.
+             */
+            shortening?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Direction
+             * @description Where the wave travels.
+             * @enum {string|null}
+             */
+            toward?: "uterus" | "ovary" | null;
+            /**
+             * Wavelength
+             * @description Wavelength.
+             */
+            wavelength_mm?: number | components["schemas"]["Schedule"] | null;
+        };
+        /** @description A wave of contraction: what its frames measure. */
+        ContractionReport: components["schemas"]["Contracted"] & {
+            /** @description The frames of one period, in order. */
+            frames: components["schemas"]["FrameReport"][];
+            /**
+             * Format: double
+             * @description Volume of the lumen at rest, mm³; that of the tissue is in the certificate of the model.
+             */
+            lumen_volume_mm3: number;
+            /**
+             * Format: double
+             * @description Period, seconds.
+             */
+            period_s: number;
+            /**
+             * Format: double
+             * @description Greatest difference of the volume of the tissue of a frame from that at rest, as a share of it.
+             */
+            tissue_deviation: number;
+        };
         /** @description Predicted cost of growing a specification. */
         Cost: {
             /** @description Size by output, including `sections` and `report`, which are always written. */
@@ -2157,6 +2245,41 @@ export interface components {
          * @enum {string}
          */
         Format: "json" | "svg" | "png";
+        /** @description A frame of a contraction. */
+        FrameReport: {
+            /** @description What is proved of its surface. */
+            certificate: components["schemas"]["Certificate"];
+            /**
+             * Format: double
+             * @description Greatest share of the lumen that is closed in a section.
+             */
+            closed: number;
+            /**
+             * Format: double
+             * @description Length of the tube along its centre line, mm.
+             */
+            length_mm: number;
+            /**
+             * Format: double
+             * @description Volume of the lumen, mm³.
+             */
+            lumen_volume_mm3: number;
+            /**
+             * Format: double
+             * @description Greatest share by which the outer wall of a section is narrower than at rest.
+             */
+            narrowed: number;
+            /**
+             * Format: double
+             * @description Time, seconds.
+             */
+            time_s: number;
+            /**
+             * Format: double
+             * @description Volume of the tissue, mm³.
+             */
+            tissue_volume_mm3: number;
+        };
         /** @description A model of the result. */
         Grown: {
             /** @description Whether it passed its certificate. */
@@ -2591,7 +2714,7 @@ export interface components {
         };
         /** @description A sign of poor growth of a model that has succeeded. */
         ModelWarning: {
-            /** @description `splits-missing`, `small-gap`, `particles-short`, `lean-reduced` or `lean-left-out`; there may be more in future. */
+            /** @description `splits-missing`, `small-gap`, `particles-short`, `lean-reduced`, `lean-left-out` or `contraction-reduced`; there may be more in future. */
             code: string;
             /** @description A sentence with the numbers. */
             detail: string;
@@ -3264,6 +3387,7 @@ export interface components {
             collision?: components["schemas"]["CollisionPatch"] | null;
             containment?: components["schemas"]["ContainmentPatch"] | null;
             contortion?: components["schemas"]["ContortionPatch"] | null;
+            contraction?: components["schemas"]["ContractionPatch"] | null;
             course?: components["schemas"]["CoursePatch"] | null;
             /**
              * Friction
@@ -3365,6 +3489,8 @@ export interface components {
             certificate: components["schemas"]["Certificate"];
             /** @description The measures beside published ones of the organ and species of the preset. */
             comparison?: components["schemas"]["Comparison"];
+            /** @description What the frames of the contraction measure; only if the tube contracts. */
+            contraction?: components["schemas"]["ContractionReport"];
             course?: components["schemas"]["Bending"] | null;
             cuts?: components["schemas"]["Cuts"] | null;
             /** @description SHA-256 of the canonical spec (without `solver.search`), the seed and the engine version, as in the model. */

@@ -7,7 +7,7 @@
 use super::wave::Station;
 use crate::geometry::blocks::{Blocks, Rect};
 
-type Point = [f64; 2];
+pub(super) type Point = [f64; 2];
 
 /// Greatest part of the radius of its disc by which a point moves.
 const SHARE: f64 = 0.8;

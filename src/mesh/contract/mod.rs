@@ -3,11 +3,12 @@
 //!
 //! Tissue keeps its volume; the lumen gives way. In each section the wave closes a share of the lumen and shortens the tube, and
 //! the area of the tissue grows by as much as the tube is shortened: the wall contracts and thickens, and the mucosa thickens into the
-//! lumen (`level`). Where there is no room for that the wave is weaker. Lean and course are applied to the contracted tube.
-//! Triangles of a frame that meet all the same are searched exactly (`meeting`); around them the mucosa moves less, then the wave
-//! is weaker, until none do.
+//! lumen (`level`). Where there is no room for that the wave is weaker. Lean (`shift`) and course are applied to the contracted tube.
+//! Triangles of a frame that meet all the same are searched exactly (`meeting`); around them the mucosa moves less, then it leans
+//! less, then the wave is weaker, until none do; with neither wave nor damping the surface is the one at rest, which does not meet itself.
 
 mod level;
+mod shift;
 #[cfg(test)]
 mod tests;
 mod wave;
@@ -15,25 +16,30 @@ mod wave;
 pub use wave::{Contraction, Station};
 
 use super::bend;
+use super::lean::{Centre, Field, Lean};
 use super::meeting::Meeting;
 use crate::geometry::course::Course;
 use crate::model::{Mesh, PatchKind};
 use level::{Level, Shape, area};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use shift::Shift;
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 use wave::Wave;
 
-/// Rounds of damping of a frame; the first in which the wave is halved around the place, too, in which it is halved everywhere, and after
-/// which there is none.
-const ROUNDS: u32 = 26;
-const WEAKER: u32 = 6;
-const EVERYWHERE: u32 = 18;
-const DROPPED: u32 = 24;
+/// Rounds of damping of a frame; the first in which the lean is damped, too, in which the wave is halved around the place and the lean
+/// comes back there, in which the wave is halved everywhere, and after which there is none: the surface at rest.
+const ROUNDS: u32 = 40;
+const UPRIGHT: u32 = 3;
+const WEAKER: u32 = 24;
+const EVERYWHERE: u32 = 32;
+const DROPPED: u32 = 38;
 /// Reach of damping across the tube and along it, µm; part of the motion that is left there.
 const REACH: [f64; 2] = [60.0, 300.0];
 const LEFT: f64 = 0.5;
+/// Share of the lean that a place loses in a round. With more, the lean changes so much around the place that triangles meet there.
+const DAMPING: f64 = 0.15;
 /// Reaches at which damping ends.
 const FAR: f64 = 3.0;
 const UNUSED: u32 = u32::MAX;
@@ -46,6 +52,8 @@ pub struct Rest<'a> {
     pub z: &'a [f32],
     /// The edges whose middles are the other vertices, in their order.
     pub split: &'a [(u32, u32)],
+    /// How it leans.
+    pub lean: Option<&'a Lean>,
     /// The course along which it is bent.
     pub course: Option<&'a Course>,
 }
@@ -57,6 +65,8 @@ pub struct Contracted {
     pub met: usize,
     /// Places at which the motion of the mucosa was damped.
     pub damped: usize,
+    /// Places at which the lean of frames was damped.
+    pub lean_damped: usize,
     /// Rounds of damping.
     pub rounds: u32,
     /// Least factor on the wave, away from the ends: 1 if there is room for all of it everywhere.
@@ -83,6 +93,9 @@ pub struct Contracting<'a> {
     levels: Vec<Level>,
     /// Place of each section at rest, µm.
     places: Vec<f64>,
+    /// The lean, and what it does to each section.
+    field: Option<Field<'a>>,
+    shifts: Vec<Shift>,
     wave: Wave,
     /// Factor on the wave by section.
     factors: Vec<f64>,
@@ -98,8 +111,15 @@ impl<'a> Contracting<'a> {
         let places: Vec<f64> = levels.iter().map(|level| in_um(rest.z[level.inner[0] as usize])).collect();
         let wave = Wave::new(by, &places);
         let factors = levels.par_iter().zip(&wave.at).map(|(level, (station, _))| level.limit(station, 1.0)).collect();
-        let done = Contracted { met: 0, damped: 0, rounds: 0, least_factor: 1.0, least_factor_at_mm: 0.0 };
-        let mut of = Self { rest, levels, places, wave, factors, ends_um: by.ends_um, done };
+        let field = rest.lean.map(Field::new);
+        let shift = |field| {
+            let leaned = |v: u32| in_um(rest.straight.positions[v as usize][2]);
+            levels.par_iter().zip(&places).map(|(level, &z)| Shift::new(level, z, field, leaned)).collect()
+        };
+        let shifts = field.as_ref().map(shift).unwrap_or_default();
+        let done =
+            Contracted { met: 0, damped: 0, lean_damped: 0, rounds: 0, least_factor: 1.0, least_factor_at_mm: 0.0 };
+        let mut of = Self { rest, levels, places, field, shifts, wave, factors, ends_um: by.ends_um, done };
         of.ease();
         of
     }
@@ -111,7 +131,8 @@ impl<'a> Contracting<'a> {
         let rises = |z: f64| ((z - first).min(last - z) / self.ends_um).min(1.0);
         let parts = self.places.iter().zip(&self.factors).map(|(&z, &factor)| {
             let full = rises(z);
-            (if full > 0.0 { factor / full } else { 1.0 }, z)
+            // Rises are sums and have their rounding.
+            (if factor < full - 1e-9 { factor / full } else { 1.0 }, z)
         });
         let (least, at) = parts.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((1.0, 0.0));
         Contracted { least_factor: least, least_factor_at_mm: at / 1000.0, ..self.done }
@@ -122,24 +143,25 @@ impl<'a> Contracting<'a> {
     pub fn frame(&mut self, time: f64, stop: &dyn Fn() -> bool) -> Frame {
         let mut frame = self.place(time);
         let mut meeting = Meeting::new(&frame.mesh);
+        let mut pairs = meeting.pairs(&frame.mesh);
+        self.done.met += pairs.len();
         for round in 0..ROUNDS {
-            let pairs = meeting.pairs(&frame.mesh);
-            if round == 0 {
-                self.done.met += pairs.len();
-            }
             if pairs.is_empty() || stop() {
                 break;
             }
             self.done.rounds += 1;
             self.damp(&pairs, round);
             let moved = self.place(time);
-            let is_moved = |v: u32| moved.mesh.positions[v as usize] != frame.mesh.positions[v as usize];
-            let changed: Vec<u32> = (0u32..)
-                .zip(&frame.mesh.triangles)
-                .filter(|(_, triangle)| triangle.iter().any(|&v| is_moved(v)))
-                .map(|(t, _)| t)
-                .collect();
+            let has_moved = |v: &u32| moved.mesh.positions[*v as usize] != frame.mesh.positions[*v as usize];
+            let triangles = &frame.mesh.triangles;
+            let mut is_changed: Vec<bool> = triangles.par_iter().map(|t| t.iter().any(has_moved)).collect();
+            pairs.as_flattened().iter().for_each(|&t| is_changed[t as usize] = true);
+            let changed: Vec<u32> = (0u32..).zip(&is_changed).filter(|(_, is)| **is).map(|(t, _)| t).collect();
             meeting.update(&moved.mesh, &changed);
+            // Most of a surface is searched faster as a whole.
+            let is_part = changed.len() < triangles.len() / 4;
+            pairs =
+                if is_part { meeting.pairs_of(&moved.mesh, &changed, &is_changed) } else { meeting.pairs(&moved.mesh) };
             frame = moved;
         }
         frame
@@ -160,28 +182,24 @@ impl<'a> Contracting<'a> {
         }
     }
 
-    /// The surface at a time, whatever meets.
-    fn place(&self, time: f64) -> Frame {
-        let shapes: Vec<Shape> = (self.levels.par_iter().enumerate())
-            .map(|(k, level)| {
-                let (station, _) = &self.wave.at[k];
-                let part = self.factors[k] * self.wave.rise(k, time);
-                level.shape(station, part * station.closure, 1.0 - part * station.shortening)
-            })
-            .collect();
+    /// The frame of a time as it is after the damping so far; triangles may meet.
+    #[must_use]
+    pub fn place(&self, time: f64) -> Frame {
+        let moved: Vec<(Shape, Vec<[f64; 3]>)> =
+            (0..self.levels.len()).into_par_iter().map(|k| self.section(k, time)).collect();
         let mut along = vec![self.places[0]];
         for k in 1..self.places.len() {
-            let stretch = 0.5 * (shapes[k - 1].stretch + shapes[k].stretch);
+            let stretch = 0.5 * (moved[k - 1].0.stretch + moved[k].0.stretch);
             along.push(along[k - 1] + stretch * (self.places[k] - self.places[k - 1]));
         }
         let straight = self.rest.straight;
         let mut positions = straight.positions.clone();
-        for (level, shape) in self.levels.iter().zip(&shapes) {
-            for (&v, p) in level.inner.iter().zip(level.moved(shape.depth)) {
-                // Vertices that stay keep their bits.
-                if shape.depth > 0.0 || shape.inner != 1.0 {
-                    put(&mut positions, v, p.map(|x| shape.inner * x));
-                }
+        // Before the tube is shortened, µm.
+        let mut z: Vec<f64> = positions.iter().map(|p| in_um(p[2])).collect();
+        for (level, (shape, points)) in self.levels.iter().zip(&moved) {
+            for (&v, &[x, y, at]) in level.inner.iter().zip(points) {
+                put(&mut positions, v, [x, y]);
+                z[v as usize] = at;
             }
             if shape.outer != 1.0 {
                 for &v in &level.outer {
@@ -193,15 +211,33 @@ impl<'a> Contracting<'a> {
         for (m, &(v, w)) in (self.rest.z.len()..).zip(self.rest.split) {
             let ([ax, ay, _], [bx, by, _]) = (positions[v as usize].map(in_um), positions[w as usize].map(in_um));
             put(&mut positions, m as u32, [0.5 * (ax + bx), 0.5 * (ay + by)]);
+            let by = |v: u32| z[v as usize] - in_um(straight.positions[v as usize][2]);
+            z[m] += 0.5 * (by(v) + by(w));
         }
-        positions.par_iter_mut().for_each(|p| p[2] = (self.moved_along(&along, in_um(p[2])) * 1e-6) as f32);
+        positions.par_iter_mut().zip(&z).for_each(|(p, &z)| p[2] = (self.moved_along(&along, z) * 1e-6) as f32);
         let mesh = Mesh { positions, ..straight.clone() };
         Frame {
             mesh: self.rest.course.map_or_else(|| mesh.clone(), |course| bend::bend(&mesh, course)),
             length_um: along[along.len() - 1] - along[0],
-            closed: shapes.iter().map(|shape| shape.closed).fold(0.0, f64::max),
-            narrowed: shapes.iter().map(|shape| 1.0 - shape.outer).fold(0.0, f64::max),
+            closed: moved.iter().map(|(shape, _)| shape.closed).fold(0.0, f64::max),
+            narrowed: moved.iter().map(|(shape, _)| 1.0 - shape.outer).fold(0.0, f64::max),
         }
+    }
+
+    /// A section at a time, and where its inner contour is before the tube is shortened, µm.
+    fn section(&self, k: usize, time: f64) -> (Shape, Vec<[f64; 3]>) {
+        let (level, station) = (&self.levels[k], &self.wave.at[k].0);
+        let part = self.factors[k] * self.wave.rise(k, time);
+        let shape = level.shape(station, part * station.closure, 1.0 - part * station.shortening);
+        let z = |i: usize, p| match (&self.field, self.shifts.get(k)) {
+            (Some(field), Some(shift)) => self.places[k] + shift.at(i, p, field),
+            _ => self.places[k],
+        };
+        let points = level.moved(shape.depth).enumerate().map(|(i, p)| {
+            let [x, y] = p.map(|x| shape.inner * x);
+            [x, y, z(i, p)]
+        });
+        (shape, points.collect())
     }
 
     /// Where a place along the tube goes, µm.
@@ -211,10 +247,10 @@ impl<'a> Contracting<'a> {
         along[after - 1] + (z - a) / (b - a) * (along[after] - along[after - 1])
     }
 
-    /// Lets the mucosa move less around pairs of triangles, and in later rounds makes the wave weaker.
+    /// Lets the mucosa move less around pairs of triangles; in later rounds it leans less, too, and then the wave becomes weaker.
     fn damp(&mut self, pairs: &[[u32; 2]], round: u32) {
         let straight = self.rest.straight;
-        let mut centres: Vec<[f64; 3]> = Vec::new();
+        let (mut centres, mut upright): (Vec<[f64; 3]>, Vec<Centre>) = (Vec::new(), Vec::new());
         for &[a, b] in pairs {
             let mut centre = [0.0; 3];
             for &v in [a, b].map(|t| straight.triangles[t as usize]).as_flattened() {
@@ -225,8 +261,20 @@ impl<'a> Contracting<'a> {
             if !centres.iter().rev().any(|other| square(*other, centre) < 0.25) {
                 centres.push(centre);
             }
+            if let Some(lean) = self.rest.lean.filter(|_| (UPRIGHT..DROPPED).contains(&round)) {
+                Centre::add(&mut upright, centre, lean);
+            }
         }
         self.done.damped += centres.len();
+        if round < WEAKER {
+            self.done.lean_damped += upright.len();
+        }
+        let sections = self.levels.par_iter().zip(&mut self.shifts);
+        sections.for_each(|(level, shift)| match round {
+            ..WEAKER => shift.damp(&level.points, &upright, DAMPING),
+            WEAKER..DROPPED => shift.restore(&level.points, &upright, LEFT),
+            _ => shift.restore_all(),
+        });
         let (places, centres) = (&self.places, &centres);
         self.levels.par_iter_mut().zip(&mut self.factors).enumerate().for_each(|(k, (level, factor))| {
             let near = centres.iter().filter(|centre| (places[k] - centre[2]).abs() < FAR * REACH[1]);

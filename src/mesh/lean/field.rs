@@ -10,7 +10,7 @@ const WAVES: u32 = 24;
 const FULL: f64 = 0.9;
 
 /// The displacement along z as a function of the place.
-pub(super) struct Field<'a> {
+pub(in crate::mesh) struct Field<'a> {
     lean: &'a Lean,
     waves: Vec<Wave>,
 }
@@ -22,7 +22,7 @@ struct Wave {
 }
 
 impl<'a> Field<'a> {
-    pub(super) fn new(lean: &'a Lean) -> Self {
+    pub(in crate::mesh) fn new(lean: &'a Lean) -> Self {
         let wave = |i: u32| {
             let w = random::words(lean.seed, Stream::Lean, i, 0);
             let unit = |j: usize| f64::from(random::unit(w[j]));
@@ -36,7 +36,7 @@ impl<'a> Field<'a> {
     }
 
     /// The displacement at a place, micrometres.
-    pub(super) fn at(&self, p_um: [f64; 3]) -> f64 {
+    pub(in crate::mesh) fn at(&self, p_um: [f64; 3]) -> f64 {
         let station = self.station(p_um[2]);
         if station.strength_um <= 0.0 {
             return 0.0;

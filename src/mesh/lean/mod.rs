@@ -10,11 +10,11 @@ mod stations;
 #[cfg(test)]
 pub(super) mod tests;
 
+pub(super) use field::Field;
 pub use stations::{Lean, Station};
 
 use super::meeting::Meeting;
 use crate::model::Mesh;
-use field::Field;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -124,6 +124,11 @@ impl Centre {
     pub(super) fn left(&self, p: [f64; 3], damping: f64) -> Option<f64> {
         let square = self.square(p);
         (square < FAR * FAR).then(|| 1.0 - damping * libm::exp(-square / 2.0))
+    }
+
+    /// Whether damping reaches a section.
+    pub(super) fn is_near(&self, z_um: f64) -> bool {
+        (z_um - self.place[2]).abs() < FAR * self.reach[1]
     }
 
     /// Squared distance in reaches.

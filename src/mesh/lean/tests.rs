@@ -6,7 +6,7 @@ use crate::mesh::{Lofter, meeting};
 use crate::model::{PatchKind, Section};
 
 /// A tube of 41 sections, 12 mm long, with folds that grow and turn.
-pub(in crate::mesh) fn surface() -> Mesh {
+fn surface() -> Mesh {
     let mut folds = Folds::new(240, 60, 9.0, 40.0);
     let mut dice = Dice(5);
     let section = |folds: &Folds, step: u32| {
@@ -36,11 +36,13 @@ fn lean_of(strength_um: f64) -> Lean {
     }
 }
 
-/// That tube, leaning.
-pub(in crate::mesh) fn leaning() -> Mesh {
+/// That tube, leaning, how it leans, and z of its vertices before.
+pub(in crate::mesh) fn leaning() -> (Mesh, Lean, Vec<f32>) {
     let mut mesh = surface();
-    lean(&mut mesh, &lean_of(300.0), &|| false);
-    mesh
+    let z = mesh.positions.iter().map(|p| p[2]).collect();
+    let by = lean_of(300.0);
+    lean(&mut mesh, &by, &|| false);
+    (mesh, by, z)
 }
 
 /// That tube with a lean so strong that it meets itself, how it leans, and z of its vertices before.
