@@ -601,8 +601,8 @@ class ModelOptions(TypedDict, total=False):
     """Changes of the preset, as a merge patch (RFC 7396): `{"collision": {"gap_um": 30}}`."""
     outputs: Sequence[str]
     """`glb` and `lod` (the default), `gltf`, `obj`, `stl`, `stl-ascii`, `ply`, `vtp`, `centreline`, `labels`.
-    `sections.bin` and `report.json` are always written; a spec with `contraction.frames` also gives `frames.xdmf`, `frames.bin`
-    and `animation.glb`."""
+    `sections.bin` and `report.json` are always written; a spec with `contraction.frames` also gives `frames.xdmf`,
+    `frames.bin` and `animation.glb`."""
     bodies: Sequence[str]
     """The surfaces in these files: `tissue` (the default), `lumen`, `regions` (both, their wall once)."""
     units: str
