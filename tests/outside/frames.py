@@ -2,9 +2,9 @@
 
 Usage: frames.py FOLDER    (holds frames.xdmf, frames.bin, animation.glb, report.json and model.obj)
 
-VTK reads the time series. Each frame must be one closed, oriented solid torus without self-intersections, of the volumes that the report
-states, and have the triangles of the model; its tissue must be that of the model within 2 %. In the animation each frame must be where the series
-has it.
+VTK reads the time series. Each frame must be one closed, oriented solid torus without self-intersections, of the volumes
+that the report states, and have the triangles of the model; its tissue must be that of the model within 2 %. In the
+animation each frame must be where the series has it.
 """
 
 import json
@@ -87,7 +87,8 @@ def main(folder):
     times, frames = series(os.path.join(folder, "frames.xdmf"))
     assert np.allclose(times, [frame["time_s"] for frame in stated["frames"]]), times
     with open(os.path.join(folder, "model.obj"), encoding="utf-8") as file:
-        faces = np.array([[int(corner.split("/")[0]) for corner in line.split()[1:]] for line in file if line.startswith("f ")]) - 1
+        corners = [line.split()[1:] for line in file if line.startswith("f ")]
+    faces = np.array([[int(corner.split("/")[0]) for corner in three] for three in corners]) - 1
     rest = report["certificate"]["volume_mm3"]
     faults = []
     for number, ((points, triangles, patches), frame) in enumerate(zip(frames, stated["frames"], strict=True)):
