@@ -105,15 +105,23 @@ fn structures_are_laid_out_alike() {
                 height,
                 thickness,
                 shift,
+                outline,
+                fold,
+                fold_of_wall,
+                fold_phase,
+                margin,
                 inner_target,
                 outer_target,
             }
         );
         assert_same!(
             module,
-            Batch { capacity, outer_capacity, rows, events, waves, lobes, tables, flows, modes, around }
+            Batch { capacity, outer_capacity, rows, events, waves, lobes, tables, flows, modes, around, outline }
         );
-        assert_same!(module, Member { seed_low, seed_high, candidates, lobes, contorted, clearance, modes });
+        assert_same!(
+            module,
+            Member { seed_low, seed_high, candidates, lobes, contorted, clearance, modes, directions }
+        );
         assert_same!(
             module,
             Status {
