@@ -268,7 +268,7 @@ fn outlines_match() {
     let points = [[1.2, 0.0], [0.9, 0.9], [0.1, 0.5], [-0.8, 1.0], [-1.0, -0.6], [0.2, -0.9]];
     let patch = json!({
         "outline": { "kind": "polygon", "points": points }, "sway": { "strength": 3 }, "containment": { "wall_um": 60 },
-        "folds": { "depth": 0.4, "rows": 3, "period_mm": 30, "stagger": 0.3, "wall": 0.6 },
+        "folds": { "depth": 0.4, "rows": 3, "period_mm": 110, "stagger": 0.3, "wall": 0.6 },
     });
     let (plan, start) = buckled(&patch, 17);
     for (name, keep) in [
