@@ -318,7 +318,10 @@ fn split(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
         store2(member, other + X, to + 1u, p);
         store2(member, other + VX, to + 1u, v);
         store(member, next_rest_field(), to + 1u, rest);
-        let anchor = nearest_on_ellipse(p, rows[row].r_in, rows[row].squash);
+        var anchor = nearest_on_ellipse(p, rows[row].r_in, rows[row].squash);
+        if is_shaped(member) {
+            anchor = region_nearest(member, row, p);
+        }
         store2(member, other + ANCHOR_X, to + 1u, anchor);
         store(member, other + SIGN, to + 1u, contortion_sign(member, id));
         let new_scale = scale_of(member, row, p, anchor);

@@ -266,7 +266,7 @@ fn advance(member: u32, n: u32, row: u32, from_field: u32, i: u32, thread: u32) 
     let sign = load(member, current(SIGN), i);
     let first = thread * STRIDE;
     var a = reduced(first)
-        + local_force(row, modifier, p0, p1, p2, v1, normal_of(p0, p2), pull, direction, sign);
+        + local_force(member, row, modifier, p0, p1, p2, v1, normal_of(p0, p2), pull, direction, sign);
     if rows[row].sway != 0.0 {
         if EVALUATION == 0u {
             store2(member, SWAY_X, i, sway(member, now.row, p1));

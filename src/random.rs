@@ -32,6 +32,8 @@ pub enum Stream {
     Variety = 12,
     /// Wavelengths and phases of a random course; index: component.
     Course = 13,
+    /// Where transverse folds stand; index: component, or row.
+    Folds = 14,
     /// Cells and fibres of stained sections; index: section, and cell or point of a lattice.
     Histology = 9,
 }

@@ -175,7 +175,19 @@ fn presets_schema_and_openapi_are_printed() {
     let names: Vec<_> = presets.as_array().expect("an array").iter().map(|p| p["name"].clone()).collect();
     assert_eq!(
         names,
-        ["pig", "human", "cow", "mouse", "utero-tubal-junction", "infundibulum", "ureter", "oesophagus", "paper"]
+        [
+            "pig",
+            "human",
+            "cow",
+            "mouse",
+            "utero-tubal-junction",
+            "infundibulum",
+            "ureter",
+            "oesophagus",
+            "small-intestine",
+            "colon",
+            "paper"
+        ]
     );
     let listed = run(at.path(), &["presets"]);
     assert!(String::from_utf8_lossy(&listed.stdout).starts_with("pig (default): "));
@@ -203,7 +215,7 @@ fn every_fault_of_a_spec_is_named_and_no_file_is_left() {
     let output = run(at.path(), &["generate", "--out", "out", "--preset", "whale"]);
     assert_eq!(code(&output), 2);
     assert!(
-        said(&output).contains("pig, human, cow, mouse, utero-tubal-junction, infundibulum, ureter, oesophagus, paper"),
+        said(&output).contains("pig, human, cow, mouse, utero-tubal-junction, infundibulum, ureter, oesophagus, small-intestine, colon, paper"),
         "{}",
         said(&output)
     );

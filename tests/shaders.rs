@@ -5,6 +5,7 @@
 
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{Expression, Literal, Module, TypeInner};
+use oviduct::geometry::star::DIRECTIONS;
 use oviduct::random::Stream;
 use oviduct::sim::cpu::CONSTANTS;
 use oviduct::sim::gpu::layout::{self, Batch, Member, Now, Status};
@@ -105,15 +106,23 @@ fn structures_are_laid_out_alike() {
                 height,
                 thickness,
                 shift,
+                outline,
+                fold,
+                fold_of_wall,
+                fold_phase,
+                margin,
                 inner_target,
                 outer_target,
             }
         );
         assert_same!(
             module,
-            Batch { capacity, outer_capacity, rows, events, waves, lobes, tables, flows, modes, around }
+            Batch { capacity, outer_capacity, rows, events, waves, lobes, tables, flows, modes, around, outline }
         );
-        assert_same!(module, Member { seed_low, seed_high, candidates, lobes, contorted, clearance, modes });
+        assert_same!(
+            module,
+            Member { seed_low, seed_high, candidates, lobes, contorted, clearance, modes, directions }
+        );
         assert_same!(
             module,
             Status {
@@ -152,6 +161,9 @@ fn literal(module: &Module, name: &str) -> Option<Literal> {
 fn constant(module: &Module, name: &str) -> Literal {
     literal(module, name).unwrap_or_else(|| panic!("no constant {name}"))
 }
+
+/// Constants of the outlines of regions.
+const OUTLINES: [(&str, f32); 2] = [("DIRECTIONS", DIRECTIONS as f32), ("QUADRANT", (DIRECTIONS / 4) as f32)];
 
 /// Constants of the layout that the host also has.
 const SHARED: [(&str, u32); 13] = [
@@ -213,7 +225,8 @@ fn constants_are_the_same() {
 #[test]
 fn constants_of_the_model_are_those_of_the_cpu() {
     let modules = ALL.map(|shader| parse(&shader));
-    let shared = CONSTANTS.into_iter().chain(STREAMS.map(|(name, stream)| (name, stream as u32 as f32)));
+    let shared =
+        CONSTANTS.into_iter().chain(STREAMS.map(|(name, stream)| (name, stream as u32 as f32))).chain(OUTLINES);
     for (name, value) in shared {
         let found: Vec<f32> = modules
             .iter()
@@ -258,6 +271,7 @@ fn no_constant_and_no_structure_is_left_out() {
         .chain(OWN)
         .chain(STREAMS.map(|s| s.0))
         .chain(CONSTANTS.map(|c| c.0))
+        .chain(OUTLINES.map(|c| c.0))
         .collect();
     for shader in &ALL {
         let module = parse(shader);

@@ -50,6 +50,11 @@ struct StepRow {
     height: f32,
     thickness: f32,
     shift: array<f32, 2>,
+    outline: f32,
+    fold: f32,
+    fold_of_wall: f32,
+    fold_phase: f32,
+    margin: f32,
     inner_target: u32,
     outer_target: u32,
 }
@@ -72,6 +77,8 @@ struct Batch {
     // Modes of the variety around the wall, and where they begin in the tables of a member.
     modes: u32,
     around: u32,
+    // Where the directions of outlines begin in them.
+    outline: u32,
 }
 
 // Constants of a member.
@@ -83,6 +90,8 @@ struct Member {
     contorted: f32,
     clearance: f32,
     modes: u32,
+    // Directions of the region's gauge; 0 if it is the ellipse.
+    directions: u32,
 }
 
 // State of a member besides its particles.

@@ -19,6 +19,7 @@ fn tension(row: u32, a: vec2<f32>, b: vec2<f32>, va: vec2<f32>, vb: vec2<f32>, r
 
 // All local forces on a particle. `before`, `p`, `after`: positions in the chain; `pull`: tensions of its two edges.
 fn local_force(
+    member: u32,
     row: u32,
     modifier: f32,
     before: vec2<f32>,
@@ -34,9 +35,14 @@ fn local_force(
     let bend = rows[row].bending * (second.x * normal.x + second.y * normal.y);
     let radius = sqrt(p.x * p.x + p.y * p.y + 1e-6);
     let flat_y = p.y / rows[row].squash;
-    let elliptic = sqrt(p.x * p.x + flat_y * flat_y);
-    let inward = rows[row].containment * clamp((elliptic - rows[row].r_in) / rows[row].ramp, 0.0, 1.0) / radius;
-    let anchor = rows[row].r_in * vec2<f32>(direction.x, rows[row].squash * direction.y) - p;
+    var gauge = sqrt(p.x * p.x + flat_y * flat_y);
+    var r_anchor = rows[row].r_in;
+    if is_shaped(member) {
+        gauge = region_gauge(member, row, rows[row].fold, vec2<f32>(p.x, flat_y));
+        r_anchor *= region_boundary(member, row, rows[row].fold, direction);
+    }
+    let inward = rows[row].containment * clamp((gauge - rows[row].r_in) / rows[row].ramp, 0.0, 1.0) / radius;
+    let anchor = r_anchor * vec2<f32>(direction.x, rows[row].squash * direction.y) - p;
     let far = sqrt(anchor.x * anchor.x + anchor.y * anchor.y);
     let tether = rows[row].regulatory / max(far, rows[row].softening);
     var force = pull - rows[row].friction * v + bend * normal - inward * p + tether * anchor;

@@ -3,8 +3,6 @@
 // One workgroup per member. The inner loop never reads the outer one, so a step of the wall may run beside the first
 // evaluation of the next step.
 
-// Least thickness of the wall, µm.
-const MARGIN: f32 = 20.0;
 // Greatest move in a step along each axis, µm, unless the inner loop forces a greater one.
 const MOVE: f32 = 5.0;
 // Rest length of the edges over their mean length.
@@ -21,6 +19,7 @@ const WIDEST: f32 = 1.6;
 const NARROWEST: f32 = 0.1;
 
 var<workgroup> wall_lengths: array<f32, LOOP_THREADS>;
+var<workgroup> wall_reaches: array<f32, LOOP_THREADS>;
 var<workgroup> wall_burden: f32;
 
 fn wall_slot(member: u32, field: u32, i: u32) -> u32 {
@@ -58,7 +57,19 @@ fn wall_target(member: u32, at: u32, direction: vec2<f32>) -> f32 {
         let phase = vec2<f32>(tables[phases + 2u * l], tables[phases + 2u * l + 1u]);
         sum += tables[lobes + 2u * l + 1u] * (power.x * phase.x - power.y * phase.y);
     }
-    return rows[row].r_wall * (1.0 + rows[row].lobing * sum);
+    var radius = rows[row].r_wall;
+    if is_shaped(member) {
+        radius += rows[row].r_in * (region_boundary(member, row, wall_depth(row), direction) - 1.0);
+    }
+    return radius * (1.0 + rows[row].lobing * sum);
+}
+
+// What a wall that just clears the inner loop has as its elliptic radius in a direction: `lowest` is a gauge.
+fn wall_floor(member: u32, row: u32, lowest: f32, direction: vec2<f32>) -> f32 {
+    if !is_shaped(member) {
+        return lowest;
+    }
+    return lowest * region_boundary(member, row, wall_depth(row), direction);
 }
 
 fn wall_unit(a: vec2<f32>) -> vec2<f32> {
@@ -100,14 +111,29 @@ fn step_outer(member: u32, at: u32, thread: u32) {
         partial += length(wall2(member, WALL_X, (i + 1u) % n) - wall2(member, WALL_X, i));
     }
     wall_lengths[thread] = partial;
+    // Edges may leave a region that is not convex, so that particles alone do not tell how far the inner loop reaches.
+    var reach = 0.0;
+    if is_shaped(member) && n > 0u {
+        let inner = states[member].inner;
+        let flatten = vec2<f32>(1.0, 1.0 / rows[next_row].squash);
+        for (var i = thread; i < inner; i += LOOP_THREADS) {
+            let a = load2(member, current(X), i) * flatten;
+            let b = load2(member, current(X), (i + 1u) % inner) * flatten;
+            reach = max(reach, region_extent(member, next_row, wall_depth(next_row), a, b).y);
+        }
+    }
+    wall_reaches[thread] = reach;
     if thread == 0u {
         wall_burden = sqrt(bitcast<f32>(atomicExchange(&states[member].reach, 0u)));
     }
     workgroupBarrier();
     var perimeter = 0.0;
+    var burden = select(wall_burden, 0.0, is_shaped(member));
     for (var t = 0u; t < LOOP_THREADS; t++) {
         perimeter += wall_lengths[t];
+        burden = max(burden, wall_reaches[t]);
     }
+    burden += rows[next_row].margin;
     let rest = TAUT * perimeter / f32(n);
     for (var i = thread; i < n; i += LOOP_THREADS) {
         let d = wall2(member, WALL_X, (i + 1u) % n) - wall2(member, WALL_X, i);
@@ -120,14 +146,15 @@ fn step_outer(member: u32, at: u32, thread: u32) {
     storageBarrier();
     // An edge between two particles at elliptic radius r and equal spacing comes as near as r·cos(π/n); 2π/n allows for
     // spacing twice as wide. The last pass handles wider angles.
-    let lowest = (wall_burden + MARGIN) / max(cos_turns(1.0 / f32(n)), 0.5);
+    let lowest = burden / max(cos_turns(1.0 / f32(n)), 0.5);
     let squash = rows[next_row].squash;
     let narrowest = NARROWEST * 6.2831853 / f32(n);
     for (var i = thread; i < n; i += LOOP_THREADS) {
         let p = wall2(member, WALL_X, i);
         let flattened = vec2<f32>(p.x, p.y / squash);
         let elliptic = max(sqrt(flattened.x * flattened.x + flattened.y * flattened.y), 1e-6);
-        let wanted = max(wall_target(member, at + 1u, flattened / elliptic), lowest);
+        let unit = flattened / elliptic;
+        let wanted = max(wall_target(member, at + 1u, unit), wall_floor(member, next_row, lowest, unit));
         let limit = rows[row].containment;
         let pull = clamp(PULL * (wanted - elliptic), -limit, limit);
         let before = wall2(member, WALL_PULL_X, (i + n - 1u) % n);
@@ -151,8 +178,9 @@ fn step_outer(member: u32, at: u32, thread: u32) {
             q = vec2<f32>(held.x, held.y * squash);
             v = q - p;
         }
-        if elliptic_q < lowest {
-            q *= lowest / max(elliptic_q, 1e-6);
+        let least = wall_floor(member, next_row, lowest, wall_unit(vec2<f32>(q.x, q.y / squash)));
+        if elliptic_q < least {
+            q *= least / max(elliptic_q, 1e-6);
         }
         // Neighbours still read the old position.
         put2(member, WALL_OLD, i, q);
@@ -165,9 +193,18 @@ fn step_outer(member: u32, at: u32, thread: u32) {
         let behind = wall_direction(member, WALL_OLD, (i + n - 1u) % n, squash);
         let ahead = wall_direction(member, WALL_OLD, (i + 1u) % n, squash);
         let chord = max(wall_chord(behind, own), wall_chord(own, ahead));
-        let needed = (wall_burden + MARGIN) / sqrt(max(1.0 - 0.25 * chord * chord, 0.01));
+        let needed = burden / sqrt(max(1.0 - 0.25 * chord * chord, 0.01));
         let q = wall2(member, WALL_OLD, i);
         let flat_q = vec2<f32>(q.x, q.y / squash);
+        if is_shaped(member) {
+            let before = wall2(member, WALL_OLD, (i + n - 1u) % n) / vec2<f32>(1.0, squash);
+            let after = wall2(member, WALL_OLD, (i + 1u) % n) / vec2<f32>(1.0, squash);
+            let depth = wall_depth(next_row);
+            let edge_behind = region_extent(member, next_row, depth, before, flat_q).x;
+            let nearest = min(edge_behind, region_extent(member, next_row, depth, flat_q, after).x);
+            put2(member, WALL_X, i, q * max(burden / max(nearest, 1e-6), 1.0));
+            continue;
+        }
         let radius = sqrt(flat_q.x * flat_q.x + flat_q.y * flat_q.y);
         put2(member, WALL_X, i, select(q, q * (needed / max(radius, 1e-6)), radius < needed));
     }

@@ -1,6 +1,6 @@
 // The sway: a flow that carries the fronds sideways; counterpart of src/sim/cpu/sway.rs.
 
-// Elliptic radius, in units of R_in, up to which the flow has its full strength, and from which on there is none.
+// Gauge of the region, in units of R_in, up to which the flow has its full strength, and from which on there is none.
 const SWAYS: f32 = 0.55;
 const STILL: f32 = 0.95;
 
@@ -17,7 +17,10 @@ fn sway(member: u32, at: u32, p: vec2<f32>) -> vec2<f32> {
         sum += vec2<f32>(tables[flow + 2u], tables[flow + 3u]) * wave;
     }
     let flat_y = p.y / rows[row].squash;
-    let radius = sqrt(p.x * p.x + flat_y * flat_y) / rows[row].r_in;
+    var radius = sqrt(p.x * p.x + flat_y * flat_y) / rows[row].r_in;
+    if is_shaped(member) {
+        radius = region_gauge(member, row, rows[row].fold, vec2<f32>(p.x, flat_y)) / rows[row].r_in;
+    }
     let still = clamp((radius - SWAYS) / (STILL - SWAYS), 0.0, 1.0);
     let strength = rows[row].sway * sqrt(2.0 / f32(batch.flows));
     return strength * (1.0 - still * still * (3.0 - 2.0 * still)) * sum;

@@ -13,7 +13,6 @@ use crate::model::{LengthUnit, Mesh};
 use crate::sim::Plan;
 use crate::spec::{LEVEL_TRIANGLES, Toward};
 use serde_json::{Map, json};
-use std::f64::consts::PI;
 use std::io::{self, Write};
 
 /// Whether a file holds frames: those of the tissue, in metres.
@@ -27,9 +26,10 @@ pub(super) fn contraction(request: &Request) -> Contraction {
     let plan = Plan::new(spec, request.seed);
     let station = |step: u32| {
         let (row, u) = (plan.at(i64::from(step)), f64::from(step) / f64::from(spec.steps));
+        let r_in = f64::from(row.r_in * plan.scale);
         Station {
             z_um: plan.z_um[step as usize],
-            base_um2: PI * f64::from(row.r_in) * f64::from(row.r_in) * f64::from(row.squash),
+            base_um2: plan.region(i64::from(step)).area() * r_in * r_in * f64::from(row.squash),
             closure: of.closure.at(u),
             shortening: of.shortening.at(u),
             wavelength_um: 1000.0 * of.wavelength_mm.at(u),

@@ -15,7 +15,8 @@ pub(super) fn lean(request: &Request) -> Option<Lean> {
         let row = plan.at(i64::from(step));
         Station {
             z_um: plan.z_um[step as usize],
-            r_in_um: f64::from(row.r_in),
+            // Within every outline, so that the wall keeps its place.
+            r_in_um: f64::from(row.r_in * plan.scale * plan.region(i64::from(step)).narrowest()),
             squash: f64::from(row.squash),
             strength_um: spec.lean.strength_um.at(f64::from(step) / f64::from(spec.steps)),
         }

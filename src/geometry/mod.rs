@@ -10,6 +10,7 @@ pub mod patch;
 pub mod polygon;
 pub mod predicates;
 pub mod segment;
+pub mod star;
 pub mod strips;
 pub mod tri_tri;
 pub mod triangulate;

@@ -71,6 +71,16 @@ pub struct StepRow {
     pub thickness: f32,
     /// Change of the logarithm of the growth rate, and of the force ranges, over the root mean square shift along the tube.
     pub shift: [f32; 2],
+    /// Strength of the outline.
+    pub outline: f32,
+    /// Height of the transverse folds over the radius.
+    pub fold: f32,
+    /// Share of it by which the wall is drawn in.
+    pub fold_of_wall: f32,
+    /// Phase of the folds, turns.
+    pub fold_phase: f32,
+    /// Least thickness of the wall as a difference of gauges, µm.
+    pub margin: f32,
     /// Particles that the inner loop should have after the growth event at the start of this step.
     pub inner_target: u32,
     /// The same for the outer loop.

@@ -9,10 +9,12 @@ pub mod gpu;
 mod layout;
 mod maths;
 mod plan;
+mod region;
 mod state;
 
 pub use layout::{LANES, StepRow};
 pub use plan::{Flow, Lobe, Plan, Wave};
+pub use region::{Region, Spoke};
 pub use state::{Checkpoint, InnerLoop, OuterLoop};
 
 use crate::model::Section;

@@ -3,8 +3,10 @@
 //! The backends use these tables only, never the schedules, so that CPU and GPU work with the same numbers.
 
 use super::layout::StepRow;
+use super::maths::fraction;
+use super::region::{Region, Spoke, spokes};
 use crate::random::{self, Stream};
-use crate::spec::{Integrator, Parameters, Schedule, Search, Variety};
+use crate::spec::{Folds, Integrator, Parameters, Schedule, Search, Variety};
 use std::f64::consts::{PI, TAU};
 
 /// One cosine of the thickness field: `cos(2π(x·kx + y·ky + phase + drift·t))`, all in turns.
@@ -58,6 +60,9 @@ pub struct Lobe {
 /// rest is left for the pull toward the target.
 const WALL_STABLE: f64 = 3.6;
 
+/// Least thickness of the wall, µm.
+const MARGIN: f32 = 20.0;
+
 /// Number of cosines of the thickness field, and of the sway.
 const WAVES: u32 = 24;
 
@@ -98,6 +103,10 @@ pub struct Plan {
     pub modes: Vec<Mode>,
     /// The sway; empty if it never acts.
     pub flows: Vec<Flow>,
+    /// The region that contains the folds; empty if it is the ellipse at every step.
+    pub spokes: Vec<Spoke>,
+    /// Size of the organ over the simulated one.
+    pub scale: f32,
 }
 
 impl Plan {
@@ -107,7 +116,9 @@ impl Plan {
         let steps = f64::from(p.steps);
         let last = *p.recorded().end();
         let row = |t: i64| Self::row(p, seed, t);
-        let rows = (-i64::from(p.burn_in)..=i64::from(last)).map(row).collect();
+        let mut rows: Vec<StepRow> = (-i64::from(p.burn_in)..=i64::from(last)).map(row).collect();
+        let spokes = spokes(p, |row| fold_shift(&p.folds, seed, row));
+        rows.iter_mut().for_each(|row| row.margin *= Region::wall(&spokes, row).slope());
         let z_um = (0..=last).map(|t| p.length_mm * 1000.0 * p.z.at(f64::from(t) / steps)).collect();
         Self {
             seed,
@@ -127,6 +138,8 @@ impl Plan {
             lobes: lobes(p, seed),
             modes: modes(p, seed),
             flows: if p.sway.strength.range().1 > 0.0 { flows(p, seed) } else { Vec::new() },
+            spokes,
+            scale: p.scale as f32,
         }
     }
 
@@ -135,6 +148,18 @@ impl Plan {
     pub fn at(&self, t: i64) -> &StepRow {
         let last = self.rows.len() as i64 - 1;
         &self.rows[(t + i64::from(self.burn_in)).clamp(0, last) as usize]
+    }
+
+    /// The region that contains the folds at step `t`.
+    #[must_use]
+    pub fn region(&self, t: i64) -> Region {
+        Region::inner(&self.spokes, self.at(t))
+    }
+
+    /// The region that the wall encloses at step `t`: without folds that it does not follow.
+    #[must_use]
+    pub fn wall_region(&self, t: i64) -> Region {
+        Region::wall(&self.spokes, self.at(t))
     }
 
     /// Whether step `t` begins with a growth event.
@@ -206,10 +231,32 @@ impl Plan {
             height: value(&p.variety.height) as f32,
             thickness: value(&p.variety.thickness) as f32,
             shift: shift(p, t0, value(&p.variety.shift)),
+            outline: value(&p.outline.strength) as f32,
+            fold: value(&p.folds.depth) as f32,
+            fold_of_wall: p.folds.wall as f32,
+            fold_phase: fold_phase(p, seed, t0),
+            margin: MARGIN,
             inner_target,
             outer_target,
         }
     }
+}
+
+/// How far a row of transverse folds is ahead of the first one, turns.
+fn fold_shift(folds: &Folds, seed: u64, row: u32) -> f64 {
+    let random = 2.0 * f64::from(random::unit(random::word(seed, Stream::Folds, row, 1))) - 1.0;
+    folds.stagger * f64::from(row) + 0.5 * folds.irregularity * random
+}
+
+/// Phase of the transverse folds at step `t`, turns: by the place along the tube, with slow random shifts.
+fn fold_phase(p: &Parameters, seed: u64, t: f64) -> f32 {
+    // Wavelengths of the shifts are about so many distances of folds.
+    const SLOW: [f64; 3] = [2.3, 3.7, 6.1];
+    let steps = f64::from(p.steps);
+    let along = p.length_mm * p.z.at((t / steps).clamp(0.0, 1.0)) / p.folds.period_mm;
+    let unit = |index: u32| f64::from(random::unit(random::word(seed, Stream::Folds, index, 0)));
+    let shifts = (1..).zip(SLOW).map(|(i, slow)| libm::sin(TAU * (along / slow + unit(i))));
+    fraction(along + unit(0) + 0.5 * p.folds.irregularity * shifts.sum::<f64>() / SLOW.len() as f64)
 }
 
 /// Particles of the inner and the outer loop at time `t`, rounded.

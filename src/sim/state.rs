@@ -1,6 +1,5 @@
 //! The state of both loops, as structures of arrays.
 
-use super::maths::nearest_on_ellipse;
 use super::plan::Plan;
 use crate::model::{Ring, Section};
 use crate::random::{self, Stream};
@@ -20,9 +19,9 @@ pub struct InnerLoop {
     pub vy: Vec<f32>,
     /// Rest length of the edge to the successor, µm.
     pub rest: Vec<f32>,
-    /// Direction cosine of the anchor on the ellipse.
+    /// Direction of the anchor in the flattened plane, its cosine; the anchor is where it meets the boundary of the region.
     pub anchor_x: Vec<f32>,
-    /// Direction sine of the anchor on the ellipse.
+    /// Its sine.
     pub anchor_y: Vec<f32>,
     /// Contortion sign: −1, 0 or 1.
     pub sign: Vec<f32>,
@@ -33,18 +32,20 @@ pub struct InnerLoop {
 }
 
 impl InnerLoop {
-    /// The loop at the start of burn-in: at equal angles on the ellipse `R_in`, with a small random displacement.
+    /// The loop at the start of burn-in: at equal angles on the boundary of the region, with a small random displacement.
     #[must_use]
     pub fn start(plan: &Plan) -> Self {
-        let row = plan.at(-i64::from(plan.burn_in));
+        let time = -i64::from(plan.burn_in);
+        let (row, region) = (plan.at(time), plan.region(time));
         let n = plan.start[0] as usize;
         let mut s = Self { next_id: n as u32, ..Self::default() };
         for i in 0..n {
             let angle = std::f64::consts::TAU * i as f64 / n as f64;
             let wobble = random::unit(random::word(plan.seed, Stream::Start, i as u32, 0)) - 0.5;
-            let r = row.r_in + wobble;
-            let p = [r * libm::cos(angle) as f32, r * row.squash * libm::sin(angle) as f32];
-            let anchor = nearest_on_ellipse(p, row.r_in, row.squash);
+            let unit = [libm::cos(angle) as f32, libm::sin(angle) as f32];
+            let r = (row.r_in + wobble) * region.boundary(unit);
+            let p = [r * unit[0], r * row.squash * unit[1]];
+            let anchor = region.nearest(p, row);
             s.id.push(i as u32);
             s.x.push(p[0]);
             s.y.push(p[1]);
@@ -75,10 +76,11 @@ impl InnerLoop {
         self.id.is_empty()
     }
 
-    /// The contour.
+    /// The contour, enlarged by `scale`.
     #[must_use]
-    pub fn ring(&self) -> Ring {
-        Ring { ids: self.id.clone(), points: self.x.iter().zip(&self.y).map(|(&x, &y)| [x, y]).collect() }
+    pub fn ring(&self, scale: f32) -> Ring {
+        let points = self.x.iter().zip(&self.y).map(|(&x, &y)| [scale * x, scale * y]).collect();
+        Ring { ids: self.id.clone(), points }
     }
 }
 
@@ -116,10 +118,10 @@ impl OuterLoop {
         self.id.is_empty()
     }
 
-    /// The contour.
+    /// The contour, enlarged by `scale`.
     #[must_use]
-    pub fn ring(&self) -> Ring {
-        Ring { ids: self.id.clone(), points: self.p.clone() }
+    pub fn ring(&self, scale: f32) -> Ring {
+        Ring { ids: self.id.clone(), points: self.p.iter().map(|p| p.map(|c| scale * c)).collect() }
     }
 }
 
@@ -145,8 +147,8 @@ impl Checkpoint {
             step: at as f64,
             z_um: plan.z_um[at],
             added: false,
-            inner: self.inner.ring(),
-            outer: self.outer.ring(),
+            inner: self.inner.ring(plan.scale),
+            outer: self.outer.ring(plan.scale),
         }
     }
 }

@@ -32,6 +32,8 @@ pub(super) fn faults(p: &Parameters, bad: &[String]) -> Vec<Fault> {
     checks.growth(p);
     checks.solver(p);
     checks.room(p);
+    checks.outline(p);
+    checks.folds(p);
     checks.regions(p);
     checks.mesh(p);
     checks.piece(p);
@@ -232,8 +234,18 @@ impl Checks<'_> {
 impl Checks<'_> {
     /// Where the course leads depends on the size of the tube, so it is looked at if nothing is wrong with that.
     fn course(&mut self, p: &Parameters) {
-        const ABOUT: [&str; 8] =
-            ["/course", "/length_mm", "/steps", "/z", "/particles", "/containment", "/wall", "/collision/clearance_um"];
+        const ABOUT: [&str; 10] = [
+            "/course",
+            "/length_mm",
+            "/scale",
+            "/steps",
+            "/z",
+            "/particles",
+            "/containment",
+            "/outline",
+            "/wall",
+            "/collision/clearance_um",
+        ];
         let is_about = |at: &str| ABOUT.iter().any(|about| at.starts_with(about));
         if !self.faults.iter().any(|fault| is_about(&fault.pointer)) && !self.bad.iter().any(|at| is_about(at)) {
             self.faults.extend(p.course_fault());

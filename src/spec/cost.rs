@@ -311,11 +311,11 @@ impl ModelSpec {
             if place < begin - beside || place > end + beside {
                 continue;
             }
-            let particle = self.particles.edge_um.at(u);
+            let particle = self.scale * self.particles.edge_um.at(u);
             let inner = (self.particles.total.at(u) - self.particles.outer.at(u)) * particle;
             let squash = self.containment.squash.at(u);
             let radius = self.inner_radius_um(u);
-            let outer = PI * (radius * (1.0 + squash) + 2.0 * self.containment.wall_um.at(u));
+            let outer = self.scale * PI * (radius * (1.0 + squash) + 2.0 * self.containment.wall_um.at(u));
             let at_folds = edge.min(FOLD_EDGE * (tolerance * particle).sqrt());
             sum += EVEN_TRIANGLES[0] * inner / (at_folds * at_folds) + EVEN_TRIANGLES[1] * outer / (4.0 * edge * edge);
             places += 1.0;

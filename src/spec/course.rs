@@ -132,15 +132,16 @@ impl Parameters {
         let metres = ((bent.course.extent() + reach.greatest()) * 1e-6) as f32;
         let last_place = f64::from(metres.next_up() - metres) * 1e6;
         let least = CLEARANCE_PLACES * last_place;
-        if self.collision.clearance_um >= least {
+        if self.scale * self.collision.clearance_um >= least {
             return Ok(bent);
         }
         Err(Fault::new(
             self.course.decisive(),
             format!(
                 "reaches {:.0} mm from the origin, where positions in single precision are {last_place:.3} µm apart; that needs a \
-                 /collision/clearance_um of at least {least:.3}",
-                f64::from(metres) * 1e3
+                 /collision/clearance_um of at least {:.3}",
+                f64::from(metres) * 1e3,
+                least / self.scale
             ),
         ))
     }
@@ -216,8 +217,9 @@ struct Reach {
 
 impl Reach {
     fn of(p: &Parameters) -> Self {
+        let widest = p.widest();
         let fractions: Vec<f64> = (0..=PLACES).map(|i| f64::from(i) / f64::from(PLACES)).collect();
-        let scheduled: Vec<f64> = fractions.iter().map(|&u| scheduled_reach_um(p, u)).collect();
+        let scheduled: Vec<f64> = fractions.iter().map(|&u| scheduled_reach_um(p, widest, u)).collect();
         let window = (LAG / f64::from(p.steps) * f64::from(PLACES)).ceil() as usize + 1;
         let around = |i: usize| scheduled[i.saturating_sub(window)..(i + window + 1).min(scheduled.len())].iter();
         Self {
@@ -240,8 +242,9 @@ impl Reach {
     }
 }
 
-/// The most by which the lobed wall's target can be away from the centre at `u`, the fraction of steps, with all fluctuations.
-fn scheduled_reach_um(p: &Parameters, u: f64) -> f64 {
+/// The most by which the lobed wall's target can be away from the centre at `u`, the fraction of steps, with all fluctuations;
+/// `widest` is that of the outline over `R_in`.
+fn scheduled_reach_um(p: &Parameters, widest: f64, u: f64) -> f64 {
     let swing = |s: &Schedule| s.fluctuation.map_or(0.0, |f| f.amplitude.abs());
     let [most, least] = [1.0, -1.0].map(|sign| move |s: &Schedule| s.at(u) + sign * swing(s));
     let c = &p.containment;
@@ -250,5 +253,5 @@ fn scheduled_reach_um(p: &Parameters, u: f64) -> f64 {
     let radius = (inner * most(&p.particles.edge_um) * most(&c.spacing_um) / (std::f64::consts::PI * squash)).sqrt();
     // The weights of the lobes have unit root-sum-square.
     let lobes = f64::from(p.wall.lobes.saturating_sub(1)).sqrt();
-    (radius + most(&c.wall_um)) * (1.0 + most(&p.wall.lobing) * lobes) * most(&c.squash).max(1.0)
+    (widest * radius + most(&c.wall_um)) * (1.0 + most(&p.wall.lobing) * lobes) * most(&c.squash).max(1.0) * p.scale
 }

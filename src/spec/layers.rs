@@ -54,6 +54,7 @@ impl Parameters {
     pub(super) fn label_voxels(&self) -> (f64, f64) {
         let c = &self.containment;
         let ends = self.labels_um().map(|um| um / (self.length_mm * 1000.0));
+        let widest = self.widest();
         let mut half = [0.0_f64; 2];
         for u in (0..=PLACES).map(|k| f64::from(k) / f64::from(PLACES)) {
             let place = self.z.at(u);
@@ -61,12 +62,12 @@ impl Parameters {
             if place < ends[0] - 1.0 / f64::from(PLACES) || place > ends[1] + 1.0 / f64::from(PLACES) {
                 continue;
             }
-            let (radius, squash) = (self.inner_radius_um(u), c.squash.at(u));
+            let (radius, squash) = (widest * self.inner_radius_um(u), c.squash.at(u));
             let lobes = 1.0 + self.wall.lobing.at(u);
             half[0] = half[0].max((radius + c.wall_um.at(u)) * lobes);
             half[1] = half[1].max((radius * squash + c.wall_um.at(u)) * lobes);
         }
-        let sides = half.map(|half| 2.0 * half / self.labels.voxel_um + 3.0);
+        let sides = half.map(|half| 2.0 * self.scale * half / self.labels.voxel_um + 3.0);
         (sides[0].max(sides[1]), sides[0] * sides[1])
     }
 }

@@ -12,6 +12,7 @@
 //! | `check`, `stability` | rules between parameters |
 //! | `preset`, `schema` | data files with sources, JSON Schema |
 //! | `canonical` | a unique text of a specification, for the digest |
+//! | `outline` | the outline of the containment region, and how fast its folds move |
 //! | `course` | the centre line, and whether there is room for the tube along it |
 //! | `layers` | the layers of a section, the size of a label volume |
 //! | `batch_key` | which models a GPU may grow together |
@@ -33,6 +34,7 @@ mod layers;
 mod lever;
 mod limits;
 mod merge;
+mod outline;
 mod parameters;
 mod preset;
 mod read;
@@ -54,9 +56,9 @@ pub use fault::{Fault, members};
 pub use lever::{End, Lever, Setting};
 pub use limits::{Limits, OverLimit};
 pub use parameters::{
-    Collision, Containment, Contortion, Contraction, Course, CourseShape, Histology, Integrator, Labels, Lean,
-    MAX_PARTICLES, MAX_STEPS, MeshOptions, Parameters, Particles, Piece, Regions, Regulatory, Search, Solver, Spring,
-    Sway, Toward, Variation, Variety, Wall,
+    Collision, Containment, Contortion, Contraction, Course, CourseShape, Folds, Histology, Integrator, Labels, Lean,
+    MAX_PARTICLES, MAX_STEPS, MeshOptions, Outline, OutlineKind, Parameters, Particles, Piece, Regions, Regulatory,
+    Search, Solver, Spring, Sway, Toward, Variation, Variety, Wall,
 };
 pub use preset::{DEFAULT_PRESET, Preset, preset, presets};
 pub use schedule::{Ease, Fluctuation, Schedule};
@@ -225,7 +227,7 @@ impl Parameters {
             .map(|step| self.length_mm * 1000.0 * self.z.at(f64::from(step) / f64::from(self.steps)))
     }
 
-    /// The x radius of the inner ellipse of the containment region at `u`, the fraction of steps.
+    /// The x radius of the inner ellipse of the simulated containment region at `u`, the fraction of steps.
     fn inner_radius_um(&self, u: f64) -> f64 {
         let (c, particles) = (&self.containment, &self.particles);
         let inner = (particles.total.at(u) - particles.outer.at(u)).max(0.0);

@@ -30,6 +30,10 @@ group! {
     pub struct Parameters {
         /// Length of the tube in millimetres.
         pub length_mm: f64 = "Length" ["mm"] Range::of(0.1, 1000.0);
+        /// Size of the organ over the simulated one: by how much the sections are enlarged. All lengths across the tube but those of
+        /// `lean`, `mesh`, `course`, `histology` and `labels` are those of the simulation. Organs of centimetres so grow like small
+        /// ones, whose folds are some hundred micrometres apart.
+        pub scale: f64 = "Scale" [""] Range::of(0.01, 100.0);
         /// Time steps from the isthmus end to the ampulla end.
         pub steps: u32 = "Time steps" ["steps"] Count::of(1, MAX_STEPS);
         /// Steps that are run with the parameters of step 0 before the first section is recorded.
@@ -48,6 +52,10 @@ group! {
             Range::of(0.0, 0.5).because("the integration is unstable above it");
         /// Containment region.
         pub containment: Containment = "Containment force" [""] ();
+        /// Outline of the containment region.
+        pub outline: Outline = "Outline" [""] ();
+        /// Folds across the tube.
+        pub folds: Folds = "Transverse folds" [""] ();
         /// Regulatory force toward the anchor.
         pub regulatory: Regulatory = "Regulatory force" [""] ();
         /// Contortion of individual particles.
@@ -131,6 +139,50 @@ group! {
         pub spacing_um: Schedule = "Strand spacing" ["µm"] Range::of(10.0, 1000.0);
         /// Thickness of the wall: `R_wall` − `R_in`.
         pub wall_um: Schedule = "Wall thickness" ["µm"] Range::of(20.0, 5000.0);
+    }
+}
+
+group! {
+    /// Outline of the region that contains the folds, where it is not the ellipse of `containment`. It is given in units of `R_in` in
+    /// the flattened plane (x, y/squash), in which the ellipse is the circle of radius 1. Each ray from the axis must meet it once.
+    /// Not in the paper.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Outline {
+        /// Which curve it is.
+        pub kind: OutlineKind = "Outline" [""] ();
+        /// How much of it the region takes on: the ellipse with 0, the outline with 1.
+        pub strength: Schedule = "Strength of the outline" [""] Range::of(0.0, 1.0);
+        /// Exponent n of a superellipse |x|ⁿ + |y|ⁿ = 1: 1 is a rhomb, 2 the ellipse, 20 nearly a rectangle.
+        pub exponent: f64 = "Exponent" [""] Range::of(0.7, 20.0);
+        /// Corners of a polygon around the axis, in order.
+        pub points: Vec<[f64; 2]> = "Corners" ["R_in"] Range::of(-3.0, 3.0);
+        /// Signed distances at the nodes of a square grid about the axis, negative inside, as rows from the least y to the greatest;
+        /// the outline is where they are 0. Only their signs and proportions count, so any function that changes its sign there will do.
+        pub grid: Vec<Vec<f64>> = "Signed distances" ["R_in"] Range::of(-1e6, 1e6);
+        /// Half of the side of the grid.
+        pub grid_half: f64 = "Half side of the grid" ["R_in"] Range::of(0.3, 10.0);
+    }
+}
+
+group! {
+    /// Folds across the tube, where the region is drawn in: the semilunar folds between the haustra of a colon, the circular folds of
+    /// a small intestine. They stand in rows around the tube. Not in the paper.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct Folds {
+        /// Height of the folds; 0 for none.
+        pub depth: Schedule = "Height of the folds" ["of the radius"] Range::of(0.0, 0.7);
+        /// Rows around the tube.
+        pub rows: u32 = "Rows" ["rows"] Count::of(1, 16);
+        /// Width of the bands without folds between the rows, such as the taeniae of a colon.
+        pub band: f64 = "Bands between the rows" ["of a row"] Range::of(0.0, 0.9);
+        /// Distance of folds along the tube.
+        pub period_mm: f64 = "Distance of the folds" ["mm"] Range::of(0.01, 1000.0);
+        /// How far each row is ahead of the one before it.
+        pub stagger: f64 = "Stagger of the rows" ["of the distance"] Range::of(0.0, 1.0);
+        /// Greatest random shift of a fold along the tube.
+        pub irregularity: f64 = "Irregularity" ["of the distance"] Range::of(0.0, 0.5);
+        /// Share of the height by which the outer wall is drawn in, too: 1 for haustra, 0 for folds of the mucosa alone.
+        pub wall: f64 = "Share of the outer wall" [""] Range::of(0.0, 1.0);
     }
 }
 
@@ -421,6 +473,21 @@ choice! {
         Uterus = "uterus",
         /// From the isthmus to the ampulla.
         Ovary = "ovary",
+    }
+}
+
+choice! {
+    /// Outlines of the region that contains the folds.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum OutlineKind {
+        /// The ellipse of `containment`.
+        Ellipse = "ellipse",
+        /// Between a rhomb, an ellipse and a rectangle: `exponent`.
+        Superellipse = "superellipse",
+        /// Through `points`.
+        Polygon = "polygon",
+        /// Where `grid` is 0.
+        Grid = "grid",
     }
 }
 

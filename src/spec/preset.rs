@@ -13,7 +13,7 @@ use std::sync::LazyLock;
 pub const DEFAULT_PRESET: &str = "pig";
 
 /// The texts of the files, the default first.
-const FILES: [&str; 9] = [
+const FILES: [&str; 11] = [
     include_str!("../../presets/pig.json"),
     include_str!("../../presets/human.json"),
     include_str!("../../presets/cow.json"),
@@ -22,6 +22,8 @@ const FILES: [&str; 9] = [
     include_str!("../../presets/infundibulum.json"),
     include_str!("../../presets/ureter.json"),
     include_str!("../../presets/oesophagus.json"),
+    include_str!("../../presets/small-intestine.json"),
+    include_str!("../../presets/colon.json"),
     include_str!("../../presets/paper.json"),
 ];
 

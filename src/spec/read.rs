@@ -14,6 +14,8 @@ pub(super) const MAX_KEYS: usize = 256;
 pub(super) const PERIOD: Range = Range::of(2.0, 1e6);
 /// Most points of a list.
 pub(super) const MAX_POINTS: usize = 1000;
+/// Most rows of a grid.
+pub(super) const MAX_GRID: usize = 129;
 /// The members of a schedule.
 const MEMBERS: [&str; 3] = ["keys", "ease", "fluctuation"];
 
@@ -65,19 +67,24 @@ impl Reader {
         Some([u?, v?])
     }
 
-    fn point(&mut self, site: Site<'_>, i: usize, value: &Value, range: Range) -> Option<[f64; 3]> {
+    fn point<const N: usize>(&mut self, site: Site<'_>, i: usize, value: &Value, range: Range) -> Option<[f64; N]> {
         let at = format!("{}/{i}", site.at);
-        let Some([x, y, z]) = value.as_array().map(Vec::as_slice) else {
+        let Some(values) = value.as_array().filter(|values| values.len() == N) else {
             let got = value.as_array().map_or_else(|| describe(value), |a| format!("an array of {}", a.len()));
-            return self.fault(at, format!("must be a point [x, y, z], not {got}"));
+            return self.fault(at, format!("must be a point [{}], not {got}", coordinates(N)));
         };
-        let mut coordinate = |axis: usize, value: &Value| {
-            let at = format!("{at}/{axis}");
+        self.numbers(Site { at: &at, unit: site.unit }, values, range)?.try_into().ok()
+    }
+
+    /// Reads an array of numbers.
+    fn numbers(&mut self, site: Site<'_>, values: &[Value], range: Range) -> Option<Vec<f64>> {
+        let mut read = |(i, value): (usize, &Value)| {
+            let at = format!("{}/{i}", site.at);
             let number = self.number(&at, value)?;
             self.bounded(Site { at: &at, unit: site.unit }, number, range)
         };
-        let [x, y, z] = [coordinate(0, x), coordinate(1, y), coordinate(2, z)];
-        Some([x?, y?, z?])
+        let numbers: Vec<Option<f64>> = values.iter().enumerate().map(&mut read).collect();
+        numbers.into_iter().collect()
     }
 
     fn fluctuation(&mut self, site: Site<'_>, value: &Value) -> Option<Option<Fluctuation>> {
@@ -106,6 +113,11 @@ impl Reader {
         let fluctuation = Fluctuation { amplitude: amplitude?, period: period? };
         known.then_some((fluctuation.amplitude != 0.0).then_some(fluctuation))
     }
+}
+
+/// The names of coordinates in messages.
+fn coordinates(count: usize) -> &'static str {
+    if count == 2 { "x, y" } else { "x, y, z" }
 }
 
 impl Parameter for f64 {
@@ -170,27 +182,60 @@ impl Parameter for bool {
     }
 }
 
-impl Parameter for Vec<[f64; 3]> {
+impl<const N: usize> Parameter for Vec<[f64; N]> {
     type Rule = Range;
 
     fn kind(rule: Range) -> Kind {
-        Kind::Points(rule)
+        Kind::Points(N, rule)
     }
 
     fn read(reader: &mut Reader, site: Site<'_>, value: &Value, rule: Range) -> Option<Self> {
         let Some(items) = value.as_array() else {
-            return reader.fault(site.at, format!("must be an array of points [x, y, z], not {}", describe(value)));
+            return reader
+                .fault(site.at, format!("must be an array of points [{}], not {}", coordinates(N), describe(value)));
         };
         if items.len() > MAX_POINTS {
             return reader.fault(site.at, format!("has {} points; at most {MAX_POINTS} are allowed", items.len()));
         }
-        let points: Vec<Option<[f64; 3]>> =
+        let points: Vec<Option<[f64; N]>> =
             (0..).zip(items).map(|(i, item)| reader.point(site, i, item, rule)).collect();
         points.into_iter().collect()
     }
 
     fn write(&self) -> Value {
         self.iter().map(|point| point.map(number).to_vec()).collect()
+    }
+}
+
+impl Parameter for Vec<Vec<f64>> {
+    type Rule = Range;
+
+    fn kind(rule: Range) -> Kind {
+        Kind::Grid(rule)
+    }
+
+    fn read(reader: &mut Reader, site: Site<'_>, value: &Value, rule: Range) -> Option<Self> {
+        let Some(rows) = value.as_array() else {
+            return reader.fault(site.at, format!("must be an array of rows of numbers, not {}", describe(value)));
+        };
+        if rows.len() > MAX_GRID || rows.len() == 1 {
+            return reader.fault(site.at, format!("has {} rows; 0 or 2 to {MAX_GRID} are allowed", rows.len()));
+        }
+        let mut row = |(i, value): (usize, &Value)| {
+            let at = format!("{}/{i}", site.at);
+            match value.as_array().filter(|values| values.len() == rows.len()) {
+                Some(values) => reader.numbers(Site { at: &at, unit: site.unit }, values, rule),
+                None => {
+                    reader.fault(at, format!("must be an array of {} numbers: as many as there are rows", rows.len()))
+                }
+            }
+        };
+        let rows: Vec<Option<Vec<f64>>> = rows.iter().enumerate().map(&mut row).collect();
+        rows.into_iter().collect()
+    }
+
+    fn write(&self) -> Value {
+        self.iter().map(|row| row.iter().copied().map(number).collect::<Value>()).collect()
     }
 }
 

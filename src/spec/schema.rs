@@ -8,7 +8,7 @@ use super::canonical::number;
 use super::fault::child;
 use super::parameters::table;
 use super::preset::{DEFAULT_PRESET, preset};
-use super::read::{MAX_KEYS, MAX_POINTS, PERIOD};
+use super::read::{MAX_GRID, MAX_KEYS, MAX_POINTS, PERIOD};
 use super::schedule::Ease;
 use super::table::{Field, Kind};
 use serde_json::{Map, Value, json};
@@ -46,7 +46,8 @@ fn object(fields: &[Field], at: &str, default: &dyn Fn(&str) -> Option<Value>) -
                     "x-enum-descriptions": names.iter().map(|(_, doc)| *doc).collect::<Vec<_>>(),
                 }),
                 Kind::Bool => json!({ "type": "boolean" }),
-                Kind::Points(range) => points(*range),
+                Kind::Points(coordinates, range) => points(*coordinates, *range),
+                Kind::Grid(range) => grid(*range),
             };
             schema["title"] = field.title.into();
             schema["description"] = field.doc.into();
@@ -85,16 +86,21 @@ fn fraction() -> Value {
     json!({ "type": "number", "minimum": 0, "maximum": 1 })
 }
 
-fn points(range: Range) -> Value {
+fn points(coordinates: usize, range: Range) -> Value {
     let coordinate = bounded(range);
     let point = json!({
         "type": "array",
-        "prefixItems": [coordinate, coordinate, coordinate],
+        "prefixItems": vec![&coordinate; coordinates],
         "items": coordinate,
-        "minItems": 3,
-        "maxItems": 3,
+        "minItems": coordinates,
+        "maxItems": coordinates,
     });
     json!({ "type": "array", "items": point, "maxItems": MAX_POINTS })
+}
+
+fn grid(range: Range) -> Value {
+    let row = json!({ "type": "array", "items": bounded(range), "maxItems": MAX_GRID });
+    json!({ "type": "array", "items": row, "maxItems": MAX_GRID })
 }
 
 fn bounded(range: Range) -> Value {

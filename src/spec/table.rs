@@ -36,8 +36,10 @@ pub(super) enum Kind {
     Choice(&'static [(&'static str, &'static str)]),
     /// A Boolean.
     Bool,
-    /// A list of points in space, with the bounds of their coordinates.
-    Points(Range),
+    /// A list of points with so many coordinates, and the bounds of these.
+    Points(usize, Range),
+    /// Rows of as many numbers as there are rows, with their bounds.
+    Grid(Range),
 }
 
 /// A type that can be the value of a parameter.

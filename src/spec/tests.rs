@@ -152,7 +152,7 @@ fn unknown_fields_are_named_with_the_nearest() {
             "known are resolution_um, tolerance_um, smooth_um, strips",
         ),
         (json!({ "a/b": 5 }), "/a~1b", "unknown field `a/b`"),
-        (json!({ "k0": 5 }), "/k0", "known are length_mm, steps"),
+        (json!({ "k0": 5 }), "/k0", "known are length_mm, scale, steps"),
         (json!({ "friction": { "key": [] } }), "/friction/key", "did you mean `keys`?"),
         (
             json!({ "friction": { "fluctuation": { "amplitude": 0, "phase": 1 } } }),
@@ -616,4 +616,35 @@ fn a_contraction_needs_frames_that_its_surface_can_make() {
         resolve(&spec).unwrap().is_streamed(&["vtp"])
     };
     assert!(streamed(0) && !streamed(2));
+}
+
+#[test]
+fn outlines_and_folds_that_cannot_be_name_the_place() {
+    let polygon = |points: Value| json!({ "outline": { "kind": "polygon", "points": points } });
+    let grid = |rows: Value| json!({ "outline": { "kind": "grid", "grid": rows } });
+    for (patch, pointer, detail) in [
+        (polygon(json!([])), "/outline/points", "at least 3"),
+        (polygon(json!([[1, 0], [0, 1], [0.2, -0.2], [-1, 0], [0, -1]])), "/outline/points/1", "runs back"),
+        (polygon(json!([[2, 2], [2, 3], [1, 3]])), "/outline/points/2", "runs back"),
+        (polygon(json!([[1, 0], [0, 1], [-0.1, -0.1]])), "/outline/points", "0.3"),
+        (
+            polygon(json!([[1, 0, 0], [0, 1], [-1, 0]])),
+            "/outline/points/0",
+            "must be a point [x, y], not an array of 3",
+        ),
+        (polygon(json!([[1, 0], [0, 4], [-1, 0]])), "/outline/points/1/1", "above the greatest"),
+        (grid(json!([])), "/outline/grid", "at least 2 rows"),
+        (grid(json!([[1, 1], [1]])), "/outline/grid/1", "an array of 2 numbers"),
+        (grid(json!([[1, 1], [1, "a"]])), "/outline/grid/1/1", "must be a number"),
+        (grid(json!([[1, 1], [1, 1]])), "/outline/grid", "not negative at the axis"),
+        (grid(json!([[-1, -1], [-1, -1]])), "/outline/grid", "0 times along the ray at 0°"),
+        (json!({ "outline": { "kind": "circle" } }), "/outline/kind", "must be one of"),
+        (json!({ "folds": { "depth": 0.5, "period_mm": 1 } }), "/folds/period_mm", "the folds move the boundary by"),
+        (json!({ "scale": 0 }), "/scale", "below the least"),
+    ] {
+        let fault = fault(&patch);
+        assert!(fault.pointer == pointer && fault.detail.contains(detail), "{patch}: {fault:?}");
+    }
+    let bad = json!({ "outline": { "strength": 0, "kind": "polygon" } });
+    assert_eq!(pointers(&bad), [""; 0], "an outline that is never taken on may be anything");
 }

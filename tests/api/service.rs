@@ -144,7 +144,19 @@ async fn presets_are_complete_and_valid() {
     let names: Vec<_> = list["presets"].as_array().unwrap().iter().map(|p| p["name"].as_str().unwrap()).collect();
     assert_eq!(
         names,
-        ["pig", "human", "cow", "mouse", "utero-tubal-junction", "infundibulum", "ureter", "oesophagus", "paper"]
+        [
+            "pig",
+            "human",
+            "cow",
+            "mouse",
+            "utero-tubal-junction",
+            "infundibulum",
+            "ureter",
+            "oesophagus",
+            "small-intestine",
+            "colon",
+            "paper"
+        ]
     );
     for name in names {
         let whole = app.post("/models/validate", &json!({ "preset": name })).await.json()["spec"].clone();

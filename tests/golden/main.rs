@@ -30,6 +30,13 @@ fn models() -> Vec<(String, &'static str, u64, Value)> {
     for (name, change) in [
         ("paper 7, euler", json!({ "solver": { "integrator": "euler" } })),
         ("pig 7, strips", json!({ "mesh": { "strips": true } })),
+        (
+            "pig 7, outline",
+            json!({
+                "outline": { "kind": "superellipse" }, "scale": 2,
+                "folds": { "depth": 0.3, "rows": 2, "period_mm": 150, "stagger": 0.5, "wall": 0.5 },
+            }),
+        ),
         ("pig 7, straight", json!({ "sway": { "strength": 0 }, "lean": { "strength_um": 0 } })),
     ] {
         let mut patch = small.clone();

@@ -48,6 +48,11 @@ fn only(plan: &mut Plan, start: &mut Checkpoint, keep: impl Fn(&StepRow, &mut St
             range_half: row.range_half,
             barrier_distance: row.barrier_distance,
             variation: row.variation,
+            outline: row.outline,
+            fold: row.fold,
+            fold_of_wall: row.fold_of_wall,
+            fold_phase: row.fold_phase,
+            margin: row.margin,
             inner_target: inner,
             outer_target: outer,
             ..StepRow::default()
@@ -252,6 +257,48 @@ fn thickness_matches() {
     let spread = cpu.inner.scale.iter().fold([f32::MAX, 0.0], |s, &x| [s[0].min(x), s[1].max(x)]);
     assert!(spread[1] > 1.2 * spread[0], "{spread:?}: too little difference to test");
     assert_close("scale", &cpu.inner.scale, &gpu.inner.scale, 2e-5);
+}
+
+/// Containment, anchors, sway and wall in a region with a notch and folds.
+#[test]
+fn outlines_match() {
+    if no_vulkan() {
+        return;
+    }
+    let points = [[1.2, 0.0], [0.9, 0.9], [0.1, 0.5], [-0.8, 1.0], [-1.0, -0.6], [0.2, -0.9]];
+    let patch = json!({
+        "outline": { "kind": "polygon", "points": points }, "sway": { "strength": 3 }, "containment": { "wall_um": 60 },
+        "folds": { "depth": 0.4, "rows": 3, "period_mm": 110, "stagger": 0.3, "wall": 0.6 },
+    });
+    let (plan, start) = buckled(&patch, 17);
+    for (name, keep) in [
+        (
+            "containment",
+            (|row, bare| {
+                bare.containment = row.containment;
+                bare.r_in = 0.9 * row.r_in;
+            }) as fn(&StepRow, &mut StepRow),
+        ),
+        ("regulatory", |row, bare| bare.regulatory = row.regulatory),
+        ("sway", |row, bare| bare.sway = row.sway),
+    ] {
+        println!("{name}");
+        let (mut plan, mut start) = (plan.clone(), start.clone());
+        only(&mut plan, &mut start, keep);
+        let (cpu, gpu) = both(&plan, &start);
+        assert_velocities(&cpu.inner, &gpu.inner, 5e-5);
+        let (elliptic, _) = both(&Plan { spokes: Vec::new(), ..plan }, &start);
+        assert_ne!(cpu.inner.vx, elliptic.inner.vx, "the outline does not matter, so nothing is tested");
+    }
+    let (cpu, gpu) = both(&plan, &start);
+    assert!(cpu.inner.len() > start.inner.len());
+    assert_eq!(cpu.inner.id, gpu.inner.id);
+    // Corners of the outline are nearest to a range of points, so that anchors may differ where sides meet.
+    assert_close("anchor_x", &cpu.inner.anchor_x, &gpu.inner.anchor_x, 1e-4);
+    assert_close("anchor_y", &cpu.inner.anchor_y, &gpu.inner.anchor_y, 1e-4);
+    let flat = |p: &[[f32; 2]]| p.iter().flatten().copied().collect::<Vec<f32>>();
+    assert_close("outer positions", &flat(&cpu.outer.p), &flat(&gpu.outer.p), 2e-5);
+    assert_close("outer velocities", &flat(&cpu.outer.v), &flat(&gpu.outer.v), 2e-3);
 }
 
 /// Both halves of the variety: ranges, and which edges are split.

@@ -21,7 +21,14 @@ const schema: SchemaNode = {
     collision: { title: "Self-intersection force", properties: { gap_um: scheduled(5, 1000, 497.5) } },
     solver: { title: "Solver", properties: { integrator: { type: "string", enum: ["rk4", "euler"], "x-enum-descriptions": ["A.", "B."] } } },
     mesh: { title: "Surface", properties: { strips: { type: "boolean" } } },
-    course: { title: "Course", properties: { points_mm: { type: "array", items: { type: "array", items: { type: "number" } } } } },
+    course: { title: "Course", properties: { points_mm: { type: "array", items: { type: "array", items: { type: "number" }, minItems: 3 } } } },
+    outline: {
+      title: "Outline",
+      properties: {
+        points: { type: "array", items: { type: "array", items: { type: "number" }, minItems: 2 } },
+        grid: { type: "array", items: { type: "array", items: { type: "number" } } },
+      },
+    },
   },
   $defs: {
     Fluctuation: { properties: { amplitude: { type: "number", minimum: 0 }, period: { minimum: 2, maximum: 1e6 } } },
@@ -51,6 +58,8 @@ const preset = {
     ["/solver/integrator", "rk4"],
     ["/mesh/strips", false],
     ["/course/points_mm", []],
+    ["/outline/points", []],
+    ["/outline/grid", []],
   ].map(([pointer, value]) => ({ pointer, value, title: pointer, description: "", unit: "", source: null })),
 } as unknown as Preset;
 const parameters = parametersOf(schema, preset);
@@ -69,9 +78,9 @@ test("parameters have the kinds and bounds of the schema", () => {
   assert.deepEqual([friction.amplitude.minimum, friction.amplitude.maximum, friction.period.maximum], [0, 1.25, 1e6]);
   assert.deepEqual([friction.mostKeys, friction.eases.map(({ name }) => name)], [256, ["linear", "smooth"]]);
   assert.deepEqual(integrator, { type: "choice", choices: [{ name: "rk4", description: "A." }, { name: "euler", description: "B." }] });
-  assert.deepEqual([strips, points], [{ type: "flag" }, { type: "points" }]);
+  assert.deepEqual([strips, points], [{ type: "flag" }, { type: "points", coordinates: 3 }]);
   const groups = groupsOf(schema, parameters).map(({ title, parameters }) => [title, parameters.length]);
-  assert.deepEqual(groups, [["General", 2], ["Self-intersection force", 1], ["Solver", 1], ["Surface", 1], ["Course", 1]]);
+  assert.deepEqual(groups, [["General", 2], ["Self-intersection force", 1], ["Solver", 1], ["Surface", 1], ["Course", 1], ["Outline", 2]]);
 });
 
 test("a request holds only what differs from the preset and the defaults", () => {
@@ -105,11 +114,15 @@ test("the spec of a model gives the changes that made it", () => {
 
 test("points are written one a line, or as JSON", () => {
   const points = [[0, 0, 0], [1.5, -2, 30]];
-  for (const text of ["0, 0, 0\n1.5 -2 30\n", "[[0,0,0],[1.5, -2, 30]]", "[0, 0, 0],\n[1.5, -2, 30],"]) assert.deepEqual(readPoints(text), points);
+  for (const text of ["0, 0, 0\n1.5 -2 30\n", "[[0,0,0],[1.5, -2, 30]]", "[0, 0, 0],\n[1.5, -2, 30],"]) assert.deepEqual(readPoints(text, 3), points);
   assert.deepEqual(bodyOf({ changes: { "/course/points_mm": "0, 0, 0\n1.5, -2, 30" } })["spec"], { course: { points_mm: points } });
   assert.deepEqual(changesOf({ course: { points_mm: points } }, parameters), { "/course/points_mm": "0, 0, 0\n1.5, -2, 30" });
   const [fault] = requestOf({ ...BLANK, changes: { "/course/points_mm": "0, 0, 0\n1, 2" } }, "pig", parameters) as { pointer: string; detail: string }[];
   assert.deepEqual([fault!.pointer, fault!.detail], ["/spec/course/points_mm", "point 2, “1, 2”, is not three numbers such as 0, 0, 12"]);
+  const outline = { "/outline/points": "1, 0\n0, 1\n-1, -1", "/outline/grid": "1, 1\n1, 1" };
+  assert.deepEqual(bodyOf({ changes: outline })["spec"], { outline: { points: [[1, 0], [0, 1], [-1, -1]], grid: [[1, 1], [1, 1]] } });
+  assert.equal(readPoints("1, 0, 0", 2), "point 1, “1, 0, 0”, is not two numbers such as 0.5, -1");
+  assert.equal(readPoints("1, 1\n1", 0), "row 2, “1”, is not 2 numbers: as many as there are rows");
 });
 
 test("what is no number is a fault at its field", () => {

@@ -2241,6 +2241,47 @@ export interface components {
             period?: number | null;
         };
         /**
+         * Transverse folds
+         * @description Folds across the tube.
+         */
+        FoldsPatch: {
+            /**
+             * Bands between the rows
+             * @description Width of the bands without folds between the rows, such as the taeniae of a colon.
+             */
+            band?: number | null;
+            /**
+             * Height of the folds
+             * @description Height of the folds; 0 for none.
+             */
+            depth?: number | components["schemas"]["Schedule"] | null;
+            /**
+             * Irregularity
+             * @description Greatest random shift of a fold along the tube.
+             */
+            irregularity?: number | null;
+            /**
+             * Distance of the folds
+             * @description Distance of folds along the tube.
+             */
+            period_mm?: number | null;
+            /**
+             * Rows
+             * @description Rows around the tube.
+             */
+            rows?: number | null;
+            /**
+             * Stagger of the rows
+             * @description How far each row is ahead of the one before it.
+             */
+            stagger?: number | null;
+            /**
+             * Share of the outer wall
+             * @description Share of the height by which the outer wall is drawn in, too: 1 for haustra, 0 for folds of the mucosa alone.
+             */
+            wall?: number | null;
+        };
+        /**
          * @description Representations of a section.
          * @enum {string}
          */
@@ -2770,6 +2811,46 @@ export interface components {
             certificate: components["schemas"]["OtherCertificate"];
             /** @description Unit of its files. */
             unit: components["schemas"]["LengthUnit"];
+        };
+        /**
+         * Outline
+         * @description Outline of the containment region.
+         */
+        OutlinePatch: {
+            /**
+             * Exponent
+             * @description Exponent n of a superellipse |x|ⁿ + |y|ⁿ = 1: 1 is a rhomb, 2 the ellipse, 20 nearly a rectangle.
+             */
+            exponent?: number | null;
+            /**
+             * Signed distances
+             * @description Signed distances at the nodes of a square grid about the axis, negative inside, as rows from the least y to the greatest; the outline is where they are 0. Only their signs and proportions count, so any function that changes its sign there will do.
+             */
+            grid?: number[][] | null;
+            /**
+             * Half side of the grid
+             * @description Half of the side of the grid.
+             */
+            grid_half?: number | null;
+            /**
+             * Outline
+             * @description Which curve it is.
+             * @enum {string|null}
+             */
+            kind?: "ellipse" | "superellipse" | "polygon" | "grid" | null;
+            /**
+             * Corners
+             * @description Corners of a polygon around the axis, in order.
+             */
+            points?: [
+                number,
+                number
+            ][] | null;
+            /**
+             * Strength of the outline
+             * @description How much of it the region takes on: the ellipse with 0, the outline with 1.
+             */
+            strength?: number | components["schemas"]["Schedule"] | null;
         };
         /**
          * @description A format of the model: one file, or several.
@@ -3389,6 +3470,7 @@ export interface components {
             contortion?: components["schemas"]["ContortionPatch"] | null;
             contraction?: components["schemas"]["ContractionPatch"] | null;
             course?: components["schemas"]["CoursePatch"] | null;
+            folds?: components["schemas"]["FoldsPatch"] | null;
             /**
              * Friction
              * @description Friction strength: the force is −k·v.
@@ -3403,10 +3485,16 @@ export interface components {
              */
             length_mm?: number | null;
             mesh?: components["schemas"]["MeshPatch"] | null;
+            outline?: components["schemas"]["OutlinePatch"] | null;
             particles?: components["schemas"]["ParticlesPatch"] | null;
             piece?: components["schemas"]["PiecePatch"] | null;
             regions?: components["schemas"]["RegionsPatch"] | null;
             regulatory?: components["schemas"]["RegulatoryPatch"] | null;
+            /**
+             * Scale
+             * @description Size of the organ over the simulated one: by how much the sections are enlarged. All lengths across the tube but those of `lean`, `mesh`, `course`, `histology` and `labels` are those of the simulation. Organs of centimetres so grow like small ones, whose folds are some hundred micrometres apart.
+             */
+            scale?: number | null;
             solver?: components["schemas"]["SolverPatch"] | null;
             spring?: components["schemas"]["SpringPatch"] | null;
             /**

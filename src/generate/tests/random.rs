@@ -95,7 +95,26 @@ fn wild(seed: u64) -> Result<ModelSpec, Vec<Fault>> {
     put(&mut patch, "/burn_in", json!((100.0 * next()).round()));
     put(&mut patch, "/wall/lobes", json!((1.0 + 15.0 * next()).round()));
     put(&mut patch, "/solver/integrator", json!(if next() < 0.2 { "euler" } else { "rk4" }));
+    if next() < 0.5 {
+        put(&mut patch, "/outline/kind", json!("polygon"));
+        put(&mut patch, "/outline/points", corners(&mut next));
+        put(&mut patch, "/folds/depth", json!(0.7 * next()));
+        put(&mut patch, "/folds/period_mm", json!(1000.0 * next()));
+        put(&mut patch, "/folds/rows", json!((1.0 + 7.0 * next()).round()));
+        put(&mut patch, "/folds/wall", json!(next()));
+    }
     ModelSpec::resolve(base, &patch)
+}
+
+/// Corners around the axis, at 0.4 to 1.9 R_in from it.
+fn corners(next: &mut impl FnMut() -> f64) -> Value {
+    let count = (5.0 + 20.0 * next()).round();
+    let mut corner = |i: u32| {
+        let angle = std::f64::consts::TAU * (f64::from(i) + 0.8 * next()) / count;
+        let radius = 0.4 + 1.5 * next();
+        json!([radius * angle.cos(), radius * angle.sin()])
+    };
+    (0..count as u32).map(&mut corner).collect()
 }
 
 /// Generates all specifications with their seeds; none may fail.
@@ -119,6 +138,8 @@ fn random_specifications_that_are_accepted_certify() {
     let drawn = 8 * wanted as u64;
     let accepted: Vec<_> = (0..drawn).filter_map(|seed| Some((seed, wild(seed).ok()?))).take(wanted).collect();
     assert_eq!(accepted.len(), wanted, "so many of {drawn} are accepted");
+    let shaped = accepted.iter().filter(|(_, spec)| !spec.is_elliptic()).count();
+    assert!(4 * shaped > wanted, "{shaped} of {wanted} have another outline");
     all_certify(&accepted);
 }
 

@@ -7,7 +7,6 @@
 use super::variety::Around;
 use crate::random::{self, Stream};
 use crate::sim::layout::StepRow;
-use crate::sim::maths::nearest_on_ellipse;
 use crate::sim::plan::Plan;
 use crate::sim::state::{InnerLoop, OuterLoop, contortion_sign};
 
@@ -43,7 +42,7 @@ pub(super) fn grow_inner(plan: &Plan, time: i64, row: &StepRow, s: &mut InnerLoo
         }
         winners.extend(best.map(|(_, edge)| edge));
     }
-    split(plan, row, s, &winners);
+    split(plan, time, row, s, &winners);
     (wanted - winners.len()) as u32
 }
 
@@ -114,8 +113,8 @@ fn score(row: &StepRow, s: &InnerLoop, edge: usize) -> f32 {
 }
 
 /// Splits the edges `winners` (ascending).
-fn split(plan: &Plan, row: &StepRow, s: &mut InnerLoop, winners: &[usize]) {
-    let n = s.len();
+fn split(plan: &Plan, time: i64, row: &StepRow, s: &mut InnerLoop, winners: &[usize]) {
+    let (n, region) = (s.len(), plan.region(time));
     let mut next_id = s.next_id;
     let mut grown = InnerLoop::default();
     let mut winners = winners.iter().peekable();
@@ -127,7 +126,7 @@ fn split(plan: &Plan, row: &StepRow, s: &mut InnerLoop, winners: &[usize]) {
             let j = (i + 1) % n;
             let middle = |v: &[f32]| 0.5 * (v[i] + v[j]);
             let p = [middle(&s.x), middle(&s.y)];
-            let anchor = nearest_on_ellipse(p, row.r_in, row.squash);
+            let anchor = region.nearest(p, row);
             grown.id.push(next_id);
             grown.x.push(p[0]);
             grown.y.push(p[1]);

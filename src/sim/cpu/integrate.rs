@@ -79,13 +79,15 @@ pub(super) fn step(
     statistics: &mut Statistics,
 ) {
     let n = s.len();
-    sway::update(plan, time, row, s, &mut work.sway);
+    let region = plan.region(time);
+    let at = |modifier: f32| local::Step { row, region: &region, modifier };
+    sway::update(plan, time, row, &region, s, &mut work.sway);
     chain.resize(n);
     chain.x[1..=n].copy_from_slice(&s.x);
     chain.y[1..=n].copy_from_slice(&s.y);
     chain.vx[1..=n].copy_from_slice(&s.vx);
     chain.vy[1..=n].copy_from_slice(&s.vy);
-    evaluate(row, row.contortion[0], s, chain, neighbours, work, 0, true);
+    evaluate(at(row.contortion[0]), s, chain, neighbours, work, 0, true);
     gather_clearance(neighbours, work);
     match plan.integrator {
         Integrator::Euler => vectorize(
@@ -113,7 +115,7 @@ pub(super) fn step(
                         advance(h, weight, &s.y, &s.vy, &work.ay[stage - 1], &mut chain.y, &mut chain.vy, &mut work.sy);
                     },
                 );
-                evaluate(row, modifier, s, chain, neighbours, work, stage, false);
+                evaluate(at(modifier), s, chain, neighbours, work, stage, false);
             }
             vectorize(
                 #[inline(always)]
@@ -160,8 +162,7 @@ fn conclude(v: &mut [f32], sum: &mut [f32], a: &[Vec<f32>; 4]) {
 /// Computes the accelerations of `stage` from all forces on the chain (mass is 1).
 #[expect(clippy::too_many_arguments, reason = "parts of the state that are borrowed separately")]
 fn evaluate(
-    row: &StepRow,
-    modifier: f32,
+    step: local::Step<'_>,
     s: &InnerLoop,
     chain: &mut Chain,
     neighbours: &mut Neighbours,
@@ -169,6 +170,7 @@ fn evaluate(
     stage: usize,
     clearance: bool,
 ) {
+    let row = step.row;
     vectorize(
         #[inline(always)]
         || {
@@ -193,7 +195,7 @@ fn evaluate(
     let work_on = |(part, fx, fy, near): (&mut Part, &mut [f32], &mut [f32], &mut [f32])| {
         if kernel == Kernel::Scalar {
             scalar::gather(clearance, chain, s, row, part, fx, fy, near);
-            local::add(chain, s, row, modifier, part.particles.clone(), fx, fy);
+            local::add(chain, s, step, part.particles.clone(), fx, fy);
             return;
         }
         vectorize(
@@ -204,7 +206,7 @@ fn evaluate(
                 } else {
                     gather::<false>(chain, s, row, part, fx, fy, near);
                 }
-                local::add(chain, s, row, modifier, part.particles.clone(), fx, fy);
+                local::add(chain, s, step, part.particles.clone(), fx, fy);
             },
         );
     };

@@ -4,20 +4,52 @@
 use super::chain::Chain;
 use crate::sim::layout::StepRow;
 use crate::sim::maths::{max, min};
+use crate::sim::region::Region;
 use crate::sim::state::InnerLoop;
 use std::ops::Range;
 
+/// The step, for the local forces.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Step<'a> {
+    pub(super) row: &'a StepRow,
+    pub(super) region: &'a Region,
+    /// m·c(t) of the contortion at this evaluation.
+    pub(super) modifier: f32,
+}
+
 /// Adds the local forces on the particles `range` to `fx`, `fy` (one entry per particle of the range).
-/// `modifier` is m·c(t) of the contortion at this evaluation.
 #[inline(always)]
 pub(super) fn add(
     chain: &Chain,
     state: &InnerLoop,
-    row: &StepRow,
-    modifier: f32,
+    step: Step<'_>,
     range: Range<usize>,
     fx: &mut [f32],
     fy: &mut [f32],
+) {
+    match step.region {
+        Region::Ellipse => {
+            let radius = |[x, y]: [f32; 2]| (x * x + y * y).sqrt();
+            add_within(chain, state, step, range, fx, fy, radius, |_| 1.0);
+        }
+        Region::Shaped(gauge) => {
+            add_within(chain, state, step, range, fx, fy, |p| gauge.radius(p), |unit| gauge.boundary(unit));
+        }
+    }
+}
+
+/// `gauge` is that of a point of the flattened plane, `boundary` the distance of the boundary from the axis in a direction.
+#[inline(always)]
+#[expect(clippy::too_many_arguments, reason = "the arguments of `add` and the two functions of the region")]
+fn add_within(
+    chain: &Chain,
+    state: &InnerLoop,
+    Step { row, modifier, .. }: Step<'_>,
+    range: Range<usize>,
+    fx: &mut [f32],
+    fy: &mut [f32],
+    gauge: impl Fn([f32; 2]) -> f32,
+    boundary: impl Fn([f32; 2]) -> f32,
 ) {
     let count = range.len();
     let neighbours = range.start..range.end + 2;
@@ -38,10 +70,10 @@ pub(super) fn add(
         let second = [x[i] - 2.0 * px + x[i + 2], y[i] - 2.0 * py + y[i + 2]];
         let bend = row.bending * (second[0] * nx[i] + second[1] * ny[i]);
         let radius = (px * px + py * py + 1e-6).sqrt();
-        let flat = py * unsquash;
-        let elliptic = (px * px + flat * flat).sqrt();
-        let inward = row.containment * min(max((elliptic - row.r_in) * ramp, 0.0), 1.0) / radius;
-        let anchor = [row.r_in * ax[i] - px, row.squash * row.r_in * ay[i] - py];
+        let outside = gauge([px, py * unsquash]) - row.r_in;
+        let inward = row.containment * min(max(outside * ramp, 0.0), 1.0) / radius;
+        let r_anchor = row.r_in * boundary([ax[i], ay[i]]);
+        let anchor = [r_anchor * ax[i] - px, row.squash * r_anchor * ay[i] - py];
         let far = (anchor[0] * anchor[0] + anchor[1] * anchor[1]).sqrt();
         let tether = row.regulatory / max(far, row.softening);
         fx[i] += spring[0] - row.friction * vx[i] + bend * nx[i] - inward * px + tether * anchor[0];

@@ -35,7 +35,7 @@ pub use saved::StateError;
 pub(super) use variety::coefficients;
 
 /// Constants of the model that every backend must share, by their names in the shaders.
-pub const CONSTANTS: [(&str, f32); 21] = [
+pub const CONSTANTS: [(&str, f32); 20] = [
     ("SHARE", integrate::SHARE),
     ("LEAST_MOVE", integrate::LIMITS[0]),
     ("GREATEST_MOVE", integrate::LIMITS[1]),
@@ -49,7 +49,6 @@ pub const CONSTANTS: [(&str, f32); 21] = [
     ("HEAVIEST", variety::HEAVIEST),
     ("SWAYS", sway::SWAYS),
     ("STILL", sway::STILL),
-    ("MARGIN", outer::MARGIN),
     ("MOVE", outer::MOVE),
     ("TAUT", outer::TAUT),
     ("PULL", outer::PULL),
@@ -190,8 +189,8 @@ impl Simulator for CpuSimulation {
             step: at as f64,
             z_um: self.plan.z_um[at],
             added: false,
-            inner: self.inner.ring(),
-            outer: self.outer.ring(),
+            inner: self.inner.ring(self.plan.scale),
+            outer: self.outer.ring(self.plan.scale),
         }
     }
 

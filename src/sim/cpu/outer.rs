@@ -6,8 +6,8 @@
 //! - The loop is star-shaped around the origin, so it cannot cross itself: the directions of its particles increase
 //!   counter-clockwise. A particle may use less than half of the angle to each neighbour in a step ([`Fan::hold`]), so two
 //!   neighbours never exchange their order, and no angle between neighbours grows to a half turn.
-//! - Every particle and every edge stays outside the ellipse that just contains the inner loop, so the two loops never
-//!   meet: particles are pushed out to a radius at which their edges clear the ellipse ([`floor`], [`clear`]).
+//! - Every particle and every edge stays outside the enlarged region that just contains the inner loop, so the two loops never
+//!   meet: particles are pushed out until their edges clear it ([`floor`], [`clear`], [`clear_outline`]).
 //!
 //! Both are enforced in the flattened plane, in which the containment ellipse is a circle: (x, y/squash). A linear map
 //! preserves the order of directions and straight lines.
@@ -15,10 +15,9 @@
 use crate::sim::layout::StepRow;
 use crate::sim::maths::{max, min};
 use crate::sim::plan::Plan;
+use crate::sim::region::{Gauge, Region};
 use crate::sim::state::{InnerLoop, OuterLoop};
 
-/// Least thickness of the wall, µm.
-pub(super) const MARGIN: f32 = 20.0;
 /// Greatest move in a step along each axis, µm, unless the inner loop forces a greater one.
 pub(super) const MOVE: f32 = 5.0;
 /// Rest length of the edges over their mean length. Below 1, so that the wall is under tension.
@@ -39,15 +38,19 @@ pub(super) fn start(plan: &Plan, time: i64) -> OuterLoop {
     let row = plan.at(time);
     let n = plan.start[1];
     let mut s = OuterLoop::default();
-    let floor = floor(row.r_in, n as usize);
+    let region = plan.wall_region(time);
+    let floor = floor(row.r_in, row.margin, n as usize);
     let phases = phases(plan, time);
     for i in 0..n {
         let angle = std::f64::consts::TAU * f64::from(i) / f64::from(n);
-        let (c, sine) = (libm::cos(angle) as f32, libm::sin(angle) as f32);
-        let r = max(target(plan, row, &phases, [c, sine]), floor);
+        let unit = [libm::cos(angle) as f32, libm::sin(angle) as f32];
+        let r = max(target(plan, row, &region, &phases, unit), floor * region.boundary(unit));
         s.id.push(i);
-        s.p.push([r * c, r * row.squash * sine]);
+        s.p.push([r * unit[0], r * row.squash * unit[1]]);
         s.v.push([0.0; 2]);
+    }
+    if let Region::Shaped(gauge) = &region {
+        clear_outline(gauge, row.r_in + row.margin, 1.0 / row.squash, &mut s.p);
     }
     s
 }
@@ -57,11 +60,9 @@ pub(super) fn step(plan: &Plan, time: i64, row: &StepRow, inner: &InnerLoop, s: 
     let n = s.len();
     let next = plan.at(time + 1);
     let unsquash = 1.0 / next.squash;
-    let reach = inner.x.iter().zip(&inner.y).fold(0.0f32, |m, (&x, &y)| {
-        let flat = y * unsquash;
-        max(m, x * x + flat * flat)
-    });
-    let floor = floor(reach.sqrt(), n);
+    let region = plan.wall_region(time + 1);
+    let reach = reach(&region, inner, unsquash);
+    let floor = floor(reach, next.margin, n);
     let phases = phases(plan, time + 1);
     let at = |i: usize| s.p[i % n];
     let perimeter: f32 = (0..n).map(|i| distance(at(i), at(i + 1))).sum();
@@ -82,7 +83,8 @@ pub(super) fn step(plan: &Plan, time: i64, row: &StepRow, inner: &InnerLoop, s: 
         let p = s.p[i];
         let flat = [p[0], p[1] * unsquash];
         let elliptic = max((flat[0] * flat[0] + flat[1] * flat[1]).sqrt(), 1e-6);
-        let wanted = max(target(plan, next, &phases, [flat[0] / elliptic, flat[1] / elliptic]), floor);
+        let outward = [flat[0] / elliptic, flat[1] / elliptic];
+        let wanted = max(target(plan, next, &region, &phases, outward), floor * region.boundary(outward));
         let pull = min(max(PULL * (wanted - elliptic), -row.containment), row.containment);
         let before = pulls[(i + n - 1) % n];
         let mut v = s.v[i];
@@ -98,14 +100,30 @@ pub(super) fn step(plan: &Plan, time: i64, row: &StepRow, inner: &InnerLoop, s: 
         }
         let flat = [q[0], q[1] * unsquash];
         let elliptic = (flat[0] * flat[0] + flat[1] * flat[1]).sqrt();
-        if elliptic < floor {
-            let scale = floor / max(elliptic, 1e-6);
+        let least = floor * region.boundary(unit(flat));
+        if elliptic < least {
+            let scale = least / max(elliptic, 1e-6);
             q = [q[0] * scale, q[1] * scale];
         }
         s.p[i] = q;
         s.v[i] = v;
     }
-    clear(reach.sqrt() + MARGIN, unsquash, &mut s.p);
+    match &region {
+        Region::Ellipse => clear(reach + next.margin, unsquash, &mut s.p),
+        Region::Shaped(gauge) => clear_outline(gauge, reach + next.margin, unsquash, &mut s.p),
+    }
+}
+
+/// The greatest gauge of the inner loop, edges included: they may leave a region that is not convex.
+fn reach(region: &Region, inner: &InnerLoop, unsquash: f32) -> f32 {
+    let flat = |i: usize| [inner.x[i], inner.y[i] * unsquash];
+    let n = inner.len();
+    match region {
+        Region::Ellipse => (0..n).map(flat).fold(0.0f32, |most, [x, y]| max(most, x * x + y * y)).sqrt(),
+        Region::Shaped(gauge) => {
+            (0..n).map(|i| gauge.extent(flat(i), flat((i + 1) % n))[1]).fold(0.0f32, |most, edge| max(most, edge))
+        }
+    }
 }
 
 /// The directions of the particles before a step, in the flattened plane.
@@ -167,12 +185,24 @@ fn clear(least: f32, unsquash: f32, points: &mut [[f32; 2]]) {
     }
 }
 
+/// Pushes particles out whose edges would come below the gauge `least`. If both ends of an edge move away from the axis by the
+/// same factor, so does each of its points, and a further move of one end takes none of them nearer.
+fn clear_outline(gauge: &Gauge, least: f32, unsquash: f32, points: &mut [[f32; 2]]) {
+    let n = points.len();
+    let flat = |i: usize| [points[i % n][0], points[i % n][1] * unsquash];
+    let needed: Vec<f32> = (0..n).map(|i| least / max(gauge.extent(flat(i), flat(i + 1))[0], 1e-6)).collect();
+    for (i, point) in points.iter_mut().enumerate() {
+        let scale = max(max(needed[(i + n - 1) % n], needed[i]), 1.0);
+        *point = [scale * point[0], scale * point[1]];
+    }
+}
+
 /// Least elliptic radius of the particles of a wall around an inner loop that reaches out to `reach`. An edge between two
 /// particles at elliptic radius r and equal spacing comes as near as r·cos(π/n); 2π/n allows for spacing twice as wide.
-/// [`clear`] handles wider angles.
-fn floor(reach: f32, n: usize) -> f32 {
+/// [`clear`] handles wider angles. For other outlines it is a gauge.
+fn floor(reach: f32, margin: f32, n: usize) -> f32 {
     let sagitta = 1.0 - libm::cosf(std::f32::consts::TAU / n as f32);
-    (reach + MARGIN) / (1.0 - sagitta).max(0.5)
+    (reach + margin) / (1.0 - sagitta).max(0.5)
 }
 
 /// Phases of the lobes at a step, as (cosine, sine).
@@ -182,7 +212,7 @@ fn phases(plan: &Plan, time: i64) -> Vec<[f32; 2]> {
 }
 
 /// Elliptic radius of the lobed target in direction (cos θ, sin θ).
-fn target(plan: &Plan, row: &StepRow, phases: &[[f32; 2]], direction: [f32; 2]) -> f32 {
+fn target(plan: &Plan, row: &StepRow, region: &Region, phases: &[[f32; 2]], direction: [f32; 2]) -> f32 {
     let [c, s] = direction;
     let mut power = [c, s];
     let mut order = 1;
@@ -194,7 +224,7 @@ fn target(plan: &Plan, row: &StepRow, phases: &[[f32; 2]], direction: [f32; 2]) 
         }
         sum += lobe.weight * (power[0] * phase[0] - power[1] * phase[1]);
     }
-    row.r_wall * (1.0 + row.lobing * sum)
+    (row.r_wall + row.r_in * (region.boundary(direction) - 1.0)) * (1.0 + row.lobing * sum)
 }
 
 fn distance(a: [f32; 2], b: [f32; 2]) -> f32 {

@@ -5,15 +5,16 @@ use super::vectorize::vectorize;
 use crate::sim::layout::StepRow;
 use crate::sim::maths::{cos_turns, fraction, max, min};
 use crate::sim::plan::Plan;
+use crate::sim::region::Region;
 use crate::sim::state::InnerLoop;
 
-/// Elliptic radius, in units of `R_in`, up to which the flow has its full strength, and from which on there is none.
+/// Gauge of the region, in units of `R_in`, up to which the flow has its full strength, and from which on there is none.
 pub(super) const SWAYS: f32 = 0.55;
 /// See [`SWAYS`].
 pub(super) const STILL: f32 = 0.95;
 
 /// The force on every particle in a step: friction times the velocity of the flow. Empty if there is none.
-pub(super) fn update(plan: &Plan, time: i64, row: &StepRow, s: &InnerLoop, force: &mut [Vec<f32>; 2]) {
+pub(super) fn update(plan: &Plan, time: i64, row: &StepRow, region: &Region, s: &InnerLoop, force: &mut [Vec<f32>; 2]) {
     let n = if row.sway == 0.0 { 0 } else { s.len() };
     for axis in force.iter_mut() {
         axis.clear();
@@ -38,8 +39,12 @@ pub(super) fn update(plan: &Plan, time: i64, row: &StepRow, s: &InnerLoop, force
                 }
             }
             for i in 0..n {
-                let flat = y[i] * unsquash;
-                let radius = (x[i] * x[i] + flat * flat).sqrt() / row.r_in;
+                let flat = [x[i], y[i] * unsquash];
+                let gauge = match region {
+                    Region::Ellipse => (flat[0] * flat[0] + flat[1] * flat[1]).sqrt(),
+                    Region::Shaped(gauge) => gauge.radius(flat),
+                };
+                let radius = gauge / row.r_in;
                 let still = min(max((radius - SWAYS) / (STILL - SWAYS), 0.0), 1.0);
                 let weight = strength * (1.0 - still * still * (3.0 - 2.0 * still));
                 fx[i] *= weight;

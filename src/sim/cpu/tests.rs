@@ -128,6 +128,78 @@ fn the_outer_wall_never_crosses_itself_or_the_inner_loop() {
     }
 }
 
+/// Outlines with corners and notches, and folds that pass by, as fast as they may and with a wall that follows or does not.
+#[test]
+fn walls_never_cross_in_any_outline() {
+    let notched: Vec<[f64; 2]> = (0..24)
+        .map(|i| {
+            let (angle, radius) = (std::f64::consts::TAU * f64::from(i) / 24.0, if i % 6 == 0 { 0.45 } else { 1.2 });
+            [radius * angle.cos(), radius * angle.sin()]
+        })
+        .collect();
+    let folds = |wall: f64| json!({ "depth": 0.5, "rows": 2, "period_mm": 60, "stagger": 0.5, "irregularity": 0.5, "wall": wall });
+    let thin = json!({ "wall_um": 20, "squash": 0.5 });
+    for (seed, patch) in [
+        (1, json!({ "outline": { "kind": "superellipse", "exponent": 20 }, "containment": { "squash": 0.4 } })),
+        (2, json!({ "outline": { "kind": "superellipse", "exponent": 0.7 } })),
+        (
+            3,
+            json!({ "outline": { "kind": "polygon", "points": notched }, "containment": thin, "wall": { "lobing": 0 } }),
+        ),
+        (
+            4,
+            json!({ "outline": { "kind": "polygon", "points": notched,
+            "strength": { "keys": [[0, 0.5], [1, 0.5]], "fluctuation": { "amplitude": 0.5, "period": 40 } } } }),
+        ),
+        (5, json!({ "steps": 600, "folds": folds(1.0) })),
+        (
+            6,
+            json!({ "steps": 600, "folds": folds(0.0), "containment": thin, "wall": { "lobing": 0 },
+            "outline": { "kind": "polygon", "points": notched }, "regulatory": { "strength": 1 } }),
+        ),
+    ] {
+        let mut sim = simulation(&patch, seed, 1);
+        assert!(!sim.plan.spokes.is_empty(), "{patch} is the ellipse");
+        run(&mut sim, |s| assert_sound(&s.section()));
+    }
+}
+
+/// The mucosa of a tube that has no more of it than its wall is long keeps to the outline.
+#[test]
+fn the_mucosa_follows_the_outline() {
+    let square = [[1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]];
+    let patch = json!({
+        "outline": { "kind": "polygon", "points": square },
+        "particles": { "total": 460, "outer": 60 }, "containment": { "spacing_um": 240, "squash": 1 }, "regulatory": { "strength": 1 },
+        "contortion": { "fraction": 0 },
+    });
+    let mut sim = simulation(&patch, 1, 1);
+    run(&mut sim, |_| ());
+    let r_in = sim.plan.at(sim.time).r_in;
+    let [mut sides, mut corners] = [0, 0];
+    for (x, y) in sim.inner.x.iter().zip(&sim.inner.y) {
+        let [x, y] = [x.abs() / r_in, y.abs() / r_in];
+        assert!((0.85..1.1).contains(&x.max(y)), "{x} {y}");
+        sides += u32::from(x.min(y) < 0.2);
+        corners += u32::from(x.min(y) > 0.8);
+    }
+    assert!(sides > 40 && corners > 40, "{sides} {corners}");
+}
+
+/// A scaled model is the same, enlarged.
+#[test]
+fn a_scaled_section_is_the_same_enlarged() {
+    let [one, four] = [1, 4].map(|scale| {
+        let mut sim = simulation(&json!({ "scale": scale, "steps": 40 }), 1, 1);
+        run(&mut sim, |_| ());
+        assert_eq!(sim.section(), sim.checkpoint().section(&sim.plan));
+        sim.section()
+    });
+    let enlarged = |points: &[[f32; 2]]| points.iter().map(|p| p.map(|c| 4.0 * c)).collect::<Vec<_>>();
+    assert_eq!((enlarged(&one.inner.points), enlarged(&one.outer.points)), (four.inner.points, four.outer.points));
+    assert_eq!(one.z_um, four.z_um);
+}
+
 #[test]
 fn counts_follow_the_schedule() {
     let mut sim = simulation(&json!({}), 1, 1);
@@ -245,7 +317,7 @@ fn growth_leaves_the_contour_and_its_rest_length_unchanged() {
     let mut row = *sim.plan.at(10);
     row.inner_target = sim.inner.len() as u32 + 100;
     let length = |s: &InnerLoop| -> f64 { s.rest.iter().map(|&r| f64::from(r)).sum() };
-    let area = |s: &InnerLoop| crate::geometry::polygon::signed_area(&s.ring().points);
+    let area = |s: &InnerLoop| crate::geometry::polygon::signed_area(&s.ring(1.0).points);
     let (rest, before) = (length(&sim.inner), area(&sim.inner));
     let deferred = growth::grow_inner(&sim.plan, 10, &row, &mut sim.inner, &[]);
     assert_eq!(sim.inner.len() as u32 + deferred, row.inner_target);

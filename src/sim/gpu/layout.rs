@@ -52,6 +52,8 @@ pub struct Batch {
     pub modes: u32,
     /// Where they begin in the tables of a member.
     pub around: u32,
+    /// Where the directions of outlines begin in them.
+    pub outline: u32,
 }
 
 /// Constants of a member.
@@ -72,6 +74,8 @@ pub struct Member {
     pub clearance: f32,
     /// Modes of the variety around the wall.
     pub modes: u32,
+    /// Directions of the region's gauge; 0 if it is the ellipse.
+    pub directions: u32,
 }
 
 /// State of a member besides its particles.

@@ -115,6 +115,7 @@ fn member(plan: &Plan) -> Member {
         contorted: plan.contorted,
         clearance: plan.clearance,
         modes: plan.modes.len() as u32,
+        directions: plan.spokes.len() as u32,
     }
 }
 
@@ -163,7 +164,8 @@ fn outer_fields(start: &Checkpoint, capacity: usize) -> Vec<u32> {
 }
 
 /// Wave vectors, phases of each event and wave; orders and weights of the lobes, phases of each row and lobe; wave vectors and
-/// directions of the sway, phases of each row and flow; coefficients of the variety of each event and mode.
+/// directions of the sway, phases of each row and flow; coefficients of the variety of each event and mode; the directions of the
+/// outline.
 fn tables(plan: &Plan, batch: &Batch) -> Vec<f32> {
     let [waves, lobes, flows] = [batch.waves, batch.lobes, batch.flows].map(|count| count as usize);
     let mut words = vec![0.0f32; batch.tables as usize];
@@ -173,8 +175,12 @@ fn tables(plan: &Plan, batch: &Batch) -> Vec<f32> {
     let (turns, rest) = rest.split_at_mut(2 * lobes * batch.rows as usize);
     let (vectors_of_flows, rest) = rest.split_at_mut(4 * flows);
     let (phases_of_flows, rest) = rest.split_at_mut(flows * batch.rows as usize);
+    let (around, outline) = rest.split_at_mut((batch.outline - batch.around) as usize);
+    for (words, spoke) in outline.chunks_exact_mut(4).zip(&plan.spokes) {
+        words.copy_from_slice(&[spoke.ellipse, spoke.outline, spoke.fold, spoke.turn]);
+    }
     if !plan.modes.is_empty() {
-        for (event, of_event) in rest.chunks_exact_mut(6 * batch.modes as usize).enumerate() {
+        for (event, of_event) in around.chunks_exact_mut(6 * batch.modes as usize).enumerate() {
             let coefficients = coefficients(plan, event as i64 * i64::from(plan.grow_every));
             let coefficients = coefficients.as_flattened().as_flattened();
             of_event[..coefficients.len()].copy_from_slice(coefficients);

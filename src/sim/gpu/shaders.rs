@@ -36,6 +36,7 @@ pub const INTEGRATE: Shader = Shader {
         shared!("local"),
         shared!("finite"),
         shared!("maths"),
+        shared!("region"),
         shared!("outer"),
         shared!("sway"),
         stage!("integrate")
@@ -50,6 +51,7 @@ pub const GROWTH: Shader = Shader {
         shared!("layout"),
         shared!("random"),
         shared!("maths"),
+        shared!("region"),
         shared!("variety"),
         shared!("thickness"),
         stage!("growth")

@@ -34,7 +34,8 @@ impl Sizes {
         let flows = most(&|p| p.flows.len());
         let modes = most(&|p| p.modes.len());
         let around = waves * (2 + events) + 2 * lobes * (1 + rows) + flows * (4 + rows);
-        let tables = (around + 6 * modes * events).max(1);
+        let outline = around + 6 * modes * events;
+        let tables = (outline + 4 * most(&|p| p.spokes.len())).max(1);
         let word = |x: usize| u32::try_from(x).unwrap_or(u32::MAX);
         Self {
             members,
@@ -49,6 +50,7 @@ impl Sizes {
                 flows: word(flows),
                 modes: word(modes),
                 around: word(around),
+                outline: word(outline),
             },
         }
     }

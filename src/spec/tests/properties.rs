@@ -52,11 +52,15 @@ fn within(kind: &Kind, draw: [f64; 4], form: u32) -> Value {
         }
         Kind::Choice(names) => json!(names[form as usize % names.len()].0),
         Kind::Bool => json!(form.is_multiple_of(2)),
-        Kind::Points(range) => json!(
+        Kind::Points(coordinates, range) => json!(
             (0..form % 4)
-                .map(|i| draw.map(|x| on(range, x)).map(|x| x / f64::from(i + 1))[..3].to_vec())
+                .map(|i| draw.map(|x| on(range, x)).map(|x| x / f64::from(i + 1))[..*coordinates].to_vec())
                 .collect::<Vec<_>>()
         ),
+        Kind::Grid(range) => {
+            let side = [0, 2, 3][form as usize % 3];
+            json!(draw[..side].iter().map(|x| vec![on(range, *x); side]).collect::<Vec<_>>())
+        }
         Kind::Group(_) => json!({}),
     }
 }

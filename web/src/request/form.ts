@@ -108,7 +108,7 @@ export function requestOf(form: Form, preset: string, parameters: readonly Param
   const body: Json = { preset };
   for (const { pointer, kind } of parameters) {
     const value = form.changes[pointer];
-    const points = kind.type === "points" && value !== undefined ? readPoints(String(value)) : undefined;
+    const points = kind.type === "points" && value !== undefined ? readPoints(String(value), kind.coordinates) : undefined;
     if (typeof points === "string") faults.push({ pointer: `/spec${pointer}`, detail: points });
     else faults.push(...notNumbers(value, `/spec${pointer}`));
   }

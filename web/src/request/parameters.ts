@@ -10,6 +10,7 @@ export interface SchemaNode {
   enum?: string[];
   minimum?: number;
   maximum?: number;
+  minItems?: number;
   maxItems?: number;
   oneOf?: SchemaNode[];
   properties?: Record<string, SchemaNode>;
@@ -50,7 +51,8 @@ export type Kind =
   | ScheduleKind
   | { type: "choice"; choices: Choice[] }
   | { type: "flag" }
-  | { type: "points" };
+  /** Points of so many coordinates; 0 for a square of numbers. */
+  | { type: "points"; coordinates: number };
 
 export interface Parameter {
   /** JSON pointer into the spec. */
@@ -112,7 +114,8 @@ function nodeAt(schema: SchemaNode, pointer: string): SchemaNode | undefined {
 function kindOf(node: SchemaNode, schema: SchemaNode): Kind | undefined {
   if (node.enum) return { type: "choice", choices: choicesOf(node) };
   if (node.type === "boolean") return { type: "flag" };
-  if (node.type === "array" && node.items && resolved(node.items, schema).items?.type === "number") return { type: "points" };
+  const item = node.type === "array" && node.items ? resolved(node.items, schema) : undefined;
+  if (item?.items?.type === "number") return { type: "points", coordinates: item.minItems ?? 0 };
   if (node.type === "number" || node.type === "integer") {
     return { type: "number", integer: node.type === "integer", bounds: boundsOf(node) };
   }

@@ -20,7 +20,7 @@ export function specPatch(changes: Changes, parameters: readonly Parameter[]): J
     const last = segments.pop()!;
     let at = patch;
     for (const segment of segments) at = (at[segment] ??= {}) as Json;
-    at[last] = kind.type === "points" ? readPoints(String(value)) : isSchedule(value) ? schedulePatch(value, preset) : value;
+    at[last] = kind.type === "points" ? readPoints(String(value), kind.coordinates) : isSchedule(value) ? schedulePatch(value, preset) : value;
   }
   return patch;
 }

@@ -42,12 +42,16 @@ export function readList(text: string): (number | string | boolean)[] | string {
   });
 }
 
-/** Points such as `0, 0, 12`, one a line, or as JSON; or what is wrong with them. */
-export function readPoints(text: string): number[][] | string {
+/** Points such as `0, 0, 12`, one a line, or as JSON; or what is wrong with them. With 0 coordinates, a square of numbers. */
+export function readPoints(text: string, coordinates: number): number[][] | string {
   const lines = text.replace(/\]\s*,\s*\[/g, "\n").replace(/[[\]]/g, " ").split("\n").filter((line) => line.trim() !== "");
   const points = lines.map((line) => parts(line).map(readNumber));
-  const wrong = points.findIndex((point) => point.length !== 3 || point.some(Number.isNaN));
-  return wrong < 0 ? points : `point ${wrong + 1}, “${lines[wrong]!.trim()}”, is not three numbers such as 0, 0, 12`;
+  const count = coordinates || points.length;
+  const wrong = points.findIndex((point) => point.length !== count || point.some(Number.isNaN));
+  if (wrong < 0) return points;
+  const line = `${wrong + 1}, “${lines[wrong]!.trim()}”, is not`;
+  if (coordinates === 0) return `row ${line} ${count} numbers: as many as there are rows`;
+  return coordinates === 2 ? `point ${line} two numbers such as 0.5, -1` : `point ${line} three numbers such as 0, 0, 12`;
 }
 
 /** One a line. */
