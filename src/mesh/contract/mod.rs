@@ -24,7 +24,7 @@ use level::{Level, Shape, area};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use shift::Shift;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use utoipa::ToSchema;
 use wave::Wave;
 
@@ -320,16 +320,16 @@ pub fn lumen_mm3(tissue: &Mesh) -> f64 {
         a.dot(b.cross(c)) / 6.0
     };
     let inner = tissue.patch(PatchKind::InnerWall);
-    let mut rims: BTreeMap<(u32, u32), ()> = BTreeMap::new();
+    let mut rims = BTreeSet::new();
     for &[a, b, c] in inner {
         for (v, w) in [(a, b), (b, c), (c, a)] {
-            if rims.remove(&(w, v)).is_none() {
-                rims.insert((v, w), ());
+            if !rims.remove(&(w, v)) {
+                rims.insert((v, w));
             }
         }
     }
     // Each rim is closed by triangles from a point of it; in its plane they need not lie within it.
-    let mut next: BTreeMap<u32, u32> = rims.into_keys().collect();
+    let mut next: BTreeMap<u32, u32> = rims.into_iter().collect();
     let mut sum: f64 = inner.iter().map(|t| volume(corner(t[0]), corner(t[1]), corner(t[2]))).sum();
     while let Some((start, mut at)) = next.pop_first() {
         while let Some(to) = next.remove(&at) {
