@@ -160,7 +160,6 @@ fn conclude(v: &mut [f32], sum: &mut [f32], a: &[Vec<f32>; 4]) {
 }
 
 /// Computes the accelerations of `stage` from all forces on the chain (mass is 1).
-#[expect(clippy::too_many_arguments, reason = "parts of the state that are borrowed separately")]
 fn evaluate(
     step: local::Step<'_>,
     s: &InnerLoop,

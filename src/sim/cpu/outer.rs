@@ -120,9 +120,7 @@ fn reach(region: &Region, inner: &InnerLoop, unsquash: f32) -> f32 {
     let n = inner.len();
     match region {
         Region::Ellipse => (0..n).map(flat).fold(0.0f32, |most, [x, y]| max(most, x * x + y * y)).sqrt(),
-        Region::Shaped(gauge) => {
-            (0..n).map(|i| gauge.extent(flat(i), flat((i + 1) % n))[1]).fold(0.0f32, |most, edge| max(most, edge))
-        }
+        Region::Shaped(gauge) => (0..n).map(|i| gauge.extent(flat(i), flat((i + 1) % n))[1]).fold(0.0f32, max),
     }
 }
 
