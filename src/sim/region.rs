@@ -28,11 +28,10 @@ pub struct Spoke {
 
 /// The spokes of a model; empty if its region is the ellipse at every step.
 pub(super) fn spokes(p: &Parameters, row_turn: impl Fn(u32) -> f64) -> Vec<Spoke> {
-    let Ok(outline) = p.outline.gauge() else { return Vec::new() };
-    let folds = &p.folds;
-    if outline.is_none() && folds.depth.range().1 <= 0.0 {
+    if p.is_elliptic() {
         return Vec::new();
     }
+    let (outline, folds) = (p.outline.gauge().ok().flatten(), &p.folds);
     let spoke = |i: usize| {
         let [x, y] = star::direction(i);
         let ellipse = x.hypot(y);

@@ -1,0 +1,201 @@
+//! What groups of the tube and its surface must fulfil: layers, label volumes, pieces, courses, contraction, outlines and folds.
+
+use super::*;
+
+#[test]
+fn layers_have_bounds_and_need_not_fit_into_the_wall() {
+    assert_eq!(pointers(&json!({ "containment": { "wall_um": 20 }, "wall": { "lobing": 0 } })), [""; 0]);
+    assert_eq!(pointers(&json!({ "histology": { "epithelium_um": 0.5 } })), ["/histology/epithelium_um"]);
+    let layers = resolved(&json!({ "histology": { "lamina_um": 55, "longitudinal_share": 0.25 } })).histology.layers();
+    assert_eq!((layers.lamina_um, layers.longitudinal_share, layers.epithelium_um), (55.0, 0.25, 30.0));
+}
+
+#[test]
+fn a_label_volume_is_a_piece_of_the_tube_within_the_bounds_of_its_formats() {
+    let spec = resolved(&json!({}));
+    assert_eq!((spec.label_slices(), spec.label_from_um()), (1200, 0.0));
+    let piece = resolved(&json!({ "labels": { "from": 0.4, "to": 0.5, "slice_um": 70 } }));
+    assert_eq!((piece.label_slices(), piece.label_from_um()), (85, 24_000.0));
+    let thin = resolved(&json!({ "labels": { "from": 0.5, "to": 0.5001 } }));
+    assert_eq!(thin.label_slices(), 1);
+    assert!(fault(&json!({ "labels": { "from": 0.5, "to": 0.5 } })).detail.contains("not above /labels/from 0.5"));
+    assert_eq!(fault(&json!({ "labels": { "slice_um": 1 } })).pointer, "/labels/slice_um");
+    assert_eq!(pointers(&json!({ "labels": { "slice_um": 1, "to": 0.5 } })), [""; 0]);
+    let wide = json!({ "labels": { "voxel_um": 0.5 }, "containment": { "wall_um": 3000 } });
+    assert_eq!(fault(&wide).pointer, "/labels/voxel_um");
+}
+
+#[test]
+fn a_piece_reaches_from_a_section_before_it_to_one_after_it() {
+    let steps = |patch: &Value| {
+        let spec = resolved(patch);
+        let [begin, end] = spec.piece_um().map(|um| um / (spec.length_mm * 1000.0));
+        assert!(begin <= spec.piece.from && end >= spec.piece.to, "{begin} {end}");
+        assert_eq!(spec.stations().next(), Some(*spec.recorded().start()));
+        assert_eq!(spec.stations().last(), Some(*spec.recorded().end()));
+        (spec.stations().count(), spec.recorded())
+    };
+    let (all, whole) = steps(&json!({}));
+    assert_eq!((all, whole), (201, 0..=2000));
+    let (some, piece) = steps(&json!({ "piece": { "from": 0.5, "to": 0.6 } }));
+    assert!((15..30).contains(&some) && piece.start() % 10 == 0 && piece.end() % 10 == 0, "{some} {piece:?}");
+    let (short, piece) = steps(&json!({ "piece": { "from": 0.5, "to": 0.5001 } }));
+    assert_eq!((short, piece.end() - piece.start()), (2, 10));
+    let (last, piece) = steps(&json!({ "piece": { "from": 0.9999 } }));
+    assert_eq!((last, piece), (2, 1990..=2000));
+    let (first, piece) = steps(&json!({ "piece": { "to": 0.0001 } }));
+    assert_eq!((first, piece), (2, 0..=10));
+    let beyond = json!({ "solver": { "record_every": 1000 }, "piece": { "from": 0.999 } });
+    assert_eq!(steps(&beyond), (2, 1000..=2000));
+
+    // Labels are placed within the piece.
+    let spec = resolved(&json!({ "piece": { "from": 0.5, "to": 0.6 }, "labels": { "from": 0.5 } }));
+    let [begin, end] = spec.piece_um();
+    assert!((spec.label_from_um() - 0.5 * (begin + end)).abs() < 1e-6);
+    let covered = f64::from(spec.label_slices()) * spec.labels.slice_um;
+    assert!((0.5 * (end - begin) - covered).abs() <= spec.labels.slice_um, "{covered}");
+}
+
+#[test]
+fn finer_surfaces_and_longer_pieces_cost_more() {
+    let cost = |patch: &Value| resolved(patch).cost(&["glb"]);
+    let (whole, piece) = (cost(&json!({})), cost(&json!({ "piece": { "from": 0.6, "to": 0.7 } })));
+    assert!(piece.triangles < whole.triangles / 5 && piece.memory_bytes < whole.memory_bytes);
+    assert!(piece.seconds["cpu"].seconds < whole.seconds["cpu"].seconds);
+    let even = |um: f64| cost(&json!({ "mesh": { "resolution_um": um } }));
+    assert_eq!(even(40.0).sections, whole.sections);
+    assert!(even(10.0).triangles.abs_diff(4 * even(20.0).triangles) < 8);
+    assert!(even(20.0).triangles > 2 * even(40.0).triangles && even(40.0).triangles > even(80.0).triangles);
+    assert!(even(40.0).seconds["cpu"].seconds > 5.0 * whole.seconds["cpu"].seconds);
+    let smooth = cost(&json!({ "mesh": { "smooth_um": 5 } }));
+    assert_eq!(smooth.triangles, 2 * whole.triangles);
+    let both = cost(&json!({ "mesh": { "smooth_um": 5, "resolution_um": 40 } }));
+    assert!(both.seconds["cpu"].seconds > 3.0 * even(40.0).seconds["cpu"].seconds);
+    assert!(smooth.bytes["sections"] > whole.bytes["sections"] && smooth.particles_end == whole.particles_end);
+}
+
+#[test]
+fn courses_without_room_are_refused_with_the_place_or_relaxed() {
+    let faults = |course: &Value| resolve(&json!({ "course": course })).unwrap_err();
+    for (course, pointer, words) in [
+        (json!({ "shape": "arc", "turn_deg": 720 }), "/course/turn_deg", "too near to each other"),
+        (json!({ "shape": "sigmoid", "turn_deg": 700 }), "/course/turn_deg", "is too tight at"),
+        (json!({ "shape": "coil", "windings": 12, "pitch_mm": 5 }), "/course/windings", "is not less than /length_mm"),
+        (json!({ "shape": "coil", "windings": 6, "pitch_mm": 2 }), "/course/windings", "mm from the isthmus end"),
+        (
+            json!({ "shape": "random", "tortuosity": 4, "wavelength_mm": 8 }),
+            "/course/tortuosity",
+            "mm from the isthmus end",
+        ),
+        (json!({ "shape": "random", "wavelength_mm": 10_000 }), "/course/tortuosity", "use shorter ones"),
+        (json!({ "shape": "points" }), "/course/points_mm", "has 0 points"),
+        (
+            json!({ "shape": "points", "points_mm": [[0, 0, 0], [0, 0, 1], [0, 0, 1]] }),
+            "/course/points_mm/2",
+            "is the point before it",
+        ),
+        (
+            json!({ "shape": "points", "points_mm": [[9000, 0, 0], [9000, 0, 1]] }),
+            "/course/points_mm",
+            "single precision",
+        ),
+        (json!({ "points_mm": [[0, 0]] }), "/course/points_mm/0", "not an array of 2"),
+        (json!({ "points_mm": [[0, 0, "a"]] }), "/course/points_mm/0/2", "must be a number"),
+        (json!({ "points_mm": 3 }), "/course/points_mm", "must be an array of points"),
+        (json!({ "shape": "knot" }), "/course/shape", "must be one of"),
+    ] {
+        let found = faults(&course);
+        assert!(
+            found.len() == 1 && found[0].pointer == pointer && found[0].detail.contains(words),
+            "{course}: {found:?}"
+        );
+    }
+    for course in [
+        json!({ "shape": "arc", "turn_deg": 720, "relax": true }),
+        json!({ "shape": "random", "tortuosity": 4, "wavelength_mm": 8, "relax": true }),
+        json!({ "shape": "coil", "windings": 6, "pitch_mm": 2, "relax": true }),
+    ] {
+        let bent = resolve(&json!({ "course": course })).unwrap().bent_course().unwrap();
+        assert!(bent.relaxed && bent.room.bend.share() <= 0.8, "{course}");
+        assert!(bent.room.near.is_none_or(|near| near.distance >= 200.0));
+    }
+}
+
+#[test]
+fn a_course_is_the_same_each_time_and_in_a_stored_specification() {
+    let spec = resolve(&json!({ "course": { "shape": "random", "seed": 5 } })).unwrap();
+    let again = ModelSpec::from_stored(&spec.to_json()).unwrap();
+    assert_eq!(again.bent_course(), spec.bent_course());
+    assert!((spec.bent_course().unwrap().course.tortuosity() - 1.5).abs() < 0.01);
+    let mut older = resolve(&json!({})).unwrap().to_json();
+    older.as_object_mut().unwrap().remove("course");
+    assert!(!ModelSpec::from_stored(&older).unwrap().bends());
+    assert!(ModelSpec::from_stored(&Value::Null).is_none(), "no specification is not an empty one");
+    assert!(resolve(&json!({ "course": { "twist_deg": 30 } })).unwrap().bends());
+}
+
+#[test]
+fn a_contraction_needs_frames_that_its_surface_can_make() {
+    let faults = |patch: Value| resolve(&patch).unwrap_err();
+    for (patch, words) in [
+        (json!({ "contraction": { "frames": 1 } }), "at least 2 frames"),
+        (
+            json!({ "contraction": { "frames": 20 }, "mesh": { "resolution_um": 40 } }),
+            "an even surface does not contract",
+        ),
+        (json!({ "contraction": { "frames": 201 } }), "200"),
+        (json!({ "contraction": { "frames": 20, "closure": 0, "shortening": 0 } }), "nothing would move"),
+    ] {
+        let found = faults(patch);
+        assert!(found.len() == 1 && found[0].pointer == "/contraction/frames", "{found:?}");
+        assert!(found[0].detail.contains(words), "{found:?}");
+    }
+    assert_eq!(faults(json!({ "contraction": { "toward": "up" } }))[0].pointer, "/contraction/toward");
+    let short =
+        |ends_mm: f64| json!({ "contraction": { "frames": 2, "ends_mm": ends_mm }, "piece": { "from": 0.9, "to": 1 } });
+    let found = faults(short(3.1));
+    assert!(found.len() == 1 && found[0].pointer == "/contraction/ends_mm", "{found:?}");
+    assert!(resolve(&short(2.9)).is_ok());
+    let cost = |frames: u32| resolve(&json!({ "contraction": { "frames": frames } })).unwrap().cost(&["vtp"]);
+    let (none, twenty, forty) = (cost(0), cost(20), cost(40));
+    assert!(!none.bytes.contains_key("contraction"));
+    assert!(twenty.bytes["contraction"] > 10 * none.bytes["vtp"] / 4);
+    assert!(forty.seconds["cpu"].seconds > twenty.seconds["cpu"].seconds + 10.0);
+    assert!(twenty.memory_bytes > none.memory_bytes);
+    let streamed = |frames: u32| {
+        let spec = json!({ "contraction": { "frames": frames }, "lean": { "strength_um": 0 } });
+        resolve(&spec).unwrap().is_streamed(&["vtp"])
+    };
+    assert!(streamed(0) && !streamed(2));
+}
+
+#[test]
+fn outlines_and_folds_that_cannot_be_name_the_place() {
+    let polygon = |points: Value| json!({ "outline": { "kind": "polygon", "points": points } });
+    let grid = |rows: Value| json!({ "outline": { "kind": "grid", "grid": rows } });
+    for (patch, pointer, detail) in [
+        (polygon(json!([])), "/outline/points", "at least 3"),
+        (polygon(json!([[1, 0], [0, 1], [0.2, -0.2], [-1, 0], [0, -1]])), "/outline/points/1", "runs back"),
+        (polygon(json!([[2, 2], [2, 3], [1, 3]])), "/outline/points/2", "runs back"),
+        (polygon(json!([[1, 0], [0, 1], [-0.1, -0.1]])), "/outline/points", "0.3"),
+        (
+            polygon(json!([[1, 0, 0], [0, 1], [-1, 0]])),
+            "/outline/points/0",
+            "must be a point [x, y], not an array of 3",
+        ),
+        (polygon(json!([[1, 0], [0, 4], [-1, 0]])), "/outline/points/1/1", "above the greatest"),
+        (grid(json!([])), "/outline/grid", "at least 2 rows"),
+        (grid(json!([[1, 1], [1]])), "/outline/grid/1", "an array of 2 numbers"),
+        (grid(json!([[1, 1], [1, "a"]])), "/outline/grid/1/1", "must be a number"),
+        (grid(json!([[1, 1], [1, 1]])), "/outline/grid", "not negative at the axis"),
+        (grid(json!([[-1, -1], [-1, -1]])), "/outline/grid", "0 times along the ray at 0°"),
+        (json!({ "outline": { "kind": "circle" } }), "/outline/kind", "must be one of"),
+        (json!({ "folds": { "depth": 0.5, "period_mm": 1 } }), "/folds/period_mm", "the folds move the boundary by"),
+        (json!({ "scale": 0 }), "/scale", "below the least"),
+    ] {
+        let fault = fault(&patch);
+        assert!(fault.pointer == pointer && fault.detail.contains(detail), "{patch}: {fault:?}");
+    }
+    let bad = json!({ "outline": { "strength": 0, "kind": "polygon" } });
+    assert_eq!(pointers(&bad), [""; 0], "an outline that is never taken on may be anything");
+}
