@@ -2858,7 +2858,7 @@ export interface components {
          */
         Output: "glb" | "gltf" | "obj" | "stl" | "stl-ascii" | "ply" | "vtp" | "centreline" | "lod" | "labels";
         /** @description A value of a parameter or of a part of a schedule; null leaves that of `spec`. */
-        ParameterValue: null | boolean | number | string | components["schemas"]["ScheduleKey"][] | components["schemas"]["Schedule"] | components["schemas"]["Fluctuation"];
+        ParameterValue: null | boolean | number | string | components["schemas"]["ScheduleKey"][] | components["schemas"]["Schedule"] | components["schemas"]["Fluctuation"] | number[][];
         /** @description Numbers of particles at the two ends of the tube. */
         ParticleCounts: {
             /** @description In the last section. */

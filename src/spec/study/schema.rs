@@ -45,6 +45,8 @@ fn definitions(most: usize) -> Value {
         "anyOf": [
             { "type": "null" }, { "type": "boolean" }, { "type": "number" }, { "type": "string" },
             { "title": "Keys", "type": "array", "items": own("ScheduleKey") }, own("Schedule"), own("Fluctuation"),
+            { "title": "Points or rows", "description": "Points of a curve, or rows of a grid.", "type": "array",
+                "items": { "type": "array", "items": { "type": "number" } } },
         ],
     });
     definitions["ValueList"] = json!({ "title": "List", "type": "array", "minItems": 1, "maxItems": most,
