@@ -267,11 +267,11 @@ fn counts(p: &Parameters, t: f64) -> [u32; 2] {
     [total.saturating_sub(outer), outer]
 }
 
-/// Half of the change of the logarithms of growth rate and force ranges from `by` steps before a time to `by` steps after it.
-fn shift(p: &Parameters, t: f64, by: f64) -> [f32; 2] {
+/// Half of the change of the logarithms of growth rate and force ranges from a share of the steps before a time to as many after it.
+fn shift(p: &Parameters, t: f64, share: f64) -> [f32; 2] {
     // Below this part of its mean, the growth rate counts as no less.
     const LEAST_RATE: f64 = 0.1;
-    if by <= 0.0 {
+    if share <= 0.0 {
         return [0.0; 2];
     }
     let steps = f64::from(p.steps);
@@ -281,7 +281,7 @@ fn shift(p: &Parameters, t: f64, by: f64) -> [f32; 2] {
         (inner(from + 1.0) - inner(from)).max(LEAST_RATE * (inner(steps) - inner(0.0)) / steps)
     };
     let ranges = |t: f64| p.collision.tissue_um.at(t / steps) + p.collision.gap_um.at(t / steps);
-    let [before, after] = [t - by, t + by].map(|t| t.clamp(0.0, steps));
+    let [before, after] = [t - share * steps, t + share * steps].map(|t| t.clamp(0.0, steps));
     let half = |before: f64, after: f64| if before > 0.0 { 0.5 * libm::log(after / before) } else { 0.0 };
     [half(rate(before), rate(after)) as f32, half(ranges(before), ranges(after)) as f32]
 }

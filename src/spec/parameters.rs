@@ -256,9 +256,9 @@ group! {
         pub height: Schedule = "Variety of fold height" [""] Range::of(0.0, 1.0);
         /// Root mean square of the logarithm of the ranges `tissue_um` and `gap_um` around the wall: folds of different thickness.
         pub thickness: Schedule = "Variety of fold thickness" [""] Range::of(0.0, 0.5);
-        /// Root mean square distance along the tube by which growth and ranges are ahead or behind around the wall: where the
+        /// Root mean square distance by which growth and ranges are ahead or behind around the wall, as a share of all steps: where the
         /// schedules change, as at the junction, some folds change earlier than others.
-        pub shift: Schedule = "Shift along the tube" ["steps"] Range::of(0.0, 1000.0);
+        pub shift: Schedule = "Shift along the tube" [""] Range::of(0.0, 0.5);
         /// Greatest number of maxima around the wall.
         pub waves: u32 = "Waves around the wall" ["waves"] Count::of(2, 64);
         /// Greatest phase drift per step.

@@ -13,10 +13,12 @@ use std::sync::LazyLock;
 pub const DEFAULT_PRESET: &str = "pig";
 
 /// The texts of the files, the default first.
-const FILES: [&str; 11] = [
+const FILES: [&str; 13] = [
     include_str!("../../presets/pig.json"),
     include_str!("../../presets/human.json"),
     include_str!("../../presets/cow.json"),
+    include_str!("../../presets/pig-luteal.json"),
+    include_str!("../../presets/cow-luteal.json"),
     include_str!("../../presets/mouse.json"),
     include_str!("../../presets/utero-tubal-junction.json"),
     include_str!("../../presets/infundibulum.json"),

@@ -148,6 +148,8 @@ async fn presets_are_complete_and_valid() {
             "pig",
             "human",
             "cow",
+            "pig-luteal",
+            "cow-luteal",
             "mouse",
             "utero-tubal-junction",
             "infundibulum",
@@ -182,7 +184,13 @@ async fn the_schema_is_a_schema() {
     let reply = app.get("/schema").await;
     assert_eq!(reply.header(header::CONTENT_TYPE), Some("application/schema+json"));
     let validator = jsonschema::validator_for(&reply.json()).unwrap();
-    assert!(validator.is_valid(&app.get("/presets/pig").await.json()["spec"]));
+    for preset in oviduct::spec::presets() {
+        assert!(
+            validator.is_valid(&app.get(&format!("/presets/{}", preset.name)).await.json()["spec"]),
+            "{}",
+            preset.name
+        );
+    }
     assert!(!validator.is_valid(&json!({ "lenght_mm": 3 })));
 }
 
@@ -240,7 +248,9 @@ async fn responses_are_as_described() {
     fits("Problem", &app.get("/nowhere").await.json());
     fits("Problem", &app.post("/models", &json!({ "seed": -1 })).await.json());
     fits("PresetList", &app.get("/presets").await.json());
-    fits("Preset", &app.get("/presets/paper").await.json());
+    for preset in oviduct::spec::presets() {
+        fits("Preset", &app.get(&format!("/presets/{}", preset.name)).await.json());
+    }
     fits("JsonSchema", &app.get("/schema").await.json());
     fits("WorkerList", &app.get("/workers").await.json());
     fits("Health", &app.get("/healthz").await.json());

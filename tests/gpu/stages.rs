@@ -307,7 +307,7 @@ fn variety_matches() {
     if no_vulkan() {
         return;
     }
-    let strong = json!({ "asymmetry": 0.5, "height": 0.3, "thickness": 0.3, "shift": 100, "drift": 0.01, "waves": 9 });
+    let strong = json!({ "asymmetry": 0.5, "height": 0.3, "thickness": 0.3, "shift": 0.5, "drift": 0.01, "waves": 9 });
     let (plan, start) = buckled(&json!({ "variety": strong, "variation": { "amplitude": 0.2 } }), 16);
     let row = plan.at(AT);
     assert!(row.inner_target as usize > start.inner.len() && row.shift != [0.0; 2], "nothing to test");

@@ -38,7 +38,7 @@ fn walls_never_cross_at_any_step() {
         (4, json!({ "variation": { "amplitude": 1.0 } })),
         (
             5,
-            json!({ "variety": { "asymmetry": 1, "height": 1, "thickness": 0.5, "shift": 100, "waves": 64, "drift": 0.5 } }),
+            json!({ "variety": { "asymmetry": 1, "height": 1, "thickness": 0.5, "shift": 0.5, "waves": 64, "drift": 0.5 } }),
         ),
     ] {
         let mut sim = simulation(&patch, seed, 1);
@@ -370,7 +370,7 @@ fn folds_of_different_thickness_have_ranges_that_follow_their_angle() {
 
 #[test]
 fn a_shift_acts_only_where_the_schedules_change() {
-    let mut patch = with_variety(&json!({ "shift": 10 }));
+    let mut patch = with_variety(&json!({ "shift": 10.0 / 150.0 }));
     let change = json!({ "keys": [[0, 60], [0.4, 60], [0.6, 30], [1, 30]] });
     json_patch::merge(&mut patch, &json!({ "collision": { "tissue_um": change, "gap_um": change } }));
     let mut sim = simulation(&patch, 6, 1);
@@ -400,11 +400,15 @@ fn splits_wait_where_there_is_no_room() {
 
 #[test]
 fn a_free_loop_comes_to_rest() {
-    // No growth, no contortion, no sway: friction takes all motion out.
-    let patch = json!({
-        "steps": 1500, "sway": { "strength": 0 }, "particles": { "total": 300, "outer": 60 },
-        "contortion": { "magnitude": 0 }, "variation": { "amplitude": 0 },
-    });
+    // No growth, no contortion, no sway, no variety: friction takes all motion out.
+    let mut patch = with_variety(&json!({}));
+    json_patch::merge(
+        &mut patch,
+        &json!({
+            "steps": 1500, "sway": { "strength": 0 }, "particles": { "total": 300, "outer": 60 },
+            "contortion": { "magnitude": 0 },
+        }),
+    );
     let mut sim = simulation(&patch, 1, 1);
     let speed = |s: &CpuSimulation| s.inner.vx.iter().chain(&s.inner.vy).fold(0f32, |m, v| m.max(v.abs()));
     run(&mut sim, |_| {});

@@ -12,9 +12,13 @@ use serde_json::json;
 
 /// Sections of a pig of 3000 particles: in the isthmus, the junction and the ampulla, at 21, 36 and 96 % of its length.
 fn sections() -> (ModelSpec, Vec<Section>) {
-    // Without sway: with it, a fold of this seed is as high as one must be to count, give or take a pixel.
-    let patch =
-        json!({ "steps": 400, "sway": { "strength": 0 }, "particles": { "total": { "keys": [[0, 800], [1, 3000]] } } });
+    // Without sway and variety: with them, a fold of this seed is as high as one must be to count, give or take a pixel.
+    let patch = json!({
+        "steps": 400, "sway": { "strength": 0 },
+        "variety": { "asymmetry": 0, "height": 0, "thickness": 0, "shift": 0 },
+        "particles": { "total": { "keys": [[0, 800], [1, 3000]] }, "tip_weight": 0.5 },
+        "collision": { "gap_um": { "keys": [[0, 60], [0.125, 60], [0.45, 36], [1, 36]], "ease": "smooth" } },
+    });
     let spec = ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap();
     let mut simulation = CpuSimulation::new(Plan::new(&spec, 7), 1);
     let mut sections = Vec::new();
