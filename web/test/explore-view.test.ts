@@ -60,6 +60,7 @@ test("a link restores the view", () => {
   view.lengthwise.value = view.across.value = view.flipped.value = view.translucent.value = view.plane.value = true;
   [view.angle.value, view.position.value, view.section.value] = [-45, 0.123456, 0.5];
   view.shown.caps.value = false;
+  view.phase.value = 0.35;
   const query = writeView(view, new URLSearchParams("tab=x"));
   assert.equal(query.get("tab"), "x");
   assert.ok(query.toString().length < 120, query.toString());
@@ -68,14 +69,14 @@ test("a link restores the view", () => {
   assert.equal(writeView(other, query).toString(), query.toString());
   assert.ok(Math.abs(other.pose.azimuth - view.pose.azimuth) < 0.01 && other.pose.standard === undefined);
   assert.ok(Math.abs(other.position.value - 0.12346) < 1e-9);
-  assert.ok(!other.shown.caps.value && other.shown.inner.value && other.flipped.value);
+  assert.ok(!other.shown.caps.value && other.shown.inner.value && other.flipped.value && other.phase.value === 0.35);
 });
 
 test("a wrong link gives the view of a new page", () => {
   const view = new View(tube);
-  readView(view, new URLSearchParams("cam=1_2_x&open=west&cut=7&at=&fly=-1&hide=everything"));
+  readView(view, new URLSearchParams("cam=1_2_x&open=west&cut=7&at=&fly=-1&phase=2&hide=everything"));
   assert.equal(view.pose.standard, "whole");
-  assert.ok(!view.lengthwise.value && !view.across.value && view.flight.value === undefined && view.shown.inner.value);
+  assert.ok(!view.lengthwise.value && !view.across.value && view.flight.value === undefined && view.phase.value === undefined && view.shown.inner.value);
   assert.equal(view.section.value, new View(tube).section.value);
 });
 

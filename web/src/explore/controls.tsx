@@ -5,6 +5,7 @@ import { useId } from "preact/hooks";
 import { bytes, micrometres, millimetres, short } from "../ui/format.ts";
 import { stillness } from "../ui/theme.ts";
 import { Icon } from "../ui/widgets.tsx";
+import type { Contraction } from "./contraction.ts";
 import type { Exploration } from "./exploration.ts";
 import { SPEEDS, type Flight } from "./flight.ts";
 import type { Tube } from "./framing.ts";
@@ -69,21 +70,23 @@ export function PartsPanel({ view }: { view: View }) {
   );
 }
 
-export function DetailPanel({ exploration }: { exploration: Exploration }) {
+export function DetailPanel({ exploration, contraction }: { exploration: Exploration; contraction?: Contraction }) {
   const { levels, level, loading, surface } = exploration;
   if (levels.length === 0) return null;
   const difference = surface.value?.difference;
   const chosen = loading.value?.level ?? level.value;
+  const moving = contraction?.shown.value !== undefined;
   return (
     <Panel title="Detail">
       <div class="levels" role="group" aria-label="Level of detail">
         {levels.map((one) => (
-          <button key={one.title} type="button" class="button" aria-pressed={one === chosen} onClick={() => exploration.loadLevel(one)}>
+          <button key={one.title} type="button" class="button" aria-pressed={one === chosen} disabled={moving} onClick={() => exploration.loadLevel(one)}>
             {one.title} <span class="soft num">{bytes(one.file.bytes)}</span>
           </button>
         ))}
       </div>
-      {surface.value && (
+      {moving && <p class="soft small">The contraction has one level of detail; these are of the tube at rest.</p>}
+      {surface.value && !moving && (
         <p class="soft small num">
           {short(surface.value.triangles)} triangles are shown.
           {difference && <> Largest measured distance from the certified surface: {micrometres(difference.distance)}.</>}

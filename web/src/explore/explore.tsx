@@ -2,6 +2,8 @@
 import type { Model } from "oviduct-client";
 import { useEffect, useMemo } from "preact/hooks";
 import { Notice } from "../ui/widgets.tsx";
+import { Contraction } from "./contraction.ts";
+import { ContractionPanel } from "./contraction-panel.tsx";
 import { CutPanel, DetailPanel, FlightPanel, PartsPanel, ViewButtons } from "./controls.tsx";
 import type { Course } from "./course.ts";
 import { useCourses } from "./courses.tsx";
@@ -36,10 +38,15 @@ function WithCourse({ model }: { model: Model }) {
 }
 
 function Explorer({ model, course }: { model: Model; course: Course | undefined }) {
-  const { exploration, view, flight } = useMemo(() => {
+  const { exploration, view, flight, contraction } = useMemo(() => {
     const exploration = new Exploration(model, course);
     const view = new View(exploration.tube);
-    return { exploration, view, flight: new Flight(view, exploration.tube.length) };
+    return {
+      exploration,
+      view,
+      flight: new Flight(view, exploration.tube.length),
+      contraction: new Contraction(model, view, exploration.tube),
+    };
   }, []);
   const { tube, measurement } = exploration;
   useEffect(() => {
@@ -48,13 +55,14 @@ function Explorer({ model, course }: { model: Model; course: Course | undefined 
     return () => {
       leave();
       flight.dispose();
+      contraction.dispose();
       exploration.dispose();
     };
   }, []);
   return (
     <div class="explore">
       <section class="explore-model card" aria-label="Model in 3D">
-        <Picture name={`model ${model.seed}`} exploration={exploration} view={view} flight={flight} />
+        <Picture name={`model ${model.seed}`} exploration={exploration} view={view} flight={flight} contraction={contraction} />
         <div class="explore-bar">
           <ViewButtons view={view} />
           {course && <p class="soft small num">{courseInWords(course)}</p>}
@@ -64,8 +72,9 @@ function Explorer({ model, course }: { model: Model; course: Course | undefined 
         <CutPanel view={view} tubes={[tube]} />
         <PartsPanel view={view} />
         <FlightPanel explorations={[exploration]} view={view} flight={flight} />
+        <ContractionPanel contraction={contraction} />
         <MeasurePanel measurement={measurement} middle={middleOf(tube)} />
-        <DetailPanel exploration={exploration} />
+        <DetailPanel exploration={exploration} contraction={contraction} />
       </div>
       <section class="explore-section card" aria-labelledby="explore-section">
         <h2 id="explore-section">Cross section</h2>

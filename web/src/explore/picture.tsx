@@ -3,6 +3,7 @@ import { effect } from "@preact/signals";
 import { useEffect, useId, useRef, useState } from "preact/hooks";
 import { bytes } from "../ui/format.ts";
 import { Notice, ProgressBar } from "../ui/widgets.tsx";
+import type { Contraction } from "./contraction.ts";
 import type { Exploration } from "./exploration.ts";
 import type { Flight } from "./flight.ts";
 import { Ruler } from "./ruler.ts";
@@ -18,6 +19,7 @@ interface Props {
   exploration: Exploration;
   view: View;
   flight: Flight;
+  contraction?: Contraction;
 }
 
 export function Picture(props: Props) {
@@ -92,19 +94,26 @@ function newStage(canvas: HTMLCanvasElement, view: View, exploration: Exploratio
 }
 
 /** Passes on to the picture what is loaded, and measures with it. */
-function connect(stage: Stage, { exploration, view, flight }: Props, ruler: Ruler, signs: Signs): () => void {
+function connect(stage: Stage, { exploration, view, flight, contraction }: Props, ruler: Ruler, signs: Signs): () => void {
   const { measurement } = exploration;
   void exploration.loadSurface();
   stage.onKey = flight.key;
-  stage.onAdvance = flight.advance;
+  stage.onAdvance = (now) => {
+    const flies = flight.advance(now);
+    return contraction?.advance(now) || flies;
+  };
   stage.onPick = (spot) => measurement.picking.peek() && measurement.pick(spot);
   stage.onFrame = () => {
     ruler.draw(measurement, stage);
     signs.draw(view, stage);
   };
+  if (contraction) contraction.onMove = () => stage.moved();
   const leave = [
+    () => {
+      if (contraction) contraction.onMove = undefined;
+    },
     effect(() => {
-      const surface = exploration.surface.value;
+      const surface = contraction?.shown.value?.surface ?? exploration.surface.value;
       if (!surface) return;
       stage.show(surface);
       signs.show(surface);
@@ -113,7 +122,7 @@ function connect(stage: Stage, { exploration, view, flight }: Props, ruler: Rule
       stage.way = exploration.survey.value?.way;
     }),
     effect(() => {
-      if (flight.playing.value) stage.invalidate();
+      if (flight.playing.value || contraction?.playing.value) stage.invalidate();
     }),
     effect(() => {
       void measurement.a.value;

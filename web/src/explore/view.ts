@@ -39,11 +39,13 @@ export class View {
   readonly flight = signal<number | undefined>(undefined);
   /** Position of the flight in the present frame. A signal that changes with each frame would allocate in each. */
   flown = 0;
+  /** Part of the period of a contraction; undefined while the tube is at rest. */
+  readonly phase = signal<number | undefined>(undefined);
   readonly flying = computed(() => this.flight.value !== undefined);
 
   readonly #linked: readonly Signal[] = [
     this.lengthwise, this.angle, this.across, this.position, this.flipped, ...Object.values(this.shown),
-    this.translucent, this.section, this.look, this.plane, this.flight,
+    this.translucent, this.section, this.look, this.plane, this.flight, this.phase,
   ];
 
   constructor(...tubes: [Tube, ...Tube[]]) {
@@ -117,7 +119,7 @@ export class View {
 }
 
 /** Names in the query that belong to a view; others belong to the page. */
-const NAMES = ["cam", "cam2", "open", "cut", "flip", "hide", "glass", "at", "look", "plane", "fly"] as const;
+const NAMES = ["cam", "cam2", "open", "cut", "flip", "hide", "glass", "at", "look", "plane", "fly", "phase"] as const;
 
 /** Writes the view into a query, as short as the picture needs. */
 export function writeView(view: View, query: URLSearchParams): URLSearchParams {
@@ -135,6 +137,7 @@ export function writeView(view: View, query: URLSearchParams): URLSearchParams {
   put("look", view.look.value === "contours" ? undefined : view.look.value);
   put("plane", view.plane.value ? "1" : undefined);
   put("fly", view.flight.value === undefined ? undefined : fraction(view.flight.value));
+  put("phase", view.phase.value === undefined ? undefined : fraction(view.phase.value));
   return result;
 }
 
@@ -154,6 +157,7 @@ export function readView(view: View, query: URLSearchParams): void {
   view.look.value = LOOKS.find((look) => look === query.get("look")) ?? "contours";
   view.plane.value = query.get("plane") === "1";
   view.flight.value = number(query, "fly", 0, 1);
+  view.phase.value = number(query, "phase", 0, 1);
   view.viewpoints.forEach((viewpoint, k) => readCamera(view, viewpoint, query.get(CAMERAS[k]!)));
 }
 

@@ -91,6 +91,15 @@ export class Stage {
     this.#surface.value = surface;
   }
 
+  /** The surface that is shown has moved. */
+  moved(): void {
+    const surface = this.#surface.peek();
+    if (!surface) return;
+    this.#tissue.moved();
+    // Another object, so that cuts are traced again.
+    this.#surface.value = { ...surface };
+  }
+
   /** The way through the lumen, when it is known. */
   set way(way: Centreline | undefined) {
     this.#way.value = way;

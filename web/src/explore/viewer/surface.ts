@@ -57,7 +57,7 @@ function statedDifference(extras: unknown): Difference | undefined {
   return typeof distance === "number" ? { distance, precision: precision ?? [] } : undefined;
 }
 
-function isMesh(node: Object3D): node is Mesh {
+export function isMesh(node: Object3D): node is Mesh {
   return "isMesh" in node;
 }
 

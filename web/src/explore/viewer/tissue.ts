@@ -62,6 +62,17 @@ export class Tissue {
     });
   }
 
+  /** The arrays of the surface have changed: it has moved. */
+  moved(): void {
+    this.unlimit();
+    for (const { geometry } of this.#drawn) {
+      for (const name of ["position", "straight", "normal"]) {
+        const attribute = geometry.attributes[name];
+        if (attribute) attribute.needsUpdate = true;
+      }
+    }
+  }
+
   isVisible(patch: Patch): boolean {
     return this.#visible[GROUPS[patch.name]];
   }
