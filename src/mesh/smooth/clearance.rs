@@ -12,9 +12,9 @@ type Point = [f64; 2];
 /// For each particle of both rings how far it is from the shadows of other edges in light from its two neighbours, at most `reach`.
 /// Edges that meet in the particle itself do not count.
 ///
-/// The edges before and after an edge that is the middle of a Z lie on different sides of it, and the corners at its ends move away
-/// from each other: then the distance of the outer ends from the line through it is added.
-pub(super) fn clearances(inner: &Ring, outer: &Ring, reach: f64) -> [Vec<f64>; 2] {
+/// The edges before and after an edge that is the middle of a Z lie on different sides of it. If particles move `inward`, into their
+/// corners, those at its ends move away from each other: then the distance of the outer ends from the line through it is added.
+pub(super) fn clearances(inner: &Ring, outer: &Ring, reach: f64, inward: bool) -> [Vec<f64>; 2] {
     let first = inner.len();
     let points: Vec<[f32; 2]> = inner.points.iter().chain(&outer.points).copied().collect();
     let after = |i: usize| match i + 1 {
@@ -53,7 +53,7 @@ pub(super) fn clearances(inner: &Ring, outer: &Ring, reach: f64) -> [Vec<f64>; 2
             continue;
         }
         let (first, last) = ([a, b], [c, d]);
-        let extra = across([a, b, c, d]);
+        let extra = if inward { across([a, b, c, d]) } else { 0.0 };
         let found = [
             shadow(a, b, last).sqrt(),
             shadow(b, a, last).min(shadow(b, c, last)).sqrt() + extra,

@@ -2,13 +2,14 @@
 //!
 //! Each edge gets a point on it, which is nearer to the corner that has less room. Then each particle moves into the corner between
 //! the two points beside it, so that its turn is divided among three points (`turns`). It moves by less than half of its
-//! clearance (`clearance`), so contours that do not cross still do not.
+//! clearance (`clearance`), so contours that do not cross still do not. Corners that are still sharp are then rounded further (`relax`).
 //!
 //! The result is a continuous function of the section, and ids are kept: `2·id` for a particle, `2·id + 1` for the point of the edge
 //! that begins at it. Particles that are inserted between two sections therefore leave all older ids in order. Ids are below
 //! 2³¹. All machines give the same bits: only IEEE operations and `libm` are used.
 
 mod clearance;
+mod relax;
 mod turns;
 
 use crate::model::{Ring, Section};
@@ -41,9 +42,12 @@ type Point = [f64; 2];
 #[must_use]
 pub fn smooth(section: &Section, options: &Smooth) -> Section {
     let most = OF_DISTANCE * options.distance_um;
-    let clearances = clearances(&section.inner, &section.outer, most / OF_CLEARANCE);
+    let clearances = clearances(&section.inner, &section.outer, most / OF_CLEARANCE, true);
     let [inner, outer] = clearances.map(|ring| ring.iter().map(|c| most.min(OF_CLEARANCE * c)).collect::<Vec<f64>>());
-    Section { inner: smooth_ring(&section.inner, &inner), outer: smooth_ring(&section.outer, &outer), ..*section }
+    let mut result =
+        Section { inner: smooth_ring(&section.inner, &inner), outer: smooth_ring(&section.outer, &outer), ..*section };
+    relax::relax(&mut result, section, most);
+    result
 }
 
 /// `most`: how far each particle may move.

@@ -1,0 +1,73 @@
+//! Rounds corners that are still sharp, where the point at the corner could not move far enough: it moves on toward the line between its
+//! neighbours, and they move the other way, round by round.
+//!
+//! As before, points move by less than half of their clearance. Moves are zero for a corner that is only just not sharp and end where
+//! the contour would leave its greatest distance, so the result stays a continuous function of the section.
+
+use super::clearance::clearances;
+use super::{OF_CLEARANCE, Point, angle, length, minus};
+use crate::model::{Ring, Section};
+
+/// The turn from which a corner is sharp, in radians (55 degrees).
+const SHARP: f64 = 0.96;
+/// Rounds, and the part of the way that lessens the turn to [`SHARP`] for each of three points in a round.
+const ROUNDS: usize = 12;
+const PACE: f64 = 0.5;
+
+/// `smooth` was made from `section`; no point goes farther than `most` from where it was there.
+pub(super) fn relax(smooth: &mut Section, section: &Section, most: f64) {
+    let origins =
+        [(&smooth.inner, &section.inner), (&smooth.outer, &section.outer)].map(|(new, old)| origins(new, old));
+    for _ in 0..ROUNDS {
+        let moves = [&smooth.inner, &smooth.outer].map(moves);
+        if moves.iter().all(Option::is_none) {
+            return;
+        }
+        let clearances = clearances(&smooth.inner, &smooth.outer, most / OF_CLEARANCE, false);
+        for (k, ring) in [&mut smooth.inner, &mut smooth.outer].into_iter().enumerate() {
+            let Some(moves) = &moves[k] else { continue };
+            for (i, &by) in moves.iter().enumerate().filter(|(_, by)| **by != [0.0; 2]) {
+                let at = ring.points[i].map(f64::from);
+                let least = (OF_CLEARANCE * clearances[k][i] / length(by)).min(1.0);
+                let part = least.min(within(minus(at, origins[k][i]), by, most));
+                ring.points[i] = [0, 1].map(|axis| (at[axis] + part * by[axis]) as f32);
+            }
+        }
+    }
+}
+
+/// Where the points of a smooth ring were in the old one: particles, and points on edges, which have not moved.
+fn origins(new: &Ring, old: &Ring) -> Vec<Point> {
+    let particle = |i: usize| if i.is_multiple_of(2) { old.points[i / 2] } else { new.points[i] };
+    (0..new.len()).map(|i| particle(i).map(f64::from)).collect()
+}
+
+/// How the points of a ring should move, if any corner is sharp.
+fn moves(ring: &Ring) -> Option<Vec<Point>> {
+    let n = ring.len();
+    let at = |i: usize| ring.points[i % n].map(f64::from);
+    let mut moves = None;
+    for i in 0..n {
+        let (before, here, after) = (at(i + n - 1), at(i), at(i + 1));
+        let turn = angle(minus(here, before), minus(after, here)).abs();
+        if turn > SHARP {
+            let moves = moves.get_or_insert_with(|| vec![[0.0; 2]; n]);
+            let part = PACE * (turn - SHARP) / turn;
+            for axis in [0, 1] {
+                let by = part * (0.5 * (before[axis] + after[axis]) - here[axis]);
+                moves[i][axis] += by;
+                moves[(i + n - 1) % n][axis] -= by;
+                moves[(i + 1) % n][axis] -= by;
+            }
+        }
+    }
+    moves
+}
+
+/// The part of a way that stays in a circle of radius `most`, from a point that is `from` its centre.
+fn within(from: Point, way: Point, most: f64) -> f64 {
+    let dot = |u: Point, v: Point| u[0] * v[0] + u[1] * v[1];
+    let (a, b, c) = (dot(way, way), dot(from, way), dot(from, from) - most * most);
+    let part = ((b * b - a * c).max(0.0).sqrt() - b) / a;
+    if part.is_finite() { part.clamp(0.0, 1.0) } else { 0.0 }
+}
