@@ -1,18 +1,20 @@
 //! Rounds corners that are still sharp, where the point at the corner could not move far enough: it moves on toward the line between its
 //! neighbours, and they move the other way, round by round.
 //!
-//! As before, points move by less than half of their clearance. Moves are zero for a corner that is only just not sharp and end where
+//! Both ends of an edge may move here, so points move by less than a quarter of their clearance. Moves are zero for a corner that is only just not sharp and end where
 //! the contour would leave its greatest distance, so the result stays a continuous function of the section.
 
 use super::clearance::clearances;
-use super::{OF_CLEARANCE, Point, angle, length, minus};
+use super::{Point, angle, length, minus};
 use crate::model::{Ring, Section};
 
 /// The turn from which a corner is sharp, in radians (55 degrees).
 const SHARP: f64 = 0.96;
 /// Rounds, and the part of the way that lessens the turn to [`SHARP`] for each of three points in a round.
-const ROUNDS: usize = 12;
+const ROUNDS: usize = 16;
 const PACE: f64 = 0.5;
+/// Part of its clearance by which a point may move in a round.
+const OF_CLEARANCE: f64 = 0.225;
 
 /// `smooth` was made from `section`; no point goes farther than `most` from where it was there.
 pub(super) fn relax(smooth: &mut Section, section: &Section, most: f64) {
