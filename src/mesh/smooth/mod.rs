@@ -1,4 +1,4 @@
-//! Contours without sharp angles (the paper's limit 6): no two neighbouring edges turn by more than 60 degrees.
+//! Contours without sharp angles (the paper's limit 6): where there is room, neighbouring edges turn by at most 60 degrees.
 //!
 //! Each edge gets a point on it, which is nearer to the corner that has less room. Then each particle moves into the corner between
 //! the two points beside it, so that its turn is divided among three points (`turns`). It moves by less than half of its
