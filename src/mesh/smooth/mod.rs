@@ -11,9 +11,11 @@
 mod clearance;
 mod relax;
 mod turns;
+mod vector;
 
 use crate::model::{Ring, Section};
 use clearance::clearances;
+use vector::{Point, along, angle, cross, length, minus};
 
 /// Options of [`smooth`].
 #[derive(Clone, Copy, Debug)]
@@ -35,8 +37,6 @@ const OF_DISTANCE: f64 = 0.9;
 const EASY: f64 = 0.75;
 /// Least part of an edge between a particle and the point on the edge.
 const NEAREST: f64 = 0.04;
-
-type Point = [f64; 2];
 
 /// A section with smooth contours.
 #[must_use]
@@ -101,27 +101,6 @@ fn corner(before: Point, corner: Point, after: Point, shares: [f64; 2]) -> Point
     let (u, v) = (turned(minus(corner, before), shares[0]), turned(minus(after, corner), -shares[1]));
     let t = cross(minus(after, before), v) / cross(u, v);
     if t.is_finite() { [before[0] + t * u[0], before[1] + t * u[1]] } else { corner }
-}
-
-/// The angle by which one direction turns to another.
-fn angle(u: Point, v: Point) -> f64 {
-    libm::atan2(cross(u, v), u[0] * v[0] + u[1] * v[1])
-}
-
-fn cross(u: Point, v: Point) -> f64 {
-    u[0] * v[1] - u[1] * v[0]
-}
-
-fn minus(a: Point, b: Point) -> Point {
-    [a[0] - b[0], a[1] - b[1]]
-}
-
-fn length(v: Point) -> f64 {
-    (v[0] * v[0] + v[1] * v[1]).sqrt()
-}
-
-fn along(a: Point, b: Point, t: f64) -> Point {
-    [a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t]
 }
 
 #[cfg(test)]

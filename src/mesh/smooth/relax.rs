@@ -5,7 +5,7 @@
 //! the contour would leave its greatest distance, so the result stays a continuous function of the section.
 
 use super::clearance::clearances;
-use super::{Point, angle, length, minus};
+use super::vector::{Point, angle, length, minus};
 use crate::model::{Ring, Section};
 
 /// The turn from which a corner is sharp, in radians (55 degrees).
