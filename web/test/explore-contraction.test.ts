@@ -2,6 +2,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import type { Model } from "oviduct-client";
+import { glb } from "./glb.ts";
 
 const query = Object.assign(new EventTarget(), { matches: false });
 Object.assign(globalThis, { matchMedia: () => query, document: { documentElement: { dataset: {} }, baseURI: "http://lab.example/" } });
@@ -44,18 +45,10 @@ function file(animated = true): ArrayBuffer {
       animations: [{ name: "contraction", channels: [{ sampler: 0, target: { node: 0, path: "weights" } }], samplers: [{ input: 4, output: 5 }] }],
     }),
   };
-  let text = JSON.stringify(json);
-  text += " ".repeat((4 - (text.length % 4)) % 4);
-  const glb = new ArrayBuffer(28 + text.length + 180);
-  const view = new DataView(glb);
-  [0x46546c67, 2, glb.byteLength, text.length, 0x4e4f534a].forEach((word, i) => view.setUint32(4 * i, word, true));
-  new Uint8Array(glb, 20).set(new TextEncoder().encode(text));
-  const at = 20 + text.length;
-  view.setUint32(at, 180, true);
-  view.setUint32(at + 4, 0x004e4942, true);
-  floats.forEach((value, i) => view.setFloat32(at + 8 + 4 * i, value, true));
-  [0, 1, 2].forEach((value, i) => view.setUint32(at + 8 + 168 + 4 * i, value, true));
-  return glb;
+  return glb(json, 180, (view, at) => {
+    floats.forEach((value, i) => view.setFloat32(at + 4 * i, value, true));
+    [0, 1, 2].forEach((value, i) => view.setUint32(at + 168 + 4 * i, value, true));
+  });
 }
 
 const heights = ({ surface }: { surface: { patches: readonly { positions: Float32Array }[] } }) => {

@@ -2,6 +2,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { readSurface } from "../src/explore/viewer/surface.ts";
+import { glb } from "./glb.ts";
 
 /** A file with one triangle, on a grid whose steps differ by axis. */
 function file(name: string, positions: Int16Array, normals: Int8Array, scale: number[]): ArrayBuffer {
@@ -25,23 +26,15 @@ function file(name: string, positions: Int16Array, normals: Int8Array, scale: nu
     ],
     buffers: [{ byteLength: 44 }],
   };
-  let text = JSON.stringify(json);
-  text += " ".repeat((4 - (text.length % 4)) % 4);
-  const glb = new ArrayBuffer(12 + 8 + text.length + 8 + 44);
-  const view = new DataView(glb);
-  [0x46546c67, 2, glb.byteLength, text.length, 0x4e4f534a].forEach((word, i) => view.setUint32(4 * i, word, true));
-  new Uint8Array(glb, 20).set(new TextEncoder().encode(text));
-  const at = 20 + text.length;
-  view.setUint32(at, 44, true);
-  view.setUint32(at + 4, 0x004e4942, true);
-  for (let vertex = 0; vertex < 3; vertex++) {
-    for (let axis = 0; axis < 3; axis++) {
-      view.setInt16(at + 8 + 8 * vertex + 2 * axis, positions[3 * vertex + axis]!, true);
-      view.setInt8(at + 32 + 4 * vertex + axis, normals[3 * vertex + axis]!);
+  return glb(json, 44, (view, at) => {
+    for (let vertex = 0; vertex < 3; vertex++) {
+      for (let axis = 0; axis < 3; axis++) {
+        view.setInt16(at + 8 * vertex + 2 * axis, positions[3 * vertex + axis]!, true);
+        view.setInt8(at + 24 + 4 * vertex + axis, normals[3 * vertex + axis]!);
+      }
+      view.setUint16(at + 36 + 2 * vertex, vertex, true);
     }
-    view.setUint16(at + 44 + 2 * vertex, vertex, true);
-  }
-  return glb;
+  });
 }
 
 test("positions are in millimetres from the begin of the piece, and normals are perpendicular, whatever the steps of the axes", async () => {

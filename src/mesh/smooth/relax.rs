@@ -1,8 +1,9 @@
-//! Rounds corners that are still sharp, where the point at the corner could not move far enough: it moves on toward the line between its
-//! neighbours, and they move the other way, round by round.
+//! Rounds corners that are still sharp, where the point at the corner could not move far enough: it moves on toward the line between
+//! its neighbours, and they move the other way, round by round.
 //!
-//! Both ends of an edge may move here, so points move by less than a quarter of their clearance. Moves are zero for a corner that is only just not sharp and end where
-//! the contour would leave its greatest distance, so the result stays a continuous function of the section.
+//! Both ends of an edge may move here, so points move by less than a quarter of their clearance. Moves are zero for a corner that is
+//! only just not sharp, and end where the contour would leave its greatest distance, so the result stays a continuous function of the
+//! section.
 
 use super::clearance::clearances;
 use super::vector::{Point, angle, length, minus};
@@ -10,7 +11,8 @@ use crate::model::{Ring, Section};
 
 /// The turn from which a corner is sharp, in radians (55 degrees).
 const SHARP: f64 = 0.96;
-/// Rounds, and the part of the way that lessens the turn to [`SHARP`] for each of three points in a round.
+/// Rounds, and the pace: a corner moves by this part of the way to the middle of its neighbours, times the part of its turn beyond
+/// [`SHARP`].
 const ROUNDS: usize = 16;
 const PACE: f64 = 0.5;
 /// Part of its clearance by which a point may move in a round.
@@ -30,8 +32,8 @@ pub(super) fn relax(smooth: &mut Section, section: &Section, most: f64) {
             let Some(moves) = &moves[k] else { continue };
             for (i, &by) in moves.iter().enumerate().filter(|(_, by)| **by != [0.0; 2]) {
                 let at = ring.points[i].map(f64::from);
-                let least = (OF_CLEARANCE * clearances[k][i] / length(by)).min(1.0);
-                let part = least.min(within(minus(at, origins[k][i]), by, most));
+                let free = (OF_CLEARANCE * clearances[k][i] / length(by)).min(1.0);
+                let part = free.min(within(minus(at, origins[k][i]), by, most));
                 ring.points[i] = [0, 1].map(|axis| (at[axis] + part * by[axis]) as f32);
             }
         }

@@ -1,13 +1,12 @@
 // Exploring a bent model: along its centre line.
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
-import type { Page } from "playwright-core";
 import type { PNG } from "pngjs";
 import { Oviduct, type Model } from "../../../clients/typescript/src/index.ts";
 import { Service, SMALL } from "../../../clients/typescript/test/service.ts";
 import { contains, nearest, type Outline } from "../../src/explore/contours.ts";
 import { FIELD } from "../../src/explore/framing.ts";
-import { closeBrowser, colours, difference, picture, Visit } from "./browser.ts";
+import { canvasOf, closeBrowser, colours, difference, picture, settled, shown, Visit } from "./browser.ts";
 
 /** Red, green and blue of tissue that is cut across and lengthwise. */
 const [TISSUE, SHADED_TISSUE] = [[0xde, 0x95, 0xa9], [0xd2, 0x87, 0x9c]] as const;
@@ -30,25 +29,6 @@ after(async () => {
   await closeBrowser();
   await service?.[Symbol.asyncDispose]();
 });
-
-const canvasOf = (page: Page) => page.getByRole("application", { name: /^3D view/ });
-
-/** Waits until the picture is drawn and changes no more. */
-async function settled(page: Page): Promise<void> {
-  const frames = () => canvasOf(page).first().getAttribute("data-frames");
-  for (let [last, same] = ["", 0]; same < 4; ) {
-    await page.waitForTimeout(150);
-    const now = (await frames()) ?? "";
-    same = now === last && now !== "" ? same + 1 : 0;
-    last = now;
-  }
-  await page.getByText(/^Loading/).first().waitFor({ state: "detached" });
-}
-
-async function shown(page: Page): Promise<PNG> {
-  await settled(page);
-  return picture(canvasOf(page).first());
-}
 
 async function open(query = "", model = bent): Promise<Visit> {
   const visit = await Visit.open(`${service.url}/#/models/${model.id}${query}`);

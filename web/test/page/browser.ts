@@ -94,6 +94,26 @@ function isNoise(text: string): boolean {
   return /GPU stall due to ReadPixels|software WebGL|GroupMarkerNotSet/.test(text);
 }
 
+export const canvasOf = (page: Page): Locator => page.getByRole("application", { name: /^3D view/ });
+
+/** Waits until the picture is drawn and changes no more. */
+export async function settled(page: Page): Promise<void> {
+  const frames = () => canvasOf(page).first().getAttribute("data-frames");
+  for (let [last, same] = ["", 0]; same < 4; ) {
+    await page.waitForTimeout(150);
+    const now = (await frames()) ?? "";
+    same = now === last && now !== "" ? same + 1 : 0;
+    last = now;
+  }
+  await page.getByText(/^Loading/).first().waitFor({ state: "detached" });
+}
+
+/** The first 3D picture when it has settled. */
+export async function shown(page: Page): Promise<PNG> {
+  await settled(page);
+  return picture(canvasOf(page).first());
+}
+
 export async function picture(element: Locator): Promise<PNG> {
   return PNG.sync.read(await element.screenshot());
 }

@@ -2,10 +2,9 @@
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 import type { Page } from "playwright-core";
-import type { PNG } from "pngjs";
 import { Oviduct, type Model } from "../../../clients/typescript/src/index.ts";
 import { Service, SMALL } from "../../../clients/typescript/test/service.ts";
-import { closeBrowser, difference, picture, Visit } from "./browser.ts";
+import { canvasOf, closeBrowser, difference, shown, Visit } from "./browser.ts";
 
 let service: Service;
 let client: Oviduct;
@@ -27,20 +26,7 @@ after(async () => {
   await service?.[Symbol.asyncDispose]();
 });
 
-const canvasOf = (page: Page) => page.getByRole("application", { name: /^3D view/ });
 const panelOf = (page: Page) => page.getByRole("region", { name: "Contraction" });
-
-/** The picture once it is drawn and changes no more. */
-async function shown(page: Page): Promise<PNG> {
-  const frames = () => canvasOf(page).getAttribute("data-frames");
-  for (let [last, same] = ["", 0]; same < 4; ) {
-    await page.waitForTimeout(150);
-    const now = (await frames()) ?? "";
-    same = now === last && now !== "" ? same + 1 : 0;
-    last = now;
-  }
-  return picture(canvasOf(page));
-}
 
 async function open(query = "", model = contracting, options = {}): Promise<Visit> {
   const visit = await Visit.open(`${service.url}/#/models/${model.id}${query}`, options);

@@ -3,14 +3,13 @@ import assert from "node:assert/strict";
 import { createHash } from "node:crypto";
 import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
-import type { Page } from "playwright-core";
 import { PNG } from "pngjs";
 import { Oviduct, type Cut, type Model, type ModelRequest } from "../../../clients/typescript/src/index.ts";
 import { Service, SMALL } from "../../../clients/typescript/test/service.ts";
 import { nearestIndex } from "../../src/explore/ascending.ts";
 import { boundsOf, contains, type Outline } from "../../src/explore/contours.ts";
 import { FIELD } from "../../src/explore/framing.ts";
-import { closeBrowser, colours, difference, picture, Visit } from "./browser.ts";
+import { canvasOf, closeBrowser, colours, difference, picture, settled, shown, Visit } from "./browser.ts";
 
 /** Red, green and blue of tissue that is cut across, as in the service's drawings, and lengthwise. */
 const [TISSUE, SHADED_TISSUE] = [[0xde, 0x95, 0xa9], [0xd2, 0x87, 0x9c]] as const;
@@ -48,25 +47,6 @@ after(async () => {
   await closeBrowser();
   await service?.[Symbol.asyncDispose]();
 });
-
-const canvasOf = (page: Page) => page.getByRole("application", { name: /^3D view/ });
-
-/** Waits until the picture is drawn and changes no more. */
-async function settled(page: Page): Promise<void> {
-  const frames = () => canvasOf(page).first().getAttribute("data-frames");
-  for (let [last, same] = ["", 0]; same < 4; ) {
-    await page.waitForTimeout(150);
-    const now = (await frames()) ?? "";
-    same = now === last && now !== "" ? same + 1 : 0;
-    last = now;
-  }
-  await page.getByText(/^Loading/).first().waitFor({ state: "detached" });
-}
-
-async function shown(page: Page): Promise<PNG> {
-  await settled(page);
-  return picture(canvasOf(page).first());
-}
 
 async function open(query = "", model = models[0]): Promise<Visit> {
   const visit = await Visit.open(`${service.url}/#/models/${model.id}${query}`);

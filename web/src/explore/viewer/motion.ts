@@ -1,8 +1,8 @@
 // A surface that moves: the frames of an animation, which have the same triangles, and what is between them.
-import { Matrix3, Vector3, type BufferGeometry, type Mesh } from "three";
+import type { Mesh } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import type { Course } from "../course.ts";
-import { isMesh, PATCH_NAMES, type Patch, type PatchName, type Surface } from "./surface.ts";
+import { indexOf, isMesh, PATCH_NAMES, vectorsOf, type Patch, type PatchName, type Surface } from "./surface.ts";
 
 /** What differs between the frames of a patch. */
 type Shape = Pick<Patch, "positions" | "straight" | "normals">;
@@ -65,12 +65,11 @@ export async function readMotion(file: ArrayBuffer, begin: number, course?: Cour
 
 /** A patch of its own arrays, and its frames. */
 function read(name: PatchName, { geometry, matrixWorld }: Mesh, begin: number, course: Course | undefined): { patch: Patch; frames: Shape[] } {
-  const order = geometry.index?.array;
-  if (!(order instanceof Uint16Array || order instanceof Uint32Array)) throw new Error("The file has no list of triangles.");
+  const index = indexOf(geometry);
   const targets = geometry.morphAttributes.position?.length ?? 0;
   const frames = Array.from({ length: targets + 1 }, (_, frame): Shape => {
-    const { positions, normals } = vectors(geometry, frame - 1, matrixWorld, begin);
-    return { positions, normals, straight: course?.straighten(positions, order) ?? positions };
+    const { positions, normals } = vectorsOf(geometry, matrixWorld, begin, frame - 1);
+    return { positions, normals, straight: course?.straighten(positions, index) ?? positions };
   });
   const [first] = frames as [Shape];
   const positions = first.positions.slice();
@@ -79,27 +78,7 @@ function read(name: PatchName, { geometry, matrixWorld }: Mesh, begin: number, c
     positions,
     straight: first.straight === first.positions ? positions : first.straight.slice(),
     normals: first.normals.slice(),
-    index: order,
+    index,
   };
   return { patch, frames };
-}
-
-/** Positions in millimetres and normals of a frame; −1 is the geometry itself, others are displaced from it. */
-function vectors(geometry: BufferGeometry, target: number, matrix: Mesh["matrixWorld"], begin: number): Pick<Shape, "positions" | "normals"> {
-  const [position, normal] = [geometry.getAttribute("position"), geometry.getAttribute("normal")];
-  const [moved, turned] = [geometry.morphAttributes.position?.[target], geometry.morphAttributes.normal?.[target]];
-  const [vector, displacement, direction] = [new Vector3(), new Vector3(), new Matrix3().getNormalMatrix(matrix)];
-  const positions = new Float32Array(3 * position.count);
-  const normals = new Int8Array(3 * position.count);
-  for (let i = 0; i < position.count; i++) {
-    vector.fromBufferAttribute(position, i);
-    if (moved) vector.add(displacement.fromBufferAttribute(moved, i));
-    vector.applyMatrix4(matrix).multiplyScalar(1000);
-    vector.z -= begin;
-    vector.toArray(positions, 3 * i);
-    vector.fromBufferAttribute(normal, i);
-    if (turned) vector.add(displacement.fromBufferAttribute(turned, i));
-    vector.applyNormalMatrix(direction).multiplyScalar(127).toArray(normals, 3 * i);
-  }
-  return { positions, normals };
 }

@@ -1,5 +1,5 @@
 // The surface of a model as arrays in millimetres, read from its glTF files of any level of detail.
-import { Matrix3, Vector3, type Mesh, type Object3D } from "three";
+import { Matrix3, Vector3, type BufferGeometry, type Matrix4, type Mesh, type Object3D } from "three";
 import type { Report } from "oviduct-client";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { MeshoptDecoder } from "three/addons/libs/meshopt_decoder.module.js";
@@ -61,20 +61,38 @@ export function isMesh(node: Object3D): node is Mesh {
   return "isMesh" in node;
 }
 
-/** Quantized positions and normals are scaled by the transform of the node; glTF is in metres. */
 function patch(name: PatchName, { geometry, matrixWorld }: Mesh, begin: number, course: Course | undefined): Patch {
+  const { positions, normals } = vectorsOf(geometry, matrixWorld, begin);
+  const index = indexOf(geometry);
+  return { name, positions, straight: course?.straighten(positions, index) ?? positions, normals, index };
+}
+
+/** Three vertices a triangle. */
+export function indexOf({ index, attributes }: BufferGeometry): Patch["index"] {
+  const order = index?.array ?? Uint32Array.from({ length: attributes["position"]!.count }, (_, i) => i);
+  return order instanceof Uint16Array || order instanceof Uint32Array ? order : Uint32Array.from(order);
+}
+
+/**
+ * Positions and normals of a geometry, displaced by one of its morph targets if one is named. Quantized ones are scaled by the transform
+ * of the node; glTF is in metres.
+ */
+export function vectorsOf(geometry: BufferGeometry, matrix: Matrix4, begin: number, target = -1): Pick<Patch, "positions" | "normals"> {
   if (!geometry.hasAttribute("normal")) geometry.computeVertexNormals();
   const [position, normal] = [geometry.getAttribute("position"), geometry.getAttribute("normal")];
-  const [vector, direction] = [new Vector3(), new Matrix3().getNormalMatrix(matrixWorld)];
+  const [moved, turned] = [geometry.morphAttributes.position?.[target], geometry.morphAttributes.normal?.[target]];
+  const [vector, displacement, direction] = [new Vector3(), new Vector3(), new Matrix3().getNormalMatrix(matrix)];
   const positions = new Float32Array(3 * position.count);
   const normals = new Int8Array(3 * position.count);
   for (let i = 0; i < position.count; i++) {
-    vector.fromBufferAttribute(position, i).applyMatrix4(matrixWorld).multiplyScalar(1000);
+    vector.fromBufferAttribute(position, i);
+    if (moved) vector.add(displacement.fromBufferAttribute(moved, i));
+    vector.applyMatrix4(matrix).multiplyScalar(1000);
     vector.z -= begin;
     vector.toArray(positions, 3 * i);
-    vector.fromBufferAttribute(normal, i).applyNormalMatrix(direction).multiplyScalar(127).toArray(normals, 3 * i);
+    vector.fromBufferAttribute(normal, i);
+    if (turned) vector.add(displacement.fromBufferAttribute(turned, i));
+    vector.applyNormalMatrix(direction).multiplyScalar(127).toArray(normals, 3 * i);
   }
-  const order = geometry.index?.array ?? Uint32Array.from({ length: position.count }, (_, i) => i);
-  const index = order instanceof Uint16Array || order instanceof Uint32Array ? order : Uint32Array.from(order);
-  return { name, positions, straight: course?.straighten(positions, index) ?? positions, normals, index };
+  return { positions, normals };
 }
