@@ -1,6 +1,7 @@
 //! The committed description of the service is the one that the code makes, and it fits itself.
 
 use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
 use std::collections::BTreeSet;
 
 /// Write it anew with `cargo run -- openapi > openapi.yaml`, or with `OVIDUCT_BLESS=1 cargo test --test openapi`.
@@ -13,6 +14,17 @@ fn the_committed_description_is_up_to_date() {
     }
     let committed = std::fs::read_to_string(path).unwrap_or_default();
     assert!(made == committed, "openapi.yaml is not what the code makes: cargo run -- openapi > openapi.yaml");
+}
+
+/// scripts/clients generates the types anew and compares them whole; this needs no Node.
+#[test]
+fn the_types_of_the_typescript_client_are_of_the_committed_description() {
+    let root = concat!(env!("CARGO_MANIFEST_DIR"), "/");
+    let description = std::fs::read(format!("{root}openapi.yaml")).expect("openapi.yaml can be read");
+    let types = std::fs::read_to_string(format!("{root}clients/typescript/src/schema.ts")).expect("types can be read");
+    let digest: String = Sha256::digest(&description).iter().map(|byte| format!("{byte:02x}")).collect();
+    let line = format!("// openapi.yaml: sha256 {digest}");
+    assert!(types.lines().any(|each| each == line), "run `npm run generate` in clients/typescript: no line {line}");
 }
 
 #[test]

@@ -1,5 +1,6 @@
 // Generates src/schema.ts from openapi.yaml; with --check fails if it differs.
 import openapiTS, { astToString, COMMENT_HEADER } from "openapi-typescript";
+import { createHash } from "node:crypto";
 import { readFile, writeFile } from "node:fs/promises";
 
 const source = new URL("../../../openapi.yaml", import.meta.url);
@@ -16,7 +17,9 @@ const types = await openapiTS(source, {
     return undefined;
   },
 });
-const text = COMMENT_HEADER + astToString(types);
+// tests/openapi.rs compares the digest, so that a stale file is found without Node.
+const digest = createHash("sha256").update(await readFile(source)).digest("hex");
+const text = `${COMMENT_HEADER}// openapi.yaml: sha256 ${digest}\n\n${astToString(types)}`;
 
 if (!process.argv.includes("--check")) {
   await writeFile(target, text);

@@ -3,6 +3,8 @@
  * Do not make direct changes to the file.
  */
 
+// openapi.yaml: sha256 6fee38f719175a6b3cb9714d75e108d5771427530fcad11a588633f2c9ec1f77
+
 export interface paths {
     "/batches": {
         parameters: {
@@ -3987,7 +3989,7 @@ export interface components {
             height?: number | components["schemas"]["Schedule"] | null;
             /**
              * Shift along the tube
-             * @description Root mean square distance along the tube by which growth and ranges are ahead or behind around the wall: where the schedules change, as at the junction, some folds change earlier than others.
+             * @description Root mean square distance by which growth and ranges are ahead or behind around the wall, as a share of all steps: where the schedules change, as at the junction, some folds change earlier than others.
              */
             shift?: number | components["schemas"]["Schedule"] | null;
             /**
