@@ -58,7 +58,7 @@ pub fn bend(mesh: &Mesh, course: &Course) -> Mesh {
 }
 
 /// A straight surface, bent, whose triangles then do not meet: edges of the straight one are split as needed, and its lean is damped
-/// as a last resort. Vertices are added after the others, none on edges that lie across the tube; the edges whose middles they are come
+/// as a last resort. Vertices are added after the others, none on edges in a plane across the tube; the edges whose middles they are come
 /// last, in order. `stop` is asked between rounds; if it says so, the surface is left as it is then.
 pub fn bend_apart(
     straight: &mut Mesh,

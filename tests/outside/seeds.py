@@ -1,10 +1,14 @@
-"""Grows models of the paper's size for many seeds and checks each with other programs. Not part of scripts/test: a seed
-takes about a minute.
+"""Grows models of full size, of many presets, seeds and courses, and has other programs judge some or all. Not part of
+scripts/test: a model takes about 10 s, and a judgement another 20 s.
 
-Usage: seeds.py [--binary target/release/oviduct] [--preset paper] [--seeds 1..20] [--backend auto]
+Usage: seeds.py [--binary target/release/oviduct] [--presets paper|pig,human|all] [--seeds 1..20] [--courses straight,bent]
+                [--judged 1] [--backend auto]
+
+Bent means the course of the preset, or an arc of 90° if the preset is straight. --judged N judges every Nth model.
 """
 
 import argparse
+import json
 import os
 import tempfile
 import time
@@ -13,6 +17,8 @@ import mesh
 from grown import Oviduct, of_paper_size
 
 HERE = os.path.dirname(os.path.abspath(__file__))
+COLUMNS = {"preset": 20, "seed": 4, "course": 8, "sections": 8, "particles": 12, "vertices": 8, "gap/um": 7, "islands": 7,
+           "crossing": 8, "closed": 6, "seconds": 7, "": 5}
 
 
 def seeds(text):
@@ -24,41 +30,55 @@ def seeds(text):
     return found
 
 
+def course(wanted, own):
+    """The course that is asked for, of a preset with a course of its own."""
+    if wanted == "straight":
+        return {"shape": "straight"}
+    return own if own["shape"] != "straight" else {"shape": "arc", "turn_deg": 90}
+
+
 def row(*cells):
-    widths = [5, 9, 9, 14, 9, 8, 9, 9, 8, 8, 7]
-    print("  ".join(str(cell).rjust(width) for cell, width in zip(cells, widths)), flush=True)
+    print("  ".join(str(cell).rjust(width) for cell, width in zip(cells, COLUMNS.values())), flush=True)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--binary", default=os.path.join(HERE, "..", "..", "target", "release", "oviduct"))
-    parser.add_argument("--preset", default="paper")
+    parser.add_argument("--presets", default="paper")
     parser.add_argument("--seeds", type=seeds, default=seeds("1..20"))
+    parser.add_argument("--courses", default="straight")
+    parser.add_argument("--judged", type=int, default=1)
     parser.add_argument("--backend", default="auto")
     options = parser.parse_args()
     oviduct = Oviduct(options.binary)
-    faults, rows = [], []
-    for seed in options.seeds:
+    presets = {preset["name"]: preset["spec"] for preset in json.loads(oviduct.run("presets", "--json"))}
+    names = list(presets) if options.presets == "all" else options.presets.split(",")
+    faults, models, judgements = [], 0, 0
+    row(*COLUMNS)
+    for name, seed, wanted in ((n, s, c) for n in names for s in options.seeds for c in options.courses.split(",")):
         with tempfile.TemporaryDirectory() as folder:
             begin = time.monotonic()
-            told = oviduct.generate(os.path.join(folder, "model"), "--preset", options.preset, "--seed", str(seed),
-                                    "--backend", options.backend)
-            judged = mesh.judge(os.path.join(folder, "model", "model.glb"))
-            wrong = of_paper_size(told) + judged.faults
-            faults += [f"{options.preset} seed {seed}: {fault}" for fault in wrong]
-            proof = told["certificate"]
-            rows.append((
-                seed, told["sections"], told["sections_added"],
-                f"{told['particles']['start']}→{told['particles']['end']}", told["vertices"],
-                f"{100 * (told['vertices'] / 790_211 - 1):+.2f}%", f"{proof['min_gap_um']:.3f}", judged.crossing,
-                "yes" if judged.closed else "NO", f"{time.monotonic() - begin:.0f}", "ok" if not wrong else "WRONG",
-            ))
-    row("seed", "sections", "added", "particles", "vertices", "of 790k", "gap/um", "crossing", "closed", "seconds", "")
-    for cells in rows:
-        row(*cells)
+            patch, out = os.path.join(folder, "patch.json"), os.path.join(folder, "model")
+            with open(patch, "w", encoding="utf-8") as file:
+                json.dump({"course": course(wanted, presets[name]["course"])}, file)
+            told = oviduct.generate(out, "--preset", name, "--seed", str(seed), "--backend", options.backend, "--spec", patch)
+            wrong = of_paper_size(told) if (name, wanted) == ("paper", "straight") else []
+            crossing = closed = "-"
+            if models % options.judged == 0:
+                judged = mesh.judge(os.path.join(out, "model.glb"))
+                wrong += judged.faults
+                crossing, closed = judged.crossing, "yes" if judged.closed else "NO"
+                judgements += 1
+            with open(os.path.join(out, "report.json"), encoding="utf-8") as file:
+                cuts = json.load(file)["cuts"]
+        models += 1
+        faults += [f"{name} seed {seed} {wanted}: {fault}" for fault in wrong]
+        row(name, seed, wanted, told["sections"], f"{told['particles']['start']}→{told['particles']['end']}", told["vertices"],
+            f"{told['certificate']['min_gap_um']:.3f}", f"{cuts['with_islands']:.0%}" if cuts else "-", crossing, closed,
+            f"{time.monotonic() - begin:.0f}", "ok" if not wrong else "WRONG")
     for fault in faults:
         print(fault)
-    print(f"seeds: {len(rows)} models of preset {options.preset}, {len(faults)} faults")
+    print(f"seeds: {models} certified models of {len(names)} presets, {judgements} of them judged, {len(faults)} faults")
     raise SystemExit(1 if faults else 0)
 
 

@@ -358,7 +358,7 @@ fn in_um(metres: f32) -> f64 {
 /// The sections of a lofted surface, by ascending z.
 fn levels(rest: &Rest<'_>) -> Vec<Level> {
     let n = rest.z.len();
-    // Neighbours of a vertex within its section. Edges that were split do not lie in sections.
+    // Neighbours of a vertex within its section. Edges of sections that lean can be split.
     let mut beside = vec![[UNUSED; 2]; n];
     let mut is_inner = vec![false; n];
     for kind in [PatchKind::InnerWall, PatchKind::OuterWall] {
@@ -369,14 +369,10 @@ fn levels(rest: &Rest<'_>) -> Vec<Level> {
                     *is_inner = kind == PatchKind::InnerWall;
                 }
             }
-            for (v, w) in [(a, b), (b, c), (c, a)] {
-                if (v as usize) < n && (w as usize) < n && rest.z[v as usize] == rest.z[w as usize] {
-                    join(&mut beside, v, w);
-                    join(&mut beside, w, v);
-                }
-            }
+            [(a, b), (b, c), (c, a)].into_iter().for_each(|edge| join(&mut beside, rest.z, edge));
         }
     }
+    rest.split.iter().for_each(|&edge| join(&mut beside, rest.z, edge));
     let mut by_place: BTreeMap<u32, [Vec<u32>; 2]> = BTreeMap::new();
     let mut is_seen = vec![false; n];
     let place = |v: u32| {
@@ -406,10 +402,15 @@ fn levels(rest: &Rest<'_>) -> Vec<Level> {
     rings.into_par_iter().map(|[inner, outer]| Level::new(inner, outer, place)).collect()
 }
 
-/// Adds a neighbour.
-fn join(beside: &mut [[u32; 2]], v: u32, w: u32) {
-    let of = &mut beside[v as usize];
-    if let Some(free) = of.iter().position(|&x| x == w || x == UNUSED) {
-        of[free] = w;
+/// Makes the ends of an edge neighbours if they are of one section.
+fn join(beside: &mut [[u32; 2]], z: &[f32], (v, w): (u32, u32)) {
+    if z.get(v as usize).is_none_or(|at| z.get(w as usize) != Some(at)) {
+        return;
+    }
+    for (v, w) in [(v, w), (w, v)] {
+        let of = &mut beside[v as usize];
+        if let Some(free) = of.iter().position(|&x| x == w || x == UNUSED) {
+            of[free] = w;
+        }
     }
 }

@@ -115,6 +115,12 @@ fn a_bent_tube_contracts_without_contact() {
     let (bent, _, split) = bend::bend_apart(&mut mesh, Some(leaning), &course, &|| false);
     assert!(!split.is_empty() && meeting::pairs(&bent).is_empty(), "too mild to test");
     let rest = || Rest { straight: &mesh, z: &z, split: &split, lean: Some(&lean), course: Some(&course) };
+    let is_across = |&&(v, w): &&(u32, u32)| (v.max(w) as usize) < z.len() && z[v as usize] == z[w as usize];
+    assert!(split.iter().filter(is_across).count() > 0, "too mild to test");
+    let mut of_levels: Vec<u32> =
+        levels(&rest()).into_iter().flat_map(|level| [level.inner, level.outer].concat()).collect();
+    of_levels.sort_unstable();
+    assert!(of_levels.into_iter().eq(0..z.len() as u32), "each vertex is in one contour");
     // Its few long triangles leave less room for the wave than a model of full size does.
     contracts(rest(), volume(&bent), 0.1);
     let still = Contracting::new(rest(), &by_of(0.0)).place(0.3).mesh;

@@ -75,6 +75,17 @@ fn finer_surfaces_and_longer_pieces_cost_more() {
 }
 
 #[test]
+fn every_preset_can_be_bent() {
+    for preset in presets() {
+        for turn_deg in [1, 15, 45, 90] {
+            let patch = json!({ "course": { "shape": "arc", "turn_deg": turn_deg } });
+            let found = ModelSpec::resolve(preset, &patch);
+            assert!(found.is_ok(), "{} by {turn_deg}°: {found:?}", preset.name);
+        }
+    }
+}
+
+#[test]
 fn courses_without_room_are_refused_with_the_place_or_relaxed() {
     let faults = |course: &Value| resolve(&json!({ "course": course })).unwrap_err();
     for (course, pointer, words) in [
