@@ -13,10 +13,12 @@ use crate::model::{Ring, Section};
 const SHARP: f64 = 0.96;
 /// Rounds, and the pace: a corner moves by this part of the way to the middle of its neighbours, times the part of its turn beyond
 /// [`SHARP`].
-const ROUNDS: usize = 16;
+const ROUNDS: usize = 48;
 const PACE: f64 = 0.5;
-/// Part of its clearance by which a point may move in a round.
+/// Part of its clearance beyond the least by which a point may move in a round; the least, µm. It keeps walls that come nearer round by
+/// round apart by far more than positions are rounded.
 const OF_CLEARANCE: f64 = 0.225;
+const LEAST_CLEARANCE: f64 = 0.05;
 
 /// `smooth` was made from `section`; no point goes farther than `most` from where it was there.
 pub(super) fn relax(smooth: &mut Section, section: &Section, most: f64) {
@@ -27,12 +29,13 @@ pub(super) fn relax(smooth: &mut Section, section: &Section, most: f64) {
         if moves.iter().all(Option::is_none) {
             return;
         }
-        let clearances = clearances(&smooth.inner, &smooth.outer, most / OF_CLEARANCE, false);
+        let clearances = clearances(&smooth.inner, &smooth.outer, most / OF_CLEARANCE + LEAST_CLEARANCE, false);
         for (k, ring) in [&mut smooth.inner, &mut smooth.outer].into_iter().enumerate() {
             let Some(moves) = &moves[k] else { continue };
             for (i, &by) in moves.iter().enumerate().filter(|(_, by)| **by != [0.0; 2]) {
                 let at = ring.points[i].map(f64::from);
-                let free = (OF_CLEARANCE * clearances[k][i] / length(by)).min(1.0);
+                let clearance = (clearances[k][i] - LEAST_CLEARANCE).max(0.0);
+                let free = (OF_CLEARANCE * clearance / length(by)).min(1.0);
                 let part = free.min(within(minus(at, origins[k][i]), by, most));
                 ring.points[i] = [0, 1].map(|axis| (at[axis] + part * by[axis]) as f32);
             }

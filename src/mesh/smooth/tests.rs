@@ -101,8 +101,8 @@ fn corners_of_a_star_are_rounded() {
 
 #[test]
 fn corners_as_sharp_as_models_have_are_rounded() {
-    // Turns and edges found in models of the presets cow, paper and, the last one, pig.
-    let found: [&[(f64, f64)]; 7] = [
+    // Turns and edges found in models of the presets cow, paper and, the last two, pig and human.
+    let found: [&[(f64, f64)]; 8] = [
         &[(-36.0, 13.0), (84.0, 14.5), (145.4, 8.5), (-113.0, 18.0), (-1.0, 13.0)],
         &[(24.0, 13.7), (144.0, 9.4), (-118.4, 8.1), (145.3, 13.8), (-5.0, 11.0), (-50.0, 14.0), (-40.0, 14.0)],
         &[
@@ -128,6 +128,16 @@ fn corners_as_sharp_as_models_have_are_rounded() {
         &[(-14.6, 16.0), (22.7, 15.5), (151.0, 8.3), (-87.2, 9.0), (82.5, 7.8), (-51.1, 8.6), (4.2, 9.0)],
         &[(6.0, 9.0), (24.0, 7.5), (136.0, 6.8), (-25.0, 8.0), (-16.0, 9.0)],
         &[(11.8, 16.4), (-116.6, 7.8), (154.5, 10.2), (106.9, 9.7), (26.3, 13.4), (-30.6, 11.3), (-3.8, 8.0)],
+        &[
+            (17.0, 13.0),
+            (-62.0, 11.6),
+            (131.0, 19.5),
+            (-113.0, 14.5),
+            (135.0, 14.2),
+            (69.0, 15.9),
+            (22.0, 16.5),
+            (-50.0, 18.0),
+        ],
     ];
     for steps in found {
         for sign in [1.0, -1.0] {
