@@ -22,6 +22,8 @@ def blocks():
     return found
 
 
+# They grow more than 50 models.
+@pytest.mark.timeout(300)
 def test_the_examples_run(service, tmp_path, monkeypatch, capsys):
     pytest.importorskip("pandas")
     monkeypatch.chdir(tmp_path)
