@@ -45,8 +45,8 @@ export function ContractionPanel({ contraction }: { contraction: Contraction }) 
           </p>
         </>
       ) : (
-        <button type="button" class="button" onClick={() => contraction.start()}>
-          <Icon name="play" /> Play the contraction <span class="soft num">{bytes(file.bytes)}</span>
+        <button type="button" class="button" aria-label={`Play the contraction, ${bytes(file.bytes)}`} onClick={() => contraction.start()}>
+          <Icon name="play" /> Play <span class="soft num">{bytes(file.bytes)}</span>
         </button>
       )}
     </Panel>

@@ -4,18 +4,7 @@ import type { Model, ModelFile } from "oviduct-client";
 import { ask, explain } from "../service.ts";
 import { bytes } from "../ui/format.ts";
 import { CopyButton, Icon, toast } from "../ui/widgets.tsx";
-
-const SUBJECTS: [RegExp, string][] = [
-  [/^model\.lod0\.glb$/, "Surface for browsers, every triangle"],
-  [/^model\.lod1\.glb$/, "Surface for browsers, medium detail"],
-  [/^model\.lod2\.glb$/, "Surface for browsers, light"],
-  [/\.glb$/, "Surface, glTF binary"],
-  [/\.obj$/, "Surface, Wavefront OBJ"],
-  [/^sections\.bin$/, "All cross sections"],
-  [/^labels\.ome\.tif$/, "Tissue of every voxel, OME-TIFF"],
-  [/^labels\.nii\.gz$/, "Tissue of every voxel, NIfTI, compressed"],
-  [/^report\.json$/, "Certificate, measures and spec"],
-];
+import { subjectOf } from "./files.ts";
 
 export function Downloads({ model }: { model: Model }) {
   return (
@@ -56,7 +45,7 @@ function Download({ id, file }: { id: string; file: ModelFile }) {
     <li>
       <div>
         <span class="mono">{file.name}</span> <span class="soft num">{bytes(file.bytes)}</span>
-        <p class="soft small">{SUBJECTS.find(([pattern]) => pattern.test(file.name))?.[1] ?? file.media_type}</p>
+        <p class="soft small">{subjectOf(file.name) ?? file.media_type}</p>
       </div>
       <button type="button" class="button-icon" aria-label={`Download ${file.name}`} onClick={save}>
         <Icon name="download" />
