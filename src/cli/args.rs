@@ -54,6 +54,7 @@ pub(super) struct Cli {
 
 /// Options of every command.
 #[derive(Debug, Args)]
+#[command(next_help_heading = "Global options")]
 pub(super) struct Global {
     /// TOML file with options: global options at the top level, those of a command in a table with its name
     #[arg(long, global = true, value_name = "FILE")]
