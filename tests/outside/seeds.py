@@ -1,5 +1,5 @@
 """Grows models of full size, of many presets, seeds and courses, and has other programs judge some or all. Not part of
-scripts/test: a model takes about 10 s, and a judgement another 20 s.
+scripts/test: a model takes 1 to 30 s, and a judgement up to a minute.
 
 Usage: seeds.py [--binary target/release/oviduct] [--presets paper|pig,human|all] [--seeds 1..20] [--courses straight,bent]
                 [--judged 1] [--backend auto]

@@ -4,10 +4,9 @@
 //! So each point stays within a part of its own distance from an edge `f` if `p` moves by less than that part of its distance from
 //! the shadow of `f` in light from `q`. This also holds for edges that meet in `q`.
 
+use super::vector::Point;
 use crate::geometry::blocks::{Blocks, Rect};
 use crate::model::Ring;
-
-type Point = [f64; 2];
 
 /// For each particle of both rings how far it is from the shadows of other edges in light from its two neighbours, at most `reach`.
 /// Edges that meet in the particle itself do not count.

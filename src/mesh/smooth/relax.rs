@@ -15,30 +15,35 @@ const SHARP: f64 = 0.96;
 /// [`SHARP`].
 const ROUNDS: usize = 48;
 const PACE: f64 = 0.5;
-/// Part of its clearance beyond the least by which a point may move in a round; the least, µm. It keeps walls that come nearer round by
-/// round apart by far more than positions are rounded.
+/// Part of its clearance beyond the least one by which a point may move in a round.
 const OF_CLEARANCE: f64 = 0.225;
+/// The least clearance, µm: far more than positions are rounded by, so that walls that approach round by round do not meet.
 const LEAST_CLEARANCE: f64 = 0.05;
 
 /// `smooth` was made from `section`; no point goes farther than `most` from where it was there.
 pub(super) fn relax(smooth: &mut Section, section: &Section, most: f64) {
-    let origins =
-        [(&smooth.inner, &section.inner), (&smooth.outer, &section.outer)].map(|(new, old)| origins(new, old));
+    let origins = [origins(&smooth.inner, &section.inner), origins(&smooth.outer, &section.outer)].concat();
     for _ in 0..ROUNDS {
-        let moves = [&smooth.inner, &smooth.outer].map(moves);
-        if moves.iter().all(Option::is_none) {
+        let moves = [moves(&smooth.inner), moves(&smooth.outer)].concat();
+        let is_moving = |i: usize| moves[i] != [0.0; 2];
+        if !(0..moves.len()).any(is_moving) {
             return;
         }
-        let clearances = clearances(&smooth.inner, &smooth.outer, most / OF_CLEARANCE + LEAST_CLEARANCE, false);
-        for (k, ring) in [&mut smooth.inner, &mut smooth.outer].into_iter().enumerate() {
-            let Some(moves) = &moves[k] else { continue };
-            for (i, &by) in moves.iter().enumerate().filter(|(_, by)| **by != [0.0; 2]) {
-                let at = ring.points[i].map(f64::from);
-                let clearance = (clearances[k][i] - LEAST_CLEARANCE).max(0.0);
-                let free = (OF_CLEARANCE * clearance / length(by)).min(1.0);
-                let part = free.min(within(minus(at, origins[k][i]), by, most));
-                ring.points[i] = [0, 1].map(|axis| (at[axis] + part * by[axis]) as f32);
-            }
+        let reach = most / OF_CLEARANCE + LEAST_CLEARANCE;
+        let clearances = clearances(&smooth.inner, &smooth.outer, reach, false).concat();
+        let mut has_moved = false;
+        let points = smooth.inner.points.iter_mut().chain(&mut smooth.outer.points);
+        for (i, point) in points.enumerate().filter(|&(i, _)| is_moving(i)) {
+            let (at, by) = (point.map(f64::from), moves[i]);
+            let clearance = (clearances[i] - LEAST_CLEARANCE).max(0.0);
+            let free = (OF_CLEARANCE * clearance / length(by)).min(1.0);
+            let part = free.min(within(minus(at, origins[i]), by, most));
+            let to = [0, 1].map(|axis| (at[axis] + part * by[axis]) as f32);
+            has_moved |= to != *point;
+            *point = to;
+        }
+        if !has_moved {
+            return;
         }
     }
 }
@@ -49,16 +54,15 @@ fn origins(new: &Ring, old: &Ring) -> Vec<Point> {
     (0..new.len()).map(|i| particle(i).map(f64::from)).collect()
 }
 
-/// How the points of a ring should move, if any corner is sharp.
-fn moves(ring: &Ring) -> Option<Vec<Point>> {
+/// How the points of a ring should move: zero but at and beside sharp corners.
+fn moves(ring: &Ring) -> Vec<Point> {
     let n = ring.len();
     let at = |i: usize| ring.points[i % n].map(f64::from);
-    let mut moves = None;
+    let mut moves = vec![[0.0; 2]; n];
     for i in 0..n {
         let (before, here, after) = (at(i + n - 1), at(i), at(i + 1));
         let turn = angle(minus(here, before), minus(after, here)).abs();
         if turn > SHARP {
-            let moves = moves.get_or_insert_with(|| vec![[0.0; 2]; n]);
             let part = PACE * (turn - SHARP) / turn;
             for axis in [0, 1] {
                 let by = part * (0.5 * (before[axis] + after[axis]) - here[axis]);
