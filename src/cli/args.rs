@@ -143,7 +143,7 @@ impl Command {
             Self::Worker(args) => args.process.gpu.gpu,
             Self::Generate(args) if matches!(args.model.backend, Backend::Auto | Backend::Gpu) => args.gpu.gpu,
             Self::Figures(args) => args.gpu.gpu,
-            Self::Bench(args) if matches!(args.what, Bench::Paper | Bench::Batch) => args.gpu.gpu,
+            Self::Bench(args) if matches!(args.what, Bench::Paper | Bench::Peers | Bench::Batch) => args.gpu.gpu,
             Self::Demo(_) => GpuUse::Auto,
             _ => GpuUse::Off,
         };
@@ -385,6 +385,12 @@ pub(super) struct BenchArgs {
     /// Directory for the results as JSON and text, and for plots
     #[arg(long, value_name = "DIR")]
     pub(super) out: Option<PathBuf>,
+    /// With `peers`: the directory of peer_numba.py and peer_warp.py
+    #[arg(long, value_name = "DIR")]
+    pub(super) peers: Option<PathBuf>,
+    /// With `peers`: a Python interpreter that has their packages
+    #[arg(long, value_name = "PROGRAM", default_value = "python3")]
+    pub(super) python: PathBuf,
     #[command(flatten)]
     pub(super) gpu: GpuArgs,
 }
@@ -396,6 +402,8 @@ pub(super) enum Bench {
     Paper,
     /// Time per step by number of threads and particles
     Scaling,
+    /// The same model grown by peers in Python with numba and Warp, beside ours
+    Peers,
     /// Models per second on the GPU by batch size
     Batch,
     /// Models per second over HTTP, compared with calling the generator directly

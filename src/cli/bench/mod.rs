@@ -5,6 +5,7 @@
 //! | `paper` | the paper's Figures 10 and 11: time per step by number of particles, total running times |
 //! | `scaling` | time per step by number of threads and particles |
 //! | `batch` | models per second on the GPU by batch size |
+//! | `peers` | the same model grown by the numba and Warp peers, which are not part of this project |
 //! | `overhead` | models per second over HTTP, compared with the same number of workers that call the generator directly |
 
 mod batch;
@@ -13,6 +14,7 @@ mod device;
 pub(super) mod machine;
 mod overhead;
 pub(super) mod paper;
+mod peers;
 mod probe;
 mod report;
 mod scaling;
@@ -30,6 +32,13 @@ pub(super) async fn run(args: BenchArgs) -> Ended {
     let (name, task) = match args.what {
         Bench::Paper => ("bench-paper", tokio::task::spawn_blocking(move || paper::run(args.quick, args.gpu))),
         Bench::Scaling => ("bench-scaling", tokio::task::spawn_blocking(move || scaling::run(args.quick))),
+        Bench::Peers => {
+            let dir = args
+                .peers
+                .ok_or_else(|| anyhow::anyhow!("--peers DIR is needed: where peer_numba.py and peer_warp.py are"))?;
+            let peers = peers::Peers { dir, python: args.python };
+            ("bench-peers", tokio::task::spawn_blocking(move || peers::run(args.quick, &peers, args.gpu)))
+        }
         Bench::Batch => ("bench-batch", tokio::task::spawn_blocking(move || batch::run(args.quick, args.gpu))),
         Bench::Overhead => ("bench-overhead", tokio::spawn(overhead::run(args.quick))),
     };

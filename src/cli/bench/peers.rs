@@ -1,0 +1,202 @@
+//! `bench peers`: the simulation beside other implementations of the same model, which are Python programs outside this project.
+//!
+//! A peer grows the paper's model, with as many steps and particles, on threads given by `NUMBA_NUM_THREADS` or on the device given by
+//! `--device`, and prints one line of JSON with `device`, `seconds` and `burn_seconds`. Runs alternate with ours; times are those of
+//! the steps, without compilation.
+
+use super::probe::{self, Variant};
+use super::report::Report;
+use super::{device, machine};
+use crate::cli::args::GpuArgs;
+use crate::cli::{gpu, term};
+use crate::sim::Plan;
+use crate::sim::cpu::Kernel;
+use crate::sim::gpu::GpuDevice;
+use crate::spec::{ModelSpec, Search, preset};
+use anyhow::{Context, bail, ensure};
+use serde::{Deserialize, Serialize};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+const SEED: u64 = 1;
+
+/// Where the peers are, and what runs them.
+#[derive(Clone, Debug)]
+pub(super) struct Peers {
+    pub(super) dir: PathBuf,
+    pub(super) python: PathBuf,
+}
+
+/// What a peer prints of a run, among other things.
+#[derive(Debug, Deserialize)]
+struct Told {
+    device: String,
+    seconds: f64,
+    burn_seconds: f64,
+}
+
+/// Where both sides run.
+#[derive(Clone, Copy)]
+enum Place<'a> {
+    Cpu { threads: usize },
+    Gpu(&'a GpuDevice),
+}
+
+/// A comparison: times of all runs, in pairs.
+#[derive(Debug, Serialize)]
+struct Comparison {
+    peer: &'static str,
+    peer_device: String,
+    ours: String,
+    peer_seconds: Vec<f64>,
+    seconds: Vec<f64>,
+    /// How many times as fast ours is, by the medians.
+    ratio: f64,
+}
+
+pub(super) fn run(quick: bool, peers: &Peers, args: GpuArgs) -> anyhow::Result<Report> {
+    let spec = ModelSpec::resolve(preset("paper").context("there is no preset `paper`")?, &json!({}))
+        .map_err(|faults| anyhow::anyhow!("the preset `paper` is not valid: {faults:?}"))?;
+    let plan = Plan::new(&spec, SEED);
+    let runs = if quick { 1 } else { 5 };
+    let all = machine::threads();
+    let mut rows = vec![compare("numba", peers, &plan, Place::Cpu { threads: 1 }, runs)?];
+    if all > 1 {
+        rows.push(compare("numba", peers, &plan, Place::Cpu { threads: all }, runs)?);
+    }
+    match gpu::best(args) {
+        Ok(device) => rows.push(compare("warp", peers, &plan, Place::Gpu(&device), runs)?),
+        Err(reason) => {
+            term::note(&format!("no GPU ({reason}): Warp runs on one core"));
+            rows.push(compare("warp", peers, &plan, Place::Cpu { threads: 1 }, runs)?);
+        }
+    }
+    Ok(report(&rows, runs))
+}
+
+fn compare(
+    peer: &'static str,
+    peers: &Peers,
+    plan: &Plan,
+    place: Place<'_>,
+    runs: usize,
+) -> anyhow::Result<Comparison> {
+    let (mut peer_device, mut peer_seconds, mut seconds) = (String::new(), Vec::new(), Vec::new());
+    for run in 1..=runs {
+        term::note(&format!("{peer} and ours, {}, run {run} of {runs} …", named(place)));
+        let told = peers.run(peer, plan, place)?;
+        peer_seconds.push(told.seconds + told.burn_seconds);
+        seconds.push(ours(plan, place)?);
+        peer_device = told.device;
+    }
+    let ratio = median(&peer_seconds) / median(&seconds);
+    Ok(Comparison { peer, peer_device, ours: named(place), peer_seconds, seconds, ratio })
+}
+
+fn named(place: Place<'_>) -> String {
+    match place {
+        Place::Cpu { threads: 1 } => "one core".to_owned(),
+        Place::Cpu { threads } => format!("{threads} threads"),
+        Place::Gpu(device) => device::label(device),
+    }
+}
+
+/// Seconds of one run of ours.
+fn ours(plan: &Plan, place: Place<'_>) -> anyhow::Result<f64> {
+    match place {
+        Place::Cpu { threads } => {
+            let variant = Variant { search: Search::Lists, kernel: Kernel::Vector, threads };
+            Ok(probe::whole(plan, variant, |_| {})?.seconds)
+        }
+        Place::Gpu(device) => Ok(device::median(device, std::slice::from_ref(plan), 1)?.seconds),
+    }
+}
+
+impl Peers {
+    fn run(&self, peer: &str, plan: &Plan, place: Place<'_>) -> anyhow::Result<Told> {
+        let program = self.dir.join(format!("peer_{peer}.py"));
+        ensure!(program.is_file(), "--peers: there is no {}", program.display());
+        let mut command = Command::new(&self.python);
+        command.arg(&program).args(["--steps", &plan.steps.to_string(), "--seed", &SEED.to_string()]);
+        match place {
+            Place::Cpu { threads } => command.env("NUMBA_NUM_THREADS", threads.to_string()),
+            Place::Gpu(_) => command.args(["--device", "cuda:0"]),
+        };
+        let done = command
+            .stdin(Stdio::null())
+            .output()
+            .with_context(|| format!("--python: {} cannot be run", self.python.display()))?;
+        if !done.status.success() {
+            let told = String::from_utf8_lossy(&done.stderr);
+            let last = told.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it printed nothing");
+            bail!("{} failed ({}): {last}", program.display(), done.status);
+        }
+        told(&program, &String::from_utf8_lossy(&done.stdout))
+    }
+}
+
+/// Reads the last line that a peer printed.
+fn told(program: &Path, output: &str) -> anyhow::Result<Told> {
+    let line = output.lines().rfind(|line| !line.trim().is_empty()).unwrap_or_default();
+    let told: Told =
+        serde_json::from_str(line).with_context(|| format!("{} printed no result, but {line:?}", program.display()))?;
+    ensure!(told.seconds + told.burn_seconds > 0.0, "{} took no time", program.display());
+    Ok(told)
+}
+
+fn median(seconds: &[f64]) -> f64 {
+    let mut sorted = seconds.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted[(sorted.len() - 1) / 2]
+}
+
+fn report(rows: &[Comparison], runs: usize) -> Report {
+    let mut lines = vec![
+        machine::line(),
+        format!("preset paper, seed {SEED}, all steps with burn-in, {}, alternated", machine::runs(runs)),
+        String::new(),
+        format!(
+            "{:<8} {:<24} {:>10}   {:<24} {:>10} {:>14}",
+            "peer", "on", "seconds", "ours on", "seconds", "times as fast"
+        ),
+    ];
+    for row in rows {
+        lines.push(format!(
+            "{:<8} {:<24} {:>10.3}   {:<24} {:>10.3} {:>14.2}",
+            row.peer,
+            row.peer_device,
+            median(&row.peer_seconds),
+            row.ours,
+            median(&row.seconds),
+            row.ratio
+        ));
+    }
+    let json = json!({
+        "bench": "peers", "engine": crate::ENGINE_VERSION, "machine": machine::describe(), "preset": "paper", "seed": SEED,
+        "runs": runs, "comparisons": rows,
+    });
+    Report { lines, json, files: Vec::new() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_line_of_a_peer_is_its_result() {
+        let path = Path::new("peer_numba.py");
+        let line =
+            r#"{"peer": "numba", "device": "cpu x2 (omp)", "seconds": 1.5, "burn_seconds": 0.25, "final_n": 7956}"#;
+        let found = told(path, &format!("a warning\n{line}\n\n")).unwrap();
+        assert_eq!((found.device.as_str(), found.seconds, found.burn_seconds), ("cpu x2 (omp)", 1.5, 0.25));
+        assert!(told(path, "").unwrap_err().to_string().contains("peer_numba.py printed no result"));
+        assert!(told(path, &line.replace("1.5", "0").replace("0.25", "0")).is_err());
+    }
+
+    #[test]
+    fn the_ratio_is_of_medians() {
+        assert_eq!(median(&[3.0, 1.0, 2.0]), 2.0);
+        assert_eq!(median(&[4.0, 1.0, 2.0, 3.0]), 2.0);
+    }
+}
