@@ -46,6 +46,23 @@ pub(crate) fn min(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
 
+/// The greatest of `n` values that are not negative, 0 of none. The order does not matter, so they are compared in lanes.
+#[inline(always)]
+pub(crate) fn greatest(n: usize, value: impl Fn(usize) -> f32) -> f32 {
+    const LANES: usize = 16;
+    let mut lanes = [0.0f32; LANES];
+    let whole = n - n % LANES;
+    for i in (0..whole).step_by(LANES) {
+        for (l, lane) in lanes.iter_mut().enumerate() {
+            *lane = max(*lane, value(i + l));
+        }
+    }
+    for i in whole..n {
+        lanes[0] = max(lanes[0], value(i));
+    }
+    lanes.into_iter().fold(0.0, max)
+}
+
 /// Direction cosines of the point of an ellipse nearest to `p`: the point is `(r·cos, squash·r·sin)`.
 ///
 /// Iterates on the centre of curvature: no trigonometry, and a few iterations suffice near the axes too.

@@ -193,7 +193,8 @@ fn integrate_matches_where_stages_leave_the_lists_behind() {
         (*vx, *vy) = (30.0 * ((i / 20) as f32).sin(), 30.0 * ((i / 20) as f32).cos());
     }
     let (cpu, gpu) = both(&plan, &start);
-    assert_velocities(&cpu.inner, &gpu.inner, 2e-3);
+    // Strands pass through each other, where forces grow with 1/d.
+    assert_velocities(&cpu.inner, &gpu.inner, 5e-3);
     assert_close("x", &cpu.inner.x, &gpu.inner.x, 1e-5);
 }
 

@@ -3,7 +3,7 @@
  * Do not make direct changes to the file.
  */
 
-// openapi.yaml: sha256 6fee38f719175a6b3cb9714d75e108d5771427530fcad11a588633f2c9ec1f77
+// openapi.yaml: sha256 05fd516e133489f323f6f439face538ebd553276c0cfc61b2cf07b01af04abcf
 
 export interface paths {
     "/batches": {

@@ -3,315 +3,536 @@
 //! Guard: with clear_i the least distance over all vertex–segment pairs that touch vertex i or one of its two edges,
 //! a move is limited to 0.45·(clear_i − g_min). In the plane, first contact is always a vertex on a segment; the two
 //! sides together close less than their distance, so the straight path from step to step is free of contact.
+//!
+//! An evaluation of the forces is one pass over the parts of the loop, in parallel: each part computes the forces on its particles
+//! from the chain of this evaluation, and places them in the chain of the next one. The last pass of a step moves the particles.
 
-use super::chain::Chain;
-use super::neighbours::{Neighbours, Part};
-use super::pairs::{CLEARANCE_CAP, Kernel, PairTerms, Sums, add_block, greatest, reduce};
-use super::vectorize::vectorize;
+use super::chain::{Chain, Stretch, take};
+use super::neighbours::{Neighbours, Own, Part};
+use super::pairs::{CLEARANCE_CAP, Group, Kernel, least};
+use super::vectorize::Vectors;
 use super::{local, scalar, sway};
-use crate::sim::Statistics;
-use crate::sim::layout::{LANES, StepRow};
+use crate::sim::layout::StepRow;
 use crate::sim::maths::{max, min};
 use crate::sim::plan::Plan;
+use crate::sim::region::Region;
 use crate::sim::state::InnerLoop;
 use crate::spec::Integrator;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Fraction of the free distance that one side may close in a step.
 pub(super) const SHARE: f32 = 0.45;
 /// Least and greatest limit of a move, µm.
 pub(super) const LIMITS: [f32; 2] = [1e-5, 5.0];
 
+/// Of each stage of Runge–Kutta: its weight, and where the next one lies as a fraction of the step.
+const STAGES: [(f32, f32); 4] = [(1.0, 0.5), (2.0, 0.5), (2.0, 1.0), (1.0, 0.0)];
+
 /// Buffers of a step.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Work {
     /// Arithmetic of the pair forces.
     kernel: Kernel,
-    /// Accelerations of the stages.
-    ax: [Vec<f32>; 4],
-    ay: [Vec<f32>; 4],
-    /// Weighted sum of the stage velocities.
-    sx: Vec<f32>,
-    sy: Vec<f32>,
-    /// Force of the sway, the same in all stages; empty if there is none.
-    sway: [Vec<f32>; 2],
-    /// Greatest 1/d at the start of the step: of each vertex, of each segment.
-    vertex_near: Vec<f32>,
+    vectors: Vectors,
+    /// The chain of this evaluation, and that of the next one.
+    chains: [Chain; 2],
+    /// Whether the first chain is that of the state.
+    loaded: bool,
+    parts: Vec<Buffers>,
+    /// For each part, the least squared distance of each segment of the loop to its particles at the start of the step.
+    near: Vec<Vec<f32>>,
     /// Clearance of each particle at the start of the last step, µm.
     clearance: Vec<f32>,
 }
 
+/// Buffers of a part, one entry per particle.
+#[derive(Clone, Debug, Default)]
+struct Buffers {
+    /// Acceleration of this stage (mass is 1).
+    a: [Vec<f32>; 2],
+    /// Weighted sums of the velocities and of the accelerations of the stages.
+    sum_v: [Vec<f32>; 2],
+    sum_a: [Vec<f32>; 2],
+    /// Force of the sway, the same in all stages; empty if there is none.
+    sway: [Vec<f32>; 2],
+    /// Rest lengths and pulls of the edges, first of that before the first particle.
+    rest: Vec<f32>,
+    pull: [Vec<f32>; 2],
+    /// Least squared distance of each particle at the start of the step.
+    near: Vec<f32>,
+    outcome: Outcome,
+}
+
+/// What came of a step.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Outcome {
+    /// Moves that the guard shortened.
+    pub(super) shortened: u32,
+    /// Whether a position is not a finite number.
+    pub(super) not_finite: bool,
+}
+
 impl Work {
-    pub(super) fn with_kernel(self, kernel: Kernel) -> Self {
-        Self { kernel, ..self }
-    }
-
-    pub(super) fn resize(&mut self, n: usize) {
-        for v in self.ax.iter_mut().chain(&mut self.ay) {
-            v.resize(n, 0.0);
-        }
-        for v in [&mut self.sx, &mut self.sy, &mut self.vertex_near] {
-            v.resize(n, 0.0);
-        }
-    }
-
     /// Buffers of a simulation that continues with these clearances of the last step.
-    pub(super) fn with_clearance(clearance: Vec<f32>) -> Self {
-        Self { clearance, ..Self::default() }
+    pub(super) fn new(kernel: Kernel, vectors: Vectors, clearance: Vec<f32>) -> Self {
+        Self {
+            kernel,
+            vectors,
+            chains: [Chain::default(), Chain::default()],
+            loaded: false,
+            parts: Vec::new(),
+            near: Vec::new(),
+            clearance,
+        }
     }
 
     /// Clearances at the start of the last step; empty before the first one.
     pub(super) fn clearance(&self) -> &[f32] {
         &self.clearance
     }
+
+    /// Notes that the loop has changed.
+    pub(super) fn invalidate(&mut self) {
+        self.loaded = false;
+    }
+
+    /// Takes over a loop that has changed, divided into `parts`.
+    fn load(&mut self, s: &InnerLoop, parts: &[Part]) {
+        let n = s.len();
+        self.chains[0].load(s);
+        self.chains[1].resize(n);
+        self.near.resize_with(parts.len(), Vec::new);
+        self.near.iter_mut().for_each(|near| near.resize(n, 0.0));
+        self.clearance.resize(n, 0.0);
+        self.parts.resize_with(parts.len(), Buffers::default);
+        for (buffers, part) in self.parts.iter_mut().zip(parts) {
+            buffers.resize(part.particles.len());
+        }
+        self.loaded = true;
+    }
+}
+
+impl Buffers {
+    fn resize(&mut self, n: usize) {
+        let all = self.a.iter_mut().chain(&mut self.sum_v).chain(&mut self.sum_a);
+        all.for_each(|v| v.resize(n, 0.0));
+        self.near.resize(n, 0.0);
+        self.pull.iter_mut().chain([&mut self.rest]).for_each(|v| v.resize(n + 1, 0.0));
+    }
+}
+
+/// What is the same for all particles in a step.
+#[derive(Clone, Copy, Debug)]
+struct Common<'a> {
+    plan: &'a Plan,
+    time: i64,
+    row: &'a StepRow,
+    region: &'a Region,
+    kernel: Kernel,
+    vectors: Vectors,
 }
 
 /// Advances the inner loop one step.
-#[expect(clippy::too_many_arguments, reason = "parts of the state that are borrowed separately")]
 pub(super) fn step(
     plan: &Plan,
     time: i64,
     row: &StepRow,
     s: &mut InnerLoop,
-    chain: &mut Chain,
     neighbours: &mut Neighbours,
     work: &mut Work,
-    statistics: &mut Statistics,
-) {
-    let n = s.len();
+) -> Outcome {
+    if !work.loaded {
+        neighbours.divide(s.len());
+        work.load(s, &neighbours.parts);
+    }
     let region = plan.region(time);
-    let at = |modifier: f32| local::Step { row, region: &region, modifier };
-    sway::update(plan, time, row, &region, s, &mut work.sway);
-    chain.resize(n);
-    chain.x[1..=n].copy_from_slice(&s.x);
-    chain.y[1..=n].copy_from_slice(&s.y);
-    chain.vx[1..=n].copy_from_slice(&s.vx);
-    chain.vy[1..=n].copy_from_slice(&s.vy);
-    evaluate(at(row.contortion[0]), s, chain, neighbours, work, 0, true);
-    gather_clearance(neighbours, work);
-    match plan.integrator {
-        Integrator::Euler => vectorize(
-            #[inline(always)]
-            || {
-                for i in 0..n {
-                    s.vx[i] += work.ax[0][i];
-                    s.vy[i] += work.ay[0][i];
-                    work.sx[i] = s.vx[i];
-                    work.sy[i] = s.vy[i];
+    let common = Common { plan, time, row, region: &region, kernel: work.kernel, vectors: work.vectors };
+    let [start, middle, end] = row.contortion;
+    let modifiers: &[f32] = match plan.integrator {
+        Integrator::Euler => &[start],
+        Integrator::Rk4 => &[start, middle, middle, end],
+    };
+    for (stage, &modifier) in modifiers.iter().enumerate() {
+        neighbours.prepare(&work.chains[0], &s.scale, row);
+        let [chain, next] = &mut work.chains;
+        let chain = &*chain;
+        let mut shares = shares(s, next, &mut neighbours.parts, &mut work.parts, &mut work.clearance);
+        if stage == 0 {
+            on_all(shares.iter_mut().zip(&mut work.near), |(share, near)| {
+                share.begin(common);
+                share.evaluate(common, modifier, chain, Some(near));
+                if plan.integrator == Integrator::Rk4 {
+                    share.advance(common, stage, chain);
                 }
-            },
-        ),
-        Integrator::Rk4 => {
-            // (weight of the stage velocity in the move, offset of the next stage) for stages 2, 3 and 4.
-            work.sx.copy_from_slice(&s.vx);
-            work.sy.copy_from_slice(&s.vy);
-            for (stage, h, modifier, weight) in
-                [(1, 0.5, row.contortion[1], 2.0), (2, 0.5, row.contortion[1], 2.0), (3, 1.0, row.contortion[2], 1.0)]
-            {
-                vectorize(
-                    #[inline(always)]
-                    || {
-                        advance(h, weight, &s.x, &s.vx, &work.ax[stage - 1], &mut chain.x, &mut chain.vx, &mut work.sx);
-                        advance(h, weight, &s.y, &s.vy, &work.ay[stage - 1], &mut chain.y, &mut chain.vy, &mut work.sy);
-                    },
-                );
-                evaluate(at(modifier), s, chain, neighbours, work, stage, false);
-            }
-            vectorize(
-                #[inline(always)]
-                || {
-                    conclude(&mut s.vx, &mut work.sx, &work.ax);
-                    conclude(&mut s.vy, &mut work.sy, &work.ay);
-                },
-            );
-        }
-    }
-    statistics.moves_shortened += guard(plan, s, work);
-    for rest in &mut s.rest {
-        *rest += row.relaxation * (row.edge - *rest);
-    }
-}
-
-/// Moves one axis to the next stage: position by the previous stage's velocity, velocity by its acceleration; adds the
-/// new stage velocity to the weighted sum. The chain holds the previous stage's velocity.
-#[inline(always)]
-#[expect(clippy::too_many_arguments, reason = "one axis of a structure of arrays")]
-fn advance(h: f32, weight: f32, x0: &[f32], v0: &[f32], a: &[f32], x: &mut [f32], v: &mut [f32], sum: &mut [f32]) {
-    let n = x0.len();
-    let (v0, a, sum) = (&v0[..n], &a[..n], &mut sum[..n]);
-    let (x, v) = (&mut x[1..=n], &mut v[1..=n]);
-    for i in 0..n {
-        x[i] = x0[i] + h * v[i];
-        v[i] = v0[i] + h * a[i];
-        sum[i] += weight * v[i];
-    }
-}
-
-/// Turns sums into the step's move and its final velocity.
-#[inline(always)]
-fn conclude(v: &mut [f32], sum: &mut [f32], a: &[Vec<f32>; 4]) {
-    let n = v.len();
-    let (a0, a1, a2, a3) = (&a[0][..n], &a[1][..n], &a[2][..n], &a[3][..n]);
-    let sum = &mut sum[..n];
-    for i in 0..n {
-        v[i] += (a0[i] + 2.0 * (a1[i] + a2[i]) + a3[i]) * (1.0 / 6.0);
-        sum[i] *= 1.0 / 6.0;
-    }
-}
-
-/// Computes the accelerations of `stage` from all forces on the chain (mass is 1).
-fn evaluate(
-    step: local::Step<'_>,
-    s: &InnerLoop,
-    chain: &mut Chain,
-    neighbours: &mut Neighbours,
-    work: &mut Work,
-    stage: usize,
-    clearance: bool,
-) {
-    let row = step.row;
-    vectorize(
-        #[inline(always)]
-        || {
-            chain.close();
-            chain.derive(&s.rest, row);
-        },
-    );
-    neighbours.prepare(chain, s, row);
-    let chain = &*chain;
-    let mut outputs = Vec::with_capacity(neighbours.parts.len());
-    let kernel = work.kernel;
-    let (mut fx, mut fy) = (&mut work.ax[stage][..], &mut work.ay[stage][..]);
-    let mut near = &mut work.vertex_near[..];
-    for part in &mut neighbours.parts {
-        let count = part.particles.len();
-        let (fx1, fx2) = std::mem::take(&mut fx).split_at_mut(count);
-        let (fy1, fy2) = std::mem::take(&mut fy).split_at_mut(count);
-        let (near1, near2) = std::mem::take(&mut near).split_at_mut(count);
-        (fx, fy, near) = (fx2, fy2, near2);
-        outputs.push((part, fx1, fy1, near1));
-    }
-    let work_on = |(part, fx, fy, near): (&mut Part, &mut [f32], &mut [f32], &mut [f32])| {
-        if kernel == Kernel::Scalar {
-            scalar::gather(clearance, chain, s, row, part, fx, fy, near);
-            local::add(chain, s, step, part.particles.clone(), fx, fy);
-            return;
-        }
-        vectorize(
-            #[inline(always)]
-            || {
-                if clearance {
-                    gather::<true>(chain, s, row, part, fx, fy, near);
+            });
+        } else {
+            let near = &work.near;
+            on_all(shares.iter_mut(), |share| {
+                share.evaluate(common, modifier, chain, None);
+                if stage + 1 < STAGES.len() {
+                    share.advance(common, stage, chain);
                 } else {
-                    gather::<false>(chain, s, row, part, fx, fy, near);
+                    share.conclude(common, chain, near);
                 }
-                local::add(chain, s, step, part.particles.clone(), fx, fy);
+            });
+        }
+        if plan.integrator == Integrator::Euler {
+            // The clearances are complete only after all parts.
+            let near = &work.near;
+            on_all(shares.iter_mut(), |share| share.conclude(common, chain, near));
+        }
+        work.chains.swap(0, 1);
+        work.chains[0].join(neighbours.parts.iter().map(|part| part.particles.clone()));
+    }
+    work.parts.iter().fold(Outcome::default(), |all, part| Outcome {
+        shortened: all.shortened + part.outcome.shortened,
+        not_finite: all.not_finite || part.outcome.not_finite,
+    })
+}
+
+/// Runs `work` on every item, in parallel.
+fn on_all<T: Send>(items: impl Iterator<Item = T>, work: impl Fn(T) + Sync + Send) {
+    let items: Vec<T> = items.collect();
+    if items.len() == 1 {
+        items.into_iter().for_each(work);
+    } else {
+        items.into_par_iter().for_each(work);
+    }
+}
+
+/// The particles of a part in an evaluation.
+struct Share<'a> {
+    part: &'a mut Part,
+    buffers: &'a mut Buffers,
+    next: Stretch<'a>,
+    x: &'a mut [f32],
+    y: &'a mut [f32],
+    vx: &'a mut [f32],
+    vy: &'a mut [f32],
+    rest: &'a mut [f32],
+    /// Rest length of the edge before the first particle.
+    rest_before: f32,
+    anchor: [&'a [f32]; 2],
+    sign: &'a [f32],
+    scale: &'a [f32],
+    clearance: &'a mut [f32],
+}
+
+fn shares<'a>(
+    s: &'a mut InnerLoop,
+    next: &'a mut Chain,
+    parts: &'a mut [Part],
+    buffers: &'a mut [Buffers],
+    mut clearance: &'a mut [f32],
+) -> Vec<Share<'a>> {
+    let n = s.len();
+    let before: Vec<f32> = parts.iter().map(|part| s.rest[(part.particles.start + n - 1) % n]).collect();
+    let all: Vec<Range<usize>> = parts.iter().map(|part| part.particles.clone()).collect();
+    let stretches = next.stretches(all.into_iter());
+    let (mut x, mut y, mut vx, mut vy) = (&mut s.x[..], &mut s.y[..], &mut s.vx[..], &mut s.vy[..]);
+    let mut rest = &mut s.rest[..];
+    let mut all = Vec::with_capacity(parts.len());
+    for (((part, buffers), next), rest_before) in parts.iter_mut().zip(buffers).zip(stretches).zip(before) {
+        let (own, count) = (part.particles.clone(), part.particles.len());
+        all.push(Share {
+            part,
+            buffers,
+            next,
+            x: take(&mut x, count),
+            y: take(&mut y, count),
+            vx: take(&mut vx, count),
+            vy: take(&mut vy, count),
+            rest: take(&mut rest, count),
+            rest_before,
+            anchor: [&s.anchor_x[own.clone()], &s.anchor_y[own.clone()]],
+            sign: &s.sign[own.clone()],
+            scale: &s.scale[own],
+            clearance: take(&mut clearance, count),
+        });
+    }
+    all
+}
+
+impl Share<'_> {
+    /// Computes what is the same in all evaluations of a step.
+    fn begin(&mut self, c: Common<'_>) {
+        self.buffers.rest[0] = self.rest_before;
+        self.buffers.rest[1..].copy_from_slice(self.rest);
+        sway::update(c.plan, c.time, c.row, c.region, c.vectors, [self.x, self.y], &mut self.buffers.sway);
+    }
+
+    /// Computes the accelerations from all forces; with `near` also the least distances of vertices and segments.
+    fn evaluate(&mut self, c: Common<'_>, modifier: f32, chain: &Chain, near: Option<&mut Vec<f32>>) {
+        let step = local::Step { row: c.row, region: c.region, modifier };
+        let Self { part, buffers, scale, .. } = self;
+        let particles = part.particles.clone();
+        let Buffers { a: [ax, ay], near: vertex_near, pull, sway, rest, .. } = &mut **buffers;
+        let own = local::Own { rest, anchor: self.anchor, sign: self.sign };
+        let (ax, ay, vertex_near) = (&mut ax[..], &mut ay[..], &mut vertex_near[..]);
+        let mut near = near.map(|near| &mut near[..]);
+        if let Some(near) = &mut near {
+            near.fill(CLEARANCE_CAP * CLEARANCE_CAP);
+        }
+        if c.kernel == Kernel::Scalar {
+            scalar::gather(c.vectors.lanes(), chain, scale, c.row, part, [ax, ay, vertex_near], near.as_deref_mut());
+        }
+        c.vectors.run(
+            #[inline(always)]
+            || {
+                if c.kernel == Kernel::Vector {
+                    let out = [&mut *ax, &mut *ay, &mut *vertex_near];
+                    match (c.vectors.lanes(), &mut near) {
+                        (16, Some(near)) => gather::<16, true>(chain, scale, c.row, part, out, near),
+                        (16, None) => gather::<16, false>(chain, scale, c.row, part, out, &mut []),
+                        (_, Some(near)) => gather::<8, true>(chain, scale, c.row, part, out, near),
+                        (_, None) => gather::<8, false>(chain, scale, c.row, part, out, &mut []),
+                    }
+                }
+                local::add(chain, own, step, particles.clone(), pull, ax, ay);
+                for (a, sway) in [&mut *ax, &mut *ay].into_iter().zip(&*sway) {
+                    a.iter_mut().zip(sway).for_each(|(a, sway)| *a += sway);
+                }
             },
         );
-    };
-    if outputs.len() == 1 {
-        outputs.into_iter().for_each(work_on);
-    } else {
-        outputs.into_par_iter().for_each(work_on);
     }
-    for (a, sway) in [&mut work.ax[stage], &mut work.ay[stage]].into_iter().zip(&work.sway) {
-        a.iter_mut().zip(sway).for_each(|(a, sway)| *a += sway);
+
+    /// Adds the stage to the sums, and moves to the next one: positions by the velocities of this one, velocities by its
+    /// accelerations.
+    fn advance(&mut self, c: Common<'_>, stage: usize, chain: &Chain) {
+        let (weight, ahead) = STAGES[stage];
+        let places = self.part.particles.start + 1..self.part.particles.end + 1;
+        let Buffers { a: [ax, ay], sum_v: [sum_vx, sum_vy], sum_a: [sum_ax, sum_ay], .. } = &mut *self.buffers;
+        let Stretch { x, y, vx, vy, .. } = &mut self.next;
+        let (own_vx, own_vy) = (&chain.vx[places.clone()], &chain.vy[places]);
+        let first = stage == 0;
+        c.vectors.run(
+            #[inline(always)]
+            || {
+                advance(first, weight, ahead, self.x, self.vx, own_vx, ax, x, vx, sum_vx, sum_ax);
+                advance(first, weight, ahead, self.y, self.vy, own_vy, ay, y, vy, sum_vy, sum_ay);
+            },
+        );
+        self.place(c);
+    }
+
+    /// Derives what follows from the positions in the next chain.
+    fn place(&mut self, c: Common<'_>) {
+        let (part, next) = (&mut *self.part, &mut self.next);
+        c.vectors.run(
+            #[inline(always)]
+            || {
+                next.derive();
+                part.follow(next);
+            },
+        );
+    }
+
+    /// Moves the particles, as far as their clearances allow.
+    fn conclude(&mut self, c: Common<'_>, chain: &Chain, near: &[Vec<f32>]) {
+        self.clear(c, chain.len(), near);
+        let places = self.part.particles.start + 1..self.part.particles.end + 1;
+        let (own_vx, own_vy) = (&chain.vx[places.clone()], &chain.vy[places]);
+        let Buffers { a: [ax, ay], sum_v: [sum_vx, sum_vy], sum_a: [sum_ax, sum_ay], outcome, .. } = &mut *self.buffers;
+        let rk4 = c.plan.integrator == Integrator::Rk4;
+        let (x, y, vx, vy) = (&mut *self.x, &mut *self.y, &mut *self.vx, &mut *self.vy);
+        let (rest, clearance) = (&mut *self.rest, &*self.clearance);
+        *outcome = c.vectors.run(
+            #[inline(always)]
+            || {
+                if rk4 {
+                    conclude(vx, own_vx, ax, sum_vx, sum_ax);
+                    conclude(vy, own_vy, ay, sum_vy, sum_ay);
+                } else {
+                    accelerate(vx, ax, sum_vx);
+                    accelerate(vy, ay, sum_vy);
+                }
+                let outcome = guard(c.plan.clearance, [x, y], [vx, vy], [sum_vx, sum_vy], clearance);
+                for rest in rest.iter_mut() {
+                    *rest += c.row.relaxation * (c.row.edge - *rest);
+                }
+                outcome
+            },
+        );
+        for (to, from) in [(&mut self.next.x, &self.x), (&mut self.next.y, &self.y)] {
+            to.copy_from_slice(from);
+        }
+        for (to, from) in [(&mut self.next.vx, &self.vx), (&mut self.next.vy, &self.vy)] {
+            to.copy_from_slice(from);
+        }
+        self.place(c);
+    }
+
+    /// Computes the clearances from the distances that all parts have found.
+    fn clear(&mut self, c: Common<'_>, n: usize, near: &[Vec<f32>]) {
+        let (first, count) = (self.part.particles.start, self.part.particles.len());
+        let vertex_near = &self.buffers.near[..count];
+        let clearance = &mut self.clearance[..count];
+        c.vectors.run(
+            #[inline(always)]
+            || {
+                clearance.copy_from_slice(vertex_near);
+                for near in near {
+                    let before = near[(first + n - 1) % n];
+                    clearance[0] = min(clearance[0], before);
+                    let near = &near[first..][..count];
+                    for i in 1..count {
+                        clearance[i] = min(clearance[i], near[i - 1]);
+                    }
+                    for i in 0..count {
+                        clearance[i] = min(clearance[i], near[i]);
+                    }
+                }
+                for clearance in clearance.iter_mut() {
+                    *clearance = clearance.sqrt();
+                }
+            },
+        );
     }
 }
 
-/// Sums the pair forces on a part's particles; with `CLEARANCE` also the greatest 1/d of vertices and segments.
+/// One axis of [`Share::advance`].
 #[inline(always)]
-fn gather<const CLEARANCE: bool>(
+#[expect(clippy::too_many_arguments, reason = "one axis of a structure of arrays")]
+fn advance(
+    first: bool,
+    weight: f32,
+    ahead: f32,
+    x0: &[f32],
+    v0: &[f32],
+    v: &[f32],
+    a: &[f32],
+    next_x: &mut [f32],
+    next_v: &mut [f32],
+    sum_v: &mut [f32],
+    sum_a: &mut [f32],
+) {
+    let n = x0.len();
+    let (v0, v, a) = (&v0[..n], &v[..n], &a[..n]);
+    let (next_x, next_v, sum_v, sum_a) = (&mut next_x[..n], &mut next_v[..n], &mut sum_v[..n], &mut sum_a[..n]);
+    for i in 0..n {
+        next_x[i] = x0[i] + ahead * v[i];
+        next_v[i] = v0[i] + ahead * a[i];
+    }
+    if first {
+        sum_v.copy_from_slice(v);
+        sum_a.copy_from_slice(a);
+        return;
+    }
+    for i in 0..n {
+        sum_v[i] += weight * v[i];
+        sum_a[i] += weight * a[i];
+    }
+}
+
+/// One axis of the end of a step: the new velocity, and the move in place of the sum of velocities.
+#[inline(always)]
+fn conclude(v0: &mut [f32], v: &[f32], a: &[f32], sum_v: &mut [f32], sum_a: &[f32]) {
+    let n = v0.len();
+    let (v, a, sum_v, sum_a) = (&v[..n], &a[..n], &mut sum_v[..n], &sum_a[..n]);
+    for i in 0..n {
+        sum_v[i] = (sum_v[i] + v[i]) * (1.0 / 6.0);
+        v0[i] += (sum_a[i] + a[i]) * (1.0 / 6.0);
+    }
+}
+
+/// The same for Euler.
+#[inline(always)]
+fn accelerate(v0: &mut [f32], a: &[f32], sum_v: &mut [f32]) {
+    let n = v0.len();
+    let (a, sum_v) = (&a[..n], &mut sum_v[..n]);
+    for i in 0..n {
+        v0[i] += a[i];
+    }
+    sum_v.copy_from_slice(v0);
+}
+
+/// Moves every particle, shortened to what its clearance allows.
+#[inline(always)]
+fn guard(
+    least: f32,
+    [x, y]: [&mut [f32]; 2],
+    [vx, vy]: [&mut [f32]; 2],
+    [sx, sy]: [&[f32]; 2],
+    clearance: &[f32],
+) -> Outcome {
+    let n = x.len();
+    let (y, vx, vy) = (&mut y[..n], &mut vx[..n], &mut vy[..n]);
+    let (sx, sy, clearance) = (&sx[..n], &sy[..n], &clearance[..n]);
+    let (mut shortened, mut not_finite) = (0u32, 0u32);
+    for i in 0..n {
+        let limit = min(max(SHARE * (clearance[i] - least), LIMITS[0]), LIMITS[1]);
+        let move_length = (sx[i] * sx[i] + sy[i] * sy[i]).sqrt();
+        let factor = if move_length > limit { limit / move_length } else { 1.0 };
+        shortened += u32::from(move_length > limit);
+        x[i] += factor * sx[i];
+        y[i] += factor * sy[i];
+        vx[i] *= factor;
+        vy[i] *= factor;
+        // Zero times an infinity is not a number, and no number is not equal to itself.
+        let zero = 0.0 * x[i] + 0.0 * y[i];
+        not_finite |= u32::from(zero != 0.0);
+    }
+    Outcome { shortened, not_finite: not_finite != 0 }
+}
+
+/// Sums the pair forces on the particles of a part; with `CLEARANCE` also the least squared distances of vertices and segments.
+#[inline(always)]
+fn gather<const G: usize, const CLEARANCE: bool>(
     chain: &Chain,
-    s: &InnerLoop,
+    scale: &[f32],
     row: &StepRow,
-    part: &mut Part,
-    fx: &mut [f32],
-    fy: &mut [f32],
-    near: &mut [f32],
+    part: &Part,
+    [fx, fy, near]: [&mut [f32]; 3],
+    segment_near: &mut [f32],
 ) {
     let n = chain.len();
-    if CLEARANCE {
-        part.near.iter_mut().for_each(|b| *b = [0.0; LANES]);
-    }
-    let mut segment_near = std::mem::take(&mut part.near);
-    for (k, i) in part.particles.clone().enumerate() {
-        let p = [chain.x[i + 1], chain.y[i + 1]];
-        let terms = PairTerms::new(row, p, [chain.nx[i], chain.ny[i]], s.scale[i]);
-        let before = if i == 0 { n - 1 } else { i - 1 };
-        let mut sums = Sums::ZERO;
-        for &b in part.blocks(k) {
-            let b = b as usize;
-            let block = &chain.blocks[b];
-            let closeness = if b == i / LANES || b == before / LANES {
-                let mut own = [false; LANES];
-                if b == i / LANES {
-                    own[i % LANES] = true;
+    let (first, count) = (part.particles.start, part.particles.len());
+    for (group, k) in (0..count).step_by(G).enumerate() {
+        let own = k..(k + G).min(count);
+        let particles = first + own.start..first + own.end;
+        let mut forces = Group::<G>::new(row, chain, &scale[own.clone()], particles.start);
+        part.visit(
+            group,
+            &Own::of(&particles, n),
+            n,
+            #[inline(always)]
+            |j, is_own| {
+                let squares = if is_own {
+                    forces.add::<CLEARANCE, true>(&chain.blocks, j, &others(j, particles.start, n))
+                } else {
+                    forces.add::<CLEARANCE, false>(&chain.blocks, j, &[1.0; G])
+                };
+                if CLEARANCE && any_below(&squares, CLEARANCE_CAP * CLEARANCE_CAP) {
+                    segment_near[j] = min(segment_near[j], least(squares));
                 }
-                if b == before / LANES {
-                    own[before % LANES] = true;
-                }
-                add_block(&mut sums, &terms, block, Some(&own))
-            } else {
-                add_block(&mut sums, &terms, block, None)
-            };
-            if CLEARANCE {
-                let seen = &mut segment_near[b];
-                for l in 0..LANES {
-                    seen[l] = max(seen[l], closeness[l]);
-                }
-            }
-        }
-        fx[k] = reduce(sums.fx);
-        fy[k] = reduce(sums.fy);
+            },
+        );
+        fx[own.clone()].copy_from_slice(&forces.fx[..own.len()]);
+        fy[own.clone()].copy_from_slice(&forces.fy[..own.len()]);
         if CLEARANCE {
-            near[k] = greatest(sums.near);
+            near[own.clone()].copy_from_slice(&forces.near[..own.len()]);
         }
     }
-    part.near = segment_near;
 }
 
-/// Combines the distances found by all parts into the clearance of each particle.
-fn gather_clearance(neighbours: &mut Neighbours, work: &mut Work) {
-    let n = work.vertex_near.len();
-    let Some((first, others)) = neighbours.parts.split_first_mut() else { return };
-    for part in others {
-        for (a, b) in first.near.iter_mut().zip(&part.near) {
-            for l in 0..LANES {
-                a[l] = max(a[l], b[l]);
-            }
-        }
+#[inline(always)]
+fn any_below<const G: usize>(lanes: &[f32; G], bound: f32) -> bool {
+    let mut any = false;
+    for &lane in lanes {
+        any |= lane < bound;
     }
-    let segment = |i: usize| first.near[i / LANES][i % LANES];
-    work.clearance.clear();
-    work.clearance.extend((0..n).map(|i| {
-        let before = if i == 0 { n - 1 } else { i - 1 };
-        let near = max(work.vertex_near[i], max(segment(before), segment(i)));
-        1.0 / max(near, 1.0 / CLEARANCE_CAP)
-    }));
+    any
 }
 
-/// Moves every particle by its sum of stage velocities, shortened to what its clearance allows. Returns the number of
-/// shortened moves.
-fn guard(plan: &Plan, s: &mut InnerLoop, work: &Work) -> u64 {
-    let n = s.len();
-    let (x, y, vx, vy) = (&mut s.x[..n], &mut s.y[..n], &mut s.vx[..n], &mut s.vy[..n]);
-    let (sx, sy, clearance) = (&work.sx[..n], &work.sy[..n], &work.clearance[..n]);
-    vectorize(
-        #[inline(always)]
-        || {
-            let mut shortened = 0u32;
-            for i in 0..n {
-                let limit = min(max(SHARE * (clearance[i] - plan.clearance), LIMITS[0]), LIMITS[1]);
-                let move_length = (sx[i] * sx[i] + sy[i] * sy[i]).sqrt();
-                let factor = if move_length > limit { limit / move_length } else { 1.0 };
-                shortened += u32::from(move_length > limit);
-                x[i] += factor * sx[i];
-                y[i] += factor * sy[i];
-                vx[i] *= factor;
-                vy[i] *= factor;
-            }
-            u64::from(shortened)
-        },
-    )
+/// For each lane of a group that begins at particle `first`: 0 if the particle is an end of segment `j`, else 1.
+#[inline(always)]
+fn others<const G: usize>(j: usize, first: usize, n: usize) -> [f32; G] {
+    let lane = |particle: usize| (particle as u32).wrapping_sub(first as u32);
+    let (start, end) = (lane(j), lane(if j + 1 == n { 0 } else { j + 1 }));
+    let mut others = [1.0; G];
+    for (l, other) in (0..).zip(&mut others) {
+        *other = if (l == start) | (l == end) { 0.0 } else { 1.0 };
+    }
+    others
 }

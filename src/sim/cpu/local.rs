@@ -5,7 +5,6 @@ use super::chain::Chain;
 use crate::sim::layout::StepRow;
 use crate::sim::maths::{max, min};
 use crate::sim::region::Region;
-use crate::sim::state::InnerLoop;
 use std::ops::Range;
 
 /// The step, for the local forces.
@@ -17,24 +16,81 @@ pub(super) struct Step<'a> {
     pub(super) modifier: f32,
 }
 
-/// Adds the local forces on the particles `range` to `fx`, `fy` (one entry per particle of the range).
+/// What the local forces read of the particles that they act on.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Own<'a> {
+    /// Rest lengths of the edges, first of that before the first particle.
+    pub(super) rest: &'a [f32],
+    pub(super) anchor: [&'a [f32]; 2],
+    pub(super) sign: &'a [f32],
+}
+
+/// Adds the local forces on the particles `range` to `fx`, `fy`. `pull` has room for one entry more than there are particles.
 #[inline(always)]
 pub(super) fn add(
     chain: &Chain,
-    state: &InnerLoop,
+    own: Own<'_>,
     step: Step<'_>,
     range: Range<usize>,
+    pull: &mut [Vec<f32>; 2],
     fx: &mut [f32],
     fy: &mut [f32],
 ) {
+    pulls(chain, own, step.row, &range, pull);
+    let pull = pull.each_ref().map(|v| &v[..]);
     match step.region {
         Region::Ellipse => {
-            let radius = |[x, y]: [f32; 2]| (x * x + y * y).sqrt();
-            add_within(chain, state, step, range, fx, fy, radius, |_| 1.0);
+            add_within(
+                chain,
+                own,
+                step,
+                range,
+                pull,
+                fx,
+                fy,
+                #[inline(always)]
+                |[x, y]: [f32; 2]| (x * x + y * y).sqrt(),
+                #[inline(always)]
+                |_| 1.0,
+            );
         }
         Region::Shaped(gauge) => {
-            add_within(chain, state, step, range, fx, fy, |p| gauge.radius(p), |unit| gauge.boundary(unit));
+            add_within(
+                chain,
+                own,
+                step,
+                range,
+                pull,
+                fx,
+                fy,
+                #[inline(always)]
+                |p| gauge.radius(p),
+                #[inline(always)]
+                |unit| gauge.boundary(unit),
+            );
         }
+    }
+}
+
+/// The pull of each edge on its first particle: entry 0 belongs to the edge before the first particle.
+#[inline(always)]
+fn pulls(chain: &Chain, own: Own<'_>, row: &StepRow, range: &Range<usize>, pull: &mut [Vec<f32>; 2]) {
+    let count = range.len();
+    let ends = range.start..range.end + 2;
+    let (x, y) = (&chain.x[ends.clone()][..count + 2], &chain.y[ends.clone()][..count + 2]);
+    let (vx, vy) = (&chain.vx[ends.clone()][..count + 2], &chain.vy[ends][..count + 2]);
+    let rest = &own.rest[..=count];
+    let [px, py] = pull;
+    let (px, py) = (&mut px[..=count], &mut py[..=count]);
+    for i in 0..=count {
+        let (dx, dy) = (x[i + 1] - x[i], y[i + 1] - y[i]);
+        let length = (dx * dx + dy * dy + 1e-12).sqrt();
+        let inverse = 1.0 / length;
+        let (ux, uy) = (dx * inverse, dy * inverse);
+        let closing = (vx[i + 1] - vx[i]) * ux + (vy[i + 1] - vy[i]) * uy;
+        let pull = row.stiffness * (length - rest[i]) + row.damping * closing;
+        px[i] = pull * ux;
+        py[i] = pull * uy;
     }
 }
 
@@ -43,25 +99,24 @@ pub(super) fn add(
 #[expect(clippy::too_many_arguments, reason = "the arguments of `add` and the two functions of the region")]
 fn add_within(
     chain: &Chain,
-    state: &InnerLoop,
+    own: Own<'_>,
     Step { row, modifier, .. }: Step<'_>,
     range: Range<usize>,
+    pull: [&[f32]; 2],
     fx: &mut [f32],
     fy: &mut [f32],
     gauge: impl Fn([f32; 2]) -> f32,
     boundary: impl Fn([f32; 2]) -> f32,
 ) {
     let count = range.len();
-    let neighbours = range.start..range.end + 2;
-    let (x, y) = (&chain.x[neighbours.clone()], &chain.y[neighbours.clone()]);
-    let own = range.start + 1..range.end + 1;
-    let (vx, vy) = (&chain.vx[own.clone()], &chain.vy[own]);
-    let pulls = range.start..range.end + 1;
-    let (tx, ty) = (&chain.tx[pulls.clone()], &chain.ty[pulls]);
-    let (nx, ny) = (&chain.nx[range.clone()], &chain.ny[range.clone()]);
-    let (ax, ay) = (&state.anchor_x[range.clone()], &state.anchor_y[range.clone()]);
+    let ends = range.start..range.end + 2;
+    let (x, y) = (&chain.x[ends.clone()][..count + 2], &chain.y[ends][..count + 2]);
+    let inside = range.start + 1..range.end + 1;
+    let (vx, vy) = (&chain.vx[inside.clone()][..count], &chain.vy[inside][..count]);
+    let (tx, ty) = (&pull[0][..=count], &pull[1][..=count]);
+    let (nx, ny) = (&chain.nx[range.clone()][..count], &chain.ny[range][..count]);
+    let (ax, ay) = (&own.anchor[0][..count], &own.anchor[1][..count]);
     let (fx, fy) = (&mut fx[..count], &mut fy[..count]);
-    assert!(x.len() == count + 2 && y.len() == count + 2 && tx.len() == count + 1 && ty.len() == count + 1);
     let unsquash = 1.0 / row.squash;
     let ramp = 1.0 / row.ramp;
     for i in 0..count {
@@ -79,7 +134,7 @@ fn add_within(
         fx[i] += spring[0] - row.friction * vx[i] + bend * nx[i] - inward * px + tether * anchor[0];
         fy[i] += spring[1] - row.friction * vy[i] + bend * ny[i] - inward * py + tether * anchor[1];
     }
-    for (i, &sign) in state.sign[range].iter().enumerate() {
+    for (i, &sign) in own.sign.iter().enumerate() {
         if sign != 0.0 {
             let a = [x[i] - x[i + 1], y[i] - y[i + 1]];
             let b = [x[i + 2] - x[i + 1], y[i + 2] - y[i + 1]];

@@ -1,8 +1,8 @@
 //! The simulation on the CPU; its results do not depend on the number of threads.
 //!
-//! Each particle gathers its forces from blocks of segments, in ascending order, into [`layout::LANES`](super::layout::LANES) partial
-//! sums that are reduced in a fixed order; pairs out of range add exact zeros. Therefore neither the number of threads nor
-//! the neighbour search changes a bit. Fused multiply-add is never used.
+//! Each particle adds the forces of segments one by one, in ascending order; segments out of range add exact zeros. A vector holds
+//! consecutive particles, not segments. Therefore neither the number of threads, nor the neighbour search, nor the
+//! width of the vectors changes a bit. Fused multiply-add is never used.
 
 mod chain;
 #[cfg(feature = "fuzzing")]
@@ -28,18 +28,18 @@ use super::state::{Checkpoint, InnerLoop, OuterLoop};
 use super::{SimError, Simulator, Statistics};
 use crate::model::Section;
 use crate::spec::Search;
-use chain::Chain;
 use neighbours::Neighbours;
 pub use pairs::{Kernel, PairTerms, reference_force};
 pub use saved::StateError;
 pub(super) use variety::coefficients;
+pub use vectorize::Vectors;
 
 /// Constants of the model that every backend must share, by their names in the shaders.
 pub const CONSTANTS: [(&str, f32); 20] = [
     ("SHARE", integrate::SHARE),
     ("LEAST_MOVE", integrate::LIMITS[0]),
     ("GREATEST_MOVE", integrate::LIMITS[1]),
-    ("SKIN", neighbours::SKIN),
+    ("SKIN", super::layout::DEVICE_SKIN),
     ("CLEARANCE_CAP", pairs::CLEARANCE_CAP),
     ("TINY", pairs::TINY),
     ("ROOM", growth::ROOM),
@@ -65,7 +65,6 @@ pub struct CpuSimulation {
     time: i64,
     inner: InnerLoop,
     outer: OuterLoop,
-    chain: Chain,
     neighbours: Neighbours,
     work: integrate::Work,
     statistics: Statistics,
@@ -77,18 +76,17 @@ impl CpuSimulation {
     pub fn new(plan: Plan, threads: usize) -> Self {
         let inner = InnerLoop::start(&plan);
         let outer = outer::start(&plan, -i64::from(plan.burn_in));
-        let neighbours = Neighbours::new(plan.search, threads);
+        let vectors = Vectors::best();
+        let neighbours = Neighbours::new(plan.search, vectors, threads);
         let mut simulation = Self {
             time: -i64::from(plan.burn_in),
             plan,
             inner,
             outer,
-            chain: Chain::default(),
             neighbours,
-            work: integrate::Work::default(),
+            work: integrate::Work::new(Kernel::default(), vectors, Vec::new()),
             statistics: Statistics::default(),
         };
-        simulation.work.resize(simulation.inner.len());
         thickness::update(&simulation.plan, simulation.time, &mut simulation.inner);
         simulation
     }
@@ -96,14 +94,19 @@ impl CpuSimulation {
     /// A copy that continues with another search and arithmetic, divided for `threads` threads: for benchmarks.
     #[must_use]
     pub fn fork(&self, search: Search, kernel: Kernel, threads: usize) -> Self {
+        self.fork_with(search, kernel, Vectors::best(), threads)
+    }
+
+    /// The same with given vectors.
+    #[must_use]
+    pub fn fork_with(&self, search: Search, kernel: Kernel, vectors: Vectors, threads: usize) -> Self {
         Self {
             plan: Plan { search, ..self.plan.clone() },
             time: self.time,
             inner: self.inner.clone(),
             outer: self.outer.clone(),
-            chain: self.chain.clone(),
-            neighbours: Neighbours::new(search, threads),
-            work: self.work.clone().with_kernel(kernel),
+            neighbours: Neighbours::new(search, vectors, threads),
+            work: integrate::Work::new(kernel, vectors, self.work.clearance().to_vec()),
             statistics: self.statistics,
         }
     }
@@ -128,15 +131,14 @@ impl CpuSimulation {
     /// A simulation that continues from `checkpoint`; `threads` as for [`CpuSimulation::new`].
     #[must_use]
     pub fn resume(plan: Plan, checkpoint: &Checkpoint, threads: usize) -> Self {
-        let neighbours = Neighbours::new(plan.search, threads);
-        let mut work = integrate::Work::with_clearance(checkpoint.clearance.clone());
-        work.resize(checkpoint.inner.len());
+        let vectors = Vectors::best();
+        let neighbours = Neighbours::new(plan.search, vectors, threads);
+        let work = integrate::Work::new(Kernel::default(), vectors, checkpoint.clearance.clone());
         Self {
             time: checkpoint.time,
             plan,
             inner: checkpoint.inner.clone(),
             outer: checkpoint.outer.clone(),
-            chain: Chain::default(),
             neighbours,
             work,
             statistics: Statistics::default(),
@@ -148,8 +150,7 @@ impl CpuSimulation {
         self.statistics.splits_deferred += u64::from(deferred);
         growth::grow_outer(row, &mut self.outer);
         thickness::update(&self.plan, self.time, &mut self.inner);
-        self.work.resize(self.inner.len());
-        self.neighbours.invalidate();
+        self.work.invalidate();
     }
 }
 
@@ -159,24 +160,12 @@ impl Simulator for CpuSimulation {
         if self.plan.grows_at(self.time) {
             self.grow(&row);
         }
-        integrate::step(
-            &self.plan,
-            self.time,
-            &row,
-            &mut self.inner,
-            &mut self.chain,
-            &mut self.neighbours,
-            &mut self.work,
-            &mut self.statistics,
-        );
+        let outcome =
+            integrate::step(&self.plan, self.time, &row, &mut self.inner, &mut self.neighbours, &mut self.work);
+        self.statistics.moves_shortened += u64::from(outcome.shortened);
         outer::step(&self.plan, self.time, &row, &self.inner, &mut self.outer);
         self.time += 1;
-        let finite = |v: &[f32]| v.iter().fold(0.0f32, |sum, x| sum + 0.0 * x) == 0.0;
-        if finite(&self.inner.x) && finite(&self.inner.y) {
-            Ok(())
-        } else {
-            Err(SimError::NotFinite { step: self.time })
-        }
+        if outcome.not_finite { Err(SimError::NotFinite { step: self.time }) } else { Ok(()) }
     }
 
     fn time(&self) -> i64 {

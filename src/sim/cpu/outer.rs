@@ -13,7 +13,7 @@
 //! preserves the order of directions and straight lines.
 
 use crate::sim::layout::StepRow;
-use crate::sim::maths::{max, min};
+use crate::sim::maths::{greatest, max, min};
 use crate::sim::plan::Plan;
 use crate::sim::region::{Gauge, Region};
 use crate::sim::state::{InnerLoop, OuterLoop};
@@ -119,7 +119,11 @@ fn reach(region: &Region, inner: &InnerLoop, unsquash: f32) -> f32 {
     let flat = |i: usize| [inner.x[i], inner.y[i] * unsquash];
     let n = inner.len();
     match region {
-        Region::Ellipse => (0..n).map(flat).fold(0.0f32, |most, [x, y]| max(most, x * x + y * y)).sqrt(),
+        Region::Ellipse => {
+            let (x, y) = (&inner.x[..n], &inner.y[..n]);
+            let square = |i: usize| x[i] * x[i] + (y[i] * unsquash) * (y[i] * unsquash);
+            greatest(n, square).sqrt()
+        }
         Region::Shaped(gauge) => (0..n).map(|i| gauge.extent(flat(i), flat((i + 1) % n))[1]).fold(0.0f32, max),
     }
 }

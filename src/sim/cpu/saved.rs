@@ -7,7 +7,7 @@
 //! All numbers are little-endian: version, time, next id, three counts (u64 each), then each vector with its length
 //! (u32) before it.
 
-use super::{CpuSimulation, Neighbours, Plan, Statistics, integrate};
+use super::{CpuSimulation, Kernel, Neighbours, Plan, Statistics, Vectors, integrate};
 use crate::sim::state::{InnerLoop, OuterLoop};
 
 /// Version of the format.
@@ -89,17 +89,16 @@ impl CpuSimulation {
         if !(-i64::from(plan.burn_in)..=i64::from(plan.steps)).contains(&time) {
             return Err(StateError("its time is out of bounds"));
         }
-        let mut simulation = Self {
+        let vectors = Vectors::best();
+        let simulation = Self {
             time,
             inner,
             outer,
-            chain: super::Chain::default(),
-            neighbours: Neighbours::new(plan.search, threads).counted_from(builds),
-            work: integrate::Work::with_clearance(clearance),
+            neighbours: Neighbours::new(plan.search, vectors, threads).counted_from(builds),
+            work: integrate::Work::new(Kernel::default(), vectors, clearance),
             statistics,
             plan,
         };
-        simulation.work.resize(n);
         Ok(simulation)
     }
 }

@@ -1,21 +1,28 @@
 //! The sway: a smooth random flow that moves slowly with time and carries the fronds sideways. It is the curl of a sum of
 //! cosines, so that it neither gathers nor thins tissue.
 
-use super::vectorize::vectorize;
+use super::vectorize::Vectors;
 use crate::sim::layout::StepRow;
 use crate::sim::maths::{cos_turns, fraction, max, min};
 use crate::sim::plan::Plan;
 use crate::sim::region::Region;
-use crate::sim::state::InnerLoop;
 
 /// Gauge of the region, in units of `R_in`, up to which the flow has its full strength, and from which on there is none.
 pub(super) const SWAYS: f32 = 0.55;
 /// See [`SWAYS`].
 pub(super) const STILL: f32 = 0.95;
 
-/// The force on every particle in a step: friction times the velocity of the flow. Empty if there is none.
-pub(super) fn update(plan: &Plan, time: i64, row: &StepRow, region: &Region, s: &InnerLoop, force: &mut [Vec<f32>; 2]) {
-    let n = if row.sway == 0.0 { 0 } else { s.len() };
+/// The force on particles at `x`, `y` in a step: friction times the velocity of the flow. Empty if there is none.
+pub(super) fn update(
+    plan: &Plan,
+    time: i64,
+    row: &StepRow,
+    region: &Region,
+    vectors: Vectors,
+    [x, y]: [&[f32]; 2],
+    force: &mut [Vec<f32>; 2],
+) {
+    let n = if row.sway == 0.0 { 0 } else { x.len() };
     for axis in force.iter_mut() {
         axis.clear();
         axis.resize(n, 0.0);
@@ -24,11 +31,11 @@ pub(super) fn update(plan: &Plan, time: i64, row: &StepRow, region: &Region, s: 
         return;
     }
     let [fx, fy] = force;
-    let (x, y, fx, fy) = (&s.x[..n], &s.y[..n], &mut fx[..n], &mut fy[..n]);
+    let (x, y, fx, fy) = (&x[..n], &y[..n], &mut fx[..n], &mut fy[..n]);
     let phases: Vec<f32> = plan.flows.iter().map(|f| fraction(f.phase + f.frequency * time as f64)).collect();
     let strength = row.sway * (2.0 / plan.flows.len() as f32).sqrt();
     let unsquash = 1.0 / row.squash;
-    vectorize(
+    vectors.run(
         #[inline(always)]
         || {
             for (flow, &phase) in plan.flows.iter().zip(&phases) {
