@@ -43,3 +43,19 @@ pub(in crate::cli) fn line() -> String {
 pub(super) fn runs(count: usize) -> String {
     if count == 1 { "one run".to_owned() } else { format!("median of {count} runs") }
 }
+
+/// The median; of an even number the upper one of the middle, of none 0.
+pub(super) fn median(mut numbers: Vec<f64>) -> f64 {
+    numbers.sort_by(f64::total_cmp);
+    numbers.get(numbers.len() / 2).copied().unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn the_median_is_in_the_middle() {
+        assert_eq!(super::median(vec![3.0, 1.0, 2.0]), 2.0);
+        assert_eq!(super::median(vec![4.0, 1.0, 2.0, 3.0]), 3.0);
+        assert_eq!(super::median(Vec::new()), 0.0);
+    }
+}

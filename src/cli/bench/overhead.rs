@@ -39,13 +39,8 @@ struct Row {
 impl Row {
     /// Median over the rounds of service by direct.
     fn ratio(&self) -> f64 {
-        median(self.service.iter().zip(&self.direct).map(|(service, direct)| service / direct).collect())
+        machine::median(self.service.iter().zip(&self.direct).map(|(service, direct)| service / direct).collect())
     }
-}
-
-fn median(mut numbers: Vec<f64>) -> f64 {
-    numbers.sort_by(f64::total_cmp);
-    numbers.get(numbers.len() / 2).copied().unwrap_or_default()
 }
 
 /// Seconds that the workers have spent in the stages of models so far.
@@ -114,7 +109,7 @@ async fn measure(
     let first = load::direct(&model, seeds(u64::from(asked)), workers, 1).await.map_err(plain)?;
     let first = succeeded(first)?;
     load::through(client, &body, seeds(u64::from(asked)), asked).await.map_err(plain)?;
-    let each = median(first.iter().map(|one| one.seconds).collect());
+    let each = machine::median(first.iter().map(|one| one.seconds).collect());
     let count = (seconds_a_round * f64::from(workers) / each).ceil().max(f64::from(asked)) as u64;
     let mut row = Row {
         label: format!("{steps} steps, {from} to {to} particles"),
@@ -141,7 +136,7 @@ async fn measure(
             }
         }
     }
-    row.seconds = median(times);
+    row.seconds = machine::median(times);
     Ok(row)
 }
 
@@ -164,13 +159,13 @@ fn report(rows: &[Row], workers: u32, rounds: u32) -> Report {
     ];
     let mut json_rows: Vec<Value> = Vec::new();
     for row in rows {
-        let (direct, service) = (median(row.direct.clone()), median(row.service.clone()));
+        let (direct, service) = (machine::median(row.direct.clone()), machine::median(row.service.clone()));
         lines.push(format!(
             "{:<36} {:>9.1} {direct:>9.2} {service:>9.2} {:>6.1}% {:>9.1}%",
             row.label,
             1e3 * row.seconds,
             1e2 * row.ratio(),
-            1e2 * median(row.computing.clone()),
+            1e2 * machine::median(row.computing.clone()),
         ));
         json_rows.push(json!({
             "model": row.label, "seconds_each": row.seconds, "direct_per_second": row.direct,

@@ -90,7 +90,7 @@ fn compare(
         seconds.push(ours(plan, place)?);
         peer_device = told.device;
     }
-    let ratio = median(&peer_seconds) / median(&seconds);
+    let ratio = machine::median(peer_seconds.clone()) / machine::median(seconds.clone());
     Ok(Comparison { peer, peer_device, ours: named(place), peer_seconds, seconds, ratio })
 }
 
@@ -145,12 +145,6 @@ fn told(program: &Path, output: &str) -> anyhow::Result<Told> {
     Ok(told)
 }
 
-fn median(seconds: &[f64]) -> f64 {
-    let mut sorted = seconds.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted[(sorted.len() - 1) / 2]
-}
-
 fn report(rows: &[Comparison], runs: usize) -> Report {
     let mut lines = vec![
         machine::line(),
@@ -166,9 +160,9 @@ fn report(rows: &[Comparison], runs: usize) -> Report {
             "{:<8} {:<24} {:>10.3}   {:<24} {:>10.3} {:>14.2}",
             row.peer,
             row.peer_device,
-            median(&row.peer_seconds),
+            machine::median(row.peer_seconds.clone()),
             row.ours,
-            median(&row.seconds),
+            machine::median(row.seconds.clone()),
             row.ratio
         ));
     }
@@ -192,11 +186,5 @@ mod tests {
         assert_eq!((found.device.as_str(), found.seconds, found.burn_seconds), ("cpu x2 (omp)", 1.5, 0.25));
         assert!(told(path, "").unwrap_err().to_string().contains("peer_numba.py printed no result"));
         assert!(told(path, &line.replace("1.5", "0").replace("0.25", "0")).is_err());
-    }
-
-    #[test]
-    fn the_ratio_is_of_medians() {
-        assert_eq!(median(&[3.0, 1.0, 2.0]), 2.0);
-        assert_eq!(median(&[4.0, 1.0, 2.0, 3.0]), 2.0);
     }
 }

@@ -8,7 +8,7 @@
 //! from the chain of this evaluation, and places them in the chain of the next one. The last pass of a step moves the particles.
 
 use super::chain::{Chain, Stretch, take};
-use super::neighbours::{Neighbours, Own, Part};
+use super::neighbours::{Neighbours, Own, Part, each};
 use super::pairs::{CLEARANCE_CAP, Group, Kernel, least};
 use super::vectorize::Vectors;
 use super::{local, scalar, sway};
@@ -18,7 +18,6 @@ use crate::sim::plan::Plan;
 use crate::sim::region::Region;
 use crate::sim::state::InnerLoop;
 use crate::spec::Integrator;
-use rayon::prelude::*;
 use std::ops::Range;
 
 /// Fraction of the free distance that one side may close in a step.
@@ -159,7 +158,7 @@ pub(super) fn step(
         let chain = &*chain;
         let mut shares = shares(s, next, &mut neighbours.parts, &mut work.parts, &mut work.clearance);
         if stage == 0 {
-            on_all(shares.iter_mut().zip(&mut work.near), |(share, near)| {
+            each(shares.iter_mut().zip(&mut work.near), |(share, near)| {
                 share.begin(common);
                 share.evaluate(common, modifier, chain, Some(near));
                 if plan.integrator == Integrator::Rk4 {
@@ -168,7 +167,7 @@ pub(super) fn step(
             });
         } else {
             let near = &work.near;
-            on_all(shares.iter_mut(), |share| {
+            each(shares.iter_mut(), |share| {
                 share.evaluate(common, modifier, chain, None);
                 if stage + 1 < STAGES.len() {
                     share.advance(common, stage, chain);
@@ -180,7 +179,7 @@ pub(super) fn step(
         if plan.integrator == Integrator::Euler {
             // The clearances are complete only after all parts.
             let near = &work.near;
-            on_all(shares.iter_mut(), |share| share.conclude(common, chain, near));
+            each(shares.iter_mut(), |share| share.conclude(common, chain, near));
         }
         work.chains.swap(0, 1);
         work.chains[0].join(neighbours.parts.iter().map(|part| part.particles.clone()));
@@ -189,16 +188,6 @@ pub(super) fn step(
         shortened: all.shortened + part.outcome.shortened,
         not_finite: all.not_finite || part.outcome.not_finite,
     })
-}
-
-/// Runs `work` on every item, in parallel.
-fn on_all<T: Send>(items: impl Iterator<Item = T>, work: impl Fn(T) + Sync + Send) {
-    let items: Vec<T> = items.collect();
-    if items.len() == 1 {
-        items.into_iter().for_each(work);
-    } else {
-        items.into_par_iter().for_each(work);
-    }
 }
 
 /// The particles of a part in an evaluation.
@@ -227,9 +216,9 @@ fn shares<'a>(
     mut clearance: &'a mut [f32],
 ) -> Vec<Share<'a>> {
     let n = s.len();
-    let before: Vec<f32> = parts.iter().map(|part| s.rest[(part.particles.start + n - 1) % n]).collect();
-    let all: Vec<Range<usize>> = parts.iter().map(|part| part.particles.clone()).collect();
-    let stretches = next.stretches(all.into_iter());
+    let ranges: Vec<Range<usize>> = parts.iter().map(|part| part.particles.clone()).collect();
+    let before: Vec<f32> = ranges.iter().map(|own| s.rest[(own.start + n - 1) % n]).collect();
+    let stretches = next.stretches(ranges.into_iter());
     let (mut x, mut y, mut vx, mut vy) = (&mut s.x[..], &mut s.y[..], &mut s.vx[..], &mut s.vy[..]);
     let mut rest = &mut s.rest[..];
     let mut all = Vec::with_capacity(parts.len());

@@ -40,34 +40,11 @@ pub(super) fn add(
     let pull = pull.each_ref().map(|v| &v[..]);
     match step.region {
         Region::Ellipse => {
-            add_within(
-                chain,
-                own,
-                step,
-                range,
-                pull,
-                fx,
-                fy,
-                #[inline(always)]
-                |[x, y]: [f32; 2]| (x * x + y * y).sqrt(),
-                #[inline(always)]
-                |_| 1.0,
-            );
+            let radius = |[x, y]: [f32; 2]| (x * x + y * y).sqrt();
+            add_within(chain, own, step, range, pull, fx, fy, radius, |_| 1.0);
         }
         Region::Shaped(gauge) => {
-            add_within(
-                chain,
-                own,
-                step,
-                range,
-                pull,
-                fx,
-                fy,
-                #[inline(always)]
-                |p| gauge.radius(p),
-                #[inline(always)]
-                |unit| gauge.boundary(unit),
-            );
+            add_within(chain, own, step, range, pull, fx, fy, |p| gauge.radius(p), |unit| gauge.boundary(unit));
         }
     }
 }

@@ -32,7 +32,7 @@ use neighbours::Neighbours;
 pub use pairs::{Kernel, PairTerms, reference_force};
 pub use saved::StateError;
 pub(super) use variety::coefficients;
-pub use vectorize::Vectors;
+use vectorize::Vectors;
 
 /// Constants of the model that every backend must share, by their names in the shaders.
 pub const CONSTANTS: [(&str, f32); 20] = [
@@ -98,8 +98,7 @@ impl CpuSimulation {
     }
 
     /// The same with given vectors.
-    #[must_use]
-    pub fn fork_with(&self, search: Search, kernel: Kernel, vectors: Vectors, threads: usize) -> Self {
+    fn fork_with(&self, search: Search, kernel: Kernel, vectors: Vectors, threads: usize) -> Self {
         Self {
             plan: Plan { search, ..self.plan.clone() },
             time: self.time,

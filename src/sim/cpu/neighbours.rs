@@ -278,7 +278,7 @@ impl Neighbours {
         );
         let grid = (self.search == Search::Grid).then(|| Grid::new(tables));
         let built = Built { chain, scale, sight: self.built, tables, grid };
-        each(&mut self.parts, |part| {
+        each(self.parts.iter_mut(), |part| {
             vectors.run(
                 #[inline(always)]
                 || match vectors.lanes() {
@@ -290,12 +290,13 @@ impl Neighbours {
     }
 }
 
-/// Runs `work` on every part, in parallel.
-pub(super) fn each(parts: &mut [Part], work: impl Fn(&mut Part) + Sync + Send) {
-    if parts.len() == 1 {
-        work(&mut parts[0]);
+/// Runs `work` on every item, in parallel.
+pub(super) fn each<T: Send>(items: impl Iterator<Item = T>, work: impl Fn(T) + Sync + Send) {
+    let items: Vec<T> = items.collect();
+    if items.len() == 1 {
+        items.into_iter().for_each(work);
     } else {
-        parts.par_iter_mut().for_each(work);
+        items.into_par_iter().for_each(work);
     }
 }
 

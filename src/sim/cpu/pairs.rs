@@ -103,8 +103,8 @@ impl<const G: usize> Group<G> {
         group
     }
 
-    /// Adds the forces of segment `j`, with `OWN` times `others`: 0 for its own ends, or else 1. With `NEAR` keeps the least squared distances, and returns those of
-    /// this segment.
+    /// Adds the forces of segment `j`, with `OWN` times `others`: 0 for its own ends, or else 1. With `NEAR` keeps the least
+    /// squared distances, and returns those of this segment.
     #[inline(always)]
     pub(super) fn add<const NEAR: bool, const OWN: bool>(
         &mut self,

@@ -4,7 +4,7 @@
 
 /// A set of vector instructions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Vectors {
+pub(super) enum Vectors {
     /// Those that every processor of the architecture has: SSE2, NEON.
     Baseline,
     /// AVX2: 256 bits.
@@ -14,12 +14,6 @@ pub enum Vectors {
 }
 
 impl Vectors {
-    /// Those of this processor, the widest first.
-    #[must_use]
-    pub fn available() -> Vec<Self> {
-        [Self::Avx512, Self::Avx2, Self::Baseline].into_iter().filter(|set| set.is_available()).collect()
-    }
-
     /// The widest of this processor.
     pub(super) fn best() -> Self {
         [Self::Avx512, Self::Avx2].into_iter().find(|set| set.is_available()).unwrap_or(Self::Baseline)
