@@ -8,7 +8,7 @@
 //!
 //! | floor | modules |
 //! |---|---|
-//! | 0 | [`clock`], [`metrics`], [`status`], [`availability`], [`random`], [`tls`], [`model`], [`geometry`], [`tissue`] |
+//! | 0 | [`clock`], [`metrics`], [`status`], [`availability`], [`random`], [`tls`], `vectorize`, [`model`], [`geometry`], [`tissue`] |
 //! | 1 | [`spec`] |
 //! | 2 | [`sim`], [`mesh`], [`measure`], [`export`], [`render`] |
 //! | 3 | [`generate`], [`fit`], [`jobs`], [`preview`], [`report`] |
@@ -25,6 +25,7 @@ pub mod status;
 pub mod tissue;
 pub mod tls;
 pub mod trace;
+mod vectorize;
 
 pub mod spec;
 

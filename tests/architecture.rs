@@ -13,7 +13,19 @@ use std::collections::BTreeSet;
 
 /// Modules of the library by floor, lowest first. A module imports from floors below its own.
 const FLOORS: [&[&str]; 6] = [
-    &["clock", "metrics", "status", "availability", "random", "tls", "trace", "model", "geometry", "tissue"],
+    &[
+        "clock",
+        "metrics",
+        "status",
+        "availability",
+        "random",
+        "tls",
+        "trace",
+        "vectorize",
+        "model",
+        "geometry",
+        "tissue",
+    ],
     &["spec"],
     &["sim", "mesh", "measure", "export", "render"],
     &["generate", "fit", "jobs", "preview", "report"],

@@ -16,7 +16,7 @@ use std::io::{self, Read, Write};
 use std::path::PathBuf;
 
 /// Points of sections that are processed together, so that threads have enough to do.
-const BATCH_POINTS: usize = if cfg!(test) { 1 << 11 } else { 1 << 18 };
+const BATCH_POINTS: usize = if cfg!(test) { 1 << 11 } else { 1 << 16 };
 /// What errors of the spool name.
 const SPOOL: &str = "the surface on the scratch disk";
 

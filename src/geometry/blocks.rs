@@ -4,6 +4,8 @@
 //! Invariant: every pair of overlapping (or touching) boxes is reported exactly once, in an order that
 //! depends only on the input.
 
+use glam::{BVec4A, Vec4};
+
 const WIDTH: usize = 8;
 
 /// A closed axis-parallel rectangle.
@@ -37,43 +39,38 @@ impl Rect {
     }
 }
 
-/// Eight boxes side by side.
+/// Eight boxes side by side: how far each extends to greater x, greater y, lesser x and lesser y; the latter two negated.
 #[derive(Clone, Debug)]
-struct Block {
-    min_x: [f32; WIDTH],
-    min_y: [f32; WIDTH],
-    max_x: [f32; WIDTH],
-    max_y: [f32; WIDTH],
-}
+struct Block([[Vec4; 2]; 4]);
 
 impl Block {
     fn of(rects: &[Rect]) -> Self {
-        let rect = |lane: usize| rects.get(lane).copied().unwrap_or(Rect::EMPTY);
-        Self {
-            min_x: std::array::from_fn(|lane| rect(lane).min[0]),
-            min_y: std::array::from_fn(|lane| rect(lane).min[1]),
-            max_x: std::array::from_fn(|lane| rect(lane).max[0]),
-            max_y: std::array::from_fn(|lane| rect(lane).max[1]),
+        let mut rows = [[f32::NEG_INFINITY; WIDTH]; 4];
+        for (lane, Rect { min, max }) in rects.iter().enumerate() {
+            for (row, value) in rows.iter_mut().zip([max[0], max[1], -min[0], -min[1]]) {
+                row[lane] = value;
+            }
         }
+        Self(rows.map(|row| [0, 4].map(|half| Vec4::from_slice(&row[half..]))))
     }
 
     #[inline]
     fn rect(&self, lane: usize) -> Rect {
-        Rect { min: [self.min_x[lane], self.min_y[lane]], max: [self.max_x[lane], self.max_y[lane]] }
+        let rows: &[[f32; WIDTH]; 4] = bytemuck::cast_ref(&self.0);
+        let [max_x, max_y, min_x, min_y] = rows.map(|row| row[lane]);
+        Rect { min: [-min_x, -min_y], max: [max_x, max_y] }
     }
 
     /// Bit `lane` is set where that box meets `rect`.
     #[inline]
     fn mask(&self, rect: &Rect) -> u32 {
-        let mut mask = 0;
-        for lane in 0..WIDTH {
-            let hit = (self.min_x[lane] <= rect.max[0])
-                & (self.max_x[lane] >= rect.min[0])
-                & (self.min_y[lane] <= rect.max[1])
-                & (self.max_y[lane] >= rect.min[1]);
-            mask |= u32::from(hit) << lane;
+        let (mut first, mut second) = (BVec4A::TRUE, BVec4A::TRUE);
+        let nearest = [rect.min[0], rect.min[1], -rect.max[0], -rect.max[1]];
+        for ([a, b], nearest) in self.0.iter().zip(nearest.map(Vec4::splat)) {
+            first &= nearest.cmple(*a);
+            second &= nearest.cmple(*b);
         }
-        mask
+        first.bitmask() | second.bitmask() << 4
     }
 }
 
@@ -113,53 +110,55 @@ impl Blocks {
     /// Calls `found` with the number of every box that meets `rect`, in ascending order.
     pub fn query(&self, rect: &Rect, mut found: impl FnMut(usize)) {
         if self.len > 0 {
-            self.visit(self.levels.len() - 1, 0, 0, 0, rect, &mut found);
+            self.visit(self.levels.len() - 1, 0, rect, &mut found);
         }
     }
 
     /// Calls `found` with `(i, j)`, `i < j`, for every pair of boxes that meet.
     pub fn pairs(&self, mut found: impl FnMut(usize, usize)) {
-        for (block, lanes) in self.levels[0].iter().enumerate() {
-            if self.levels.len() == 1 {
-                self.pairs_of(block, lanes, block, &mut found);
-                continue;
-            }
-            let bounds = self.levels[1][block / WIDTH].rect(block % WIDTH);
-            let top = self.levels.len() - 1;
-            self.visit(top, 0, 1, block, &bounds, &mut |other| {
-                self.pairs_of(block, lanes, other, &mut found);
-            });
+        // Pairs of blocks, of which the second is not before the first, and their level.
+        let mut below = Vec::new();
+        if self.len > 0 {
+            below.push((self.levels.len() - 1, 0, 0));
         }
-    }
-
-    /// Pairs of a box of block `block` and one of block `other`, `other >= block`.
-    #[inline]
-    fn pairs_of(&self, block: usize, lanes: &Block, other: usize, found: &mut impl FnMut(usize, usize)) {
-        for lane in 0..WIDTH.min(self.len - block * WIDTH) {
-            let mut mask = self.levels[0][other].mask(&lanes.rect(lane));
-            if block == other {
-                mask &= !((2 << lane) - 1);
-            }
+        while let Some((level, first, second)) = below.pop() {
+            let (a, b) = (&self.levels[level][first], &self.levels[level][second]);
+            // Of a block and itself all children count; of two blocks, those of the first that reach into the second.
+            let mut mask = match self.levels.get(level + 1) {
+                Some(above) if first != second => a.mask(&above[second / WIDTH].rect(second % WIDTH)),
+                _ => !0 >> (32 - WIDTH),
+            };
             while mask != 0 {
-                found(block * WIDTH + lane, other * WIDTH + mask.trailing_zeros() as usize);
+                let lane = mask.trailing_zeros() as usize;
                 mask &= mask - 1;
+                let mut others = b.mask(&a.rect(lane));
+                if first == second {
+                    // A box with itself is no pair, but there may be pairs within a block.
+                    others &= !0 << (lane + usize::from(level == 0));
+                }
+                while others != 0 {
+                    let (i, j) = (first * WIDTH + lane, second * WIDTH + others.trailing_zeros() as usize);
+                    others &= others - 1;
+                    if level == 0 {
+                        found(i, j);
+                    } else {
+                        below.push((level - 1, i, j));
+                    }
+                }
             }
         }
     }
 
-    /// Descends from block `node` of `level` to the boxes of level `stop` that meet `rect`, leaving out
-    /// those numbered below `first`.
-    fn visit(&self, level: usize, node: usize, stop: usize, first: usize, rect: &Rect, found: &mut impl FnMut(usize)) {
+    /// Descends from block `node` of `level` to the boxes that meet `rect`.
+    fn visit(&self, level: usize, node: usize, rect: &Rect, found: &mut impl FnMut(usize)) {
         let mut mask = self.levels[level][node].mask(rect);
         while mask != 0 {
             let child = node * WIDTH + mask.trailing_zeros() as usize;
             mask &= mask - 1;
-            if level == stop {
-                if child >= first {
-                    found(child);
-                }
-            } else if (child + 1) * WIDTH.pow((level - stop) as u32) > first {
-                self.visit(level - 1, child, stop, first, rect, found);
+            if level == 0 {
+                found(child);
+            } else {
+                self.visit(level - 1, child, rect, found);
             }
         }
     }

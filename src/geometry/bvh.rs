@@ -7,23 +7,27 @@
 //! Invariant: the bounds of two items with a common point overlap. Bounds are stored in f32, rounded to nearest; rounding
 //! is monotone, so that overlapping bounds still overlap, and no outward rounding is needed.
 
+use glam::{BVec4A, Vec4};
 use rayon::prelude::*;
 
 const AXES: usize = 5;
 
+/// Directions to both sides along these.
+const SIDES: usize = 2 * AXES;
+
+/// Levels of blocks below a part, with its own: parts hold 512 items.
+const PART_LEVELS: usize = 3;
+
 /// Items of a block and children of a node.
 pub const WIDTH: usize = 8;
 
-/// Extent of an item along the five directions.
+/// How far an item extends along the five directions to one side, then to the other, negative coordinates first negated.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bounds {
-    low: [f32; AXES],
-    high: [f32; AXES],
-}
+pub struct Bounds([f32; SIDES]);
 
 impl Bounds {
     /// Bounds of nothing, which overlap nothing.
-    pub const EMPTY: Self = Self { low: [f32::INFINITY; AXES], high: [f32::NEG_INFINITY; AXES] };
+    pub const EMPTY: Self = Self([f32::NEG_INFINITY; SIDES]);
 
     /// Bounds of the convex hull of some points.
     #[inline]
@@ -32,20 +36,20 @@ impl Bounds {
         let mut bounds = Self::EMPTY;
         for [x, y, z] in points {
             let along = [x as f32, y as f32, z as f32, (x + y) as f32, (x - y) as f32];
-            for (axis, value) in along.into_iter().enumerate() {
-                bounds.low[axis] = bounds.low[axis].min(value);
-                bounds.high[axis] = bounds.high[axis].max(value);
+            for axis in 0..AXES {
+                bounds.0[axis] = greater(along[axis], bounds.0[axis]);
+                bounds.0[AXES + axis] = greater(-along[axis], bounds.0[AXES + axis]);
             }
         }
         bounds
     }
 
     /// Bounds of both.
+    #[inline(always)]
     #[must_use]
     pub fn with(mut self, other: &Self) -> Self {
-        for axis in 0..AXES {
-            self.low[axis] = self.low[axis].min(other.low[axis]);
-            self.high[axis] = self.high[axis].max(other.high[axis]);
+        for side in 0..SIDES {
+            self.0[side] = greater(other.0[side], self.0[side]);
         }
         self
     }
@@ -54,92 +58,80 @@ impl Bounds {
     #[inline]
     #[must_use]
     pub fn overlaps(&self, other: &Self) -> bool {
-        (0..AXES).all(|axis| self.low[axis] <= other.high[axis] && other.low[axis] <= self.high[axis])
+        (0..SIDES).all(|side| self.nearest(side) <= other.0[side])
     }
 
     /// Sum of the extents along x, y and z; negative for nothing.
     #[must_use]
     pub fn size(&self) -> f32 {
-        (0..3).map(|axis| self.high[axis] - self.low[axis]).sum()
+        (0..3).map(|axis| self.0[axis] + self.0[AXES + axis]).sum()
     }
 
-    /// Bounds that contain every point within `reach` of these.
-    #[must_use]
-    fn grown(mut self, reach: f32) -> Self {
-        if reach > 0.0 {
-            for axis in 0..AXES {
-                // A margin compensates for the rounding of this sum.
-                let by = if axis < 3 { reach } else { reach * 1.5 };
-                self.low[axis] -= by + self.low[axis].abs() * 1e-6;
-                self.high[axis] += by + self.high[axis].abs() * 1e-6;
-            }
-        }
-        self
+    /// The least coordinate along a side.
+    #[inline(always)]
+    fn nearest(&self, side: usize) -> f32 {
+        -self.0[(side + AXES) % SIDES]
     }
 }
 
-/// The bounds of eight items, by direction, so that one pass over each row tests all of them.
-#[derive(Clone, Copy)]
-struct Block {
-    low: [[f32; WIDTH]; AXES],
-    high: [[f32; WIDTH]; AXES],
+/// The greater of two. A comparison rather than `max`, which treats NaN apart, so that vectors can hold them.
+#[inline(always)]
+fn greater(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
 }
+
+/// The bounds of eight items, by side, so that one pass over each row tests all of them.
+#[derive(Clone, Copy, PartialEq)]
+struct Block([[Vec4; 2]; SIDES]);
 
 impl Block {
     fn of(bounds: impl Iterator<Item = Bounds>) -> Self {
-        let mut block = Self { low: [[f32::INFINITY; WIDTH]; AXES], high: [[f32::NEG_INFINITY; WIDTH]; AXES] };
+        let mut rows = [[f32::NEG_INFINITY; WIDTH]; SIDES];
         for (lane, b) in bounds.enumerate() {
-            for axis in 0..AXES {
-                block.low[axis][lane] = b.low[axis];
-                block.high[axis][lane] = b.high[axis];
+            for side in 0..SIDES {
+                rows[side][lane] = b.0[side];
             }
         }
-        block
+        Self(rows.map(|row| [0, 4].map(|half| Vec4::from_slice(&row[half..]))))
     }
 
     #[inline]
     fn lane(&self, lane: usize) -> Bounds {
-        Bounds { low: std::array::from_fn(|a| self.low[a][lane]), high: std::array::from_fn(|a| self.high[a][lane]) }
+        let rows: &[[f32; WIDTH]; SIDES] = bytemuck::cast_ref(&self.0);
+        Bounds(rows.map(|row| row[lane]))
     }
 
     /// Lower bounds of the squared distances of a point from the items; infinite for an empty lane. The directions x + y and
     /// x − y are left out: testing them takes longer than what they would exclude.
     #[inline]
     fn squared_distances(&self, point: &Query) -> [f32; WIDTH] {
-        // Comparisons rather than `max`, which treats NaN apart, so that all lanes are computed at once.
-        let greater = |a: f32, b: f32| if a > b { a } else { b };
         let mut sums = [0.0; WIDTH];
-        for axis in 0..3 {
-            let (low, high) = (&self.low[axis], &self.high[axis]);
-            for (lane, sum) in sums.iter_mut().enumerate() {
-                let outside = greater(greater(low[lane] - point.high[axis], point.low[axis] - high[lane]), 0.0);
-                *sum += outside * outside;
+        for half in 0..2 {
+            let mut sum = Vec4::ZERO;
+            for axis in 0..3 {
+                let (high, low) = (self.0[axis][half], -self.0[AXES + axis][half]);
+                let outside = (low - point.high[axis]).max(point.low[axis] - high).max(Vec4::ZERO);
+                sum += outside * outside;
             }
+            sum.write_to_slice(&mut sums[4 * half..]);
         }
         sums
     }
 
     fn union(&self) -> Bounds {
-        (0..WIDTH).fold(Bounds::EMPTY, |sum, lane| sum.with(&self.lane(lane)))
+        Bounds(self.0.map(|[a, b]| a.max(b).max_element()))
     }
 
     /// Bit `l` is set where item `l` overlaps `query`. An empty lane overlaps nothing, nor do bounds that are NaN.
     #[inline]
-    #[expect(clippy::neg_cmp_op_on_partial_ord, reason = "NaN must count as apart")]
     fn overlaps(&self, query: &Bounds) -> u32 {
-        let mut apart = [0u32; WIDTH];
-        for axis in 0..AXES {
-            let (low, high) = (&self.low[axis], &self.high[axis]);
-            let (query_low, query_high) = (query.low[axis], query.high[axis]);
-            for lane in 0..WIDTH {
-                apart[lane] |= u32::from(!(low[lane] <= query_high)) | u32::from(!(query_low <= high[lane]));
-            }
+        let (mut first, mut second) = (BVec4A::TRUE, BVec4A::TRUE);
+        for (side, [a, b]) in self.0.iter().enumerate() {
+            let nearest = Vec4::splat(query.nearest(side));
+            first &= nearest.cmple(*a);
+            second &= nearest.cmple(*b);
         }
-        let mut mask = 0;
-        for (lane, apart) in apart.into_iter().enumerate() {
-            mask |= (1 - apart) << lane;
-        }
-        mask
+        first.bitmask() | second.bitmask() << 4
     }
 }
 
@@ -223,44 +215,51 @@ impl Bvh {
         }
     }
 
-    /// Number of blocks of items.
+    /// Number of items of a part; the last one may have fewer.
     #[must_use]
-    pub fn blocks(&self) -> usize {
-        self.levels[0].len()
+    pub fn part_len(&self) -> usize {
+        WIDTH.pow(PART_LEVELS.min(self.levels.len()) as u32)
     }
 
-    /// Calls `visit(i, j)` for every item `i` of a block and every item `j > i` of the whole hierarchy that come
-    /// within `reach` of each other by their bounds. Over all blocks each pair is visited once.
-    pub fn pairs(&self, block: usize, reach: f32, mut visit: impl FnMut(usize, usize)) {
-        let own = &self.levels[0][block];
-        let lanes: [Bounds; WIDTH] = std::array::from_fn(|lane| own.lane(lane).grown(reach));
-        let query = own.union().grown(reach);
-        let top = self.levels.len() - 1;
-        self.descend(top, 0, &query, block, &mut |other| {
-            let there = &self.levels[0][other];
-            for (lane, bounds) in lanes.iter().enumerate() {
-                let item = block * WIDTH + lane;
-                if item >= self.len {
-                    break;
+    /// Calls `visit(i, j)` for every item `i` of a part and every item `j > i` of the whole hierarchy whose bounds overlap its
+    /// own. Over all parts each pair is visited once.
+    pub fn pairs(&self, part: usize, mut visit: impl FnMut(usize, usize)) {
+        let level = PART_LEVELS.min(self.levels.len()) - 1;
+        let mut below = Vec::new();
+        let own = self.levels[level][part].union();
+        self.descend(self.levels.len() - 1, level, 0, &own, part, &mut |other| below.push((level, part, other)));
+        // Pairs of blocks, of which the second is not before the first, and their level.
+        while let Some((level, first, second)) = below.pop() {
+            let (a, b) = (&self.levels[level][first], &self.levels[level][second]);
+            // Of a block and itself all children count; of two blocks, those of the first that reach into the second.
+            let mut mask = match self.levels.get(level + 1) {
+                Some(above) if first != second => a.overlaps(&above[second / WIDTH].lane(second % WIDTH)),
+                _ => !0 >> (32 - WIDTH),
+            };
+            while mask != 0 {
+                let lane = mask.trailing_zeros() as usize;
+                mask &= mask - 1;
+                let mut others = b.overlaps(&a.lane(lane));
+                if first == second {
+                    // An item with itself is no pair, but there may be pairs within a block.
+                    others &= !0 << (lane + usize::from(level == 0));
                 }
-                let mut mask = there.overlaps(bounds);
-                if other == block {
-                    mask &= !0 << (lane + 1);
-                }
-                while mask != 0 {
-                    let second = other * WIDTH + mask.trailing_zeros() as usize;
-                    mask &= mask - 1;
-                    if second < self.len {
-                        visit(item, second);
+                while others != 0 {
+                    let (i, j) = (first * WIDTH + lane, second * WIDTH + others.trailing_zeros() as usize);
+                    others &= others - 1;
+                    if level == 0 {
+                        visit(i, j);
+                    } else {
+                        below.push((level - 1, i, j));
                     }
                 }
             }
-        });
+        }
     }
 
     /// Calls `visit` for every item whose bounds overlap `query`, in ascending order.
     pub fn overlapping(&self, query: &Bounds, mut visit: impl FnMut(usize)) {
-        self.descend(self.levels.len() - 1, 0, query, 0, &mut |block| {
+        self.descend(self.levels.len() - 1, 0, 0, query, 0, &mut |block| {
             let mut mask = self.levels[0][block].overlaps(query);
             while mask != 0 {
                 let item = block * WIDTH + mask.trailing_zeros() as usize;
@@ -325,20 +324,29 @@ impl Bvh {
         }
     }
 
-    /// Calls `leaf` for each block of items from `first` on whose bounds overlap `query`.
-    fn descend(&self, level: usize, node: usize, query: &Bounds, first: usize, leaf: &mut impl FnMut(usize)) {
-        if level == 0 {
-            leaf(node);
+    /// Calls `found` for each block of level `stop`, from number `first` on, that overlaps `query`, in ascending order; from
+    /// block `node` of `level` down.
+    fn descend(
+        &self,
+        level: usize,
+        stop: usize,
+        node: usize,
+        query: &Bounds,
+        first: usize,
+        found: &mut impl FnMut(usize),
+    ) {
+        if level == stop {
+            found(node);
             return;
         }
         let below = level - 1;
-        let (begin, count) = (first >> (3 * below), self.levels[below].len());
+        let begin = first >> (3 * (below - stop));
         let mut mask = self.levels[level][node].overlaps(query);
         while mask != 0 {
             let child = node * WIDTH + mask.trailing_zeros() as usize;
             mask &= mask - 1;
-            if child >= begin && child < count {
-                self.descend(below, child, query, first, leaf);
+            if child >= begin {
+                self.descend(below, stop, child, query, first, found);
             }
         }
     }
@@ -367,8 +375,7 @@ mod tests {
 
         #[test]
         fn pairs_are_those_of_brute_force(
-            items in prop::collection::vec(prop::array::uniform2(prop::array::uniform3(-9i8..9)), 0..300),
-            reach in 0i8..2,
+            items in prop::collection::vec(prop::array::uniform2(prop::array::uniform3(-9i8..9)), 0..1500),
         ) {
             let at = |p: [i8; 3]| p.map(f64::from);
             let bounds: Vec<_> = items.iter().map(|[p, d]| {
@@ -377,14 +384,14 @@ mod tests {
             }).collect();
             let bvh = Bvh::build(bounds.len(), |i| bounds[i]);
             let mut found = Vec::new();
-            for block in 0..bvh.blocks() {
-                bvh.pairs(block, f32::from(reach), |i, j| found.push((i, j)));
+            for part in 0..bounds.len().div_ceil(bvh.part_len()) {
+                bvh.pairs(part, |i, j| found.push((i, j)));
             }
             found.sort_unstable();
             let mut expected = Vec::new();
             for i in 0..bounds.len() {
                 for j in i + 1..bounds.len() {
-                    if bounds[i].grown(f32::from(reach)).overlaps(&bounds[j]) {
+                    if bounds[i].overlaps(&bounds[j]) {
                         expected.push((i, j));
                     }
                 }
@@ -411,7 +418,7 @@ mod tests {
             updated.update(&changed, |i| place(i, 1));
             let anew = Bvh::build(len, |i| place(i, 1));
             for (a, b) in updated.levels.iter().flatten().zip(anew.levels.iter().flatten()) {
-                assert!(a.low == b.low && a.high == b.high);
+                assert!(a == b);
             }
         }
     }

@@ -135,12 +135,14 @@ fn flat(p: P3, axis: usize) -> P2 {
 /// Whether two closed segments of the plane have a point in common, exactly; either may be a point.
 #[must_use]
 pub fn segments_meet(a: P2, b: P2, c: P2, d: P2) -> bool {
-    let (abc, abd) = (orient2d(a, b, c), orient2d(a, b, d));
-    if (abc > 0.0 && abd > 0.0) || (abc < 0.0 && abd < 0.0) {
-        return false;
-    }
-    let (cda, cdb) = (orient2d(c, d, a), orient2d(c, d, b));
-    if (cda > 0.0 && cdb > 0.0) || (cda < 0.0 && cdb < 0.0) {
+    // Of a point every orientation is zero: the most expensive result of exact arithmetic.
+    let parts = |a: P2, b: P2, c: P2, d: P2| {
+        a != b && {
+            let (abc, abd) = (orient2d(a, b, c), orient2d(a, b, d));
+            (abc > 0.0 && abd > 0.0) || (abc < 0.0 && abd < 0.0)
+        }
+    };
+    if parts(a, b, c, d) || parts(c, d, a, b) {
         return false;
     }
     // If neither line separates the ends of the other segment, only collinear segments can be disjoint.
@@ -231,6 +233,19 @@ pub fn overlap_across_edge(a: &Triangle, i: usize, b: &Triangle, j: usize) -> bo
     let axis = a.projection().expect("a triangle that is tested for contact is not degenerate");
     let (u, v) = (flat(a.points[(i + 1) % 3], axis), flat(a.points[(i + 2) % 3], axis));
     (orient2d(u, v, flat(a.points[i], axis)) > 0.0) == (orient2d(u, v, flat(far, axis)) > 0.0)
+}
+
+/// Whether two triangles, given by the numbers of their vertices, share any.
+#[inline(always)]
+#[must_use]
+pub fn share(a: [u32; 3], b: [u32; 3]) -> bool {
+    let mut same = false;
+    for v in a {
+        for w in b {
+            same |= v == w;
+        }
+    }
+    same
 }
 
 /// Whether two triangles of a mesh, given with the numbers of their vertices, have points in common besides the vertices and

@@ -35,12 +35,11 @@ impl Meeting {
 
     /// All pairs.
     pub(super) fn pairs(&self, mesh: &Mesh) -> Vec<[u32; 2]> {
-        let mut pairs: Vec<[u32; 2]> = (0..self.bvh.blocks())
+        let mut pairs: Vec<[u32; 2]> = (0..mesh.triangles.len().div_ceil(self.bvh.part_len()))
             .into_par_iter()
-            .with_min_len(64)
-            .flat_map_iter(|block| {
+            .flat_map_iter(|part| {
                 let mut found = Vec::new();
-                self.bvh.pairs(block, 0.0, |i, j| found.extend(pair(mesh, i, j)));
+                self.bvh.pairs(part, |i, j| found.extend(pair(mesh, i, j)));
                 found
             })
             .collect();

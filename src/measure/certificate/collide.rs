@@ -2,23 +2,24 @@
 //!
 //! Candidates come from a hierarchy over the triangles in their given order, which is coherent for the strips of a lofted
 //! surface; stretches that are not coherent, such as the ends, are first sorted along a space-filling curve. Triangles that
-//! share vertices by index are tested for other common points; two vertices at the same position with different indices
-//! therefore count as a meeting. Degenerate triangles are left out (they are failures by themselves). Triangles with the
+//! share vertices by index are tested for other common points, at the least vertex that they share, unless [`super::topology`]
+//! has seen that there are none. Two vertices at the same position with different indices therefore count as a meeting.
+//! Degenerate triangles are left out (they are failures by themselves). Triangles with the
 //! same vertices are counted separately and searched as one, and the search stops after [`MOST`] meetings, so that its time
 //! is bounded for surfaces with very many faults.
 
 use super::surface::{Coordinate, Surface, Tally, few};
-use super::topology::Copies;
+use super::topology::{Copies, Stars, Topology};
 use super::types::{FailureKind, Failures, PLACES};
 use crate::geometry::bvh::{Bounds, Bvh, WIDTH, morton};
-use crate::geometry::tri_tri::{Triangle, meet_in_mesh};
+use crate::geometry::tri_tri::{Triangle, meet, meet_in_mesh, share};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Triangles of a stretch, which is either coherent or sorted as a whole.
 const STRETCH: usize = 64 * WIDTH;
-/// Blocks per task.
+/// Vertices per task.
 const TASK: usize = 256;
 /// Meetings after which the search stops.
 const MOST: u64 = 100_000;
@@ -35,14 +36,26 @@ pub(super) struct Meetings {
 pub(super) fn examine<C: Coordinate>(
     surface: &Surface<'_, C>,
     degenerate: &[u32],
-    copies: &Copies,
+    topology: &Topology,
     failures: &mut Failures,
 ) -> Meetings {
     let mut meetings = Meetings::default();
-    meetings.search(surface, surface.triangles.len(), degenerate, copies);
+    let Topology { copies, stars, crowded, .. } = topology;
+    let known = Known { degenerate, copies, stars, crowded };
+    meetings.search(surface, surface.triangles.len(), &known);
     meetings.add_duplicates(surface, degenerate, copies);
     meetings.report(failures);
     meetings
+}
+
+/// What is known of the triangles that are searched.
+pub(super) struct Known<'a> {
+    /// Numbers of the degenerate ones.
+    pub(super) degenerate: &'a [u32],
+    pub(super) copies: &'a Copies,
+    /// The triangles at some vertices, and those of these vertices at which they may meet.
+    pub(super) stars: &'a Stars,
+    pub(super) crowded: &'a [u32],
 }
 
 impl Meetings {
@@ -73,41 +86,35 @@ impl Meetings {
         self.duplicates.add(count, few(&first, |pair| surface.place_of_triangles(pair)));
     }
 
-    /// Adds the pairs that meet of which at least one is among the first `fresh` triangles. Of triangles with the same
-    /// vertices only the least is searched.
-    pub(super) fn search<C: Coordinate>(
-        &mut self,
-        surface: &Surface<'_, C>,
-        fresh: usize,
-        degenerate: &[u32],
-        copies: &Copies,
-    ) {
+    /// Adds the pairs that meet of which at least one is among the first `fresh` triangles, and those that meet at a crowded
+    /// vertex. Of triangles with the same vertices only the least is searched.
+    pub(super) fn search<C: Coordinate>(&mut self, surface: &Surface<'_, C>, fresh: usize, known: &Known<'_>) {
         if self.met > MOST {
             return;
         }
-        let most = MOST - self.met;
         let order = Order::of(surface, fresh);
-        let left_out = left_out(surface, degenerate, copies);
+        let left_out = left_out(surface, known);
         let bvh = Bvh::build(surface.triangles.len(), |i| {
             let triangle = order.triangle(i);
             let is_out = left_out.as_ref().is_some_and(|out| out[triangle]);
             if is_out { Bounds::EMPTY } else { Bounds::of(surface.corners(triangle)) }
         });
-        let blocks: Vec<usize> = (0..fresh.div_ceil(WIDTH)).collect();
+        let search = Search { surface, fresh, known, order, left_out, bvh, most: MOST - self.met };
+        let stars = known.crowded.len().div_ceil(TASK);
+        let parts = fresh.div_ceil(search.bvh.part_len());
         // The first task that alone exceeds the limit: results of later tasks are not used.
         let full = AtomicUsize::new(usize::MAX);
-        let found: Vec<Found> = blocks
-            .par_chunks(TASK)
-            .enumerate()
-            .map(|(task, blocks)| {
-                let mut found = Found { most, ..Found::default() };
-                for &block in blocks {
-                    if found.is_full() || task > full.load(Ordering::Relaxed) {
-                        break;
-                    }
-                    collide_block(surface, &order, fresh, copies, &bvh, block, &mut found);
+        let found: Vec<Found> = (0..stars + parts)
+            .into_par_iter()
+            .map(|task| {
+                if task > full.load(Ordering::Relaxed) {
+                    return Found::default();
                 }
-                if found.is_full() {
+                let found = match task.checked_sub(stars) {
+                    None => search.stars(&known.crowded[task * TASK..known.crowded.len().min((task + 1) * TASK)]),
+                    Some(part) => search.part(part),
+                };
+                if found.is_full(search.most) {
                     full.fetch_min(task, Ordering::Relaxed);
                 }
                 found
@@ -140,7 +147,8 @@ impl Meetings {
 }
 
 /// Marks the triangles that are not searched: degenerate ones, and all of a group of copies but the least.
-fn left_out<C: Coordinate>(surface: &Surface<'_, C>, degenerate: &[u32], copies: &Copies) -> Option<Vec<bool>> {
+fn left_out<C: Coordinate>(surface: &Surface<'_, C>, known: &Known<'_>) -> Option<Vec<bool>> {
+    let Known { degenerate, copies, .. } = known;
     if degenerate.is_empty() && copies.is_empty() {
         return None;
     }
@@ -153,8 +161,6 @@ fn left_out<C: Coordinate>(surface: &Surface<'_, C>, degenerate: &[u32], copies:
 
 #[derive(Default)]
 struct Found {
-    /// The search stops after so many.
-    most: u64,
     /// Meetings found, each pair of groups of copies once.
     met: u64,
     /// Meetings including all copies.
@@ -164,8 +170,8 @@ struct Found {
 }
 
 impl Found {
-    fn is_full(&self) -> bool {
-        self.met > self.most
+    fn is_full(&self, most: u64) -> bool {
+        self.met > most
     }
 
     fn add(&mut self, copies: &Copies, pair: [u32; 2]) {
@@ -179,30 +185,62 @@ impl Found {
     }
 }
 
-fn collide_block<C: Coordinate>(
-    surface: &Surface<'_, C>,
-    order: &Order,
+struct Search<'a, C> {
+    surface: &'a Surface<'a, C>,
     fresh: usize,
-    copies: &Copies,
-    bvh: &Bvh,
-    block: usize,
-    found: &mut Found,
-) {
-    let mut own: [Option<Triangle>; WIDTH] = [None; WIDTH];
-    bvh.pairs(block, 0.0, |i, j| {
-        // The last block may hold items that are not fresh.
-        if i >= fresh || found.is_full() {
-            return;
+    known: &'a Known<'a>,
+    order: Order,
+    left_out: Option<Vec<bool>>,
+    bvh: Bvh,
+    /// A task stops when it has found more.
+    most: u64,
+}
+
+impl<C: Coordinate> Search<'_, C> {
+    /// Triangles of which the least common vertex is one of these.
+    fn stars(&self, vertices: &[u32]) -> Found {
+        let (mut found, mut star) = (Found::default(), Vec::new());
+        for &vertex in vertices {
+            let is_searched = |&t: &usize| !self.left_out.as_ref().is_some_and(|out| out[t]);
+            let triangles = self.known.stars.at(vertex).iter().map(|&t| t as usize).filter(is_searched);
+            star.clear();
+            star.extend(triangles.map(|t| (t, Triangle::new(self.surface.corners(t)))));
+            for (i, (first, a)) in star.iter().enumerate() {
+                let ta = self.surface.triangles[*first];
+                for (second, b) in &star[i + 1..] {
+                    let tb = self.surface.triangles[*second];
+                    let is_least = !ta.iter().any(|v| *v < vertex && tb.contains(v));
+                    if is_least && !found.is_full(self.most) && meet_in_mesh((a, ta), (b, tb)) {
+                        self.add(&mut found, *first, *second);
+                    }
+                }
+            }
         }
-        let (first, second) = (order.triangle(i), order.triangle(j));
-        let a = own[i % WIDTH].get_or_insert_with(|| Triangle::new(surface.corners(first)));
-        let b = Triangle::new(surface.corners(second));
-        // Copies and degenerate triangles are left out.
-        if meet_in_mesh((a, surface.triangles[first]), (&b, surface.triangles[second])) {
-            let (first, second) = (surface.number(first), surface.number(second));
-            found.add(copies, [first.min(second), first.max(second)]);
-        }
-    });
+        found
+    }
+
+    /// Triangles without a common vertex, of which the first in order is in this part of the hierarchy.
+    fn part(&self, part: usize) -> Found {
+        let mut found = Found::default();
+        let triangle = |t: usize| Triangle::new(self.surface.corners(t));
+        self.bvh.pairs(part, |i, j| {
+            let (first, second) = (self.order.triangle(i), self.order.triangle(j));
+            let (ta, tb) = (self.surface.triangles[first], self.surface.triangles[second]);
+            // The last part may hold items that are not fresh.
+            if share(ta, tb) || i >= self.fresh || found.is_full(self.most) {
+                return;
+            }
+            if meet(&triangle(first), &triangle(second)) {
+                self.add(&mut found, first, second);
+            }
+        });
+        found
+    }
+
+    fn add(&self, found: &mut Found, first: usize, second: usize) {
+        let (first, second) = (self.surface.number(first), self.surface.number(second));
+        found.add(self.known.copies, [first.min(second), first.max(second)]);
+    }
 }
 
 /// The order of the triangles in the hierarchy.

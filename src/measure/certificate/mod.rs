@@ -134,7 +134,7 @@ fn surface<C: Coordinate>(
     let surface = Surface { positions, triangles, unit_um, numbers: None };
     let topology = topology::examine(&surface, &mut failures);
     let shape = shape::examine(&surface, &topology, &mut failures);
-    let meetings = collide::examine(&surface, &shape.degenerate, &topology.copies, &mut failures);
+    let meetings = collide::examine(&surface, &shape.degenerate, &topology, &mut failures);
     nesting::examine(&surface, &topology, &shape.volumes, meetings.count() == 0, &mut failures);
     let mut totals = Totals::default();
     for (body, volume) in topology.bodies.iter().zip(&shape.volumes) {

@@ -118,7 +118,7 @@ fn together<C: Coordinate>(
     // Three triangles at an edge are a fault of a surface, but not of two bodies.
     let complex = topology::examine(surface, &mut Failures::default());
     let (open_edges, bad_edges) = (complex.faults.open_edges.count, complex.faults.bad_edges.count);
-    let meetings = collide::examine(surface, &[], &complex.copies, &mut failures);
+    let meetings = collide::examine(surface, &[], &complex, &mut failures);
     let lids = of(&[PatchKind::Inlet, PatchKind::Outlet]);
     let lids = Surface { triangles: &lids, ..*surface };
     let rim_edges = topology::examine(&lids, &mut Failures::default()).faults.open_edges.count;

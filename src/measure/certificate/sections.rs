@@ -1,14 +1,15 @@
 //! Sections: each ring simple, the inner one strictly inside the outer one, and the least gap.
 //!
-//! The edges of both rings of a section are in one hierarchy, in their order, so that the time is nearly linear. Contours
-//! are examined as recorded, in micrometres.
+//! The gap to edges close by on the same ring bounds how far to search for others. For these, the edges of both rings are in
+//! one hierarchy, in their order, so that the time is nearly linear. Contours are examined as recorded, in micrometres.
 
 use super::surface::Tally;
 use super::types::{FailureKind, Failures, PLACES, Place};
-use crate::geometry::bvh::{Bounds, Bvh};
+use crate::geometry::blocks::{Blocks, Rect};
 use crate::geometry::predicates::orient2d;
 use crate::geometry::tri_tri::segments_meet;
 use crate::model::Section;
+use crate::vectorize::Vectors;
 use rayon::prelude::*;
 
 type P2 = [f64; 2];
@@ -87,6 +88,12 @@ impl Edges {
     fn segment(&self, i: usize) -> [P2; 2] {
         [self.points[i], self.points[self.next(i)]]
     }
+
+    /// Whether there is at most one edge between two, so that [`gap_along`] has measured their gap.
+    fn are_close(&self, i: usize, j: usize) -> bool {
+        let close = |i: usize, j: usize| self.next(i) == j || self.next(self.next(i)) == j;
+        close(i, j) || close(j, i)
+    }
 }
 
 fn examine_section(section: &Section) -> Found {
@@ -96,27 +103,27 @@ fn examine_section(section: &Section) -> Found {
     if found.broken {
         return found;
     }
+    let mut gap = rings.iter().map(|ring| gap_along(ring)).fold(f64::INFINITY, f64::min);
     let points = rings.into_iter().flatten().map(|p| p.map(f64::from)).collect();
     let edges = Edges { points, inner: section.inner.len() };
-    let bounds = |i: usize| {
-        let [a, b] = edges.segment(i);
-        Bounds::of([[a[0], a[1], 0.0], [b[0], b[1], 0.0]])
+    let reach = (gap.sqrt() * 0.501) as f32;
+    let rect = |i: usize| {
+        let around = Rect::around(&edges.segment(i).map(|p| p.map(|x| x as f32)));
+        // A margin compensates for the rounding of these sums.
+        let margin = |x: f32| reach + x.abs() * 1e-6;
+        Rect { min: around.min.map(|x| x - margin(x)), max: around.max.map(|x| x + margin(x)) }
     };
-    let bvh = Bvh::build(edges.points.len(), bounds);
-    // Squared. As the gap shrinks, so does the distance to search.
-    let mut gap = f64::INFINITY;
-    for block in 0..bvh.blocks() {
-        let reach = (gap.sqrt() * 1.001).min(1e30) as f32;
-        bvh.pairs(block, reach, |i, j| {
-            if cross(&edges, i, j) {
-                found.crossings += 1;
-                if found.places.len() < PLACES {
-                    found.places.push(edges.points[i]);
-                }
+    Blocks::new(&(0..edges.points.len()).map(rect).collect::<Vec<_>>()).pairs(|i, j| {
+        if cross(&edges, i, j) {
+            found.crossings += 1;
+            if found.places.len() < PLACES {
+                found.places.push(edges.points[i]);
             }
+        }
+        if !edges.are_close(i, j) {
             gap = gap.min(gap_squared(&edges, i, j));
-        });
-    }
+        }
+    });
     found.gap = gap.is_finite().then(|| gap.sqrt());
     // If nothing crosses, one point decides for its whole ring.
     found.outside = !is_inside(edges.points[0], &edges.points[edges.inner..]);
@@ -128,7 +135,7 @@ fn cross(edges: &Edges, i: usize, j: usize) -> bool {
     let ([a, b], [c, d]) = (edges.segment(i), edges.segment(j));
     let folded = |far: P2, middle: P2, near: P2| {
         let same = |axis: usize| (far[axis] - middle[axis]) * (near[axis] - middle[axis]) > 0.0;
-        far == middle || near == middle || (orient2d(far, middle, near) == 0.0 && (same(0) || same(1)))
+        far == middle || near == middle || ((same(0) || same(1)) && orient2d(far, middle, near) == 0.0)
     };
     if edges.next(i) == j {
         folded(a, b, d)
@@ -137,6 +144,35 @@ fn cross(edges: &Edges, i: usize, j: usize) -> bool {
     } else {
         segments_meet(a, b, c, d)
     }
+}
+
+/// Square of the least distance between an edge of a ring and an end of the next or the next but one, to either side, that is
+/// not its own.
+fn gap_along(ring: &[[f32; 2]]) -> f64 {
+    const LANES: usize = 8;
+    // Points from two before the first on, some again after the last, so that all lanes have an edge.
+    let count = ring.len().next_multiple_of(LANES) + 5;
+    let points = || ring.iter().cycle().skip(2 * ring.len() - 2).take(count);
+    let (x, y): (Vec<f64>, Vec<f64>) = points().map(|p| (f64::from(p[0]), f64::from(p[1]))).unzip();
+    // Of a triangle, the points two away are ends of the edge.
+    let ends: &[usize] = if ring.len() > 3 { &[0, 1, 4, 5] } else { &[1, 4] };
+    let mut least = [f64::INFINITY; LANES];
+    Vectors::best().run(
+        #[inline(always)]
+        || {
+            for first in (0..count - 5).step_by(LANES) {
+                for &end in ends {
+                    let (x, y) = (&x[first..first + LANES + 5], &y[first..first + LANES + 5]);
+                    for lane in 0..LANES {
+                        let at = |k: usize| [x[lane + k], y[lane + k]];
+                        let squared = distance_squared(at(end), at(2), at(3));
+                        least[lane] = if squared < least[lane] { squared } else { least[lane] };
+                    }
+                }
+            }
+        },
+    );
+    least.into_iter().fold(f64::INFINITY, f64::min)
 }
 
 /// Square of the least distance between an end of one edge and the other edge, unless the edges share this end.
@@ -157,6 +193,7 @@ fn gap_squared(edges: &Edges, i: usize, j: usize) -> f64 {
     least
 }
 
+#[inline(always)]
 fn distance_squared(p: P2, a: P2, b: P2) -> f64 {
     let (u, v) = ([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]]);
     let length = u[0] * u[0] + u[1] * u[1];

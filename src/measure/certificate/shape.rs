@@ -115,8 +115,8 @@ fn part<C: Coordinate>(
         let [a, b, c] = t.map(|v| surface.point(v));
         for p in [a, b, c] {
             for (axis, x) in p.into_iter().enumerate() {
-                part.low[axis] = part.low[axis].min(x);
-                part.high[axis] = part.high[axis].max(x);
+                part.low[axis] = lesser(x, part.low[axis]);
+                part.high[axis] = greater(x, part.high[axis]);
             }
         }
         let (u, v, w) = (sub(b, a), sub(c, a), sub(c, b));
@@ -128,13 +128,13 @@ fn part<C: Coordinate>(
             part.degenerate.push(surface.number(triangle));
         }
         part.area += nn.sqrt() / 2.0;
-        let shortest = uu.min(vv).min(ww);
-        part.min_edge_squared = part.min_edge_squared.min(shortest);
+        let (shortest, longest) = (lesser(lesser(uu, vv), ww), greater(greater(uu, vv), ww));
+        part.min_edge_squared = lesser(shortest, part.min_edge_squared);
         // The least angle lies opposite to the shortest edge: between two edges whose product is this cosine part.
         let along = (uu + vv + ww) / 2.0 - shortest;
         let tan_squared = if along > 0.0 { nn / (along * along) } else { 0.0 };
-        part.min_tan_squared = part.min_tan_squared.min(tan_squared);
-        let ratio_squared = if shortest > 0.0 { uu.max(vv).max(ww) / shortest } else { f64::INFINITY };
+        part.min_tan_squared = lesser(tan_squared, part.min_tan_squared);
+        let ratio_squared = if shortest > 0.0 { longest / shortest } else { f64::INFINITY };
         part.quality.count(tan_squared, ratio_squared);
         let six_volumes = dot(sub(a, origin), normal);
         let body = body_of(*t);
@@ -144,6 +144,15 @@ fn part<C: Coordinate>(
         }
     }
     part
+}
+
+// `min` and `max` treat NaN apart, which finite coordinates do not give.
+fn lesser(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
+}
+
+fn greater(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
 }
 
 fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {

@@ -378,6 +378,32 @@ proptest! {
     }
 
     #[test]
+    fn meetings_in_a_mutated_tube_are_those_of_all_pairs(
+        moves in prop::collection::vec((any::<prop::sample::Index>(), any::<prop::sample::Index>(), 0usize..6, prop::array::uniform3(-1.0f32..1.0)), 1..12),
+    ) {
+        let (mut mesh, _) = folded_tube(5, 60, 12, 5);
+        for (at, other, kind, by) in moves {
+            let at = at.index(mesh.positions.len());
+            let to = mesh.positions[other.index(mesh.positions.len())];
+            let neighbour = mesh.positions[(at + 1) % mesh.positions.len()];
+            let moved = |scale: f32| [0, 1, 2].map(|axis| mesh.positions[at][axis] + scale * by[axis]);
+            mesh.positions[at] = match kind {
+                0 => moved(1e-6),
+                1 => moved(1e-4),
+                2 => moved(1e-3),
+                // Into the plane of another, onto a neighbour, and onto any vertex.
+                3 => [to[0], mesh.positions[at][1], mesh.positions[at][2]],
+                4 => neighbour,
+                _ => to,
+            };
+        }
+        let soup: Soup = (mesh.positions.iter().map(|p| p.map(f64::from)).collect(), mesh.triangles.clone());
+        let expected = brute_force(&soup);
+        // As vertices of a mesh: a soup would weld those in one place.
+        prop_assert_eq!(certify_body(&mesh, LengthUnit::Metre).triangle_intersections, expected);
+    }
+
+    #[test]
     fn nothing_panics_on_soups(
         positions in prop::collection::vec(prop::array::uniform3(-2i8..2), 0..12),
         triangles in prop::collection::vec(prop::array::uniform3(0u32..12), 0..60),
@@ -386,6 +412,30 @@ proptest! {
         let certificate = certify_soup(&positions, &triangles);
         prop_assert_eq!(certificate.passed, certificate.failures.is_empty());
     }
+}
+
+#[test]
+fn at_most_vertices_of_a_tube_triangles_are_seen_to_be_apart() {
+    let (mesh, _) = folded_tube(9, 600, 60, 9);
+    let surface = Surface { positions: &mesh.positions, triangles: &mesh.triangles, unit_um: 1e6, numbers: None };
+    let crowded = topology::examine(&surface, &mut Failures::default()).crowded;
+    assert!(crowded.len() * 10 < mesh.positions.len(), "{} of {}", crowded.len(), mesh.positions.len());
+}
+
+#[test]
+fn a_corner_with_many_triangles_takes_time_for_each() {
+    // Two cones over a wave, of 200,000 triangles at each tip.
+    let n = 200_000u32;
+    let rim = (0..n).map(|i| {
+        let angle = std::f64::consts::TAU * f64::from(i) / f64::from(n);
+        [angle.cos(), angle.sin(), 0.1 * (5.0 * angle).sin()]
+    });
+    let positions = rim.chain([[0.0, 0.0, 2.0], [0.0, 0.0, -2.0]]).collect();
+    let triangles = (0..n).flat_map(|i| [[i, (i + 1) % n, n], [(i + 1) % n, i, n + 1]]).collect();
+    // Their bounds all overlap at the tips, so that pairs are not searched here.
+    let surface: Soup = (positions, triangles);
+    let surface = Surface { positions: &surface.0, triangles: &surface.1, unit_um: 1.0, numbers: None };
+    assert!(topology::examine(&surface, &mut Failures::default()).crowded.is_empty());
 }
 
 /// Needles of known angles: the base is 1, the legs are long.

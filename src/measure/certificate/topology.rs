@@ -1,7 +1,8 @@
 //! The topology of the triangles: edges, fans around vertices, components and their Euler numbers.
 //!
 //! Edges are not stored. A counting sort lists the triangles at each vertex, and each edge is examined at the lesser of its
-//! two vertices.
+//! two vertices. The triangles at a vertex are also where triangles that share a vertex may meet elsewhere: mostly they are
+//! seen not to, see `Fan::is_spread`.
 
 use super::components::{Body, components, number, root};
 use super::surface::{Coordinate, Surface, Tally, few};
@@ -19,6 +20,10 @@ pub(super) struct Topology {
     pub(super) bodies: Vec<Body>,
     /// Triangles with the same three vertices.
     pub(super) copies: Copies,
+    /// The triangles at each vertex.
+    pub(super) stars: Stars,
+    /// Vertices at which triangles may meet.
+    pub(super) crowded: Vec<u32>,
     /// Component of each vertex; unspecified for vertices without triangles.
     label: Vec<u32>,
 }
@@ -128,6 +133,13 @@ pub(super) struct Found {
     disoriented: Vec<[u32; 2]>,
     bad_vertices: Vec<u32>,
     copies: Vec<[u32; 2]>,
+    /// Vertices whose triangles may have other points in common than those that they share.
+    crowded: Vec<u32>,
+}
+
+/// All vertices found whose triangles may have other points in common than those that they share.
+pub(super) fn crowded(found: &[Found]) -> Vec<u32> {
+    found.iter().flat_map(|f| &f.crowded).copied().collect()
 }
 
 pub(super) fn examine<C: Coordinate>(surface: &Surface<'_, C>, failures: &mut Failures) -> Topology {
@@ -145,17 +157,19 @@ pub(super) fn examine<C: Coordinate>(surface: &Surface<'_, C>, failures: &mut Fa
     let mut faults = Faults::default();
     faults.add(surface, &found);
     faults.report(failures);
-    Topology { faults, bodies, copies: Copies::among(surface, &found), label }
+    let (copies, crowded) = (Copies::among(surface, &found), crowded(&found));
+    Topology { faults, bodies, copies, stars, crowded, label }
 }
 
 /// Examines the vertices of `stars`, and the edges from these to greater vertices; `label` tells the component of each vertex
 /// of the surface.
 pub(super) fn fans<C: Coordinate>(surface: &Surface<'_, C>, stars: &Stars, label: &[u32]) -> Vec<Found> {
+    let turns = Turns::of_all(surface);
     let starts: Vec<u32> = stars.vertices().step_by(RUN).collect();
     let examine = |&start: &u32| {
         let (mut found, mut fan) = (Found::default(), Fan::default());
         for vertex in start..stars.vertices().end.min(start + RUN as u32) {
-            let edges = fan.examine(surface, vertex, stars.at(vertex), &mut found);
+            let edges = fan.examine(surface, vertex, stars.at(vertex), &turns, &mut found);
             let body = label[vertex as usize];
             match found.edges.last_mut() {
                 Some((last, sum)) if *last == body => *sum += edges,
@@ -212,11 +226,55 @@ impl Stars {
     }
 }
 
+/// Which way a triangle turns, seen along each of the axes: bit `a` is set if it is left along axis `a`, bit `3 + a` if it is
+/// right. Neither is set if rounding may have decided.
+#[derive(Clone, Copy)]
+struct Turns(u8);
+
+impl Turns {
+    /// Of no triangle.
+    const ANY: Self = Self(0b11_1111);
+
+    fn and(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
+    /// Whether all turn the same way, seen along an axis.
+    fn agree(self, axis: usize) -> bool {
+        self.0 & (0b1001 << axis) != 0
+    }
+
+    #[inline(always)]
+    fn of([a, b, c]: [[f64; 3]; 3]) -> Self {
+        // Of the difference of two products of rounded differences, relative to the sum of their magnitudes: Shewchuk's bound
+        // for orient2d.
+        const ERROR: f64 = 3.330_669_073_875_471_6e-16;
+        let (u, v) = ([0, 1, 2].map(|i| b[i] - a[i]), [0, 1, 2].map(|i| c[i] - a[i]));
+        let mut turns = 0;
+        for axis in 0..3 {
+            let (x, y) = ((axis + 1) % 3, (axis + 2) % 3);
+            let (p, q) = (u[x] * v[y], u[y] * v[x]);
+            let (turn, error) = (p - q, ERROR * (p.abs() + q.abs()));
+            turns |= u8::from(turn > error) << axis | u8::from(turn < -error) << (3 + axis);
+        }
+        Self(turns)
+    }
+
+    fn of_all<C: Coordinate>(surface: &Surface<'_, C>) -> Vec<Self> {
+        let triangles = (0..surface.triangles.len()).into_par_iter().with_min_len(RUN);
+        triangles.map(|t| Self::of(surface.corners(t))).collect()
+    }
+}
+
 /// Buffers for the examination of vertices, one after the other.
 #[derive(Default)]
 struct Fan {
     /// For each triangle at the vertex, its next and its last corner after it.
     spokes: Vec<[u32; 2]>,
+    /// These in order, of a vertex that has many.
+    sorted: Vec<[u32; 2]>,
+    /// The other ends of the edges at the vertex, in turn, if its triangles are a cycle.
+    ring: Vec<u32>,
     /// The other two corners of each triangle, the lesser first, and the triangle.
     others: Vec<([u32; 2], u32)>,
     ends: Vec<(u32, u32, bool)>,
@@ -225,10 +283,19 @@ struct Fan {
 
 impl Fan {
     /// Examines a vertex and the edges to greater vertices; returns the number of these edges.
-    fn examine<C>(&mut self, surface: &Surface<'_, C>, vertex: u32, star: &[u32], found: &mut Found) -> u64 {
+    fn examine<C: Coordinate>(
+        &mut self,
+        surface: &Surface<'_, C>,
+        vertex: u32,
+        star: &[u32],
+        turns: &[Turns],
+        found: &mut Found,
+    ) -> u64 {
         self.spokes.clear();
+        let mut all = Turns::ANY;
         for &t in star {
             let [a, b, c] = surface.triangles[t as usize];
+            all = all.and(turns[t as usize]);
             self.spokes.push(if a == vertex {
                 [b, c]
             } else if b == vertex {
@@ -242,28 +309,70 @@ impl Fan {
         if !is_cycle || star.len() == 2 {
             self.find_copies(vertex, star, &mut found.copies);
         }
+        if star.len() > 1 && !(is_cycle && self.is_spread(surface, vertex, all)) {
+            found.crowded.push(vertex);
+        }
         if is_cycle {
             return self.spokes.iter().filter(|spoke| spoke[0] > vertex).count() as u64;
         }
         self.examine_closely(vertex, found)
     }
 
-    /// Whether the fan is one closed cycle of triangles with the same orientation.
-    fn is_cycle(&self) -> bool {
-        let spokes = &self.spokes;
-        if spokes.len() < 2 || spokes.len() > 24 {
+    /// Whether the fan is one closed cycle of triangles with the same orientation. Its ring is then in order.
+    fn is_cycle(&mut self) -> bool {
+        let Self { spokes, sorted, ring, .. } = self;
+        ring.clear();
+        if spokes.len() < 2 {
             return false;
         }
-        let mut at = spokes[0][1];
+        // A few spokes are searched as they come.
+        let are_many = spokes.len() > 24;
+        if are_many {
+            sorted.clone_from(spokes);
+            sorted.sort_unstable();
+        }
+        let [begin, mut at] = spokes[0];
+        ring.push(begin);
         for _ in 1..spokes.len() {
-            match spokes.iter().find(|spoke| spoke[0] == at) {
+            let next = if are_many {
+                sorted.get(sorted.partition_point(|spoke| spoke[0] < at)).filter(|spoke| spoke[0] == at)
+            } else {
+                spokes.iter().find(|spoke| spoke[0] == at)
+            };
+            match next {
                 // Back at the first triangle too early: there is another cycle.
                 None => return false,
-                Some(_) if at == spokes[0][0] => return false,
-                Some(spoke) => at = spoke[1],
+                Some(_) if at == begin => return false,
+                Some(spoke) => {
+                    ring.push(at);
+                    at = spoke[1];
+                }
             }
         }
-        at == spokes[0][0]
+        at == begin
+    }
+
+    /// Whether the triangles of a cycle are seen to have no points in common but the vertex and their common edges: along
+    /// one of the axes all turn the same way, and together they go around the vertex once. Where walls are smooth this holds
+    /// for nearly every vertex.
+    fn is_spread<C: Coordinate>(&self, surface: &Surface<'_, C>, vertex: u32, turns: Turns) -> bool {
+        let centre = surface.point(vertex);
+        (0..3).filter(|&axis| turns.agree(axis)).any(|axis| {
+            let (x, y) = ((axis + 1) % 3, (axis + 2) % 3);
+            let is_upper = |&v: &u32| {
+                let p = surface.point(v);
+                p[y] > centre[y] || (p[y] == centre[y] && p[x] > centre[x])
+            };
+            // From each edge to the next it is less than half a turn: each time around enters this half of the plane once.
+            let mut entered = 0;
+            let mut was_upper = self.ring.last().is_some_and(is_upper);
+            for v in &self.ring {
+                let upper = is_upper(v);
+                entered += u32::from(upper && !was_upper);
+                was_upper = upper;
+            }
+            entered == 1
+        })
     }
 
     /// Finds triangles with the same vertices, the least of which is `vertex`.

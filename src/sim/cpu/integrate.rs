@@ -10,7 +10,6 @@
 use super::chain::{Chain, Stretch, take};
 use super::neighbours::{Neighbours, Own, Part, each};
 use super::pairs::{CLEARANCE_CAP, Group, Kernel, least};
-use super::vectorize::Vectors;
 use super::{local, scalar, sway};
 use crate::sim::layout::StepRow;
 use crate::sim::maths::{max, min};
@@ -18,6 +17,7 @@ use crate::sim::plan::Plan;
 use crate::sim::region::Region;
 use crate::sim::state::InnerLoop;
 use crate::spec::Integrator;
+use crate::vectorize::Vectors;
 use std::ops::Range;
 
 /// Fraction of the free distance that one side may close in a step.

@@ -19,7 +19,6 @@ mod scalar;
 mod sway;
 mod thickness;
 mod variety;
-mod vectorize;
 
 use super::layout::StepRow;
 use super::maths;
@@ -28,11 +27,11 @@ use super::state::{Checkpoint, InnerLoop, OuterLoop};
 use super::{SimError, Simulator, Statistics};
 use crate::model::Section;
 use crate::spec::Search;
+use crate::vectorize::Vectors;
 use neighbours::Neighbours;
 pub use pairs::{Kernel, PairTerms, reference_force};
 pub use saved::StateError;
 pub(super) use variety::coefficients;
-use vectorize::Vectors;
 
 /// Constants of the model that every backend must share, by their names in the shaders.
 pub const CONSTANTS: [(&str, f32); 20] = [

@@ -10,10 +10,10 @@
 
 use super::chain::{BLOCK, Chain, Stretch};
 use super::pairs::{CLEARANCE_CAP, FAR};
-use super::vectorize::Vectors;
 use crate::sim::layout::StepRow;
 use crate::sim::maths::{greatest, max, min};
 use crate::spec::Search;
+use crate::vectorize::Vectors;
 use rayon::prelude::*;
 use std::ops::Range;
 

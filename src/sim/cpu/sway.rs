@@ -1,11 +1,11 @@
 //! The sway: a smooth random flow that moves slowly with time and carries the fronds sideways. It is the curl of a sum of
 //! cosines, so that it neither gathers nor thins tissue.
 
-use super::vectorize::Vectors;
 use crate::sim::layout::StepRow;
 use crate::sim::maths::{cos_turns, fraction, max, min};
 use crate::sim::plan::Plan;
 use crate::sim::region::Region;
+use crate::vectorize::Vectors;
 
 /// Gauge of the region, in units of `R_in`, up to which the flow has its full strength, and from which on there is none.
 pub(super) const SWAYS: f32 = 0.55;

@@ -16,11 +16,11 @@ mod parts;
 mod promises;
 mod window;
 
-use super::collide::Meetings;
+use super::collide::{Known, Meetings};
 use super::sections::Contours;
 use super::shape::{self, Shape};
 use super::surface::{Tally, few};
-use super::topology::{Copies, Faults, Stars, fans};
+use super::topology::{Copies, Faults, Stars, crowded, fans};
 use super::types::{Certificate, Failures, METRE_UM, Place};
 use super::{demanded, nesting, of_findings};
 use crate::model::{BodyKind, LengthUnit, Section};
@@ -154,7 +154,10 @@ impl StreamCertifier {
         let copies = Copies::among(&surface, &found);
         self.meetings.add_duplicates(&surface, &self.shape.degenerate, &copies);
         self.copies.add(&copies);
-        self.meetings.search(&surface, fresh, &self.shape.degenerate, &self.copies);
+        let crowded = crowded(&found);
+        let known =
+            Known { degenerate: &self.shape.degenerate, copies: &self.copies, stars: &stars, crowded: &crowded };
+        self.meetings.search(&surface, fresh, &known);
         self.parts.forget(self.window.forget());
         if !(self.copies.is_empty() && self.shape.degenerate.is_empty()) {
             let kept = self.window.numbers();

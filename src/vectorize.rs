@@ -1,10 +1,10 @@
 //! Runs a loop compiled for the widest vectors of the processor; the program itself is built for any processor.
 //!
-//! The vector width changes speed only: no operation is reordered or fused, see [`super`].
+//! The width of the vectors changes speed only: no operation is reordered or fused.
 
 /// A set of vector instructions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Vectors {
+pub(crate) enum Vectors {
     /// Those that every processor of the architecture has: SSE2, NEON.
     Baseline,
     /// AVX2: 256 bits.
@@ -15,12 +15,12 @@ pub(super) enum Vectors {
 
 impl Vectors {
     /// The widest of this processor.
-    pub(super) fn best() -> Self {
+    pub(crate) fn best() -> Self {
         [Self::Avx512, Self::Avx2].into_iter().find(|set| set.is_available()).unwrap_or(Self::Baseline)
     }
 
     /// Particles that the pair forces handle at once: one vector of them, if the registers allow.
-    pub(super) fn lanes(self) -> usize {
+    pub(crate) fn lanes(self) -> usize {
         match self {
             Self::Avx512 => 16,
             Self::Avx2 | Self::Baseline => 8,
@@ -44,7 +44,7 @@ impl Vectors {
     /// Calls `f`, compiled for these instructions, or for the baseline where the processor has not got them. `f` and
     /// everything that it calls must be `#[inline(always)]`.
     #[inline(always)]
-    pub(super) fn run<R>(self, mut f: impl FnMut() -> R) -> R {
+    pub(crate) fn run<R>(self, mut f: impl FnMut() -> R) -> R {
         #[cfg(target_arch = "x86_64")]
         match self {
             Self::Baseline => {}
