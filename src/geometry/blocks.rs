@@ -57,7 +57,7 @@ impl Block {
     #[inline]
     fn rect(&self, lane: usize) -> Rect {
         let rows: &[[f32; WIDTH]; 4] = bytemuck::cast_ref(&self.0);
-        let [max_x, max_y, min_x, min_y] = rows.map(|row| row[lane]);
+        let [max_x, max_y, min_x, min_y] = [0, 1, 2, 3].map(|side| rows[side][lane]);
         Rect { min: [-min_x, -min_y], max: [max_x, max_y] }
     }
 
@@ -116,7 +116,7 @@ impl Blocks {
 
     /// Calls `found` with `(i, j)`, `i < j`, for every pair of boxes that meet.
     pub fn pairs(&self, mut found: impl FnMut(usize, usize)) {
-        // Pairs of blocks, of which the second is not before the first, and their level.
+        // Pairs of blocks (level, first, second), of which the second is not before the first.
         let mut below = Vec::new();
         if self.len > 0 {
             below.push((self.levels.len() - 1, 0, 0));

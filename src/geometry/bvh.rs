@@ -7,6 +7,7 @@
 //! Invariant: the bounds of two items with a common point overlap. Bounds are stored in f32, rounded to nearest; rounding
 //! is monotone, so that overlapping bounds still overlap, and no outward rounding is needed.
 
+use crate::vectorize::Vectors;
 use glam::{BVec4A, Vec4};
 use rayon::prelude::*;
 
@@ -98,7 +99,7 @@ impl Block {
     #[inline]
     fn lane(&self, lane: usize) -> Bounds {
         let rows: &[[f32; WIDTH]; SIDES] = bytemuck::cast_ref(&self.0);
-        Bounds(rows.map(|row| row[lane]))
+        Bounds(std::array::from_fn(|side| rows[side][lane]))
     }
 
     /// Lower bounds of the squared distances of a point from the items; infinite for an empty lane. The directions x + y and
@@ -228,7 +229,15 @@ impl Bvh {
         let mut below = Vec::new();
         let own = self.levels[level][part].union();
         self.descend(self.levels.len() - 1, level, 0, &own, part, &mut |other| below.push((level, part, other)));
-        // Pairs of blocks, of which the second is not before the first, and their level.
+        Vectors::best().run(
+            #[inline(always)]
+            || self.pairs_below(&mut below, &mut visit),
+        );
+    }
+
+    /// Visits the pairs of items below pairs of blocks `(level, first, second)`, of which the second is not before the first.
+    #[inline(always)]
+    fn pairs_below(&self, below: &mut Vec<(usize, usize, usize)>, visit: &mut impl FnMut(usize, usize)) {
         while let Some((level, first, second)) = below.pop() {
             let (a, b) = (&self.levels[level][first], &self.levels[level][second]);
             // Of a block and itself all children count; of two blocks, those of the first that reach into the second.
