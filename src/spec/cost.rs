@@ -42,7 +42,7 @@ const TRIANGLE_BYTES: u64 = 100;
 const SIMPLIFICATION_BYTES: u64 = 92;
 /// A streamed surface: points of sections that are processed together (`generate::stream::BATCH_POINTS`), and memory per point of
 /// these and of the sections that are kept until later ones have come. Measured with 8,300 to 100,000 particles.
-const BATCH_POINTS: u64 = 1 << 18;
+const BATCH_POINTS: u64 = 1 << 16;
 const SECTIONS_AT_A_TIME: u64 = 4;
 const STREAM_BYTES: u64 = 700;
 /// Memory per section of a streamed surface: its measures and its places in files.
