@@ -37,9 +37,9 @@ impl Bounds {
         let mut bounds = Self::EMPTY;
         for [x, y, z] in points {
             let along = [x as f32, y as f32, z as f32, (x + y) as f32, (x - y) as f32];
-            for axis in 0..AXES {
-                bounds.0[axis] = greater(along[axis], bounds.0[axis]);
-                bounds.0[AXES + axis] = greater(-along[axis], bounds.0[AXES + axis]);
+            for (axis, value) in along.into_iter().enumerate() {
+                bounds.0[axis] = greater(value, bounds.0[axis]);
+                bounds.0[AXES + axis] = greater(-value, bounds.0[AXES + axis]);
             }
         }
         bounds
@@ -89,8 +89,8 @@ impl Block {
     fn of(bounds: impl Iterator<Item = Bounds>) -> Self {
         let mut rows = [[f32::NEG_INFINITY; WIDTH]; SIDES];
         for (lane, b) in bounds.enumerate() {
-            for side in 0..SIDES {
-                rows[side][lane] = b.0[side];
+            for (row, value) in rows.iter_mut().zip(b.0) {
+                row[lane] = value;
             }
         }
         Self(rows.map(|row| [0, 4].map(|half| Vec4::from_slice(&row[half..]))))
