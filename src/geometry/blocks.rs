@@ -4,9 +4,8 @@
 //! Invariant: every pair of overlapping (or touching) boxes is reported exactly once, in an order that
 //! depends only on the input.
 
+use super::descent::{self, Block as _, WIDTH, pairs_below};
 use glam::{BVec4A, Vec4};
-
-const WIDTH: usize = 8;
 
 /// A closed axis-parallel rectangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,17 +52,20 @@ impl Block {
         }
         Self(rows.map(|row| [0, 4].map(|half| Vec4::from_slice(&row[half..]))))
     }
+}
+
+impl descent::Block for Block {
+    type Bounds = Rect;
 
     #[inline]
-    fn rect(&self, lane: usize) -> Rect {
+    fn lane(&self, lane: usize) -> Rect {
         let rows: &[[f32; WIDTH]; 4] = bytemuck::cast_ref(&self.0);
         let [max_x, max_y, min_x, min_y] = [0, 1, 2, 3].map(|side| rows[side][lane]);
         Rect { min: [-min_x, -min_y], max: [max_x, max_y] }
     }
 
-    /// Bit `lane` is set where that box meets `rect`.
     #[inline]
-    fn mask(&self, rect: &Rect) -> u32 {
+    fn overlaps(&self, rect: &Rect) -> u32 {
         let (mut first, mut second) = (BVec4A::TRUE, BVec4A::TRUE);
         let nearest = [rect.min[0], rect.min[1], -rect.max[0], -rect.max[1]];
         for ([a, b], nearest) in self.0.iter().zip(nearest.map(Vec4::splat)) {
@@ -104,7 +106,7 @@ impl Blocks {
     /// Box number `i`.
     #[must_use]
     pub fn rect(&self, i: usize) -> Rect {
-        self.levels[0][i / WIDTH].rect(i % WIDTH)
+        self.levels[0][i / WIDTH].lane(i % WIDTH)
     }
 
     /// Calls `found` with the number of every box that meets `rect`, in ascending order.
@@ -115,43 +117,17 @@ impl Blocks {
     }
 
     /// Calls `found` with `(i, j)`, `i < j`, for every pair of boxes that meet.
-    pub fn pairs(&self, mut found: impl FnMut(usize, usize)) {
-        // Pairs of blocks (level, first, second), of which the second is not before the first.
+    pub fn pairs(&self, found: impl FnMut(usize, usize)) {
         let mut below = Vec::new();
         if self.len > 0 {
             below.push((self.levels.len() - 1, 0, 0));
         }
-        while let Some((level, first, second)) = below.pop() {
-            let (a, b) = (&self.levels[level][first], &self.levels[level][second]);
-            // Of a block and itself all children count; of two blocks, those of the first that reach into the second.
-            let mut mask = match self.levels.get(level + 1) {
-                Some(above) if first != second => a.mask(&above[second / WIDTH].rect(second % WIDTH)),
-                _ => !0 >> (32 - WIDTH),
-            };
-            while mask != 0 {
-                let lane = mask.trailing_zeros() as usize;
-                mask &= mask - 1;
-                let mut others = b.mask(&a.rect(lane));
-                if first == second {
-                    // A box with itself is no pair, but there may be pairs within a block.
-                    others &= !0 << (lane + usize::from(level == 0));
-                }
-                while others != 0 {
-                    let (i, j) = (first * WIDTH + lane, second * WIDTH + others.trailing_zeros() as usize);
-                    others &= others - 1;
-                    if level == 0 {
-                        found(i, j);
-                    } else {
-                        below.push((level - 1, i, j));
-                    }
-                }
-            }
-        }
+        pairs_below(&self.levels, below, found);
     }
 
     /// Descends from block `node` of `level` to the boxes that meet `rect`.
     fn visit(&self, level: usize, node: usize, rect: &Rect, found: &mut impl FnMut(usize)) {
-        let mut mask = self.levels[level][node].mask(rect);
+        let mut mask = self.levels[level][node].overlaps(rect);
         while mask != 0 {
             let child = node * WIDTH + mask.trailing_zeros() as usize;
             mask &= mask - 1;

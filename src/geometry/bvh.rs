@@ -7,6 +7,7 @@
 //! Invariant: the bounds of two items with a common point overlap. Bounds are stored in f32, rounded to nearest; rounding
 //! is monotone, so that overlapping bounds still overlap, and no outward rounding is needed.
 
+use super::descent::{self, Block as _, pairs_below};
 use crate::vectorize::Vectors;
 use glam::{BVec4A, Vec4};
 use rayon::prelude::*;
@@ -20,7 +21,7 @@ const SIDES: usize = 2 * AXES;
 const PART_LEVELS: usize = 3;
 
 /// Items of a block and children of a node.
-pub const WIDTH: usize = 8;
+pub const WIDTH: usize = descent::WIDTH;
 
 /// How far an item extends along the five directions to one side, then to the other, negative coordinates first negated.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,12 +97,6 @@ impl Block {
         Self(rows.map(|row| [0, 4].map(|half| Vec4::from_slice(&row[half..]))))
     }
 
-    #[inline]
-    fn lane(&self, lane: usize) -> Bounds {
-        let rows: &[[f32; WIDTH]; SIDES] = bytemuck::cast_ref(&self.0);
-        Bounds(std::array::from_fn(|side| rows[side][lane]))
-    }
-
     /// Lower bounds of the squared distances of a point from the items; infinite for an empty lane. The directions x + y and
     /// x − y are left out: testing them takes longer than what they would exclude.
     #[inline]
@@ -122,8 +117,18 @@ impl Block {
     fn union(&self) -> Bounds {
         Bounds(self.0.map(|[a, b]| a.max(b).max_element()))
     }
+}
 
-    /// Bit `l` is set where item `l` overlaps `query`. An empty lane overlaps nothing, nor do bounds that are NaN.
+impl descent::Block for Block {
+    type Bounds = Bounds;
+
+    #[inline]
+    fn lane(&self, lane: usize) -> Bounds {
+        let rows: &[[f32; WIDTH]; SIDES] = bytemuck::cast_ref(&self.0);
+        Bounds(std::array::from_fn(|side| rows[side][lane]))
+    }
+
+    /// Bounds that are NaN overlap nothing.
     #[inline]
     fn overlaps(&self, query: &Bounds) -> u32 {
         let (mut first, mut second) = (BVec4A::TRUE, BVec4A::TRUE);
@@ -231,39 +236,8 @@ impl Bvh {
         self.descend(self.levels.len() - 1, level, 0, &own, part, &mut |other| below.push((level, part, other)));
         Vectors::best().run(
             #[inline(always)]
-            || self.pairs_below(&mut below, &mut visit),
+            || pairs_below(&self.levels, std::mem::take(&mut below), &mut visit),
         );
-    }
-
-    /// Visits the pairs of items below pairs of blocks `(level, first, second)`, of which the second is not before the first.
-    #[inline(always)]
-    fn pairs_below(&self, below: &mut Vec<(usize, usize, usize)>, visit: &mut impl FnMut(usize, usize)) {
-        while let Some((level, first, second)) = below.pop() {
-            let (a, b) = (&self.levels[level][first], &self.levels[level][second]);
-            // Of a block and itself all children count; of two blocks, those of the first that reach into the second.
-            let mut mask = match self.levels.get(level + 1) {
-                Some(above) if first != second => a.overlaps(&above[second / WIDTH].lane(second % WIDTH)),
-                _ => !0 >> (32 - WIDTH),
-            };
-            while mask != 0 {
-                let lane = mask.trailing_zeros() as usize;
-                mask &= mask - 1;
-                let mut others = b.overlaps(&a.lane(lane));
-                if first == second {
-                    // An item with itself is no pair, but there may be pairs within a block.
-                    others &= !0 << (lane + usize::from(level == 0));
-                }
-                while others != 0 {
-                    let (i, j) = (first * WIDTH + lane, second * WIDTH + others.trailing_zeros() as usize);
-                    others &= others - 1;
-                    if level == 0 {
-                        visit(i, j);
-                    } else {
-                        below.push((level - 1, i, j));
-                    }
-                }
-            }
-        }
     }
 
     /// Calls `visit` for every item whose bounds overlap `query`, in ascending order.

@@ -5,6 +5,7 @@ pub mod blocks;
 pub mod bvh;
 pub mod course;
 pub mod cut;
+mod descent;
 pub mod distance;
 pub mod patch;
 pub mod polygon;
