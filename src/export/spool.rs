@@ -85,6 +85,7 @@ impl SpoolWriter {
     /// Those of the files; [`io::ErrorKind::InvalidInput`] if a triangle names a vertex that is retired or unknown, or is of
     /// a patch that the body lacks, `retired` decreases or is beyond the last vertex, or there are more vertices than 32-bit
     /// numbers.
+    #[inline(never)] // counted by scripts/counts
     pub fn push(
         &mut self,
         positions: &[[f32; 3]],

@@ -170,6 +170,7 @@ impl Lofter {
     ///
     /// # Errors
     /// As [`Lofter::advance`], except for walls that meet.
+    #[inline(never)] // counted by scripts/counts
     pub fn try_advance(&mut self, section: &Section) -> Result<Option<Accepted>, LoftError> {
         match self.attempt(section) {
             Ok(attempt) => {
@@ -185,6 +186,7 @@ impl Lofter {
 
     /// The slabs that are finished and have not been taken, for surfaces that are not kept in memory. The newest slab is not
     /// among them: the next one may still refine its upper rim.
+    #[inline(never)] // counted by scripts/counts
     pub fn take(&mut self) -> Part {
         let (retired_vertices, retired_z) = match &self.below {
             // Vertices that refine a rim come after those of the rim.
@@ -199,6 +201,7 @@ impl Lofter {
     ///
     /// # Errors
     /// [`LoftError::NoSlab`] with one section only, [`LoftError::Cap`] if the end at the ampulla cannot be closed.
+    #[inline(never)] // counted by scripts/counts
     pub fn end(mut self) -> Result<Part, LoftError> {
         let below = self.below.take().ok_or(LoftError::NoSlab)?;
         self.emit(&below.slab, &below.vertices, &self.front.vertices.clone());

@@ -40,6 +40,7 @@ impl<W: Write> SectionsWriter<W> {
     /// # Errors
     /// Those of the output; [`io::ErrorKind::InvalidInput`] if a ring has more or fewer ids than points, or more
     /// points than the format allows (16,777,216).
+    #[inline(never)] // counted by scripts/counts
     pub fn push(&mut self, section: &Section) -> io::Result<()> {
         let count = |ring: &crate::model::Ring| match u32::try_from(ring.len()) {
             Ok(n) if n <= MAX_POINTS && ring.ids.len() == ring.points.len() => Ok(n),

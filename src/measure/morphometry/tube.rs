@@ -184,6 +184,7 @@ impl Survey {
     }
 
     /// Measures the next sections.
+    #[inline(never)] // counted by scripts/counts
     pub fn add(&mut self, sections: &[Section]) {
         let recorded: Vec<&Section> = sections.iter().filter(|section| !section.added).collect();
         let (first, every) = (self.measured.len(), self.every());

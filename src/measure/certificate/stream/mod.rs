@@ -80,6 +80,7 @@ impl StreamCertifier {
     }
 
     /// Takes the next chunk. One that is not as promised is a failure, after which chunks are only counted.
+    #[inline(never)] // counted by scripts/counts
     pub fn push(&mut self, chunk: &Chunk<'_>) {
         let first_triangle = self.promises.triangles;
         if !self.promises.check(chunk, &self.window) {
@@ -93,6 +94,7 @@ impl StreamCertifier {
 
     /// The certificate, when all chunks have come.
     #[must_use]
+    #[inline(never)] // counted by scripts/counts
     pub fn finish(mut self) -> Certificate {
         let mut failures = Failures::default();
         let contours = std::mem::take(&mut self.contours);
