@@ -1,7 +1,9 @@
 //! The GPUs of this machine, as `--gpu` and `--allow-software-adapter` allow them.
 
 use super::args::{GpuArgs, GpuUse};
-use crate::generate::{Backend, CancelToken, GenerateError, Member, Outcome, Request, Sink, generate, generate_batch};
+use crate::generate::{
+    Backend, Calls, CancelToken, GenerateError, Member, Outcome, Request, Sink, generate, generate_batch,
+};
 use crate::sim::gpu::{GpuDevice, GpuError, GpuOptions, adapters};
 use crate::worker::GpuGenerator;
 use std::sync::{Mutex, PoisonError};
@@ -80,9 +82,8 @@ fn alone(
     cancel: &CancelToken,
 ) -> Result<Outcome, GenerateError> {
     let end = Mutex::new(None);
-    generate_batch(device, &[Member { request, sink, cancel }], &|_, result| {
-        *end.lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
-    });
+    let ended = |_, result| *end.lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
+    generate_batch(device, None, &[Member { request, sink, cancel }], Calls { simulated: &|| (), ended: &ended });
     end.into_inner().unwrap_or_else(PoisonError::into_inner).expect("every member of a batch ends")
 }
 

@@ -1,8 +1,9 @@
 //! Generates many models at a time: all are simulated together on a GPU, and their surfaces are made on CPU threads.
 //!
-//! The calling thread drives the device. Results of a member go to the member's inbox, which is processed by one task
-//! of the pool at a time: it lofts the sections as they arrive, and closes, certifies and writes the model when its
-//! simulation has ended. Members share only the device: one that fails, panics or is cancelled does not affect the others.
+//! The calling thread drives the device and does nothing else. Results of a member go to the member's inbox, which is
+//! processed by one task of the pool at a time: it lofts the sections as they arrive, and closes, certifies and writes the
+//! model when its simulation has ended. The device waits for a member whose inbox is full. Members share only the device: one
+//! that fails, panics or is cancelled does not affect the others.
 
 use super::device::{Device, Receiver};
 use super::grow::Grown;
@@ -14,6 +15,7 @@ use crate::clock::Stopwatch;
 use crate::model::Section;
 use crate::sim::gpu::{GpuDevice, GpuError};
 use crate::sim::{Plan, SimError, Statistics};
+use rayon::ThreadPool;
 use std::any::Any;
 use std::borrow::Cow;
 use std::collections::VecDeque;
@@ -21,12 +23,9 @@ use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
 
-/// Number of sections waiting for the loft above which the device is slowed down.
-const BACKLOG: usize = 64;
-/// Longest wait of a section for the loft. It must be bounded, because the loft may need this thread.
-const BACKLOG_WAIT: Duration = Duration::from_millis(50);
+/// Sections of a member that may wait for the loft; the device waits if there are more.
+const INBOX: usize = 8;
 
 /// One model of a batch.
 #[derive(Clone, Copy)]
@@ -39,23 +38,29 @@ pub struct Member<'a> {
     pub cancel: &'a CancelToken,
 }
 
-/// Grows, certifies and writes `members`, simulated together on `device`. Calls `ended` once for each, as soon as it has
-/// ended, with its index in `members`; returns when all have ended.
+/// What a batch calls as it goes on.
+#[derive(Clone, Copy)]
+pub struct Calls<'a> {
+    /// Called once, on the thread of the caller, when the device is free for another batch. Slabs of this one may
+    /// still be simulated again.
+    pub simulated: &'a dyn Fn(),
+    /// Called once for each member as soon as it has ended, with its index.
+    pub ended: &'a (dyn Fn(usize, Result<Outcome, GenerateError>) + Sync),
+}
+
+/// Grows, certifies and writes `members`, simulated together on `device`; returns when all have ended.
 ///
 /// A batch that does not fit into the memory of the device is halved, and the halves are simulated one after the other.
 ///
-/// One thread of the current rayon pool drives the device; the others loft, certify and write.
+/// The calling thread drives the device and must not belong to `pool`, whose threads loft, certify and write; `None` is the
+/// global pool.
 /// Members that the device could not simulate or did not finish end with [`GenerateError::Gpu`]; they can be grown on
 /// the CPU from the beginning, in the same folders.
-pub fn generate_batch(
-    device: &GpuDevice,
-    members: &[Member<'_>],
-    ended: &(dyn Fn(usize, Result<Outcome, GenerateError>) + Sync),
-) {
-    on(device, members, ended);
+pub fn generate_batch(device: &GpuDevice, pool: Option<&ThreadPool>, members: &[Member<'_>], calls: Calls<'_>) {
+    on(device, pool, members, calls);
 }
 
-fn on<D: Device>(device: &D, members: &[Member<'_>], ended: &(dyn Fn(usize, Result<Outcome, GenerateError>) + Sync)) {
+fn on<D: Device>(device: &D, pool: Option<&ThreadPool>, members: &[Member<'_>], calls: Calls<'_>) {
     let (mut growing, mut plans) = (Vec::new(), Vec::new());
     for (index, member) in members.iter().enumerate() {
         match check(member.request) {
@@ -63,47 +68,14 @@ fn on<D: Device>(device: &D, members: &[Member<'_>], ended: &(dyn Fn(usize, Resu
                 plans.push(Plan::new(&member.request.spec, member.request.seed));
                 growing.push(Growing::new(index, growing.len(), member));
             }
-            Err(error) => ended(index, Err(error)),
+            Err(error) => (calls.ended)(index, Err(error)),
         }
     }
-    if growing.is_empty() {
-        return;
+    let batch = Batch { device, growing, plans, ended: calls.ended, total: Stopwatch::start() };
+    match pool {
+        Some(pool) => pool.in_place_scope(|scope| batch.simulate(scope, calls.simulated)),
+        None => rayon::in_place_scope(|scope| batch.simulate(scope, calls.simulated)),
     }
-    let batch = Batch {
-        device,
-        growing,
-        plans,
-        ended,
-        backlog: Mutex::new(0),
-        shorter: Condvar::new(),
-        total: Stopwatch::start(),
-    };
-    // Groups of members that are simulated together; a stack, so the first to run is last.
-    let mut groups: Vec<Range<usize>> = std::iter::once(0..batch.growing.len()).collect();
-    rayon::in_place_scope(|scope| {
-        while let Some(group) = groups.pop() {
-            let mut feed =
-                Feed { batch: &batch, scope, first: group.start, begun: Stopwatch::start(), reported: false };
-            let result = device.run(&batch.plans[group.clone()], &mut feed);
-            if matches!(result, Err(GpuError::OutOfMemory)) && group.len() > 1 && !feed.reported {
-                tracing::warn!(members = group.len(), "the device has no memory for the batch, which is halved");
-                let middle = group.start + group.len().div_ceil(2);
-                groups.extend([middle..group.end, group.start..middle]);
-                continue;
-            }
-            for member in &batch.growing[group] {
-                if !member.simulated.load(Ordering::Relaxed) {
-                    let why = match &result {
-                        Err(error) => GenerateError::Gpu(error.clone()),
-                        // A working device omits only cancelled members.
-                        Ok(()) => GenerateError::Cancelled,
-                    };
-                    batch.drop_sections(member);
-                    batch.post(scope, member, Item::Broken(why));
-                }
-            }
-        }
-    });
 }
 
 /// A result of a member.
@@ -139,6 +111,8 @@ struct Growing<'a, M> {
     first: u32,
     pace: Mutex<Pace<'a>>,
     inbox: Mutex<Inbox<M>>,
+    /// Notified when an item is taken from the inbox.
+    taken: Condvar,
     /// `None` once the member has ended.
     loft: Mutex<Option<Loft<M>>>,
     /// Whether the device has reported its end.
@@ -155,6 +129,7 @@ impl<'a, M> Growing<'a, M> {
             first: *member.request.spec.recorded().start(),
             pace: Mutex::new(Pace::new(member.request, member.sink)),
             inbox: Mutex::new(Inbox { items: VecDeque::new(), scheduled: false }),
+            taken: Condvar::new(),
             loft: Mutex::new(Some(None)),
             simulated: AtomicBool::new(false),
             ended: AtomicBool::new(false),
@@ -172,29 +147,47 @@ struct Batch<'a, D: Device> {
     growing: Vec<Growing<'a, D::Mark>>,
     plans: Vec<Plan>,
     ended: &'a (dyn Fn(usize, Result<Outcome, GenerateError>) + Sync),
-    /// Items in all inboxes.
-    backlog: Mutex<usize>,
-    shorter: Condvar,
     total: Stopwatch,
 }
 
 impl<'a, D: Device> Batch<'a, D> {
+    /// Runs all simulations and posts their results, then calls `simulated`.
+    fn simulate<'s>(&'s self, scope: &rayon::Scope<'s>, simulated: &dyn Fn()) {
+        // Groups of members that are simulated together; a stack, so the first to run is last.
+        let mut groups: Vec<Range<usize>> = Vec::from_iter((!self.growing.is_empty()).then_some(0..self.growing.len()));
+        while let Some(group) = groups.pop() {
+            let mut feed = Feed { batch: self, scope, first: group.start, begun: Stopwatch::start(), reported: false };
+            let result = self.device.run(&self.plans[group.clone()], &mut feed);
+            if matches!(result, Err(GpuError::OutOfMemory)) && group.len() > 1 && !feed.reported {
+                tracing::warn!(members = group.len(), "the device has no memory for the batch, which is halved");
+                let middle = group.start + group.len().div_ceil(2);
+                groups.extend([middle..group.end, group.start..middle]);
+                continue;
+            }
+            for member in &self.growing[group] {
+                if !member.simulated.load(Ordering::Relaxed) {
+                    let why = match &result {
+                        Err(error) => GenerateError::Gpu(error.clone()),
+                        // A working device omits only cancelled members.
+                        Ok(()) => GenerateError::Cancelled,
+                    };
+                    // Sections of a member that will not be finished.
+                    lock(&member.inbox).items.clear();
+                    self.post(scope, member, Item::Broken(why));
+                }
+            }
+        }
+        simulated();
+    }
+
     /// Puts an item into a member's inbox, and schedules a task for it if there is none.
     fn post<'s>(&'s self, scope: &rayon::Scope<'s>, member: &'s Growing<'a, D::Mark>, item: Item<D::Mark>) {
-        *lock(&self.backlog) += 1;
         let mut inbox = lock(&member.inbox);
         inbox.items.push_back(item);
         if !inbox.scheduled {
             inbox.scheduled = true;
             scope.spawn(move |_| self.process(member));
         }
-    }
-
-    /// Drops the sections that wait for the loft of a member that will not be finished.
-    fn drop_sections(&self, member: &Growing<'a, D::Mark>) {
-        let mut inbox = lock(&member.inbox);
-        *lock(&self.backlog) -= inbox.items.len();
-        inbox.items.clear();
     }
 
     fn process(&self, member: &Growing<'a, D::Mark>) {
@@ -207,8 +200,7 @@ impl<'a, D: Device> Batch<'a, D> {
                 };
                 item
             };
-            *lock(&self.backlog) -= 1;
-            self.shorter.notify_all();
+            member.taken.notify_one();
             let mut place = lock(&member.loft);
             let Some(mut loft) = place.take() else { continue };
             match catch_unwind(AssertUnwindSafe(|| self.handle(member, &mut loft, item))) {
@@ -217,19 +209,6 @@ impl<'a, D: Device> Batch<'a, D> {
                 Ok(Err(error)) => self.end(member, Err(error)),
                 Err(panic) => self.end(member, Err(GenerateError::Panic { detail: message(panic.as_ref()) })),
             }
-        }
-    }
-
-    /// Waits for the loft if it lags behind.
-    fn keep_pace(&self) {
-        if rayon::current_num_threads() == 1 {
-            // This is the only thread of its pool, so it must process the inboxes itself.
-            while rayon::yield_now() == Some(rayon::Yield::Executed) {}
-        }
-        let backlog = lock(&self.backlog);
-        if *backlog > BACKLOG {
-            // Whether the wait timed out does not matter.
-            drop(self.shorter.wait_timeout_while(backlog, BACKLOG_WAIT, |items| *items > BACKLOG));
         }
     }
 
@@ -304,7 +283,9 @@ impl<'scope, 'a, D: Device> Feed<'_, 'scope, 'a, D> {
 impl<D: Device> Receiver<D::Mark> for Feed<'_, '_, '_, D> {
     fn section(&mut self, member: usize, section: Section, mark: D::Mark) {
         self.forward(member, Item::Section(section, mark));
-        self.batch.keep_pace();
+        let member = self.member(member);
+        // Waits for the loft if it lags behind.
+        drop(member.taken.wait_while(lock(&member.inbox), |inbox| inbox.items.len() > INBOX));
     }
 
     fn progress(&mut self, member: usize, step: i64, particles: u32) {

@@ -24,7 +24,7 @@ mod types;
 mod walls;
 mod warnings;
 
-pub use batch::{Member, generate_batch};
+pub use batch::{Calls, Member, generate_batch};
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub use files::write_surface;
 pub use manifest::{Licence, MANIFEST, Manifest, ManifestFile, Origin};

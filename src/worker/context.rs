@@ -8,6 +8,7 @@ use crate::jobs::Store;
 use crate::jobs::artifacts::Artifacts;
 use crate::jobs::scratch::Scratch;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use tokio::sync::watch;
 
 /// What all slots and attempts of a pool share.
@@ -21,6 +22,8 @@ pub(super) struct Context {
     pub(super) scratch: Arc<Scratch>,
     pub(super) storage: Storage,
     pub(super) phase: watch::Receiver<Phase>,
+    /// Whether a GPU of this pool waits because the surfaces of its batches take longer than their simulations.
+    pub(super) surfaces_lag: AtomicBool,
 }
 
 /// What the workers of a pool are to do.

@@ -3,6 +3,7 @@
 use crate::fit::FitError;
 use crate::generate::{Backend, CancelToken, GenerateError, Outcome, Sink};
 use crate::jobs::Job;
+use rayon::ThreadPool;
 use std::path::Path;
 
 /// One generation to run.
@@ -67,8 +68,14 @@ pub struct BatchWork<'a> {
     pub cancel: &'a CancelToken,
 }
 
-/// Called with the index and the result of each member of a batch when it ends.
-pub type BatchEnds<'a> = &'a (dyn Fn(usize, Result<Outcome, WorkError>) + Sync);
+/// What a batch calls as it goes on.
+#[derive(Clone, Copy)]
+pub struct BatchCalls<'a> {
+    /// Called when the device is free for another batch; surfaces of this one may still be made.
+    pub simulated: &'a dyn Fn(),
+    /// Called with the index and the result of each member when it ends.
+    pub ended: &'a (dyn Fn(usize, Result<Outcome, WorkError>) + Sync),
+}
 
 /// Makes the models of several jobs at a time on one GPU. All methods may block.
 pub trait BatchGenerator: Send + Sync + 'static {
@@ -88,8 +95,8 @@ pub trait BatchGenerator: Send + Sync + 'static {
     /// Why not even the first can run on the device; recorded with it.
     fn admit(&self, jobs: &[&Job]) -> Result<Vec<bool>, String>;
 
-    /// Generates; calls `ended` once for each member as soon as it has ended. Called on a thread of a rayon pool that
-    /// has one thread more than the worker's, to drive the device. [`GenerateError::Gpu`] is an error of the
-    /// device: such a job may run on the CPU.
-    fn generate(&self, members: &[BatchWork<'_>], ended: BatchEnds<'_>);
+    /// Generates; returns when every member has ended. The calling thread drives the device; `pool` has the threads for the
+    /// surfaces. The next batch may begin, on another thread, once this one has called `simulated`.
+    /// [`GenerateError::Gpu`] is an error of the device: such a job may run on the CPU.
+    fn generate(&self, members: &[BatchWork<'_>], pool: &ThreadPool, calls: BatchCalls<'_>);
 }

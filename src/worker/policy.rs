@@ -2,8 +2,8 @@
 //! files cannot be stored.
 //!
 //! **Who takes what.** `auto` is left to GPU workers while one is alive, unless more jobs are queued than they take with their
-//! next two claims. A GPU worker is alive while its last heartbeat is younger than [`ALIVE_HEARTBEATS`] of this pool's heartbeats, and it
-//! is not paused.
+//! next two claims and no GPU of this pool waits for surfaces, which need the same cores. A GPU worker is alive while its last
+//! heartbeat is younger than [`ALIVE_HEARTBEATS`] of this pool's heartbeats, and it is not paused.
 //!
 //! **Storage.** A failed upload, a failed checkpoint and a job released for storage start an outage: the artifact store refuses
 //! writes, or the scratch directory is full, read-only or gone. All slots of the process stop claiming. The outage ends when
@@ -47,8 +47,8 @@ impl Share {
     }
 }
 
-/// What a CPU worker may take now.
-pub(super) async fn share(store: &dyn Store, options: &PoolOptions) -> Result<Share, StoreError> {
+/// What a CPU worker may take now; `surfaces_lag`: whether a GPU of this pool waits for surfaces.
+pub(super) async fn share(store: &dyn Store, options: &PoolOptions, surfaces_lag: bool) -> Result<Share, StoreError> {
     let alive = store.claimers(Backend::Gpu, ALIVE_HEARTBEATS * options.heartbeat).await?;
     if alive == 0 {
         let why = options.no_gpu.clone().unwrap_or_else(|| "no GPU worker is alive".to_owned());
@@ -56,7 +56,7 @@ pub(super) async fn share(store: &dyn Store, options: &PoolOptions) -> Result<Sh
     }
     let waiting = store.waiting(Backend::Gpu).await?;
     let taken = 2 * u64::from(options.batch) * alive;
-    Ok(if waiting > taken {
+    Ok(if waiting > taken && !surfaces_lag {
         let why = format!("{waiting} jobs were waiting for {alive} GPU worker{}", if alive == 1 { "" } else { "s" });
         Share::Auto { why, cause: Fallback::Busy }
     } else {

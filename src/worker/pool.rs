@@ -18,7 +18,7 @@ use crate::jobs::{Change, ClaimedJob, Job, Store, StoreError, WorkerInfo};
 use crate::status::{Condition, Status};
 use futures_util::future::join_all;
 use std::io;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use tokio::sync::broadcast::{Receiver, error::RecvError};
@@ -111,7 +111,17 @@ impl WorkerPool {
         let (phase, receiver) = watch::channel(Phase::Run);
         let scratch = Arc::new(Scratch::open(&options.scratch)?);
         let storage = Storage::new(options.storage_wait, options.status.clone());
-        let context = Context { store, artifacts, generator, options, clock, scratch, storage, phase: receiver };
+        let context = Context {
+            store,
+            artifacts,
+            generator,
+            options,
+            clock,
+            scratch,
+            storage,
+            phase: receiver,
+            surfaces_lag: AtomicBool::new(false),
+        };
         let context = Arc::new(context);
         let devices = gpus.len();
         let mut slots = Vec::new();
@@ -281,13 +291,35 @@ impl Slot {
 
     /// Waits until the worker can run one more claim and store its files.
     async fn free(&self) -> Free {
-        let claim = Arc::clone(&self.claims).acquire_owned().await.expect("the semaphore is never closed");
+        let claim = self.free_claim().await;
         let compute = match &self.gpu {
             Some(gpu) => Some(gpu.free().await),
             None => self.cpu.free_soon().await,
         };
         self.context.storage.wait_until_available(&self.context.artifacts, &self.context.scratch).await;
         Free { compute, claim }
+    }
+
+    /// Waits until the worker can hold one more claim. For a GPU worker, notes whether its device is idle meanwhile.
+    async fn free_claim(&self) -> OwnedSemaphorePermit {
+        let lags = |lag| self.context.surfaces_lag.store(lag, Ordering::Relaxed);
+        let claim = Arc::clone(&self.claims).acquire_owned();
+        tokio::pin!(claim);
+        let acquired = match &self.gpu {
+            None => claim.await,
+            Some(gpu) => tokio::select! {
+                biased;
+                acquired = &mut claim => {
+                    lags(false);
+                    acquired
+                }
+                _ = gpu.free() => {
+                    lags(true);
+                    claim.await
+                }
+            },
+        };
+        acquired.expect("the semaphore is never closed")
     }
 
     /// Claims what this worker may run now. A GPU worker whose device cannot be opened still takes one job at a time, for
@@ -300,7 +332,7 @@ impl Slot {
                 (Share::CpuOnly, Backend::Gpu, limit)
             }
             None => {
-                let share = policy::share(&**store, options).await?;
+                let share = policy::share(&**store, options, self.context.surfaces_lag.load(Ordering::Relaxed)).await?;
                 let backend = share.backend();
                 (share, backend, 1)
             }

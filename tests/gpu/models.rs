@@ -3,7 +3,9 @@
 
 use crate::common::{OPTIONS, device, generate, leave, no_vulkan};
 use oviduct::clock::{Clock, Stopwatch};
-use oviduct::generate::{Backend, CancelToken, Member, Outcome, Output, Progress, Request, Sink, generate_batch};
+use oviduct::generate::{
+    Backend, Calls, CancelToken, Member, Outcome, Output, Progress, Request, Sink, generate_batch,
+};
 use oviduct::jobs::artifacts::Artifacts;
 use oviduct::jobs::sqlite::SqliteStore;
 use oviduct::jobs::{Job, JobId, JobKind, NewJob, Priority, Status, Store, StoreOptions};
@@ -11,7 +13,8 @@ use oviduct::model::Section;
 use oviduct::sim::Plan;
 use oviduct::sim::gpu::{GpuDevice, GpuOptions};
 use oviduct::spec::{ModelSpec, preset};
-use oviduct::worker::{BatchEnds, BatchGenerator, BatchWork, GpuGenerator, PoolOptions, WorkerPool, generate_on_cpu};
+use oviduct::worker::{BatchCalls, BatchGenerator, BatchWork, GpuGenerator, PoolOptions, WorkerPool, generate_on_cpu};
+use rayon::ThreadPool;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -41,7 +44,8 @@ fn grow(seeds: &[u64]) -> Vec<Outcome> {
     let members: Vec<Member<'_>> =
         requests.iter().map(|request| Member { request, sink: &(), cancel: &cancel }).collect();
     let ends: Vec<Mutex<Option<Outcome>>> = seeds.iter().map(|_| Mutex::new(None)).collect();
-    generate_batch(device(), &members, &|index, result| *ends[index].lock().unwrap() = Some(result.unwrap()));
+    let ended = |index: usize, result: Result<_, _>| *ends[index].lock().unwrap() = Some(result.unwrap());
+    generate_batch(device(), None, &members, Calls { simulated: &|| (), ended: &ended });
     ends.into_iter().map(|end| end.into_inner().unwrap().unwrap()).collect()
 }
 
@@ -103,12 +107,12 @@ impl BatchGenerator for Losing {
     fn admit(&self, jobs: &[&Job]) -> Result<Vec<bool>, String> {
         self.gpu.admit(jobs)
     }
-    fn generate(&self, members: &[BatchWork<'_>], ended: BatchEnds<'_>) {
+    fn generate(&self, members: &[BatchWork<'_>], pool: &ThreadPool, calls: BatchCalls<'_>) {
         let sinks: Vec<LosingSink<'_>> =
             members.iter().map(|member| LosingSink { sink: member.sink, generator: self }).collect();
         let members: Vec<BatchWork<'_>> =
             members.iter().zip(&sinks).map(|(&member, sink)| BatchWork { sink, ..member }).collect();
-        self.gpu.generate(&members, ended);
+        self.gpu.generate(&members, pool, calls);
     }
 }
 

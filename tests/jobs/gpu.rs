@@ -5,9 +5,9 @@ use crate::gate;
 use crate::scripted::{FakeGpu, Fate, Place, ROOM, scripted};
 use crate::suite::LEASE;
 use oviduct::clock::{Clock, Stopwatch};
-use oviduct::generate::Backend;
+use oviduct::generate::{Backend, Stage};
 use oviduct::jobs::state::AttemptEnd;
-use oviduct::jobs::{JobId, NewJob, Status, WorkerInfo};
+use oviduct::jobs::{Job, JobId, JobProgress, NewJob, Status, WorkerInfo};
 use oviduct::metrics::Metrics;
 use oviduct::status::{Condition, Status as ProcessStatus};
 use std::sync::atomic::Ordering;
@@ -20,6 +20,10 @@ impl Place {
         spec["size"] = size.into();
         self.store.submit(NewJob { backend, spec, ..scripted(script, seed) }).await.unwrap().job().id
     }
+}
+
+fn stage(job: &Job) -> Option<Stage> {
+    job.progress.clone().and_then(JobProgress::model).map(|progress| progress.stage)
 }
 
 fn no_cpu(options: &mut oviduct::worker::PoolOptions) {
@@ -314,6 +318,29 @@ async fn a_cpu_worker_leaves_auto_to_gpu_workers_until_the_queue_is_long() {
     assert_eq!(job.backend.fallback.as_deref(), Some("3 jobs were waiting for 1 GPU worker"));
     place.store.cancel(busy).await.unwrap();
     pool.shutdown(Duration::from_secs(5)).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn the_next_batch_begins_when_the_device_is_free_and_cpu_workers_leave_the_cores_to_the_surfaces() {
+    let place = Place::fresh(|_| {}).await;
+    let gpu = FakeGpu::new(Fate::Well);
+    let pool = place.start_with_gpu(&gpu, |options| {
+        options.batch = 1;
+        options.poll = Duration::from_millis(50);
+    });
+    // The surfaces of two batches are being made, and the device is idle.
+    for seed in [1, 2] {
+        let proving = place.ask(Backend::Gpu, "prove", 1, seed).await;
+        place.until(proving, |job| stage(job) == Some(Stage::Certify)).await;
+    }
+    let jobs = [3, 4, 5, 6].map(|seed| place.ask(Backend::Auto, "ok", 1, seed));
+    let jobs = futures_util::future::join_all(jobs).await;
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    for &job in &jobs {
+        assert_eq!(place.store.get(job).await.unwrap().unwrap().status, Status::Queued);
+    }
+    assert_eq!(*gpu.batches.lock().unwrap(), [vec![1], vec![2]]);
+    pool.shutdown(Duration::ZERO).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -14,7 +14,8 @@ use oviduct::jobs::sweep::{Retention, Sweeper, Swept};
 use oviduct::jobs::{Job, JobId, NewJob, Store, StoreOptions};
 use oviduct::model::{Ring, Section};
 use oviduct::sim::gpu::GpuError;
-use oviduct::worker::{BatchEnds, BatchGenerator, BatchWork, Generator, PoolOptions, Work, WorkError, WorkerPool};
+use oviduct::worker::{BatchCalls, BatchGenerator, BatchWork, Generator, PoolOptions, Work, WorkError, WorkerPool};
+use rayon::ThreadPool;
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -125,7 +126,8 @@ pub enum Fate {
 pub const ROOM: u64 = 8;
 
 /// A GPU that follows the scripts of its members, each on a thread of its own. Jobs fit together up to a `spec.size` of
-/// [`ROOM`]. Members whose script is `ok` end before a fate strikes.
+/// [`ROOM`]. Members whose script is `ok` end before a fate strikes. It is free again when all members have ended, or at once if
+/// the script of all is `prove`.
 pub struct FakeGpu {
     pub fate: Mutex<Fate>,
     /// Opening it takes until this is false.
@@ -167,7 +169,7 @@ impl BatchGenerator for FakeGpu {
         Ok(jobs.iter().map(&mut fits).collect())
     }
 
-    fn generate(&self, members: &[BatchWork<'_>], ended: BatchEnds<'_>) {
+    fn generate(&self, members: &[BatchWork<'_>], _: &ThreadPool, calls: BatchCalls<'_>) {
         self.batches.lock().unwrap().push(members.iter().map(|m| m.work.job.seed).collect());
         let fate = *self.fate.lock().unwrap();
         assert!(fate != Fate::Panics, "the driver is at fault");
@@ -177,6 +179,7 @@ impl BatchGenerator for FakeGpu {
             _ => None,
         };
         std::thread::scope(|scope| {
+            let ended = calls.ended;
             for (place, member) in members.iter().enumerate() {
                 let error = error.clone().filter(|_| member.work.job.spec["script"] != "ok");
                 scope.spawn(move || {
@@ -190,6 +193,9 @@ impl BatchGenerator for FakeGpu {
                     };
                     ended(place, result.map(|made| Outcome { used: Backend::Gpu, device: self.device(), ..made }));
                 });
+            }
+            if members.iter().all(|member| member.work.job.spec["script"] == "prove") {
+                (calls.simulated)();
             }
         });
         if fate == Fate::Lost {

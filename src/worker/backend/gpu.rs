@@ -2,11 +2,11 @@
 
 use super::cpu::threads;
 use super::{GenerateFailure, Generation, Made, Task, request, resolve};
-use crate::generate::{Backend, GenerateError, Member, Outcome, generate_batch};
+use crate::generate::{Backend, Calls, GenerateError, Member, Outcome, generate_batch};
 use crate::jobs::{BackendReport, Job};
 use crate::sim::Plan;
 use crate::sim::gpu::{Adapter, GpuDevice, GpuError, GpuOptions, adapters};
-use crate::worker::generator::{BatchEnds, BatchGenerator, BatchWork, Work, WorkError};
+use crate::worker::generator::{BatchCalls, BatchGenerator, BatchWork, Work, WorkError};
 use crate::worker::verdict;
 use rayon::ThreadPool;
 use std::io;
@@ -19,7 +19,7 @@ type Answer = oneshot::Sender<Result<Outcome, WorkError>>;
 /// The device of a GPU worker.
 pub(in crate::worker) struct Gpu {
     generator: Arc<dyn BatchGenerator>,
-    /// One thread more than the worker has: it drives the device.
+    /// Makes the surfaces.
     pool: Arc<ThreadPool>,
     free: Arc<Semaphore>,
 }
@@ -35,7 +35,7 @@ impl Gpu {
         nice: u8,
         generator: Arc<dyn BatchGenerator>,
     ) -> io::Result<Self> {
-        let pool = threads(&format!("{worker}-batch"), count + 1, nice)?;
+        let pool = threads(&format!("{worker}-batch"), count, nice)?;
         Ok(Self { generator, pool, free: Arc::new(Semaphore::new(1)) })
     }
 
@@ -49,7 +49,7 @@ impl Gpu {
         BackendReport { requested, used: Some(Backend::Gpu), device: Some(self.device()), fallback: None }
     }
 
-    /// Waits until no batch uses the device.
+    /// Waits until no batch is simulated.
     pub(in crate::worker) async fn free(&self) -> OwnedSemaphorePermit {
         Arc::clone(&self.free).acquire_owned().await.expect("the semaphore is never closed")
     }
@@ -74,8 +74,8 @@ impl Gpu {
         admitted.unwrap_or_else(|panic| Err(format!("the GPU worker panicked: {panic}")))
     }
 
-    /// Starts a batch on a thread that may block; it keeps `permit` until the device is free again. Each task gets a
-    /// generation of its own, in the same order.
+    /// Starts a batch on a thread that may block, which drives the device and keeps `permit` until the device is free again.
+    /// Each task gets a generation of its own, in the same order.
     pub(in crate::worker) fn generate(
         &self,
         tasks: Vec<Task>,
@@ -98,14 +98,16 @@ impl Gpu {
         }
         let (generator, pool) = (Arc::clone(&self.generator), Arc::clone(&self.pool));
         tokio::task::spawn_blocking(move || {
-            let _permit = permit;
+            let permit = Mutex::new(permit);
+            let simulated = || drop(permit.lock().unwrap_or_else(PoisonError::into_inner).take());
             let works: Vec<BatchWork<'_>> = tasks.iter().map(member).collect();
             let end = |place: usize, result| {
                 let answer = answers[place].lock().unwrap_or_else(PoisonError::into_inner).take();
                 // If the receiver is gone, the member was interrupted.
                 answer.map(|answer| answer.send(result).is_ok());
             };
-            let run = || pool.install(|| generator.generate(&works, &|place, result| end(place, result)));
+            let calls = BatchCalls { simulated: &simulated, ended: &|place, result| end(place, result) };
+            let run = || generator.generate(&works, &pool, calls);
             if let Err(panic) = catch_unwind(AssertUnwindSafe(run)) {
                 let detail = verdict::panic_message(panic.as_ref());
                 for place in 0..works.len() {
@@ -214,7 +216,7 @@ impl BatchGenerator for GpuGenerator {
         Ok(admitted)
     }
 
-    fn generate(&self, members: &[BatchWork<'_>], ended: BatchEnds<'_>) {
+    fn generate(&self, members: &[BatchWork<'_>], pool: &ThreadPool, calls: BatchCalls<'_>) {
         let mut places = Vec::with_capacity(members.len());
         let mut requests = Vec::with_capacity(members.len());
         for (place, member) in members.iter().enumerate() {
@@ -223,7 +225,7 @@ impl BatchGenerator for GpuGenerator {
                     places.push(place);
                     requests.push(request);
                 }
-                Err(error) => ended(place, Err(error)),
+                Err(error) => (calls.ended)(place, Err(error)),
             }
         }
         match Self::device(self) {
@@ -234,11 +236,15 @@ impl BatchGenerator for GpuGenerator {
                     cancel: members[place].cancel,
                 };
                 let batch: Vec<Member<'_>> = requests.iter().zip(&places).map(member).collect();
-                generate_batch(&device, &batch, &|index, result| ended(places[index], result.map_err(WorkError::from)));
+                let ended = |index: usize, result: Result<_, GenerateError>| {
+                    (calls.ended)(places[index], result.map_err(WorkError::from));
+                };
+                let calls = Calls { simulated: calls.simulated, ended: &ended };
+                generate_batch(&device, Some(pool), &batch, calls);
             }
             Err(error) => {
                 for &place in &places {
-                    ended(place, Err(GenerateError::Gpu(error.clone()).into()));
+                    (calls.ended)(place, Err(GenerateError::Gpu(error.clone()).into()));
                 }
             }
         }
