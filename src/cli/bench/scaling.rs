@@ -1,10 +1,10 @@
-//! `bench scaling`: time per step with neighbour lists, by number of threads and particles.
+//! `bench scaling`: time per step with neighbour lists, by number of threads and particles, and by the size of the section.
 
 use super::machine;
 use super::probe::{self, Variant};
 use super::report::Report;
-use crate::sim::Plan;
-use crate::sim::cpu::Kernel;
+use crate::sim::cpu::{CpuSimulation, Kernel};
+use crate::sim::{Plan, Simulator};
 use crate::spec::{ModelSpec, Search, preset};
 use anyhow::Context;
 use serde_json::json;
@@ -12,6 +12,10 @@ use serde_json::json;
 /// Steps of a sample: one growth event and the steps until the next.
 const WINDOW: u32 = 10;
 const SEED: u64 = 1;
+/// Particles at the end of the preset `paper`.
+const PAPER: f64 = 8300.0;
+/// Particles whose neighbours are counted.
+const COUNTED: usize = 500;
 
 pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
     let spec = ModelSpec::resolve(preset("paper").context("there is no preset `paper`")?, &json!({}))
@@ -49,11 +53,80 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
         lines.push(format!("{particles:>9} {line}"));
         rows.push(json!({ "particles": particles, "by_threads": row }));
     }
+    let sizes: &[u32] = if quick { &[1000, 3000, 10_000] } else { &[1000, 3000, 10_000, 30_000, 100_000] };
+    lines.extend([
+        String::new(),
+        "one thread, last fifth of whole runs to these numbers of particles".to_owned(),
+        format!(
+            "{:>9} {:>7} {:>16} {:>22} {:>17}",
+            "particles", "steps", "ns per particle", "neighbours in range", "ns per neighbour"
+        ),
+    ]);
+    let mut by_size = Vec::new();
+    for &particles in sizes {
+        let Size { steps, nanoseconds, neighbours } = grow_to(particles)?;
+        let each = nanoseconds / neighbours;
+        lines.push(format!("{particles:>9} {steps:>7} {nanoseconds:>16.0} {neighbours:>22.1} {each:>17.2}"));
+        by_size.push(json!({
+            "particles": particles, "steps": steps, "nanoseconds_per_particle_and_step": nanoseconds, "neighbours": neighbours,
+        }));
+    }
     let json = json!({
         "bench": "scaling", "engine": crate::ENGINE_VERSION, "machine": machine::describe(), "preset": "paper",
-        "seed": SEED, "samples": repeats, "steps_per_sample": WINDOW, "rows": rows,
+        "seed": SEED, "samples": repeats, "steps_per_sample": WINDOW, "rows": rows, "by_size": by_size,
     });
     Ok(Report { lines, json, files: Vec::new() })
+}
+
+/// A run to a number of particles.
+struct Size {
+    steps: u32,
+    /// Nanoseconds per particle and step in the last fifth of the steps.
+    nanoseconds: f64,
+    /// Other particles within the greatest range of the self-intersection force, mean of some particles at the last growth event.
+    neighbours: f64,
+}
+
+/// Grows a section to `particles` with the schedules of `paper`: the area of the region grows with the particles, and the steps
+/// with its radius, so that the folds have time to spread.
+fn grow_to(particles: u32) -> anyhow::Result<Size> {
+    let area = f64::from(particles) / PAPER;
+    let radius = area.sqrt();
+    let steps = (2000.0 * radius.max(1.0)).round() as u32;
+    let inner = |paper: f64| (paper * area).round();
+    let outer = |paper: f64| (paper * radius).round();
+    let patch = json!({
+        "steps": steps, "solver": { "record_every": steps.div_ceil(200) }, "wall": { "lobing": 0 },
+        "particles": {
+            "total": { "keys": [[0, inner(710.0)], [0.2125, inner(1175.0)], [1, particles]] },
+            "outer": { "keys": [[0, outer(110.0)], [1, outer(300.0)]] },
+        },
+    });
+    let paper = preset("paper").context("there is no preset `paper`")?;
+    let spec =
+        ModelSpec::resolve(paper, &patch).map_err(|faults| anyhow::anyhow!("{particles} particles: {faults:?}"))?;
+    let plan = Plan::new(&spec, SEED);
+    let variant = Variant { search: Search::Lists, kernel: Kernel::Vector, threads: 1 };
+    let mut neighbours = 0.0;
+    let last = i64::from(plan.steps - plan.grow_every);
+    let run = probe::whole(&plan, variant, |simulation| {
+        if simulation.time() >= last {
+            neighbours = neighbours_in_range(&plan, simulation);
+        }
+    })?;
+    let end = &run.steps[run.steps.len() / 5 * 4..];
+    let [seconds, particle_steps] =
+        end.iter().fold([0.0; 2], |[s, p], point| [s + point.seconds_per_step, p + point.particles]);
+    Ok(Size { steps, nanoseconds: 1e9 * seconds / particle_steps, neighbours })
+}
+
+fn neighbours_in_range(plan: &Plan, simulation: &CpuSimulation) -> f64 {
+    let range = plan.at(simulation.time()).range_max();
+    let points = simulation.section().inner.points;
+    let near = |p: &[f32; 2]| points.iter().filter(|q| (q[0] - p[0]).hypot(q[1] - p[1]) < range).count() - 1;
+    let every = points.len().div_ceil(COUNTED);
+    let counts: Vec<f64> = points.iter().step_by(every).map(|p| near(p) as f64).collect();
+    counts.iter().sum::<f64>() / counts.len() as f64
 }
 
 fn threads_in_words(count: usize) -> String {
