@@ -83,7 +83,12 @@ fn alone(
 ) -> Result<Outcome, GenerateError> {
     let end = Mutex::new(None);
     let ended = |_, result| *end.lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
-    generate_batch(device, None, &[Member { request, sink, cancel }], Calls { simulated: &|| (), ended: &ended });
+    generate_batch(
+        device,
+        None,
+        &[Member { request, plan: None, sink, cancel }],
+        Calls { simulated: &|| (), ended: &ended },
+    );
     end.into_inner().unwrap_or_else(PoisonError::into_inner).expect("every member of a batch ends")
 }
 

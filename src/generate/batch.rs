@@ -32,6 +32,8 @@ const INBOX: usize = 8;
 pub struct Member<'a> {
     /// What to generate; its `backend` is ignored.
     pub request: &'a Request,
+    /// The plan of its simulation, if it has been made.
+    pub plan: Option<&'a Plan>,
     /// Receives its progress; called from several threads, one at a time.
     pub sink: &'a dyn Sink,
     /// Cancels this member only.
@@ -65,7 +67,8 @@ fn on<D: Device>(device: &D, pool: Option<&ThreadPool>, members: &[Member<'_>], 
     for (index, member) in members.iter().enumerate() {
         match check(member.request) {
             Ok(()) => {
-                plans.push(Plan::new(&member.request.spec, member.request.seed));
+                let Request { spec, seed, .. } = member.request;
+                plans.push(member.plan.cloned().unwrap_or_else(|| Plan::new(spec, *seed)));
                 growing.push(Growing::new(index, growing.len(), member));
             }
             Err(error) => (calls.ended)(index, Err(error)),

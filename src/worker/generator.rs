@@ -3,6 +3,7 @@
 use crate::fit::FitError;
 use crate::generate::{Backend, CancelToken, GenerateError, Outcome, Sink};
 use crate::jobs::Job;
+use crate::sim::Plan;
 use rayon::ThreadPool;
 use std::path::Path;
 
@@ -57,11 +58,16 @@ where
     }
 }
 
+/// What is known of a job that fits on a device: the plan of its simulation, unless its generator makes it later.
+pub type Admitted = Option<Plan>;
+
 /// A member of a batch.
 #[derive(Clone, Copy)]
 pub struct BatchWork<'a> {
     /// The generation to run.
     pub work: Work<'a>,
+    /// What [`BatchGenerator::admit`] gave for it.
+    pub plan: Option<&'a Plan>,
     /// Receives its progress.
     pub sink: &'a dyn Sink,
     /// Stops this member alone.
@@ -88,12 +94,12 @@ pub trait BatchGenerator: Send + Sync + 'static {
     /// Why it cannot be opened; recorded with jobs.
     fn open(&self) -> Result<(), String>;
 
-    /// Which of `jobs` fit on the device together, by index. They have the same batch key; the first is the oldest and always
-    /// fits.
+    /// Which of `jobs` fit on the device together, by index; `None` for the others. They have the same batch key; the first is
+    /// the oldest and always fits.
     ///
     /// # Errors
     /// Why not even the first can run on the device; recorded with it.
-    fn admit(&self, jobs: &[&Job]) -> Result<Vec<bool>, String>;
+    fn admit(&self, jobs: &[&Job]) -> Result<Vec<Option<Admitted>>, String>;
 
     /// Generates; returns when every member has ended. The calling thread drives the device; `pool` has the threads for the
     /// surfaces. The next batch may begin, on another thread, once this one has called `simulated`.

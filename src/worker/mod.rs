@@ -54,6 +54,6 @@ mod verdict;
 
 pub use backend::cpu::generate_on_cpu;
 pub use backend::gpu::GpuGenerator;
-pub use generator::{BatchCalls, BatchGenerator, BatchWork, Generator, Work, WorkError};
+pub use generator::{Admitted, BatchCalls, BatchGenerator, BatchWork, Generator, Work, WorkError};
 pub use options::{ALIVE_HEARTBEATS, PoolOptions};
 pub use pool::WorkerPool;

@@ -18,6 +18,7 @@ use crate::jobs::{Change, ClaimedJob, Job, Store, StoreError, WorkerInfo};
 use crate::status::{Condition, Status};
 use futures_util::future::join_all;
 use std::io;
+use std::iter::repeat_with;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -384,21 +385,27 @@ impl Slot {
     /// Runs the jobs that fit on the device together, and releases the others. Returns how many jobs have ended.
     async fn run_batch(&self, gpu: &Gpu, claimed: Vec<ClaimedJob>, compute: Option<OwnedSemaphorePermit>) -> u64 {
         let jobs: Vec<Job> = claimed.iter().map(|claimed| claimed.job().clone()).collect();
-        let admitted = gpu.admit(jobs).await;
-        let fits = |place: usize| admitted.as_ref().map_or(place == 0, |admitted| admitted[place]);
-        let mut attempts = Vec::new();
-        for (place, claimed) in claimed.into_iter().enumerate() {
-            if fits(place) {
-                let report = gpu.report(claimed.job().backend.requested);
-                attempts.extend(Attempt::begin(&self.context, &self.id, claimed, report).await);
-            } else {
+        let (admitted, refused) = match gpu.admit(jobs).await {
+            Ok(admitted) => (admitted, None),
+            // The first learns the reason.
+            Err(reason) => (vec![Some(None)], Some(reason)),
+        };
+        let (mut attempts, mut tasks) = (Vec::new(), Vec::new());
+        for (claimed, admitted) in claimed.into_iter().zip(admitted.into_iter().chain(repeat_with(|| None))) {
+            let Some(plan) = admitted else {
                 self.release_misfit(claimed).await;
+                continue;
+            };
+            let report = gpu.report(claimed.job().backend.requested);
+            if let Some(attempt) = Attempt::begin(&self.context, &self.id, claimed, report).await {
+                tasks.push((attempt.task(), plan));
+                attempts.push(attempt);
             }
         }
         tracing::info!(device = gpu.device(), jobs = attempts.len(), "batch begins");
-        let generations = match admitted {
-            Ok(_) => gpu.generate(attempts.iter().map(Attempt::task).collect(), compute),
-            Err(reason) => {
+        let generations = match refused {
+            None => gpu.generate(tasks, compute),
+            Some(reason) => {
                 drop(compute);
                 attempts.iter().map(|_| Generation::refused(reason.clone())).collect()
             }

@@ -1,6 +1,6 @@
 //! Whole small runs in batches: correct, repeatable, independent of each other.
 
-use crate::common::{Kept, OPTIONS, device, no_vulkan, open, open_with, plan, short};
+use crate::common::{Kept, OPTIONS, device, is_hardware, no_vulkan, open, open_with, plan, short};
 use oviduct::clock::Stopwatch;
 use oviduct::geometry::polygon::{check_contour, check_nested};
 use oviduct::measure::certify;
@@ -9,8 +9,9 @@ use oviduct::model::Section;
 use oviduct::sim::cpu::CpuSimulation;
 use oviduct::sim::gpu::{BatchSink, Checkpoint, GpuError, GpuOptions, replay, run_batch};
 use oviduct::sim::{Plan, SimError, Statistics};
-use oviduct::spec::Integrator;
+use oviduct::spec::{Integrator, ModelSpec, preset};
 use serde_json::{Value, json};
+use sha2::{Digest, Sha256};
 use std::time::Duration;
 
 pub(crate) fn run(plans: &[Plan]) -> Kept {
@@ -117,17 +118,74 @@ fn results_depend_neither_on_the_batch_nor_on_the_run_and_replays_repeat_them() 
     assert!(matches!(replay(device(), &plans[1], end), Err(GpuError::Unfit { .. })));
 }
 
+/// A digest of the sections of each member.
+struct Digests(Vec<Sha256>);
+
+impl BatchSink for Digests {
+    fn section(&mut self, member: usize, section: Section, _: Checkpoint) {
+        for ring in [&section.inner, &section.outer] {
+            self.0[member].update(bytemuck::cast_slice(&ring.ids));
+            self.0[member].update(bytemuck::cast_slice(ring.points.as_flattened()));
+        }
+    }
+    fn progress(&mut self, _: usize, _: i64, _: u32) {}
+    fn cancelled(&mut self, _: usize) -> bool {
+        false
+    }
+    fn failed(&mut self, member: usize, error: SimError) {
+        panic!("member {member}: {error}");
+    }
+    fn finished(&mut self, _: usize, _: Statistics) {}
+}
+
+fn digests(plans: &[Plan]) -> Vec<String> {
+    let mut digests = Digests(vec![Sha256::new(); plans.len()]);
+    run_batch(device(), plans, &mut digests).unwrap();
+    digests.0.into_iter().map(|digest| hex::encode(digest.finalize())).collect()
+}
+
+/// At paper size on a real GPU.
+#[test]
+fn a_model_has_the_same_bytes_alone_in_a_batch_of_any_size_and_again() {
+    if no_vulkan() {
+        return;
+    }
+    let paper = |seed| Plan::new(&ModelSpec::resolve(preset("paper").unwrap(), &json!({})).unwrap(), seed);
+    let (plan, sizes, repeats): (&dyn Fn(u64) -> Plan, _, _) =
+        if is_hardware() { (&paper, [16, 64], 10) } else { (&short, [3, 7], 2) };
+    let alone = digests(&[plan(1)]);
+    for _ in 1..repeats {
+        assert_eq!(digests(&[plan(1)]), alone);
+    }
+    let [small, large] = sizes.map(|size| digests(&(1..=size).map(plan).collect::<Vec<_>>()));
+    assert_eq!((&small[..1], &small[..]), (&alone[..], &large[..small.len()]));
+    let last = large.len() as u64;
+    assert_eq!(digests(&[plan(last)]), large[large.len() - 1..]);
+    assert_ne!(large[0], large[1]);
+}
+
 #[test]
 fn threads_can_share_a_device() {
     if no_vulkan() {
         return;
     }
     let plans = [short(6), short(7)];
+    let alone = plans.each_ref().map(|plan| run(std::slice::from_ref(plan)));
     let shared = std::thread::scope(|scope| {
-        plans.each_ref().map(|plan| scope.spawn(|| run(std::slice::from_ref(plan)))).map(|run| run.join().unwrap())
+        let runs = plans.each_ref().map(|plan| scope.spawn(|| run(std::slice::from_ref(plan))));
+        // Slabs of earlier batches are replayed while they run.
+        let mut replays = 0;
+        while replays == 0 || runs.iter().any(|run| !run.is_finished()) {
+            let (member, slab) = (replays % 2, replays % 5);
+            let sections = &alone[member].sections[0];
+            let history = replay(device(), &plans[member], &sections[slab].1).unwrap();
+            assert_eq!(history.last().unwrap(), &sections[slab + 1].0);
+            replays += 1;
+        }
+        runs.map(|run| run.join().unwrap())
     });
-    for (plan, shared) in plans.iter().zip(shared) {
-        assert_eq!(shared.sections, run(std::slice::from_ref(plan)).sections);
+    for (alone, shared) in alone.iter().zip(shared) {
+        assert_eq!(shared.sections, alone.sections);
     }
 }
 

@@ -1,7 +1,7 @@
 //! The device that all tests share, plans to run on it, and a sink that stores the calls.
 
 use oviduct::model::Section;
-use oviduct::sim::gpu::{Adapter, BatchSink, Checkpoint, GpuDevice, GpuOptions, adapters};
+use oviduct::sim::gpu::{Adapter, AdapterKind, BatchSink, Checkpoint, GpuDevice, GpuOptions, adapters};
 use oviduct::sim::{Plan, SimError, Statistics};
 use oviduct::spec::{ModelSpec, preset};
 use serde_json::{Value, json};
@@ -16,11 +16,21 @@ pub(crate) fn no_vulkan() -> bool {
     std::env::var_os("OVIDUCT_TEST_NO_VULKAN").is_some_and(|v| v == "1")
 }
 
-/// The adapters of this machine; fails without any.
+/// The adapters of this machine, best first; fails without any, and with `OVIDUCT_TEST_GPU=hardware` without a real GPU.
 pub(crate) fn found() -> Vec<Adapter> {
-    adapters(&OPTIONS).unwrap_or_else(|e| {
+    let found = adapters(&OPTIONS).unwrap_or_else(|e| {
         panic!("{e}\nThese tests need a Vulkan adapter: apt-get install mesa-vulkan-drivers libvulkan1")
-    })
+    });
+    if let Some(wanted) = std::env::var_os("OVIDUCT_TEST_GPU") {
+        assert_eq!(wanted, "hardware", "the only value of OVIDUCT_TEST_GPU");
+        assert_ne!(found[0].kind, AdapterKind::Software, "{} is not hardware", found[0].name);
+    }
+    found
+}
+
+/// Whether the tests run on a real GPU, which has the time for models of paper size.
+pub(crate) fn is_hardware() -> bool {
+    found()[0].kind != AdapterKind::Software
 }
 
 /// A new device.

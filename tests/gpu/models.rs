@@ -13,7 +13,9 @@ use oviduct::model::Section;
 use oviduct::sim::Plan;
 use oviduct::sim::gpu::{GpuDevice, GpuOptions};
 use oviduct::spec::{ModelSpec, preset};
-use oviduct::worker::{BatchCalls, BatchGenerator, BatchWork, GpuGenerator, PoolOptions, WorkerPool, generate_on_cpu};
+use oviduct::worker::{
+    Admitted, BatchCalls, BatchGenerator, BatchWork, GpuGenerator, PoolOptions, WorkerPool, generate_on_cpu,
+};
 use rayon::ThreadPool;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -42,7 +44,7 @@ fn grow(seeds: &[u64]) -> Vec<Outcome> {
         .collect();
     let cancel = CancelToken::default();
     let members: Vec<Member<'_>> =
-        requests.iter().map(|request| Member { request, sink: &(), cancel: &cancel }).collect();
+        requests.iter().map(|request| Member { request, plan: None, sink: &(), cancel: &cancel }).collect();
     let ends: Vec<Mutex<Option<Outcome>>> = seeds.iter().map(|_| Mutex::new(None)).collect();
     let ended = |index: usize, result: Result<_, _>| *ends[index].lock().unwrap() = Some(result.unwrap());
     generate_batch(device(), None, &members, Calls { simulated: &|| (), ended: &ended });
@@ -104,7 +106,7 @@ impl BatchGenerator for Losing {
     fn open(&self) -> Result<(), String> {
         self.gpu.open()
     }
-    fn admit(&self, jobs: &[&Job]) -> Result<Vec<bool>, String> {
+    fn admit(&self, jobs: &[&Job]) -> Result<Vec<Option<Admitted>>, String> {
         self.gpu.admit(jobs)
     }
     fn generate(&self, members: &[BatchWork<'_>], pool: &ThreadPool, calls: BatchCalls<'_>) {

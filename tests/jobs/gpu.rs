@@ -23,7 +23,7 @@ impl Place {
 }
 
 fn stage(job: &Job) -> Option<Stage> {
-    job.progress.clone().and_then(JobProgress::model).map(|progress| progress.stage)
+    job.progress.and_then(JobProgress::model).map(|progress| progress.stage)
 }
 
 fn no_cpu(options: &mut oviduct::worker::PoolOptions) {

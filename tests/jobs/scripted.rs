@@ -14,7 +14,9 @@ use oviduct::jobs::sweep::{Retention, Sweeper, Swept};
 use oviduct::jobs::{Job, JobId, NewJob, Store, StoreOptions};
 use oviduct::model::{Ring, Section};
 use oviduct::sim::gpu::GpuError;
-use oviduct::worker::{BatchCalls, BatchGenerator, BatchWork, Generator, PoolOptions, Work, WorkError, WorkerPool};
+use oviduct::worker::{
+    Admitted, BatchCalls, BatchGenerator, BatchWork, Generator, PoolOptions, Work, WorkError, WorkerPool,
+};
 use rayon::ThreadPool;
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
@@ -154,7 +156,7 @@ impl BatchGenerator for FakeGpu {
         if *self.fate.lock().unwrap() == Fate::Gone { Err("it was pulled out".to_owned()) } else { Ok(()) }
     }
 
-    fn admit(&self, jobs: &[&Job]) -> Result<Vec<bool>, String> {
+    fn admit(&self, jobs: &[&Job]) -> Result<Vec<Option<Admitted>>, String> {
         self.open()?;
         if *self.fate.lock().unwrap() == Fate::Unfit {
             return Err("it is too large for the GPU".to_owned());
@@ -164,7 +166,7 @@ impl BatchGenerator for FakeGpu {
             let size = job.spec["size"].as_u64().unwrap();
             let fits = used + size <= ROOM;
             used += if fits { size } else { 0 };
-            fits
+            fits.then_some(None)
         };
         Ok(jobs.iter().map(&mut fits).collect())
     }

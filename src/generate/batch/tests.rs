@@ -112,8 +112,9 @@ type Ends = Vec<Result<Outcome, GenerateError>>;
 /// Runs requests with the sinks given, over a pool of so many threads; every member ends exactly once, and the device is
 /// released once.
 fn run(device: &Twin, requests: &[Request], sinks: &[&dyn Sink], cancels: &[CancelToken], threads: usize) -> Ends {
-    let members: Vec<Member<'_>> =
-        (0..requests.len()).map(|i| Member { request: &requests[i], sink: sinks[i], cancel: &cancels[i] }).collect();
+    let members: Vec<Member<'_>> = (0..requests.len())
+        .map(|i| Member { request: &requests[i], plan: None, sink: sinks[i], cancel: &cancels[i] })
+        .collect();
     let ends: Vec<Mutex<Option<Result<Outcome, GenerateError>>>> = requests.iter().map(|_| Mutex::new(None)).collect();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
     let (idle, ended) = (AtomicU32::new(0), |index: usize, result| {

@@ -93,7 +93,8 @@ fn shown_first(found: &[((u32, u32), &str)]) -> Vec<bool> {
 pub fn adapters(options: &GpuOptions) -> Result<Vec<Adapter>, GpuError> {
     let mut description = wgpu::InstanceDescriptor::new_without_display_handle();
     description.backends = wgpu::Backends::PRIMARY;
-    description.flags = wgpu::InstanceFlags::empty();
+    // WGPU_VALIDATION=1 and WGPU_DEBUG=1 turn the driver's checks on.
+    description.flags = wgpu::InstanceFlags::empty().with_env();
     // An allocation beyond this share of the memory is refused instead of exhausting the machine.
     description.memory_budget_thresholds.for_resource_creation = Some(95);
     let instance = wgpu::Instance::new(description);

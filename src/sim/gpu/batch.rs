@@ -8,7 +8,7 @@ use super::course::Course;
 use super::device::GpuDevice;
 use super::error::GpuError;
 use super::memory::Memory;
-use super::pace::{Pace, Patience};
+use super::pace::{FIRST_STEPS, Pace, Patience};
 use super::record::Record;
 use super::ring::Ring;
 use super::sizes::Sizes;
@@ -16,8 +16,10 @@ use crate::clock::Stopwatch;
 use crate::model::Section;
 use crate::sim::cpu::CpuSimulation;
 use crate::sim::{Checkpoint, Plan, SimError, Statistics};
+use rayon::prelude::*;
 use std::collections::VecDeque;
 use std::mem::{offset_of, size_of};
+use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 /// What a batch did.
@@ -66,14 +68,16 @@ pub trait BatchSink {
 /// must then be run elsewhere from their beginning. The memory of the batch is freed in every case.
 pub fn run_batch(device: &GpuDevice, plans: &[Plan], sink: &mut dyn BatchSink) -> Result<BatchReport, GpuError> {
     device.fits(&plans.iter().collect::<Vec<_>>())?;
-    let starts: Vec<Checkpoint> = plans.iter().map(|plan| CpuSimulation::new(plan.clone(), 1).checkpoint()).collect();
+    let starts: Vec<Checkpoint> =
+        plans.par_iter().map(|plan| CpuSimulation::new(plan.clone(), 1).checkpoint()).collect();
     let last = i64::from(plans[0].steps);
     let course = Course::new(plans, &starts, last, false);
-    Run::new(device, plans, &starts, course)?.drive(sink)
+    run(device, plans, &starts, course, None, sink)
 }
 
 /// Sections of every step after `checkpoint` up to and including the next recorded one, which is the last of them:
-/// the history that [`crate::mesh::Lofter::advance`] takes. On the same device the bits are those of the batch.
+/// the history that [`crate::mesh::Lofter::advance`] takes. On the same device the bits are those of the batch. Other batches
+/// may run meanwhile.
 ///
 /// # Errors
 /// As [`run_batch`]; [`GpuError::Unfit`] also for a checkpoint with no recorded section after it.
@@ -83,13 +87,8 @@ pub fn replay(device: &GpuDevice, plan: &Plan, checkpoint: &Checkpoint) -> Resul
     let mut sections = Vec::new();
     let (plans, checkpoints) = (std::slice::from_ref(plan), std::slice::from_ref(checkpoint));
     // States are dropped at once: a slab may have many steps.
-    repeat(
-        device,
-        plans,
-        checkpoints,
-        last,
-        &mut Every(|_: usize, section: Section, _: Checkpoint| sections.push(section)),
-    )?;
+    let mut keep = Every(|_: usize, section: Section, _: Checkpoint| sections.push(section));
+    repeat(device, plans, checkpoints, last, &mut keep)?;
     Ok(sections)
 }
 
@@ -131,7 +130,26 @@ fn repeat(
         return Err(GpuError::Unfit { detail: "checkpoints of different steps".to_owned() });
     }
     let course = Course::new(plans, checkpoints, last, true);
-    Run::new(device, plans, checkpoints, course)?.drive(sink).map(drop)
+    let steps = last - course.time();
+    run(device, plans, checkpoints, course, Some(steps), sink).map(drop)
+}
+
+/// Follows `course`; `replayed`: how many steps, if every one is recorded.
+fn run(
+    device: &GpuDevice,
+    plans: &[Plan],
+    starts: &[Checkpoint],
+    course: Course,
+    replayed: Option<i64>,
+    sink: &mut dyn BatchSink,
+) -> Result<BatchReport, GpuError> {
+    device.check()?;
+    let sizes = Sizes::new(&plans.iter().collect::<Vec<_>>(), plans.len());
+    let sizes = replayed.map_or(sizes, |steps| sizes.replaying(steps));
+    let memory = Memory::new(device, &sizes)?;
+    let ring = Ring::new(device, &sizes, &memory)?;
+    memory.fill(device, &sizes, plans, starts)?;
+    Run::new(device, plans, starts, course, memory, ring).drive(sink)
 }
 
 /// Passes on every section and state.
@@ -191,28 +209,30 @@ impl Drop for Run<'_> {
 }
 
 impl<'a> Run<'a> {
-    fn new(device: &'a GpuDevice, plans: &'a [Plan], starts: &[Checkpoint], course: Course) -> Result<Self, GpuError> {
-        device.check()?;
-        let all: Vec<&Plan> = plans.iter().collect();
-        let sizes = Sizes::new(&all, plans.len());
-        let memory = Memory::new(device, &sizes)?;
-        let ring = Ring::new(device, &sizes, &memory)?;
-        memory.fill(device, &sizes, plans, starts)?;
-        let particles = starts.iter().map(|s| (s.inner.len() + s.outer.len()) as u32).collect();
-        Ok(Self {
+    fn new(
+        device: &'a GpuDevice,
+        plans: &'a [Plan],
+        starts: &[Checkpoint],
+        course: Course,
+        memory: Memory,
+        ring: Ring,
+    ) -> Self {
+        // A step of few members takes no longer than one of many.
+        let first = if course.replays() { device.steps.load(Ordering::Relaxed) } else { FIRST_STEPS };
+        Self {
             device,
             plans,
             course,
             memory,
             ring,
             running: vec![true; plans.len()],
-            particles,
+            particles: starts.iter().map(|s| (s.inner.len() + s.outer.len()) as u32).collect(),
             in_flight: VecDeque::new(),
-            pace: Pace::new(),
+            pace: Pace::new(first),
             patience: Patience::new(device.stall()),
             watch: Stopwatch::start(),
             report: BatchReport::default(),
-        })
+        }
     }
 
     fn drive(mut self, sink: &mut dyn BatchSink) -> Result<BatchReport, GpuError> {
@@ -233,6 +253,9 @@ impl<'a> Run<'a> {
             self.patience.progress();
             if let Some(chunk) = self.in_flight.pop_front() {
                 self.pace.chunk(chunk.steps, chunk.submitted, self.watch.seconds());
+                if !self.course.replays() {
+                    self.device.steps.store(self.pace.steps(), Ordering::Relaxed);
+                }
                 self.ring.collect();
                 let begun = self.watch.seconds();
                 for _ in 0..chunk.records {

@@ -78,6 +78,11 @@ impl Course {
         self.last
     }
 
+    /// Whether every step is recorded.
+    pub(super) fn replays(&self) -> bool {
+        self.every_step
+    }
+
     /// Particles of both loops for which a record of the current step has room.
     pub(super) fn extents(&self) -> (u32, u32) {
         let [inner, outer] = self.most_before(self.time);

@@ -2,11 +2,12 @@
 
 use super::adapter::{Adapter, GpuOptions, ready};
 use super::error::GpuError;
+use super::pace::FIRST_STEPS;
 use super::pipelines::{IMMEDIATES, Pipelines, STORAGE_BUFFERS};
 use super::sizes::Sizes;
 use crate::sim::Plan;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -22,6 +23,8 @@ pub struct GpuDevice {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
     pub(super) pipelines: Arc<Pipelines>,
+    /// Steps of a submission of about 50 ms, by the last batch.
+    pub(super) steps: Arc<AtomicI64>,
     health: Arc<Health>,
     options: GpuOptions,
 }
@@ -88,6 +91,7 @@ impl GpuDevice {
             device,
             queue,
             pipelines: Arc::new(pipelines),
+            steps: Arc::new(AtomicI64::new(FIRST_STEPS)),
             health,
             options: *options,
         })

@@ -7,6 +7,7 @@ use super::sizes::Sizes;
 use crate::sim::cpu::coefficients;
 use crate::sim::maths::fraction;
 use crate::sim::{Checkpoint, Plan, StepRow};
+use rayon::prelude::*;
 use std::f64::consts::TAU;
 use std::mem::size_of;
 
@@ -80,7 +81,9 @@ impl Memory {
             queue.write_buffer(buffer, 4 * word, bytemuck::cast_slice(data));
         };
         write(&buffers[9], 0, bytemuck::cast_slice(&[sizes.batch]));
-        for (m, (plan, start)) in plans.iter().zip(starts).enumerate() {
+        // The device is idle meanwhile.
+        let tables: Vec<Vec<f32>> = plans.par_iter().map(|plan| tables(plan, &sizes.batch)).collect();
+        for (m, ((plan, start), tables)) in plans.iter().zip(starts).zip(&tables).enumerate() {
             let m = m as u64;
             let at = |words: u32| m * u64::from(words);
             write(
@@ -89,7 +92,7 @@ impl Memory {
                 bytemuck::cast_slice(&plan.rows),
             );
             write(&buffers[1], at((size_of::<Member>() / 4) as u32), bytemuck::cast_slice(&[member(plan)]));
-            write(&buffers[2], at(sizes.batch.tables), bytemuck::cast_slice(&tables(plan, &sizes.batch)));
+            write(&buffers[2], at(sizes.batch.tables), bytemuck::cast_slice(tables));
             write(&buffers[3], at((size_of::<Status>() / 4) as u32), bytemuck::cast_slice(&[status(start)]));
             let capacity = sizes.batch.capacity;
             write(&buffers[4], at(FIELDS * capacity), &inner_fields(start, capacity as usize));

@@ -8,7 +8,7 @@ const CHUNK_SECONDS: f64 = 0.05;
 /// Most steps of a chunk.
 const MOST_STEPS: i64 = 512;
 /// Steps of the first chunks, before any was measured.
-const FIRST_STEPS: i64 = 2;
+pub(super) const FIRST_STEPS: i64 = 2;
 
 /// Sets the number of steps of the next chunks from the duration of the last one.
 #[derive(Debug)]
@@ -21,8 +21,9 @@ pub(super) struct Pace {
 }
 
 impl Pace {
-    pub(super) fn new() -> Self {
-        Self { steps: FIRST_STEPS, ended: 0.0, busy: 0.0 }
+    /// Begins with chunks of `steps`.
+    pub(super) fn new(steps: i64) -> Self {
+        Self { steps, ended: 0.0, busy: 0.0 }
     }
 
     /// Steps of the next chunk, at least 1.
@@ -85,7 +86,7 @@ mod tests {
 
     /// Steps and seconds of each chunk on a device whose step `i` takes `cost(i)` seconds, with two chunks in flight.
     fn chunks(steps: i64, cost: impl Fn(i64) -> f64) -> Vec<(i64, f64)> {
-        let (mut pace, mut now, mut next) = (Pace::new(), 0.0, 0);
+        let (mut pace, mut now, mut next) = (Pace::new(FIRST_STEPS), 0.0, 0);
         let mut in_flight: VecDeque<(i64, i64, f64)> = VecDeque::new();
         let mut taken = Vec::new();
         loop {
@@ -139,7 +140,7 @@ mod tests {
 
     #[test]
     fn a_chunk_is_not_measured_while_the_host_is_busy() {
-        let mut pace = Pace::new();
+        let mut pace = Pace::new(FIRST_STEPS);
         pace.busy(2.0);
         pace.chunk(2, 0.0, 2.1);
         assert_eq!(pace.steps(), FIRST_STEPS);

@@ -65,10 +65,9 @@ impl Ring {
         })
     }
 
-    /// Whether the chunk that is being encoded can have another record. A chunk fills at most half of the ring, so that the
-    /// device can use the other half while this one is read.
+    /// Whether the chunk that is being encoded can have another record.
     pub(super) fn is_free(&self) -> bool {
-        !self.free.is_empty() && self.copied.len() < self.sizes.ring() / 2
+        !self.free.is_empty() && self.copied.len() < self.sizes.records()
     }
 
     /// How many more passes the chunk can have.

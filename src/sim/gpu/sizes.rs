@@ -8,15 +8,17 @@ use std::mem::size_of;
 
 /// Bytes of all staging buffers of a batch, unless [`LEAST_RING`] of them take more.
 const RING_BYTES: u64 = 256 << 20;
-/// Least and greatest number of staging buffers: the device fills one half while the host reads the other.
+/// Least and greatest number of staging buffers.
 const LEAST_RING: u64 = 4;
 const GREATEST_RING: u64 = 32;
 
 /// Sizes of a batch.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Sizes {
     pub(super) members: usize,
     pub(super) batch: Batch,
+    /// The number of records that one submission may have, if it is not half of the staging buffers.
+    records: Option<usize>,
 }
 
 impl Sizes {
@@ -52,7 +54,13 @@ impl Sizes {
                 around: word(around),
                 outline: word(outline),
             },
+            records: None,
         }
+    }
+
+    /// The same for a replay of `steps`, each with a record: in one submission if they fit.
+    pub(super) fn replaying(self, steps: i64) -> Self {
+        Self { records: Some(self.most_staging().min(steps.max(1) as usize)), ..self }
     }
 
     /// Words of a record with room for `extent` inner and `outer_extent` outer particles per member.
@@ -63,6 +71,16 @@ impl Sizes {
 
     /// Number of staging buffers.
     pub(super) fn ring(&self) -> usize {
+        self.records.unwrap_or_else(|| self.most_staging())
+    }
+
+    /// How many records a submission may have: half of the staging buffers, so that the device can use the other half while
+    /// these are read; a replay may fill them all.
+    pub(super) fn records(&self) -> usize {
+        self.records.unwrap_or_else(|| self.most_staging() / 2)
+    }
+
+    fn most_staging(&self) -> usize {
         (RING_BYTES / self.record_bytes().max(1)).clamp(LEAST_RING, GREATEST_RING) as usize
     }
 
@@ -112,5 +130,25 @@ impl Sizes {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spec::{ModelSpec, preset};
+    use serde_json::json;
+
+    #[test]
+    fn a_slab_is_replayed_in_one_submission() {
+        let patch = json!({ "steps": 100, "particles": { "total": { "keys": [[0, 180], [1, 400]] } } });
+        let plan = Plan::new(&ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap(), 1);
+        let sizes = Sizes::new(&[&plan], 1);
+        assert_eq!((sizes.ring(), sizes.records()), (32, 16));
+        for (steps, records) in [(10, 10), (32, 32), (33, 32), (1000, 32)] {
+            let replaying = sizes.replaying(steps);
+            assert_eq!((replaying.ring(), replaying.records()), (records, records));
+            assert!(replaying.total_bytes() <= sizes.total_bytes());
+        }
     }
 }

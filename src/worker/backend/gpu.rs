@@ -6,9 +6,10 @@ use crate::generate::{Backend, Calls, GenerateError, Member, Outcome, generate_b
 use crate::jobs::{BackendReport, Job};
 use crate::sim::Plan;
 use crate::sim::gpu::{Adapter, GpuDevice, GpuError, GpuOptions, adapters};
-use crate::worker::generator::{BatchCalls, BatchGenerator, BatchWork, Work, WorkError};
+use crate::worker::generator::{Admitted, BatchCalls, BatchGenerator, BatchWork, Work, WorkError};
 use crate::worker::verdict;
 use rayon::ThreadPool;
+use rayon::prelude::*;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -68,7 +69,7 @@ impl Gpu {
     ///
     /// # Errors
     /// Why not even the first can run there.
-    pub(in crate::worker) async fn admit(&self, jobs: Vec<Job>) -> Result<Vec<bool>, String> {
+    pub(in crate::worker) async fn admit(&self, jobs: Vec<Job>) -> Result<Vec<Option<Admitted>>, String> {
         let generator = Arc::clone(&self.generator);
         let admitted = tokio::task::spawn_blocking(move || generator.admit(&jobs.iter().collect::<Vec<_>>())).await;
         admitted.unwrap_or_else(|panic| Err(format!("the GPU worker panicked: {panic}")))
@@ -78,11 +79,11 @@ impl Gpu {
     /// Each task gets a generation of its own, in the same order.
     pub(in crate::worker) fn generate(
         &self,
-        tasks: Vec<Task>,
+        tasks: Vec<(Task, Admitted)>,
         permit: Option<OwnedSemaphorePermit>,
     ) -> Vec<Generation> {
         let (mut answers, mut generations): (Vec<Mutex<Option<Answer>>>, _) = (Vec::new(), Vec::new());
-        for task in &tasks {
+        for (task, _) in &tasks {
             let (answer, result) = oneshot::channel();
             answers.push(Mutex::new(Some(answer)));
             let result = async move {
@@ -100,7 +101,7 @@ impl Gpu {
         tokio::task::spawn_blocking(move || {
             let permit = Mutex::new(permit);
             let simulated = || drop(permit.lock().unwrap_or_else(PoisonError::into_inner).take());
-            let works: Vec<BatchWork<'_>> = tasks.iter().map(member).collect();
+            let works: Vec<BatchWork<'_>> = tasks.iter().map(|(task, plan)| member(task, plan.as_ref())).collect();
             let end = |place: usize, result| {
                 let answer = answers[place].lock().unwrap_or_else(PoisonError::into_inner).take();
                 // If the receiver is gone, the member was interrupted.
@@ -119,11 +120,12 @@ impl Gpu {
     }
 }
 
-fn member(task: &Task) -> BatchWork<'_> {
+fn member<'a>(task: &'a Task, plan: Option<&'a Plan>) -> BatchWork<'a> {
     let Task { job, dir, sink, cancel, memory_limit_bytes, .. } = task;
     let (backend, memory_limit_bytes) = (Backend::Gpu, *memory_limit_bytes);
     BatchWork {
         work: Work { job, backend, dir: dir.path(), memory_limit_bytes, checkpoint: None },
+        plan,
         sink: &**sink,
         cancel,
     }
@@ -194,26 +196,24 @@ impl BatchGenerator for GpuGenerator {
         Self::device(self).map(drop).map_err(|error| error.to_string())
     }
 
-    fn admit(&self, jobs: &[&Job]) -> Result<Vec<bool>, String> {
+    fn admit(&self, jobs: &[&Job]) -> Result<Vec<Option<Admitted>>, String> {
         let device = Self::device(self).map_err(|error| error.to_string())?;
-        let plan = |job: &Job| resolve(job).map(|spec| Plan::new(&spec, job.seed)).ok();
-        let mut admitted = vec![false; jobs.len()];
-        admitted[0] = true;
-        let Some(first) = plan(jobs[0]) else {
-            // It will fail with the reason.
-            return Ok(admitted);
-        };
-        device.fits(&[&first]).map_err(|error| error.to_string())?;
-        let mut plans = vec![first];
-        for (job, admitted) in jobs.iter().zip(&mut admitted).skip(1) {
-            plans.extend(plan(job));
-            let together: Vec<&Plan> = plans.iter().collect();
-            *admitted = device.fits(&together).is_ok();
-            if !*admitted {
-                plans.pop();
+        // The device is idle meanwhile. A job without a plan will fail with the reason.
+        let plan = |job: &&Job| resolve(job).map(|spec| Plan::new(&spec, job.seed)).ok();
+        let plans: Vec<Option<Plan>> = jobs.par_iter().map(plan).collect();
+        if let Some(first) = &plans[0] {
+            device.fits(&[first]).map_err(|error| error.to_string())?;
+        }
+        let mut together: Vec<&Plan> = Vec::new();
+        let mut fits = Vec::with_capacity(plans.len());
+        for plan in &plans {
+            together.extend(plan);
+            fits.push(together.is_empty() || device.fits(&together).is_ok());
+            if fits.last() == Some(&false) {
+                together.pop();
             }
         }
-        Ok(admitted)
+        Ok(plans.into_iter().zip(fits).map(|(plan, fits)| fits.then_some(plan)).collect())
     }
 
     fn generate(&self, members: &[BatchWork<'_>], pool: &ThreadPool, calls: BatchCalls<'_>) {
@@ -232,6 +232,7 @@ impl BatchGenerator for GpuGenerator {
             Ok(device) => {
                 let member = |(request, &place): (_, &usize)| Member {
                     request,
+                    plan: members[place].plan,
                     sink: members[place].sink,
                     cancel: members[place].cancel,
                 };
