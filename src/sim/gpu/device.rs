@@ -13,6 +13,8 @@ use std::time::Duration;
 
 /// Most members of a batch; more would not raise the throughput.
 const MAX_BATCH: usize = 256;
+/// Polls that panic one after another until the device counts as lost.
+const POLLS: usize = 3;
 /// Longest wait at the end of a batch for its submissions.
 const TIDY: Duration = Duration::from_secs(5);
 
@@ -220,7 +222,7 @@ impl GpuDevice {
             return self.check().map(|()| false);
         }
         let poll = wgpu::PollType::Wait { submission_index: Some(submission.clone()), timeout: Some(timeout) };
-        let result = self.poll(poll);
+        let result = self.poll(&poll);
         self.check()?;
         match result? {
             Ok(_) => Ok(true),
@@ -236,16 +238,20 @@ impl GpuDevice {
         }
         let submission_index = Some(self.queue.submit([]));
         // An error is reported to the next batch.
-        let _ = self.poll(wgpu::PollType::Wait { submission_index, timeout: Some(TIDY) });
+        let _ = self.poll(&wgpu::PollType::Wait { submission_index, timeout: Some(TIDY) });
     }
 
-    fn poll(&self, poll: wgpu::PollType) -> Result<Result<wgpu::PollStatus, wgpu::PollError>, GpuError> {
-        // wgpu panics if the driver reports the loss during a poll.
-        catch_unwind(AssertUnwindSafe(|| self.device.poll(poll))).map_err(|_| {
-            let error = GpuError::Lost { detail: "the driver reported it during a poll".to_owned() };
-            self.health.note(error.clone());
-            error
-        })
+    fn poll(&self, poll: &wgpu::PollType) -> Result<Result<wgpu::PollStatus, wgpu::PollError>, GpuError> {
+        // wgpu panics if the driver reports the loss during a poll, and now and then if another thread empties the queue
+        // while this one has just timed out (an assertion in `Device::maintain`), after which a poll works again.
+        for _ in 0..POLLS {
+            if let Ok(result) = catch_unwind(AssertUnwindSafe(|| self.device.poll(poll.clone()))) {
+                return Ok(result);
+            }
+        }
+        let error = GpuError::Lost { detail: "the driver reported it during a poll".to_owned() };
+        self.health.note(error.clone());
+        Err(error)
     }
 }
 
