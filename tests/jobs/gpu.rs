@@ -333,6 +333,8 @@ async fn the_next_batch_begins_when_the_device_is_free_and_cpu_workers_leave_the
         let proving = place.ask(Backend::Gpu, "prove", 1, seed).await;
         place.until(proving, |job| stage(job) == Some(Stage::Certify)).await;
     }
+    // The worker looks for the next claim just after the device is free.
+    tokio::time::sleep(Duration::from_millis(100)).await;
     let jobs = [3, 4, 5, 6].map(|seed| place.ask(Backend::Auto, "ok", 1, seed));
     let jobs = futures_util::future::join_all(jobs).await;
     tokio::time::sleep(Duration::from_millis(300)).await;

@@ -13,7 +13,7 @@ const LEAST_RING: u64 = 4;
 const GREATEST_RING: u64 = 32;
 
 /// Sizes of a batch.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Sizes {
     pub(super) members: usize,
     pub(super) batch: Batch,
