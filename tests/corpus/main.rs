@@ -1,7 +1,10 @@
-//! Runs every target of the fuzzers once over its corpus, without libFuzzer. `scripts/fuzz` goes on from there.
+//! Runs every target of the fuzzers over its corpus and over random changes of it, without libFuzzer. `scripts/fuzz` goes on
+//! from there.
 
+mod mutations;
 mod seeds;
 
+use mutations::Mutations;
 use oviduct::fuzzing::TARGETS;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -25,11 +28,40 @@ fn every_input_of_the_corpora_holds() {
     }
 }
 
+/// `OVIDUCT_TEST_MUTATIONS=100000 cargo test --release --test corpus` tries as many of each target.
+#[test]
+fn random_changes_of_the_corpora_hold() {
+    let count = std::env::var("OVIDUCT_TEST_MUTATIONS").map_or(300, |count| count.parse().unwrap());
+    for target in TARGETS {
+        let mut paths = files(&Path::new("fuzz/corpus").join(target.name));
+        paths.sort();
+        let inputs: Vec<_> = paths.iter().map(|path| std::fs::read(path).expect("the input can be read")).collect();
+        for (number, bytes) in Mutations::new(&inputs, 7).take(count).enumerate() {
+            if std::panic::catch_unwind(|| (target.run)(&bytes)).is_err() {
+                let kept = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{}-{number}", target.name));
+                std::fs::write(&kept, &bytes).expect("the input can be kept");
+                panic!("see the panic above; repeat it with: scripts/fuzz {} {}", kept.display(), target.name);
+            }
+        }
+    }
+}
+
+/// `scripts/test` does not build the programs, so they are compared with what they should be.
 #[test]
 fn every_target_has_a_program() {
-    let programs = files(Path::new("fuzz/fuzz_targets"));
-    let programs: BTreeSet<_> = programs.iter().filter_map(|path| path.file_stem()?.to_str()).collect();
+    let paths = files(Path::new("fuzz/fuzz_targets"));
+    let programs: BTreeSet<_> = paths.iter().filter_map(|path| path.file_stem()?.to_str()).collect();
     assert_eq!(programs, TARGETS.iter().map(|target| target.name).collect());
+    for path in &paths {
+        let target = path.file_stem().unwrap().to_str().unwrap().to_uppercase();
+        let run = format!("oviduct_fuzz::run(&oviduct::fuzzing::{target}, bytes)");
+        assert_eq!(
+            std::fs::read_to_string(path).unwrap(),
+            format!("#![no_main]\n\nlibfuzzer_sys::fuzz_target!(|bytes: &[u8]| {run});\n"),
+            "{}",
+            path.display()
+        );
+    }
 }
 
 #[test]

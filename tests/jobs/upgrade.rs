@@ -8,19 +8,27 @@ use oviduct::jobs::sqlite::SqliteStore;
 use oviduct::jobs::{Counts, JobId, NewJob, Store, StoreOptions};
 use sqlx::AssertSqlSafe;
 use sqlx::migrate::Migrator;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// The folder with the migrations of a database.
+fn folder(database: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("src/jobs").join(database).join("migrations")
+}
 
 /// A folder with the first `n` migrations of a database.
-fn first(n: usize, migrations: &str) -> tempfile::TempDir {
+fn first(n: usize, database: &str) -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
-    let all = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/jobs").join(migrations).join("migrations");
-    let mut paths: Vec<_> = std::fs::read_dir(all).unwrap().map(|entry| entry.unwrap().path()).collect();
+    let mut paths: Vec<_> = std::fs::read_dir(folder(database)).unwrap().map(|entry| entry.unwrap().path()).collect();
     paths.sort();
     assert!(n < paths.len());
     for path in &paths[..n] {
         std::fs::copy(path, dir.path().join(path.file_name().unwrap())).unwrap();
     }
     dir
+}
+
+fn versions(migrator: &Migrator) -> Vec<i64> {
+    migrator.iter().map(|migration| migration.version).collect()
 }
 
 /// Three queued jobs of two submitters, one running, and three that have ended.
@@ -84,7 +92,15 @@ async fn jobs_of_an_older_version_go_on_on_sqlite() {
     sqlx::raw_sql(JOBS).execute(&before).await.unwrap();
     before.close().await;
     // Not by `jobs::open`, which ends running attempts on SQLite: this test is the same on both databases.
-    goes_on(&SqliteStore::open(dir.path().join("jobs.db"), StoreOptions::default()).await.unwrap()).await;
+    let store = SqliteStore::open(dir.path().join("jobs.db"), StoreOptions::default()).await.unwrap();
+    goes_on(&store).await;
+
+    let tables = sqlx::SqlitePool::connect(&url).await.unwrap();
+    let all = Migrator::new(folder("sqlite")).await.unwrap();
+    let applied = sqlx::query_scalar::<_, i64>("SELECT version FROM _sqlx_migrations ORDER BY version");
+    assert_eq!(applied.fetch_all(&tables).await.unwrap(), versions(&all));
+    // Compares the hashes.
+    all.run(&tables).await.unwrap();
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -95,6 +111,12 @@ async fn jobs_of_an_older_version_go_on_on_postgres() {
     sqlx::raw_sql(JOBS).execute(&before).await.unwrap();
     before.close().await;
     goes_on(&*oviduct::jobs::open(&url, StoreOptions::default()).await.unwrap()).await;
+
+    let tables = sqlx::PgPool::connect(&url).await.unwrap();
+    let all = Migrator::new(folder("postgres")).await.unwrap();
+    let applied = sqlx::query_scalar::<_, i64>("SELECT version FROM _sqlx_migrations ORDER BY version");
+    assert_eq!(applied.fetch_all(&tables).await.unwrap(), versions(&all));
+    all.run(&tables).await.unwrap();
 }
 
 /// Ends the first of three equal jobs as a version before shared growth does. Gives the ids of the others.

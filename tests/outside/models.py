@@ -87,7 +87,7 @@ def main(folder):
     subprocess.run([sys.executable, os.path.join(HERE, "frames.py"), out("contracting")], check=True)
 
     models = [out(f"{name}/model.{kind}") for name, kind in
-              [("small", "glb"), ("small", "obj"), ("strips", "glb"), ("paper", "glb"), ("paper", "obj"), ("pig", "glb")]]
+              [("small", "glb"), ("small", "obj"), ("strips", "glb"), ("paper", "obj"), ("pig", "glb")]]
     glbs = [*(model for model in models if model.endswith(".glb")), out("contracting/animation.glb")]
     node = os.path.join(JUDGES, "node")
     levels = [out(f"{name}/model.lod{level}.glb") for name in ["strips", "pig"] for level in range(3)]

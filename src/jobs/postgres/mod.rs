@@ -12,7 +12,10 @@
 mod notify;
 
 use super::operators::PoolUse;
-use super::sql::{Connection, Done, Engine, Operation, Reader, SqlError, SqlStore, Time, Trouble, Tx, run_or_find};
+use super::sql::{
+    Connection, Done, Engine, Operation, Reader, SqlError, SqlStore, Time, Trouble, Tx, migrations, migrator,
+    run_or_find,
+};
 use super::store::{Change, StoreError, StoreOptions};
 use crate::clock::Clock;
 use notify::Notifier;
@@ -35,6 +38,20 @@ const PLANS: [(&str, &str); 5] = [
     ("enable_mergejoin", "off"),
     ("jit", "off"),
     ("max_parallel_workers_per_gather", "0"),
+];
+
+/// The tables, and how they became what they are.
+const MIGRATIONS: [(&str, &str); 10] = migrations![
+    "0001_jobs",
+    "0002_priorities",
+    "0003_traces",
+    "0004_upkeep",
+    "0005_owners",
+    "0006_studies",
+    "0007_claiming",
+    "0008_front_ends",
+    "0009_shared_growth",
+    "0010_fits",
 ];
 
 /// The job store on PostgreSQL. Clones share it.
@@ -89,7 +106,7 @@ pub async fn migrate(url: &str) -> Result<(), StoreError> {
         .connect_with(connect_options(url)?)
         .await
         .map_err(SqlError::from)?;
-    let migrated = sqlx::migrate!("src/jobs/postgres/migrations").set_ignore_missing(true).run(&pool).await;
+    let migrated = migrator(&MIGRATIONS).run(&pool).await;
     pool.close().await;
     migrated.map_err(|error| StoreError::Database(error.to_string()))
 }

@@ -15,6 +15,7 @@
 //! | `keys` | keys of clients, tickets |
 //! | `order` | turns and positions in the queue |
 //! | `quota` | what an owner has |
+//! | `migrations` | the tables from one version to the next |
 //! | `record`, `read` | rows to jobs and attempts; lists and counts |
 
 mod batch;
@@ -24,6 +25,7 @@ mod codec;
 mod error;
 mod keys;
 mod lease;
+mod migrations;
 mod operation;
 mod order;
 mod pause;
@@ -39,6 +41,7 @@ mod workers;
 
 pub(super) use error::SqlError;
 pub(super) use lease::Expire;
+pub(super) use migrations::{migrations, migrator};
 pub(super) use operation::{Done, Operation};
 pub use store::SqlStore;
 pub(super) use store::{Engine, Reader, Trouble, run_or_find};

@@ -17,7 +17,8 @@
 use super::job::JobId;
 use super::operators::PoolUse;
 use super::sql::{
-    Connection, Done, Engine, Expire, FreeUpkeep, Operation, Reader, SqlError, SqlStore, Time, Trouble, Tx, run_or_find,
+    Connection, Done, Engine, Expire, FreeUpkeep, Operation, Reader, SqlError, SqlStore, Time, Trouble, Tx, migrations,
+    migrator, run_or_find,
 };
 use super::store::{Change, StoreError, StoreOptions};
 use crate::clock::Stopwatch;
@@ -30,6 +31,21 @@ use std::fs::{File, TryLockError};
 use std::path::Path;
 use std::time::Duration;
 
+/// The tables, and how they became what they are.
+const MIGRATIONS: [(&str, &str); 12] = migrations![
+    "0001_jobs",
+    "0002_operations",
+    "0003_fair_share",
+    "0004_priorities",
+    "0005_traces",
+    "0006_upkeep",
+    "0007_owners",
+    "0008_studies",
+    "0009_claiming",
+    "0010_front_ends",
+    "0011_shared_growth",
+    "0012_fits",
+];
 /// How long a connection waits for a lock of another process before it fails.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 /// Least length of the write-ahead log, bytes. SQLite writes it back into the database file from 4 MB on, and then overwrites
@@ -222,12 +238,7 @@ fn pool_use(name: &'static str, pool: &SqlitePool) -> PoolUse {
 }
 
 async fn migrate(pool: &SqlitePool) -> Result<(), StoreError> {
-    // The tables of a later version work too, after a downgrade.
-    sqlx::migrate!("src/jobs/sqlite/migrations")
-        .set_ignore_missing(true)
-        .run(pool)
-        .await
-        .map_err(|error| StoreError::Database(error.to_string()))
+    migrator(&MIGRATIONS).run(pool).await.map_err(|error| StoreError::Database(error.to_string()))
 }
 
 /// Makes the log as long as [`LOG`] by a large write that is rolled back: the file keeps its length. If the disk is full
