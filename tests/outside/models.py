@@ -80,7 +80,8 @@ def main(folder):
     if many["peak_rss_bytes"] is not None:
         assert many["peak_rss_bytes"] < 1.2 * paper["peak_rss_bytes"], [many["peak_rss_bytes"], paper["peak_rss_bytes"]]
     oviduct.run("check", "--euler", "0", out("many/model.vtp"))
-    generate(out("pig"), "--seed", "7")
+    # The demo below is of full size.
+    generate(out("pig"), "--seed", "7", "--set", "steps=600")
 
     # Frames of a contraction.
     generate(out("contracting"), "--seed", "7", "--outputs", "obj", "--set", "contraction.frames=5", "--set", "length_mm=20", *SMALL)
