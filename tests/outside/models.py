@@ -89,7 +89,7 @@ def main(folder):
 
     models = [out(f"{name}/model.{kind}") for name, kind in
               [("small", "glb"), ("small", "obj"), ("strips", "glb"), ("paper", "obj"), ("pig", "glb")]]
-    glbs = [*(model for model in models if model.endswith(".glb")), out("contracting/animation.glb")]
+    glbs = [*(model for model in models if model.endswith(".glb")), out("paper/model.glb"), out("contracting/animation.glb")]
     node = os.path.join(JUDGES, "node")
     levels = [out(f"{name}/model.lod{level}.glb") for name in ["strips", "pig"] for level in range(3)]
     subprocess.run(["node", os.path.join(HERE, "gltf.mjs"), node, *glbs, *levels], check=True)
