@@ -1,13 +1,13 @@
 //! Random changes of inputs, the same in every run: what libFuzzer does, without its guidance.
 
 /// SplitMix64, and the inputs of a target.
-pub struct Mutations<'a> {
+pub(crate) struct Mutations<'a> {
     inputs: &'a [Vec<u8>],
     state: u64,
 }
 
 impl<'a> Mutations<'a> {
-    pub fn new(inputs: &'a [Vec<u8>], seed: u64) -> Self {
+    pub(crate) fn new(inputs: &'a [Vec<u8>], seed: u64) -> Self {
         Self { inputs, state: seed }
     }
 
