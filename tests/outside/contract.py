@@ -24,7 +24,7 @@ def main(folder, keyed):
         service.add_key("judge", "admin")
         # The header is added to every request, so none lacks it. tests/api/access.rs sends requests without a key.
         options = ["--header", f"Authorization: Bearer {service.key}", "--exclude-checks", "missing_required_header",
-                   "--max-examples", "5"]
+                   "--max-examples", "5", "--phases", "examples,fuzzing"]
     service.start()
     succeeded = service.json("POST", "/models", {"seed": 1, "spec": SMALL, "outputs": ["glb", "obj"]})["id"]
     assert service.ended(succeeded)["status"] == "succeeded", service.ended(succeeded)
