@@ -134,7 +134,7 @@ fn all_certify(accepted: &[(u64, ModelSpec)]) {
 /// `OVIDUCT_TEST_SPECS=1000 cargo test --release --lib random_specifications` tests 1,000 in two minutes on two cores.
 #[test]
 fn random_specifications_that_are_accepted_certify() {
-    let wanted = std::env::var("OVIDUCT_TEST_SPECS").map_or(30, |count| count.parse().unwrap());
+    let wanted = std::env::var("OVIDUCT_TEST_SPECS").map_or(50, |count| count.parse().unwrap());
     let drawn = 8 * wanted as u64;
     let accepted: Vec<_> = (0..drawn).filter_map(|seed| Some((seed, wild(seed).ok()?))).take(wanted).collect();
     assert_eq!(accepted.len(), wanted, "so many of {drawn} are accepted");

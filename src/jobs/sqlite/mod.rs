@@ -46,6 +46,7 @@ const MIGRATIONS: [(&str, &str); 12] = migrations![
     "0011_shared_growth",
     "0012_fits",
 ];
+
 /// How long a connection waits for a lock of another process before it fails.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 /// Least length of the write-ahead log, bytes. SQLite writes it back into the database file from 4 MB on, and then overwrites
