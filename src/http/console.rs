@@ -12,7 +12,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use rust_embed::{Embed, EmbeddedFile};
 
-/// What `npm run build` wrote. Debug builds read the folder when they are asked.
+/// What `npm run build` wrote.
 #[derive(Embed)]
 #[folder = "web/dist/"]
 struct Files;
