@@ -16,7 +16,7 @@ var<workgroup> longest: array<f32, LOOP_THREADS>;
 var<workgroup> longest_edge: array<u32, LOOP_THREADS>;
 
 fn point(member: u32, n: u32, i: u32) -> vec2<f32> {
-    return load2(member, current(X), i % n);
+    return position(member, i % n);
 }
 
 fn has_room(member: u32, n: u32, edge: u32) -> bool {
@@ -69,7 +69,7 @@ fn share(total: u32, runs: u32, run: u32) -> u32 {
 // Weight of the edges before edge i.
 fn lighter(member: u32, row: u32, i: u32) -> u32 {
     if varies(row) {
-        return particles[slot(member, LIGHTER, i)];
+        return scalars[slot(member, LIGHTER, i)];
     }
     return i;
 }
@@ -99,13 +99,13 @@ fn weigh(member: u32, n: u32, row: u32, thread: u32) -> u32 {
     let end = select(first, min(first + stretch, n), varies(row));
     var own = 0u;
     for (var i = first; i < end; i++) {
-        own += growth_weight(member, row, load2(member, current(ANCHOR_X), i));
+        own += growth_weight(member, row, vector(member, current_vector(ANCHOR), i));
     }
     let up_to_here = count_up(thread, own);
     var before = up_to_here - own;
     for (var i = first; i < end; i++) {
-        particles[slot(member, LIGHTER, i)] = before;
-        before += growth_weight(member, row, load2(member, current(ANCHOR_X), i));
+        scalars[slot(member, LIGHTER, i)] = before;
+        before += growth_weight(member, row, vector(member, current_vector(ANCHOR), i));
     }
     storageBarrier();
     workgroupBarrier();
@@ -130,14 +130,14 @@ fn growth(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
     var won = 0u;
     for (var run = first; run < end; run++) {
         let winner = tournament(member, n, row, total, runs, run);
-        particles[slot(member, WINNER, run)] = winner;
+        scalars[slot(member, WINNER, run)] = winner;
         won += u32(winner != NONE);
     }
     let up_to_here = count_up(thread, won);
     var before = up_to_here - won;
     for (var run = first; run < end; run++) {
-        particles[slot(member, BEFORE, run)] = before;
-        before += u32(particles[slot(member, WINNER, run)] != NONE);
+        scalars[slot(member, BEFORE, run)] = before;
+        before += u32(scalars[slot(member, WINNER, run)] != NONE);
     }
 
     let outer = states[member].outer;
@@ -292,37 +292,38 @@ fn split(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     var winner = NONE;
     if runs > 0u {
         let run = run_of(states[member].weight, runs, lighter(member, row, i));
-        winner = particles[slot(member, WINNER, run)];
-        before = particles[slot(member, BEFORE, run)] + u32(winner != NONE && winner < i);
+        winner = scalars[slot(member, WINNER, run)];
+        before = scalars[slot(member, BEFORE, run)] + u32(winner != NONE && winner < i);
     }
     let splits = winner == i;
     let to = i + before;
-    let other = (1u - now.copy) * COPIED;
+    let other = (1u - now.copy) * COPIED_SCALARS;
+    let other_vector = (1u - now.copy) * COPIED_VECTORS;
     let rest = load(member, rest_field(), i) * select(1.0, 0.5, splits);
-    for (var field = 0u; field < COPIED; field++) {
-        if field != REST {
-            particles[slot(member, other + field, to)] = particles[slot(member, current(field), i)];
-        }
+    scalars[slot(member, other + ID, to)] = scalars[slot(member, current(ID), i)];
+    scalars[slot(member, other + SIGN, to)] = scalars[slot(member, current(SIGN), i)];
+    for (var field = 0u; field < COPIED_VECTORS; field++) {
+        set_vector(member, other_vector + field, to, vector(member, current_vector(field), i));
     }
     store(member, next_rest_field(), to, rest);
-    let here = load2(member, current(X), i);
-    let scale = scale_of(member, row, here, load2(member, current(ANCHOR_X), i));
+    let here = position(member, i);
+    let scale = scale_of(member, row, here, vector(member, current_vector(ANCHOR), i));
     store(member, other + SCALE, to, scale);
     var widest = scale;
     if splits {
         let j = (i + 1u) % n;
         let id = states[member].first_id + before;
-        let p = 0.5 * (here + load2(member, current(X), j));
-        let v = 0.5 * (load2(member, current(VX), i) + load2(member, current(VX), j));
-        particles[slot(member, other + ID, to + 1u)] = id;
-        store2(member, other + X, to + 1u, p);
-        store2(member, other + VX, to + 1u, v);
+        let p = 0.5 * (here + position(member, j));
+        let v = 0.5 * (vector(member, current_vector(VELOCITY), i) + vector(member, current_vector(VELOCITY), j));
+        scalars[slot(member, other + ID, to + 1u)] = id;
+        set_vector(member, other_vector + POSITION, to + 1u, p);
+        set_vector(member, other_vector + VELOCITY, to + 1u, v);
         store(member, next_rest_field(), to + 1u, rest);
         var anchor = nearest_on_ellipse(p, rows[row].r_in, rows[row].squash);
         if is_shaped(member) {
             anchor = region_nearest(member, row, p);
         }
-        store2(member, other + ANCHOR_X, to + 1u, anchor);
+        set_vector(member, other_vector + ANCHOR, to + 1u, anchor);
         store(member, other + SIGN, to + 1u, contortion_sign(member, id));
         let new_scale = scale_of(member, row, p, anchor);
         store(member, other + SCALE, to + 1u, new_scale);

@@ -1,7 +1,12 @@
 // Recording: packs the state of each member into a contiguous part of the record, which is copied to a staging buffer.
 //
-// For each member: a header, then the fields of its inner particles (COPIED of them, and the clearance), each `extent`
-// words long, then those of its outer particles, each `outer_extent` words long.
+// For each member: a header, then the fields of its inner particles (id, x, y, velocity, rest length, anchor, sign, scale,
+// clearance), each `extent` words long, then those of its outer particles, each `outer_extent` words long.
+
+fn keep_vector(at: u32, value: vec2<f32>) {
+    record_out[at] = bitcast<u32>(value.x);
+    record_out[at + now.extent] = bitcast<u32>(value.y);
+}
 
 @compute @workgroup_size(THREADS)
 fn record(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
@@ -19,11 +24,15 @@ fn record(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
         record_out[base + 7u] = atomicLoad(&states[member].full_searches);
     }
     if i < min(states[member].inner, now.extent) {
-        for (var field = 0u; field < COPIED; field++) {
-            let from_field = select(current(field), rest_field(), field == REST);
-            record_out[base + HEADER + field * now.extent + i] = particles[slot(member, from_field, i)];
-        }
-        record_out[base + HEADER + COPIED * now.extent + i] = particles[slot(member, CLEARANCE, i)];
+        let at = base + HEADER + i;
+        record_out[at] = scalars[slot(member, current(ID), i)];
+        keep_vector(at + now.extent, position(member, i));
+        keep_vector(at + 3u * now.extent, vector(member, current_vector(VELOCITY), i));
+        record_out[at + 5u * now.extent] = scalars[slot(member, rest_field(), i)];
+        keep_vector(at + 6u * now.extent, vector(member, current_vector(ANCHOR), i));
+        record_out[at + 8u * now.extent] = scalars[slot(member, current(SIGN), i)];
+        record_out[at + 9u * now.extent] = scalars[slot(member, current(SCALE), i)];
+        record_out[at + 10u * now.extent] = scalars[slot(member, CLEARANCE, i)];
     }
     if i < min(states[member].outer, now.outer_extent) {
         let first = base + HEADER + RECORDED_INNER * now.extent;

@@ -166,7 +166,7 @@ fn constant(module: &Module, name: &str) -> Literal {
 const OUTLINES: [(&str, f32); 2] = [("DIRECTIONS", DIRECTIONS as f32), ("QUADRANT", (DIRECTIONS / 4) as f32)];
 
 /// Constants of the layout that the host also has.
-const SHARED: [(&str, u32); 13] = [
+const SHARED: [(&str, u32); 15] = [
     ("LANES", LANES as u32),
     ("BLOCK_THREADS", layout::BLOCK_THREADS),
     ("THREADS", layout::THREADS),
@@ -176,33 +176,21 @@ const SHARED: [(&str, u32); 13] = [
     ("HEADER", layout::HEADER),
     ("RECORDED_INNER", layout::RECORDED_INNER),
     ("RECORDED_OUTER", layout::RECORDED_OUTER),
-    ("COPIED", layout::COPIED),
+    ("COPIED_SCALARS", layout::COPIED_SCALARS),
     ("CLEARANCE", layout::CLEARANCE),
-    ("FIELDS", layout::FIELDS),
+    ("SCALARS", layout::SCALARS),
+    ("COPIED_VECTORS", layout::COPIED_VECTORS),
+    ("VECTORS", layout::VECTORS),
     ("WALL_FIELDS", layout::WALL_FIELDS),
 ];
 /// Fields in the order in which the host writes and reads them.
-const INNER_FIELDS: [&str; 10] = ["ID", "X", "Y", "VX", "VY", "REST", "ANCHOR_X", "ANCHOR_Y", "SIGN", "SCALE"];
+const INNER_SCALARS: [&str; 4] = ["ID", "REST", "SIGN", "SCALE"];
+const INNER_VECTORS: [&str; 3] = ["POSITION", "VELOCITY", "ANCHOR"];
 const OUTER_FIELDS: [&str; 5] = ["WALL_ID", "WALL_X", "WALL_Y", "WALL_VX", "WALL_VY"];
 /// Constants that only shaders need: fields with their widths, which must not overlap …
-const OWN_INNER_FIELDS: [(&str, u32); 16] = [
-    ("STAGE", 8),
-    ("SUM_X", 1),
-    ("SUM_Y", 1),
-    ("FIRST_X", 1),
-    ("FIRST_Y", 1),
-    ("MIDDLE_X", 1),
-    ("MIDDLE_Y", 1),
-    ("CLEARANCE", 1),
-    ("BUILT_X", 1),
-    ("BUILT_Y", 1),
-    ("COUNT", 1),
-    ("WINNER", 1),
-    ("BEFORE", 1),
-    ("SWAY_X", 1),
-    ("SWAY_Y", 1),
-    ("LIGHTER", 1),
-];
+const OWN_SCALARS: [&str; 5] = ["CLEARANCE", "COUNT", "WINNER", "BEFORE", "LIGHTER"];
+const OWN_VECTORS: [(&str, u32); 6] =
+    [("STAGE", 4), ("SUM", 1), ("FIRST", 1), ("MIDDLE", 1), ("BUILT", 1), ("SWAY", 1)];
 const OWN_OUTER_FIELDS: [(&str, u32); 3] = [("WALL_PULL_X", 1), ("WALL_PULL_Y", 1), ("WALL_OLD", 5)];
 /// … the distance of lists beyond the skin, and a stride in shared memory.
 const OWN: [&str; 2] = ["SPARE", "STRIDE"];
@@ -253,20 +241,25 @@ fn fields_follow_each_other() {
             }
             assert_eq!(next, end);
         };
-        follow(0, &INNER_FIELDS.map(|name| (name, 1)), layout::COPIED);
-        follow(2 * layout::COPIED, &OWN_INNER_FIELDS, layout::FIELDS);
+        follow(0, &INNER_SCALARS.map(|name| (name, 1)), layout::COPIED_SCALARS);
+        follow(2 * layout::COPIED_SCALARS, &OWN_SCALARS.map(|name| (name, 1)), layout::SCALARS);
+        follow(0, &INNER_VECTORS.map(|name| (name, 1)), layout::COPIED_VECTORS);
+        follow(2 * layout::COPIED_VECTORS, &OWN_VECTORS, layout::VECTORS);
         follow(0, &OUTER_FIELDS.map(|name| (name, 1)), layout::RECORDED_OUTER);
         follow(layout::RECORDED_OUTER, &OWN_OUTER_FIELDS, layout::WALL_FIELDS);
     }
-    assert_eq!(layout::RECORDED_INNER, layout::COPIED + 1, "and the clearance");
+    let copied = layout::COPIED_SCALARS + 2 * layout::COPIED_VECTORS;
+    assert_eq!(layout::RECORDED_INNER, copied + 1, "and the clearance");
 }
 
 #[test]
 fn no_constant_and_no_structure_is_left_out() {
     let compared: BTreeSet<&str> = (SHARED.map(|c| c.0).into_iter())
-        .chain(INNER_FIELDS)
+        .chain(INNER_SCALARS)
+        .chain(INNER_VECTORS)
         .chain(OUTER_FIELDS)
-        .chain(OWN_INNER_FIELDS.map(|f| f.0))
+        .chain(OWN_SCALARS)
+        .chain(OWN_VECTORS.map(|f| f.0))
         .chain(OWN_OUTER_FIELDS.map(|f| f.0))
         .chain(OWN)
         .chain(STREAMS.map(|s| s.0))
@@ -279,8 +272,8 @@ fn no_constant_and_no_structure_is_left_out() {
             let name = constant.name.as_deref().unwrap_or_default();
             assert!(compared.contains(name), "{name} of {} is compared with nothing", shader.name);
         }
-        // Structures of shaders only: inputs of pair forces, and which lists are valid.
-        let known = ["StepRow", "Batch", "Member", "Status", "Now", "PairTerms", "Trust"];
+        // Structures of shaders only: arguments and results of functions.
+        let known = ["StepRow", "Batch", "Member", "Status", "Now", "PairTerms", "PairSum", "Look", "Own"];
         for (_, found) in module.types.iter().filter(|(_, t)| matches!(t.inner, TypeInner::Struct { .. })) {
             let name = found.name.as_deref().unwrap_or_default();
             assert!(known.contains(&name), "{name} of {} is compared with nothing", shader.name);

@@ -149,49 +149,49 @@ struct Now {
 @group(0) @binding(2) var<storage, read> members: array<Member>;
 @group(0) @binding(3) var<storage, read> tables: array<f32>;
 @group(0) @binding(4) var<storage, read_write> states: array<Status>;
-@group(0) @binding(5) var<storage, read_write> particles: array<u32>;
+@group(0) @binding(5) var<storage, read_write> scalars: array<u32>;
+@group(0) @binding(6) var<storage, read_write> vectors: array<vec2<f32>>;
+// Of each block, the least and the greatest x and y of its particles, written at the end of each step.
+@group(0) @binding(7) var<storage, read_write> extents: array<vec4<f32>>;
 // Bits of the greatest 1/d of each segment of a member: first those of even rows, then those of odd rows.
-@group(0) @binding(6) var<storage, read_write> near: array<atomic<u32>>;
-@group(0) @binding(7) var<storage, read_write> lists: array<u32>;
-@group(0) @binding(8) var<storage, read_write> wall: array<u32>;
-@group(0) @binding(9) var<storage, read_write> record_out: array<u32>;
+@group(0) @binding(8) var<storage, read_write> near: array<atomic<u32>>;
+// Four blocks each.
+@group(0) @binding(9) var<storage, read_write> lists: array<vec4<u32>>;
+@group(0) @binding(10) var<storage, read_write> wall: array<u32>;
+@group(0) @binding(11) var<storage, read_write> record_out: array<u32>;
 var<immediate> now: Now;
 
-// Fields of an inner particle that growth copies; there are two copies of each.
+// Scalars of an inner particle that growth copies; there are two copies of each.
 const ID: u32 = 0u;
-const X: u32 = 1u;
-const Y: u32 = 2u;
-const VX: u32 = 3u;
-const VY: u32 = 4u;
-const REST: u32 = 5u;
-const ANCHOR_X: u32 = 6u;
-const ANCHOR_Y: u32 = 7u;
-const SIGN: u32 = 8u;
-const SCALE: u32 = 9u;
-const COPIED: u32 = 10u;
-// Fields with one copy, after both copies of the others. Two stages of positions and velocities (x, y, vx, vy) …
-const STAGE: u32 = 20u;
+const REST: u32 = 1u;
+const SIGN: u32 = 2u;
+const SCALE: u32 = 3u;
+const COPIED_SCALARS: u32 = 4u;
+// Scalars with one copy, after both copies of the others. Clearance at the start of the last step, blocks on the list …
+const CLEARANCE: u32 = 8u;
+const COUNT: u32 = 9u;
+// … of each run of a growth event: the edge to split or NONE, and splits in the runs before …
+const WINNER: u32 = 10u;
+const BEFORE: u32 = 11u;
+// … and the weight of all edges before this one at a growth event.
+const LIGHTER: u32 = 12u;
+const SCALARS: u32 = 13u;
+
+// Vectors of an inner particle, in the same way.
+const POSITION: u32 = 0u;
+const VELOCITY: u32 = 1u;
+const ANCHOR: u32 = 2u;
+const COPIED_VECTORS: u32 = 3u;
+// Two stages of positions and velocities …
+const STAGE: u32 = 6u;
 // … the weighted sum of stage velocities, accelerations of stage 1, and of stages 2 and 3 …
-const SUM_X: u32 = 28u;
-const SUM_Y: u32 = 29u;
-const FIRST_X: u32 = 30u;
-const FIRST_Y: u32 = 31u;
-const MIDDLE_X: u32 = 32u;
-const MIDDLE_Y: u32 = 33u;
-// … clearance at the start of the last step, where lists were built, blocks on the list …
-const CLEARANCE: u32 = 34u;
-const BUILT_X: u32 = 35u;
-const BUILT_Y: u32 = 36u;
-const COUNT: u32 = 37u;
-// … of each run of a growth event: the edge to split or NONE, and splits in the runs before.
-const WINNER: u32 = 38u;
-const BEFORE: u32 = 39u;
-// Force of the sway in this step.
-const SWAY_X: u32 = 40u;
-const SWAY_Y: u32 = 41u;
-// Weight of all edges before this one at a growth event.
-const LIGHTER: u32 = 42u;
-const FIELDS: u32 = 43u;
+const SUM: u32 = 10u;
+const FIRST: u32 = 11u;
+const MIDDLE: u32 = 12u;
+// … where lists were built, and the force of the sway in this step.
+const BUILT: u32 = 13u;
+const SWAY: u32 = 14u;
+const VECTORS: u32 = 15u;
 
 // Fields of a particle of the outer loop.
 const WALL_ID: u32 = 0u;
@@ -206,39 +206,49 @@ const WALL_OLD: u32 = 7u;
 const WALL_FIELDS: u32 = 12u;
 
 fn slot(member: u32, field: u32, i: u32) -> u32 {
-    return (member * FIELDS + field) * batch.capacity + i;
+    return (member * SCALARS + field) * batch.capacity + i;
 }
 
 fn load(member: u32, field: u32, i: u32) -> f32 {
-    return bitcast<f32>(particles[slot(member, field, i)]);
+    return bitcast<f32>(scalars[slot(member, field, i)]);
 }
 
 fn store(member: u32, field: u32, i: u32, value: f32) {
-    particles[slot(member, field, i)] = bitcast<u32>(value);
+    scalars[slot(member, field, i)] = bitcast<u32>(value);
 }
 
-// Fields `field` and the next one.
-fn load2(member: u32, field: u32, i: u32) -> vec2<f32> {
-    return vec2<f32>(load(member, field, i), load(member, field + 1u, i));
+fn vector_slot(member: u32, field: u32, i: u32) -> u32 {
+    return (member * VECTORS + field) * batch.capacity + i;
 }
 
-fn store2(member: u32, field: u32, i: u32, value: vec2<f32>) {
-    store(member, field, i, value.x);
-    store(member, field + 1u, i, value.y);
+fn vector(member: u32, field: u32, i: u32) -> vec2<f32> {
+    return vectors[vector_slot(member, field, i)];
 }
 
-// A copied field in the current copy.
+fn set_vector(member: u32, field: u32, i: u32, value: vec2<f32>) {
+    vectors[vector_slot(member, field, i)] = value;
+}
+
+// A copied scalar or vector in the current copy.
 fn current(field: u32) -> u32 {
-    return now.copy * COPIED + field;
+    return now.copy * COPIED_SCALARS + field;
+}
+
+fn current_vector(field: u32) -> u32 {
+    return now.copy * COPIED_VECTORS + field;
+}
+
+fn position(member: u32, i: u32) -> vec2<f32> {
+    return vector(member, current_vector(POSITION), i);
 }
 
 // The current rest lengths, and where the next ones go.
 fn rest_field() -> u32 {
-    return now.rest * COPIED + REST;
+    return now.rest * COPIED_SCALARS + REST;
 }
 
 fn next_rest_field() -> u32 {
-    return (1u - now.rest) * COPIED + REST;
+    return (1u - now.rest) * COPIED_SCALARS + REST;
 }
 
 // Row `row` of a member, or its last one.

@@ -14,23 +14,41 @@ var<workgroup> stale: u32;
 var<workgroup> boxes: array<vec4<f32>, LANES * STRIDE>;
 // Number of blocks that each thread has found for its particle.
 var<workgroup> found: array<u32, BLOCK_THREADS>;
+// The lists, before they are stored four blocks at a time.
+var<workgroup> listed: array<u32, LANES * LIST>;
 
-fn segment_bounds(member: u32, n: u32, block: u32) -> vec4<f32> {
+fn extent_slot(member: u32, block: u32) -> u32 {
+    return member * (batch.capacity / LANES) + block;
+}
+
+// Bounds of the segments of a block. `known`: whether the extents of its particles are those of the last step; they are not
+// at the start and after growth.
+fn segment_bounds(member: u32, n: u32, block: u32, known: bool) -> vec4<f32> {
     let first = block * LANES;
+    let count = min(LANES, n - first);
     // Segments end at the next particle: one more point.
-    let count = min(LANES, n - first) + 1u;
-    var bounds = vec4<f32>(load2(member, current(X), first), load2(member, current(X), first));
-    for (var k = 1u; k < count; k++) {
-        let j = first + k;
-        let p = load2(member, current(X), select(j, 0u, j == n));
+    let end = position(member, select(first + count, 0u, first + count == n));
+    var bounds = vec4<f32>(end, end);
+    if known {
+        let own = extents[extent_slot(member, block)];
+        return vec4<f32>(min(own.xy, end), max(own.zw, end));
+    }
+    for (var k = 0u; k < count; k++) {
+        let p = position(member, first + k);
         bounds = vec4<f32>(min(bounds.xy, p), max(bounds.zw, p));
     }
     return bounds;
 }
 
+// The first four blocks on the list of particle i.
+fn list_slot(member: u32, i: u32) -> u32 {
+    return (member * batch.capacity + i) * (LIST / 4u);
+}
+
 // Builds the lists of the particles of a block with 16 threads per particle. Reads positions, which no workgroup changes
 // in this dispatch, and writes the lists of these particles only.
 fn build_lists(member: u32, n: u32, block: u32, thread: u32) {
+    let known = states[member].built != NONE;
     let lane = thread % LANES;
     let team = thread - lane;
     let i = block * LANES + thread / LANES;
@@ -39,17 +57,17 @@ fn build_lists(member: u32, n: u32, block: u32, thread: u32) {
     var range = 0.0;
     if i < n {
         let row = row_index(member, now.row);
-        p = load2(member, current(X), i);
+        p = position(member, i);
         range = max(range_max(row) * load(member, current(SCALE), i), least_sight(row)) + SKIN;
         if lane == 0u {
-            store2(member, BUILT_X, i, p);
+            set_vector(member, BUILT, i, p);
         }
     }
-    let list = (member * batch.capacity + i) * LIST;
+    let list = (thread / LANES) * LIST;
     var all = 0u;
     for (var tile = 0u; tile < blocks; tile += BLOCK_THREADS) {
         if tile + thread < blocks {
-            boxes[(thread / LANES) * STRIDE + lane] = segment_bounds(member, n, tile + thread);
+            boxes[(thread / LANES) * STRIDE + lane] = segment_bounds(member, n, tile + thread, known);
         }
         workgroupBarrier();
         // Sixteen blocks per thread, one bit for each that is near enough.
@@ -71,15 +89,23 @@ fn build_lists(member: u32, n: u32, block: u32, thread: u32) {
         }
         while near_enough != 0u {
             if at < LIST {
-                lists[list + at] = tile + lane * LANES + firstTrailingBit(near_enough);
+                listed[list + at] = tile + lane * LANES + firstTrailingBit(near_enough);
             }
             at++;
             near_enough &= near_enough - 1u;
         }
     }
-    if i < n && lane == 0u {
-        // A count above the capacity marks a list that is not used.
-        particles[slot(member, COUNT, i)] = all;
+    workgroupBarrier();
+    if i < n {
+        if 4u * lane < all {
+            let first = list + 4u * lane;
+            lists[list_slot(member, i) + lane] =
+                vec4<u32>(listed[first], listed[first + 1u], listed[first + 2u], listed[first + 3u]);
+        }
+        if lane == 0u {
+            // A count above the capacity marks a list that is not used.
+            scalars[slot(member, COUNT, i)] = all;
+        }
     }
     // Threads of this workgroup read what other threads of it wrote.
     storageBarrier();

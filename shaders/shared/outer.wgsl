@@ -117,8 +117,8 @@ fn step_outer(member: u32, at: u32, thread: u32) {
         let inner = states[member].inner;
         let flatten = vec2<f32>(1.0, 1.0 / rows[next_row].squash);
         for (var i = thread; i < inner; i += LOOP_THREADS) {
-            let a = load2(member, current(X), i) * flatten;
-            let b = load2(member, current(X), (i + 1u) % inner) * flatten;
+            let a = position(member, i) * flatten;
+            let b = position(member, (i + 1u) % inner) * flatten;
             reach = max(reach, region_extent(member, next_row, wall_depth(next_row), a, b).y);
         }
     }

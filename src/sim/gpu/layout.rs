@@ -15,16 +15,20 @@ pub const LIST: u32 = 64;
 pub const NONE: u32 = u32::MAX;
 /// Words of a record before its fields.
 pub const HEADER: u32 = 8;
-/// Fields of an inner particle in a record: [`COPIED`] and the clearance.
+/// Fields of an inner particle in a record: what growth copies, and the clearance.
 pub const RECORDED_INNER: u32 = 11;
 /// Fields of an outer particle in a record.
 pub const RECORDED_OUTER: u32 = 5;
-/// Fields of an inner particle that growth copies.
-pub const COPIED: u32 = 10;
-/// Field of the clearance.
-pub const CLEARANCE: u32 = 34;
-/// Fields of an inner particle.
-pub const FIELDS: u32 = 43;
+/// Scalars of an inner particle that growth copies.
+pub const COPIED_SCALARS: u32 = 4;
+/// The scalar with the clearance.
+pub const CLEARANCE: u32 = 8;
+/// Scalars of an inner particle.
+pub const SCALARS: u32 = 13;
+/// Vectors of an inner particle that growth copies.
+pub const COPIED_VECTORS: u32 = 3;
+/// Vectors of an inner particle.
+pub const VECTORS: u32 = 15;
 /// Fields of an outer particle.
 pub const WALL_FIELDS: u32 = 12;
 

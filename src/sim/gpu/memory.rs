@@ -2,7 +2,10 @@
 
 use super::device::GpuDevice;
 use super::error::GpuError;
-use super::layout::{Batch, CLEARANCE, COPIED, FIELDS, Member, NONE, RECORDED_OUTER, Status, WALL_FIELDS};
+use super::layout::{
+    Batch, CLEARANCE, COPIED_SCALARS, COPIED_VECTORS, Member, NONE, RECORDED_OUTER, SCALARS, Status, VECTORS,
+    WALL_FIELDS,
+};
 use super::sizes::Sizes;
 use crate::sim::cpu::coefficients;
 use crate::sim::maths::fraction;
@@ -59,7 +62,7 @@ impl Memory {
             layout: &device.pipelines.layout,
             entries: &entries,
         });
-        let (record, states) = (buffers[8].clone(), buffers[3].clone());
+        let (record, states) = (buffers[10].clone(), buffers[3].clone());
         buffers.push(uniform);
         Self { states, record, staging, group, buffers }
     }
@@ -80,7 +83,7 @@ impl Memory {
         let write = |buffer: &wgpu::Buffer, word: u64, data: &[u32]| {
             queue.write_buffer(buffer, 4 * word, bytemuck::cast_slice(data));
         };
-        write(&buffers[9], 0, bytemuck::cast_slice(&[sizes.batch]));
+        write(&buffers[11], 0, bytemuck::cast_slice(&[sizes.batch]));
         // The device is idle meanwhile.
         let tables: Vec<Vec<f32>> = plans.par_iter().map(|plan| tables(plan, &sizes.batch)).collect();
         for (m, ((plan, start), tables)) in plans.iter().zip(starts).zip(&tables).enumerate() {
@@ -95,11 +98,13 @@ impl Memory {
             write(&buffers[2], at(sizes.batch.tables), bytemuck::cast_slice(tables));
             write(&buffers[3], at((size_of::<Status>() / 4) as u32), bytemuck::cast_slice(&[status(start)]));
             let capacity = sizes.batch.capacity;
-            write(&buffers[4], at(FIELDS * capacity), &inner_fields(start, capacity as usize));
+            write(&buffers[4], at(SCALARS * capacity), &inner_scalars(start, capacity as usize));
             let known = clearances(start);
-            write(&buffers[4], at(FIELDS * capacity) + u64::from(CLEARANCE * capacity), bytemuck::cast_slice(&known));
+            write(&buffers[4], at(SCALARS * capacity) + u64::from(CLEARANCE * capacity), bytemuck::cast_slice(&known));
+            let vectors = inner_vectors(start, capacity as usize);
+            write(&buffers[5], at(2 * VECTORS * capacity), bytemuck::cast_slice(&vectors));
             let outer_capacity = sizes.batch.outer_capacity;
-            write(&buffers[7], at(WALL_FIELDS * outer_capacity), &outer_fields(start, outer_capacity as usize));
+            write(&buffers[9], at(WALL_FIELDS * outer_capacity), &outer_fields(start, outer_capacity as usize));
         }
     }
 
@@ -135,16 +140,27 @@ fn status(start: &Checkpoint) -> Status {
     }
 }
 
-fn inner_fields(start: &Checkpoint, capacity: usize) -> Vec<u32> {
+fn inner_scalars(start: &Checkpoint, capacity: usize) -> Vec<u32> {
     let s = &start.inner;
-    let mut words = vec![0; COPIED as usize * capacity];
-    words[..s.len()].copy_from_slice(&s.id);
-    let fields = [&s.x, &s.y, &s.vx, &s.vy, &s.rest, &s.anchor_x, &s.anchor_y, &s.sign, &s.scale];
-    for (k, field) in fields.into_iter().enumerate() {
-        let first = (k + 1) * capacity;
-        words[first..first + s.len()].copy_from_slice(bytemuck::cast_slice(field));
+    let fields =
+        [&s.id[..], bytemuck::cast_slice(&s.rest), bytemuck::cast_slice(&s.sign), bytemuck::cast_slice(&s.scale)];
+    let mut words = vec![0; COPIED_SCALARS as usize * capacity];
+    for (to, field) in words.chunks_exact_mut(capacity).zip(fields) {
+        to[..s.len()].copy_from_slice(field);
     }
     words
+}
+
+fn inner_vectors(start: &Checkpoint, capacity: usize) -> Vec<[f32; 2]> {
+    let s = &start.inner;
+    let fields = [(&s.x, &s.y), (&s.vx, &s.vy), (&s.anchor_x, &s.anchor_y)];
+    let mut vectors = vec![[0.0; 2]; COPIED_VECTORS as usize * capacity];
+    for (to, (x, y)) in vectors.chunks_exact_mut(capacity).zip(fields) {
+        for ((to, &x), &y) in to.iter_mut().zip(x).zip(y) {
+            *to = [x, y];
+        }
+    }
+    vectors
 }
 
 /// One clearance per particle; unknown ones permit every move.

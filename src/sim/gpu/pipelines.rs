@@ -5,7 +5,7 @@ use super::shaders::{self, Shader};
 use std::mem::size_of;
 
 /// Storage buffers of a stage.
-pub(super) const STORAGE_BUFFERS: u32 = 9;
+pub(super) const STORAGE_BUFFERS: u32 = 11;
 /// Bytes of the immediates.
 pub(super) const IMMEDIATES: u32 = size_of::<Now>() as u32;
 

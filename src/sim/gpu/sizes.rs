@@ -1,7 +1,9 @@
 //! How large the buffers of a batch are, and whether a device can hold them.
 
 use super::error::GpuError;
-use super::layout::{Batch, FIELDS, HEADER, LIST, Member, RECORDED_INNER, RECORDED_OUTER, Status, WALL_FIELDS};
+use super::layout::{
+    Batch, HEADER, LIST, Member, RECORDED_INNER, RECORDED_OUTER, SCALARS, Status, VECTORS, WALL_FIELDS,
+};
 use crate::sim::layout::LANES;
 use crate::sim::{Plan, StepRow};
 use std::mem::size_of;
@@ -95,7 +97,7 @@ impl Sizes {
     }
 
     /// Bytes of each storage buffer, in the order of their bindings from 1 on.
-    pub(super) fn bytes(&self) -> [(&'static str, u64); 9] {
+    pub(super) fn bytes(&self) -> [(&'static str, u64); 11] {
         let b = &self.batch;
         let each = |words: u64| 4 * words * self.members as u64;
         let [capacity, outer] = [b.capacity, b.outer_capacity].map(u64::from);
@@ -104,7 +106,9 @@ impl Sizes {
             ("members", each((size_of::<Member>() / 4) as u64)),
             ("tables", each(u64::from(b.tables))),
             ("states", each((size_of::<Status>() / 4) as u64)),
-            ("particles", each(u64::from(FIELDS) * capacity)),
+            ("scalars", each(u64::from(SCALARS) * capacity)),
+            ("vectors", each(2 * u64::from(VECTORS) * capacity)),
+            ("extents", each(4 * capacity / LANES as u64)),
             ("near", each(2 * capacity)),
             ("lists", each(u64::from(LIST) * capacity)),
             ("wall", each(u64::from(WALL_FIELDS) * outer)),
