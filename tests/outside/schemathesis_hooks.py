@@ -17,7 +17,11 @@ COUNT = {"calls": 0}
 
 @schemathesis.hook
 def before_load_schema(context, raw_schema):
-    """Drops security if the service has no keys, and so serves requests without one."""
+    """Makes the studies of examples small, and drops security if the service has no keys, and so serves requests without one."""
+    # Thousands of bodies are made from the examples, and each would have its 50 points checked.
+    components = raw_schema["components"]
+    for study in (components["schemas"]["Vary"]["examples"][0], components["examples"]["StudyBatch"]["value"]["vary"]):
+        study["samples"] = 5
     if KEY:
         return
     del raw_schema["components"]["securitySchemes"]
