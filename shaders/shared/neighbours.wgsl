@@ -98,9 +98,9 @@ fn build_lists(member: u32, n: u32, block: u32, thread: u32) {
     workgroupBarrier();
     if i < n {
         if 4u * lane < all {
-            let first = list + 4u * lane;
-            lists[list_slot(member, i) + lane] =
-                vec4<u32>(listed[first], listed[first + 1u], listed[first + 2u], listed[first + 3u]);
+            // After the end of the list its last block again, which `gather` does not count.
+            let at = list + min(4u * lane + vec4<u32>(0u, 1u, 2u, 3u), vec4<u32>(min(all, LIST) - 1u));
+            lists[list_slot(member, i) + lane] = vec4<u32>(listed[at.x], listed[at.y], listed[at.z], listed[at.w]);
         }
         if lane == 0u {
             // A count above the capacity marks a list that is not used.
