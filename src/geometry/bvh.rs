@@ -11,6 +11,7 @@ use super::descent::{self, Block as _, pairs_below};
 use crate::vectorize::Vectors;
 use glam::{BVec4A, Vec4};
 use rayon::prelude::*;
+use std::ops::Range;
 
 const AXES: usize = 5;
 
@@ -19,6 +20,9 @@ const SIDES: usize = 2 * AXES;
 
 /// Levels of blocks below a part, with its own: parts hold 512 items.
 const PART_LEVELS: usize = 3;
+
+/// Blocks of items that one task builds.
+const RUN: usize = 256;
 
 /// Items of a block and children of a node.
 pub const WIDTH: usize = descent::WIDTH;
@@ -86,7 +90,42 @@ fn greater(a: f32, b: f32) -> f32 {
 #[derive(Clone, Copy, PartialEq)]
 struct Block([[Vec4; 2]; SIDES]);
 
+/// Points of eight items: `[point][axis][item]`. Those of no item are NaN.
+pub type Points<const N: usize> = [[[f64; WIDTH]; 3]; N];
+
 impl Block {
+    /// Bounds of nothing.
+    const EMPTY: Self = Self([[Vec4::NEG_INFINITY; 2]; SIDES]);
+
+    /// Bounds of the convex hulls of the points of each item.
+    #[inline(always)]
+    fn of_hulls<const N: usize>(points: &Points<N>) -> Self {
+        let mut rows = [[f32::NEG_INFINITY; WIDTH]; SIDES];
+        for [x, y, z] in points {
+            let mut along = [[0.0f32; WIDTH]; AXES];
+            for lane in 0..WIDTH {
+                along[0][lane] = x[lane] as f32;
+                along[1][lane] = y[lane] as f32;
+                along[2][lane] = z[lane] as f32;
+                along[3][lane] = (x[lane] + y[lane]) as f32;
+                along[4][lane] = (x[lane] - y[lane]) as f32;
+            }
+            for axis in 0..AXES {
+                for lane in 0..WIDTH {
+                    let value = along[axis][lane];
+                    rows[axis][lane] = greater(value, rows[axis][lane]);
+                    rows[AXES + axis][lane] = greater(-value, rows[AXES + axis][lane]);
+                }
+            }
+        }
+        Self::of_rows(&rows)
+    }
+
+    #[inline(always)]
+    fn of_rows(rows: &[[f32; WIDTH]; SIDES]) -> Self {
+        Self(rows.map(|row| [0, 4].map(|half| Vec4::from_slice(&row[half..]))))
+    }
+
     fn of(bounds: impl Iterator<Item = Bounds>) -> Self {
         let mut rows = [[f32::NEG_INFINITY; WIDTH]; SIDES];
         for (lane, b) in bounds.enumerate() {
@@ -94,7 +133,7 @@ impl Block {
                 row[lane] = value;
             }
         }
-        Self(rows.map(|row| [0, 4].map(|half| Vec4::from_slice(&row[half..]))))
+        Self::of_rows(&rows)
     }
 
     /// Lower bounds of the squared distances of a point from the items; infinite for an empty lane. The directions x + y and
@@ -185,9 +224,32 @@ impl Bvh {
     pub fn build(len: usize, bounds: impl Fn(usize) -> Bounds + Sync) -> Self {
         let first: Vec<Block> = (0..len.div_ceil(WIDTH))
             .into_par_iter()
-            .with_min_len(256)
+            .with_min_len(RUN)
             .map(|block| Block::of((block * WIDTH..len.min((block + 1) * WIDTH)).map(&bounds)))
             .collect();
+        Self::above(first, len)
+    }
+
+    /// Builds the hierarchy of `len` items that are the convex hulls of some points; `points` gives those of eight or fewer
+    /// successive items.
+    #[must_use]
+    pub fn of_hulls<const N: usize>(len: usize, points: impl Fn(Range<usize>) -> Points<N> + Sync) -> Self {
+        let mut first = vec![Block::EMPTY; len.div_ceil(WIDTH)];
+        first.par_chunks_mut(RUN).enumerate().for_each(|(run, blocks)| {
+            Vectors::best().run(
+                #[inline(always)]
+                || {
+                    for (block, at) in blocks.iter_mut().zip(run * RUN..) {
+                        *block = Block::of_hulls(&points(at * WIDTH..len.min((at + 1) * WIDTH)));
+                    }
+                },
+            );
+        });
+        Self::above(first, len)
+    }
+
+    /// The hierarchy above the blocks of its items.
+    fn above(first: Vec<Block>, len: usize) -> Self {
         let mut levels = vec![first];
         while let Some(last) = levels.last().filter(|last| last.len() > 1) {
             let next = last
@@ -366,6 +428,17 @@ mod tests {
                 Bounds::of([at(*p), at(end)])
             }).collect();
             let bvh = Bvh::build(bounds.len(), |i| bounds[i]);
+            let ends = Bvh::of_hulls(items.len(), |some| {
+                let mut points = [[[f64::NAN; WIDTH]; 3]; 2];
+                for (lane, [p, d]) in items[some].iter().enumerate() {
+                    for axis in 0..3 {
+                        points[0][axis][lane] = f64::from(p[axis]);
+                        points[1][axis][lane] = f64::from(p[axis] + d[axis] / 4);
+                    }
+                }
+                points
+            });
+            prop_assert!(ends.levels == bvh.levels);
             let mut found = Vec::new();
             for part in 0..bounds.len().div_ceil(bvh.part_len()) {
                 bvh.pairs(part, |i, j| found.push((i, j)));

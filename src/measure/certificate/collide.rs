@@ -94,11 +94,19 @@ impl Meetings {
         }
         let order = Order::of(surface, fresh);
         let left_out = left_out(surface, known);
-        let bvh = Bvh::build(surface.triangles.len(), |i| {
-            let triangle = order.triangle(i);
-            let is_out = left_out.as_ref().is_some_and(|out| out[triangle]);
-            if is_out { Bounds::EMPTY } else { Bounds::of(surface.corners(triangle)) }
-        });
+        let bvh = Bvh::of_hulls(
+            surface.triangles.len(),
+            #[inline(always)]
+            |items| {
+                let mut corners = surface.lanes(items.clone().map(|i| order.triangle(i)));
+                if let Some(out) = &left_out {
+                    for (lane, _) in items.enumerate().filter(|(_, i)| out[order.triangle(*i)]) {
+                        corners.as_flattened_mut().iter_mut().for_each(|axis| axis[lane] = f64::NAN);
+                    }
+                }
+                corners
+            },
+        );
         let search = Search { surface, fresh, known, order, left_out, bvh, most: MOST - self.met };
         let stars = known.crowded.len().div_ceil(TASK);
         let parts = fresh.div_ceil(search.bvh.part_len());

@@ -1,9 +1,10 @@
 //! Measures of the triangles: area, enclosed volume, least edge and angle; and which are degenerate, exactly.
 
-use super::surface::{Coordinate, Surface, Tally, few};
+use super::surface::{Coordinate, Corners, LANES, Surface, Tally, few};
 use super::topology::Topology;
 use super::types::{FailureKind, Failures, TriangleQuality};
 use crate::geometry::tri_tri::Triangle;
+use crate::vectorize::Vectors;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -28,12 +29,17 @@ struct Part {
     area: f64,
     /// Six times the volume, by component in the order met.
     volumes: Vec<(usize, f64)>,
-    min_edge_squared: f64,
-    /// Square of the tangent of the least angle.
-    min_tan_squared: f64,
     quality: TriangleQuality,
-    low: [f64; 3],
-    high: [f64; 3],
+    least: Least,
+}
+
+/// Extremes, by lane.
+struct Least {
+    edge_squared: [f64; LANES],
+    /// Square of the tangent of the least angle.
+    tan_squared: [f64; LANES],
+    low: [[f64; LANES]; 3],
+    high: [[f64; LANES]; 3],
 }
 
 impl Shape {
@@ -59,7 +65,12 @@ impl Shape {
         body_of: impl Fn([u32; 3]) -> usize + Sync,
     ) {
         let starts: Vec<usize> = (0..surface.triangles.len()).step_by(RUN).collect();
-        let part = |&start: &usize| part(surface, origin, &body_of, start..surface.triangles.len().min(start + RUN));
+        let part = |&start: &usize| {
+            Vectors::best().run(
+                #[inline(always)]
+                || part(surface, origin, &body_of, start..surface.triangles.len().min(start + RUN)),
+            )
+        };
         let parts: Vec<Part> = starts.par_iter().map(part).collect();
         for part in parts {
             self.area += part.area;
@@ -69,12 +80,13 @@ impl Shape {
                 }
                 self.volumes[body] += volume / 6.0;
             }
-            self.min_edge = self.min_edge.min(part.min_edge_squared.sqrt());
-            self.min_angle_deg = self.min_angle_deg.min(part.min_tan_squared.sqrt().atan().to_degrees());
+            let Least { edge_squared, tan_squared, low, high } = part.least;
+            self.min_edge = self.min_edge.min(least(edge_squared).sqrt());
+            self.min_angle_deg = self.min_angle_deg.min(least(tan_squared).sqrt().atan().to_degrees());
             self.quality.add(&part.quality);
             for axis in 0..3 {
-                self.bounds[0][axis] = self.bounds[0][axis].min(part.low[axis]);
-                self.bounds[1][axis] = self.bounds[1][axis].max(part.high[axis]);
+                self.bounds[0][axis] = self.bounds[0][axis].min(least(low[axis]));
+                self.bounds[1][axis] = self.bounds[1][axis].max(-least(high[axis].map(|x| -x)));
             }
             self.degenerate.extend(part.degenerate);
         }
@@ -95,6 +107,7 @@ pub(super) fn report(degenerate: &Tally, failures: &mut Failures) {
     degenerate.report(FailureKind::DegenerateTriangles, "triangles have no area", failures);
 }
 
+#[inline(always)]
 fn part<C: Coordinate>(
     surface: &Surface<'_, C>,
     origin: [f64; 3],
@@ -105,64 +118,126 @@ fn part<C: Coordinate>(
         degenerate: Vec::new(),
         area: 0.0,
         volumes: Vec::new(),
-        min_edge_squared: f64::INFINITY,
-        min_tan_squared: f64::INFINITY,
         quality: TriangleQuality::default(),
-        low: [f64::INFINITY; 3],
-        high: [f64::NEG_INFINITY; 3],
+        least: Least {
+            edge_squared: [f64::INFINITY; LANES],
+            tan_squared: [f64::INFINITY; LANES],
+            low: [[f64::INFINITY; LANES]; 3],
+            high: [[f64::NEG_INFINITY; LANES]; 3],
+        },
     };
-    for (triangle, t) in run.clone().zip(&surface.triangles[run]) {
-        let [a, b, c] = t.map(|v| surface.point(v));
-        for p in [a, b, c] {
-            for (axis, x) in p.into_iter().enumerate() {
-                part.low[axis] = lesser(x, part.low[axis]);
-                part.high[axis] = greater(x, part.high[axis]);
+    for first in run.clone().step_by(LANES) {
+        let triangles = first..run.end.min(first + LANES);
+        let corners = surface.lanes(triangles.clone());
+        let lanes = Lanes::of(&corners, origin);
+        part.least.add(&corners, &lanes);
+        part.quality.count(&lanes.tan_squared, &lanes.ratio_squared, triangles.len());
+        for (lane, triangle) in triangles.enumerate() {
+            if lanes.is_thin[lane] != 0 && Triangle::new(surface.corners(triangle)).is_degenerate() {
+                part.degenerate.push(surface.number(triangle));
             }
-        }
-        let (u, v, w) = (sub(b, a), sub(c, a), sub(c, b));
-        let (uu, vv, ww) = (dot(u, u), dot(v, v), dot(w, w));
-        let normal = cross(u, v);
-        let nn = dot(normal, normal);
-        // Twice the area against the longest edges: far from zero in all but slivers, which are tested exactly.
-        if nn <= 1e-20 * uu * vv && Triangle::new([a, b, c]).is_degenerate() {
-            part.degenerate.push(surface.number(triangle));
-        }
-        part.area += nn.sqrt() / 2.0;
-        let (shortest, longest) = (lesser(lesser(uu, vv), ww), greater(greater(uu, vv), ww));
-        part.min_edge_squared = lesser(shortest, part.min_edge_squared);
-        // The least angle lies opposite to the shortest edge: between two edges whose product is this cosine part.
-        let along = (uu + vv + ww) / 2.0 - shortest;
-        let tan_squared = if along > 0.0 { nn / (along * along) } else { 0.0 };
-        part.min_tan_squared = lesser(tan_squared, part.min_tan_squared);
-        let ratio_squared = if shortest > 0.0 { longest / shortest } else { f64::INFINITY };
-        part.quality.count(tan_squared, ratio_squared);
-        let six_volumes = dot(sub(a, origin), normal);
-        let body = body_of(*t);
-        match part.volumes.last_mut() {
-            Some((last, sum)) if *last == body => *sum += six_volumes,
-            _ => part.volumes.push((body, six_volumes)),
+            part.area += lanes.area[lane];
+            let body = body_of(surface.triangles[triangle]);
+            match part.volumes.last_mut() {
+                Some((last, sum)) if *last == body => *sum += lanes.six_volumes[lane],
+                _ => part.volumes.push((body, lanes.six_volumes[lane])),
+            }
         }
     }
     part
 }
 
+impl Least {
+    #[inline(always)]
+    fn add(&mut self, corners: &Corners, lanes: &Lanes) {
+        for lane in 0..LANES {
+            self.edge_squared[lane] = lesser(lanes.shortest[lane], self.edge_squared[lane]);
+            self.tan_squared[lane] = lesser(lanes.tan_squared[lane], self.tan_squared[lane]);
+        }
+        for corner in corners {
+            for ((low, high), x) in self.low.iter_mut().zip(&mut self.high).zip(corner) {
+                for lane in 0..LANES {
+                    low[lane] = lesser(x[lane], low[lane]);
+                    high[lane] = greater(x[lane], high[lane]);
+                }
+            }
+        }
+    }
+}
+
+/// Measures of eight triangles.
+struct Lanes {
+    /// Not 0 for those that may have no area.
+    is_thin: [u64; LANES],
+    area: [f64; LANES],
+    /// Square of the shortest edge.
+    shortest: [f64; LANES],
+    /// Squares of the tangent of the least angle, and of the ratio of the longest edge to the shortest.
+    tan_squared: [f64; LANES],
+    ratio_squared: [f64; LANES],
+    six_volumes: [f64; LANES],
+}
+
+impl Lanes {
+    #[inline(always)]
+    fn of(corners: &Corners, origin: [f64; 3]) -> Self {
+        let zero = [0.0; LANES];
+        let mut lanes = Self {
+            is_thin: [0; LANES],
+            area: zero,
+            shortest: zero,
+            tan_squared: zero,
+            ratio_squared: zero,
+            six_volumes: zero,
+        };
+        for lane in 0..LANES {
+            let [a, b, c] = corners.each_ref().map(|corner| corner.each_ref().map(|axis| axis[lane]));
+            let (u, v, w) = (sub(b, a), sub(c, a), sub(c, b));
+            let (uu, vv, ww) = (dot(u, u), dot(v, v), dot(w, w));
+            let normal = cross(u, v);
+            let nn = dot(normal, normal);
+            // Twice the area against the longest edges: far from zero in all but slivers, which are tested exactly.
+            lanes.is_thin[lane] = u64::from(nn <= 1e-20 * uu * vv);
+            lanes.area[lane] = nn.sqrt() / 2.0;
+            let (shortest, longest) = (lesser(lesser(uu, vv), ww), greater(greater(uu, vv), ww));
+            lanes.shortest[lane] = shortest;
+            // The least angle lies opposite to the shortest edge: between two edges whose product is this cosine part.
+            let along = (uu + vv + ww) / 2.0 - shortest;
+            let (tan_squared, ratio_squared) = (nn / (along * along), longest / shortest);
+            lanes.tan_squared[lane] = if along > 0.0 { tan_squared } else { 0.0 };
+            lanes.ratio_squared[lane] = if shortest > 0.0 { ratio_squared } else { f64::INFINITY };
+            lanes.six_volumes[lane] = dot(sub(a, origin), normal);
+        }
+        lanes
+    }
+}
+
+fn least(lanes: [f64; LANES]) -> f64 {
+    lanes.into_iter().fold(f64::INFINITY, lesser)
+}
+
 // `min` and `max` treat NaN apart, which finite coordinates do not give.
+#[inline(always)]
 fn lesser(a: f64, b: f64) -> f64 {
     if a < b { a } else { b }
 }
 
+#[inline(always)]
 fn greater(a: f64, b: f64) -> f64 {
     if a > b { a } else { b }
 }
 
+#[inline(always)]
 fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
+#[inline(always)]
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
+#[inline(always)]
 fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }

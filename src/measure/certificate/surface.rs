@@ -1,10 +1,16 @@
 //! The surface under test, and the locations of faults on it.
 
 use super::types::{Failure, FailureKind, Failures, PLACES, Place};
+use crate::geometry::bvh::{Points, WIDTH};
 
 /// A coordinate of a surface: f32 or f64.
 pub(super) trait Coordinate: Copy + Send + Sync + Into<f64> {}
 impl<T: Copy + Send + Sync + Into<f64>> Coordinate for T {}
+
+/// Triangles that are measured at once, each in one lane of vectors.
+pub(super) const LANES: usize = WIDTH;
+/// Their corners: `[corner][axis][lane]`.
+pub(super) type Corners = Points<3>;
 
 /// A surface under test; all triangle indices are in range and all coordinates within the bounds of the predicates.
 pub(super) struct Surface<'a, C> {
@@ -25,6 +31,20 @@ impl<C: Coordinate> Surface<'_, C> {
     #[inline]
     pub(super) fn corners(&self, triangle: usize) -> [[f64; 3]; 3] {
         self.triangles[triangle].map(|v| self.point(v))
+    }
+
+    /// The corners of up to eight triangles, each in one lane; the other lanes are NaN.
+    #[inline(always)]
+    pub(super) fn lanes(&self, triangles: impl Iterator<Item = usize>) -> Corners {
+        let mut lanes = [[[f64::NAN; LANES]; 3]; 3];
+        for (lane, triangle) in triangles.enumerate() {
+            for (corner, point) in lanes.iter_mut().zip(self.corners(triangle)) {
+                for (axis, x) in corner.iter_mut().zip(point) {
+                    axis[lane] = x;
+                }
+            }
+        }
+        lanes
     }
 
     /// The number of a triangle in the whole surface.

@@ -5,8 +5,9 @@
 //! seen not to, see `Fan::is_spread`.
 
 use super::components::{Body, components, number, root};
-use super::surface::{Coordinate, Surface, Tally, few};
+use super::surface::{Coordinate, Corners, LANES, Surface, Tally, few};
 use super::types::{FailureKind, Failures};
+use crate::vectorize::Vectors;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -244,25 +245,39 @@ impl Turns {
         self.0 & (0b1001 << axis) != 0
     }
 
+    /// Of eight triangles.
     #[inline(always)]
-    fn of([a, b, c]: [[f64; 3]; 3]) -> Self {
+    fn of([a, b, c]: &Corners) -> [Self; LANES] {
         // Of the difference of two products of rounded differences, relative to the sum of their magnitudes: Shewchuk's bound
         // for orient2d.
         const ERROR: f64 = 3.330_669_073_875_471_6e-16;
-        let (u, v) = ([0, 1, 2].map(|i| b[i] - a[i]), [0, 1, 2].map(|i| c[i] - a[i]));
-        let mut turns = 0;
+        let mut turns = [0u64; LANES];
         for axis in 0..3 {
             let (x, y) = ((axis + 1) % 3, (axis + 2) % 3);
-            let (p, q) = (u[x] * v[y], u[y] * v[x]);
-            let (turn, error) = (p - q, ERROR * (p.abs() + q.abs()));
-            turns |= u8::from(turn > error) << axis | u8::from(turn < -error) << (3 + axis);
+            for lane in 0..LANES {
+                let p = (b[x][lane] - a[x][lane]) * (c[y][lane] - a[y][lane]);
+                let q = (b[y][lane] - a[y][lane]) * (c[x][lane] - a[x][lane]);
+                let (turn, error) = (p - q, ERROR * (p.abs() + q.abs()));
+                turns[lane] |= u64::from(turn > error) << axis | u64::from(turn < -error) << (3 + axis);
+            }
         }
-        Self(turns)
+        turns.map(|turns| Self(turns as u8))
     }
 
     fn of_all<C: Coordinate>(surface: &Surface<'_, C>) -> Vec<Self> {
-        let triangles = (0..surface.triangles.len()).into_par_iter().with_min_len(RUN);
-        triangles.map(|t| Self::of(surface.corners(t))).collect()
+        let mut all = vec![Self::ANY; surface.triangles.len()];
+        all.par_chunks_mut(RUN).enumerate().for_each(|(run, turns)| {
+            Vectors::best().run(
+                #[inline(always)]
+                || {
+                    for (lanes, first) in turns.chunks_mut(LANES).zip((run * RUN..).step_by(LANES)) {
+                        let of = Self::of(&surface.lanes(first..first + lanes.len()));
+                        lanes.copy_from_slice(&of[..lanes.len()]);
+                    }
+                },
+            );
+        });
+        all
     }
 }
 

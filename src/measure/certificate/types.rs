@@ -1,5 +1,6 @@
 //! The contents of a certificate.
 
+use super::surface::LANES;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -133,13 +134,15 @@ pub struct TriangleQuality {
 }
 
 impl TriangleQuality {
-    /// Counts a triangle: the square of the tangent of its least angle, the square of the ratio of its edges.
-    #[inline]
-    pub(super) fn count(&mut self, tan_squared: f64, ratio_squared: f64) {
-        let angle = TAN_SQUARED.partition_point(|&limit| limit <= tan_squared);
-        self.least_angles[angle] += 1;
-        let ratio = RATIO_SQUARED.partition_point(|&limit| limit <= ratio_squared);
-        self.edge_ratios[ratio] += 1;
+    /// Counts the triangles of the first `count` lanes: the squares of the tangents of their least angles, and of the ratios of
+    /// their edges.
+    #[inline(always)]
+    pub(super) fn count(&mut self, tan_squared: &[f64; LANES], ratio_squared: &[f64; LANES], count: usize) {
+        let (angles, ratios) = (passed(&TAN_SQUARED, tan_squared), passed(&RATIO_SQUARED, ratio_squared));
+        for lane in 0..count {
+            self.least_angles[angles[lane] as usize] += 1;
+            self.edge_ratios[ratios[lane] as usize] += 1;
+        }
     }
 
     /// Adds the counts of other triangles.
@@ -174,6 +177,18 @@ const TAN_SQUARED: [f64; 11] = [
 ];
 /// Squares of 1.5, 2, up to 6.
 const RATIO_SQUARED: [f64; 10] = [2.25, 4.0, 6.25, 9.0, 12.25, 16.0, 20.25, 25.0, 30.25, 36.0];
+
+/// How many of the limits each value has reached.
+#[inline(always)]
+fn passed(limits: &[f64], values: &[f64; LANES]) -> [u64; LANES] {
+    let mut passed = [0; LANES];
+    for limit in limits {
+        for lane in 0..LANES {
+            passed[lane] += u64::from(*limit <= values[lane]);
+        }
+    }
+    passed
+}
 
 /// A connected part of a surface.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
