@@ -8,7 +8,7 @@
 //! from the chain of this evaluation, and places them in the chain of the next one. The last pass of a step moves the particles.
 
 use super::chain::{Chain, Stretch, take};
-use super::neighbours::{Neighbours, Own, Part, each};
+use super::neighbours::{Neighbours, Own, Part, Update, each};
 use super::pairs::{CLEARANCE_CAP, Group, Kernel, least};
 use super::{local, scalar, sway};
 use crate::sim::layout::StepRow;
@@ -153,14 +153,14 @@ pub(super) fn step(
         Integrator::Rk4 => &[start, middle, middle, end],
     };
     for (stage, &modifier) in modifiers.iter().enumerate() {
-        neighbours.prepare(&work.chains[0], &s.scale, row);
         let [chain, next] = &mut work.chains;
         let chain = &*chain;
-        let mut shares = shares(s, next, &mut neighbours.parts, &mut work.parts, &mut work.clearance);
+        let (parts, lists) = neighbours.prepare(chain, &s.scale, row);
+        let mut shares = shares(s, next, parts, &mut work.parts, &mut work.clearance);
         if stage == 0 {
             each(shares.iter_mut().zip(&mut work.near), |(share, near)| {
                 share.begin(common);
-                share.evaluate(common, modifier, chain, Some(near));
+                share.evaluate(common, modifier, chain, &lists, Some(near));
                 if plan.integrator == Integrator::Rk4 {
                     share.advance(common, stage, chain);
                 }
@@ -168,7 +168,7 @@ pub(super) fn step(
         } else {
             let near = &work.near;
             each(shares.iter_mut(), |share| {
-                share.evaluate(common, modifier, chain, None);
+                share.evaluate(common, modifier, chain, &lists, None);
                 if stage + 1 < STAGES.len() {
                     share.advance(common, stage, chain);
                 } else {
@@ -251,8 +251,17 @@ impl Share<'_> {
         sway::update(c.plan, c.time, c.row, c.region, c.vectors, [self.x, self.y], &mut self.buffers.sway);
     }
 
-    /// Computes the accelerations from all forces; with `near` also the least distances of vertices and segments.
-    fn evaluate(&mut self, c: Common<'_>, modifier: f32, chain: &Chain, near: Option<&mut Vec<f32>>) {
+    /// Brings the lists up to date, and computes the accelerations from all forces; with `near` also the least distances of
+    /// vertices and segments.
+    fn evaluate(
+        &mut self,
+        c: Common<'_>,
+        modifier: f32,
+        chain: &Chain,
+        lists: &Update<'_>,
+        near: Option<&mut Vec<f32>>,
+    ) {
+        lists.apply(self.part, self.scale);
         let step = local::Step { row: c.row, region: c.region, modifier };
         let Self { part, buffers, scale, .. } = self;
         let particles = part.particles.clone();
@@ -481,7 +490,7 @@ fn gather<const G: usize, const CLEARANCE: bool>(
         let own = k..(k + G).min(count);
         let particles = first + own.start..first + own.end;
         let mut forces = Group::<G>::new(row, chain, &scale[own.clone()], particles.start);
-        part.visit(
+        part.groups.visit(
             group,
             &Own::of(&particles, n),
             n,

@@ -5,15 +5,23 @@
 //!
 //! A particle sees farther through tissue than across a gap (D of [`super::pairs`]), so its lists hold what lies within D plus a
 //! skin. They are kept until motion may have used up the skin (the two-step search suggested in the paper, section 4). With q from
-//! a point of a segment to the particle, the slack |q| − D changes by at most [`SLOPE`] times a change of q, and by half of
+//! a point of a segment to the particle, the slack |q| − D changes by at most [`lists::SLOPE`] times a change of q, and by half of
 //! the difference of the two ranges times a change of the normal.
+//!
+//! Of very many particles a few may be restless: pressed against another wall, they leap in the stages of a step and are
+//! held back at its end. Then lists are made anew only for the groups with these particles and those that see their segments.
 
-use super::chain::{BLOCK, Chain, Stretch};
-use super::pairs::{CLEARANCE_CAP, FAR};
+mod grid;
+mod lists;
+
+use super::chain::{Chain, Stretch};
 use crate::sim::layout::StepRow;
 use crate::sim::maths::{greatest, max, min};
 use crate::spec::Search;
 use crate::vectorize::Vectors;
+use grid::Grid;
+pub(super) use lists::Own;
+use lists::{Groups, Lists, Restless, SLOPE, Sight, Tables};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -23,12 +31,12 @@ const THRIFT: f32 = 60.0;
 /// Least and greatest skin, µm, and the first one.
 const SKINS: [f32; 2] = [5.0, 30.0];
 const FIRST_SKIN: f32 = 10.0;
-/// Least range over the greatest one for which lists are built: the less, the steeper the slack.
-const LEAST_RANGE: f32 = 0.25;
-/// Greatest change of the slack over a change of the distance: arithmetic over geometric mean of the two ranges.
-const SLOPE: f32 = 1.25;
-/// Segments in a cell of the search: eight blocks.
-const CELL: usize = 8 * BLOCK;
+/// Room for rounding in the skin, µm.
+const ROUNDING: f32 = 0.01;
+/// At most one particle in so many is restless, or else all lists are made anew.
+const RESTLESS: usize = 4096;
+/// Shares of the skin that the motion of two particles and the turn of one may use up if they are not restless.
+const CALM: [f32; 2] = [0.55, 0.45];
 /// Parts begin at multiples of this number of particles: of any group.
 const GRAIN: usize = 16;
 
@@ -36,10 +44,7 @@ const GRAIN: usize = 16;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Part {
     pub(super) particles: Range<usize>,
-    /// Of each group the place in `list` of its first segment, of the first one after its own segments, and the end. Empty if
-    /// all segments are visited.
-    spans: Vec<[u32; 3]>,
-    list: Vec<u32>,
+    pub(super) groups: Groups,
     /// Positions and normals when the lists were built.
     built: [Vec<f32>; 4],
     /// Squares of the greatest displacement, and of the greatest change of a normal, since then.
@@ -47,57 +52,17 @@ pub(super) struct Part {
     turned: f32,
 }
 
-/// The segments that begin or end at a particle of a group.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Own {
-    pub(super) run: Range<usize>,
-    /// The last segment of the loop, if it ends at the first particle and does not belong to the run.
-    pub(super) last: Option<usize>,
-}
-
-impl Own {
-    #[inline(always)]
-    pub(super) fn of(particles: &Range<usize>, n: usize) -> Self {
-        let last = (particles.start == 0 && particles.end < n).then(|| n - 1);
-        Self { run: particles.start.saturating_sub(1)..particles.end, last }
-    }
-
-    #[inline(always)]
-    fn contains(&self, j: usize) -> bool {
-        self.run.contains(&j) || self.last == Some(j)
-    }
-}
-
 impl Part {
-    /// Visits the segments near a group in ascending order, with whether they are its own ones. Plain loops, since adapters of
-    /// iterators would not be compiled for wide vectors.
-    #[inline(always)]
-    pub(super) fn visit(&self, group: usize, own: &Own, n: usize, mut visit: impl FnMut(usize, bool)) {
-        if self.spans.is_empty() {
-            for j in 0..own.run.start {
-                visit(j, false);
-            }
-            for j in own.run.clone() {
-                visit(j, true);
-            }
-            for j in own.run.end..own.last.unwrap_or(n) {
-                visit(j, false);
-            }
-        } else {
-            let [first, after, end] = self.spans[group].map(|at| at as usize);
-            for &j in &self.list[first..after] {
-                visit(j as usize, false);
-            }
-            for j in own.run.clone() {
-                visit(j, true);
-            }
-            for &j in &self.list[after..end] {
-                visit(j as usize, false);
-            }
+    /// Notes the positions and normals with which its lists were built.
+    fn note(&mut self, chain: &Chain) {
+        let own = self.particles.clone();
+        let places = own.start + 1..own.end + 1;
+        let now = [&chain.x[places.clone()], &chain.y[places], &chain.nx[own.clone()], &chain.ny[own]];
+        for (built, now) in self.built.iter_mut().zip(now) {
+            built.clear();
+            built.extend_from_slice(now);
         }
-        if let Some(last) = own.last {
-            visit(last, true);
-        }
+        (self.moved, self.turned) = (0.0, 0.0);
     }
 
     /// Notes how far the particles have moved to `next`.
@@ -118,48 +83,6 @@ impl Part {
 #[inline(always)]
 fn square([x, y]: [f32; 2]) -> f32 {
     x * x + y * y
-}
-
-/// Bounding box: least x, least y, greatest x, greatest y.
-type Bounds = [f32; 4];
-
-const NOTHING: Bounds = [f32::INFINITY, f32::INFINITY, f32::NEG_INFINITY, f32::NEG_INFINITY];
-
-fn around(b: Bounds, [x, y]: [f32; 2]) -> Bounds {
-    [min(b[0], x), min(b[1], y), max(b[2], x), max(b[3], y)]
-}
-
-/// Squared distance of two boxes.
-#[inline(always)]
-fn apart(a: Bounds, b: Bounds) -> f32 {
-    let gap = |low: f32, high: f32, other_low: f32, other_high: f32| max(max(other_low - high, low - other_high), 0.0);
-    square([gap(a[0], a[2], b[0], b[2]), gap(a[1], a[3], b[1], b[3])])
-}
-
-/// How far a particle of scale 1 sees: through tissue, across a gap; and what every particle sees at least, for clearances
-/// and the barrier. All µm.
-#[derive(Clone, Copy, Debug, Default)]
-struct Sight {
-    tissue: f32,
-    gap: f32,
-    least: f32,
-}
-
-impl Sight {
-    fn at(row: &StepRow) -> Self {
-        Self {
-            tissue: row.range_mean - row.range_half,
-            gap: row.range_mean + row.range_half,
-            least: max(CLEARANCE_CAP, row.barrier_distance),
-        }
-    }
-
-    /// Ranges of a particle through tissue and across a gap, at least `least` and [`LEAST_RANGE`].
-    #[inline(always)]
-    fn of(self, scale: f32) -> [f32; 2] {
-        let [tissue, gap] = [max(scale * self.tissue, self.least), max(scale * self.gap, self.least)];
-        [max(tissue, LEAST_RANGE * gap), max(gap, LEAST_RANGE * tissue)]
-    }
 }
 
 /// The neighbour search, with its lists.
@@ -221,21 +144,67 @@ impl Neighbours {
         self.valid = false;
     }
 
-    /// Rebuilds the lists if they are outdated for `chain`.
-    pub(super) fn prepare(&mut self, chain: &Chain, scale: &[f32], row: &StepRow) {
-        let keep = self.valid
-            && match self.search {
-                Search::Lists => {
-                    self.used = self.used_up(chain, row);
-                    self.evaluations += 1;
-                    self.used <= self.skin - 0.01
+    /// Finds out which lists are outdated for `chain`. Returns the parts, and what is to be done to each before it is used.
+    pub(super) fn prepare<'a>(
+        &'a mut self,
+        chain: &'a Chain,
+        scale: &[f32],
+        row: &StepRow,
+    ) -> (&'a mut [Part], Update<'a>) {
+        let sight = Sight::at(row);
+        let (outdated, vectors) = (self.outdated(chain, row), self.vectors);
+        let skin = match &outdated {
+            Outdated::None => None,
+            Outdated::Some(_) => Some(ROUNDING),
+            Outdated::All => self.renew(scale, sight),
+        };
+        let Self { parts, tables, search, widest, .. } = self;
+        let Some(skin) = skin else {
+            return (parts, Update { vectors, lists: None });
+        };
+        vectors.run(
+            #[inline(always)]
+            || tables.fill(chain, skin),
+        );
+        let grid = (*search == Search::Grid).then(|| Grid::new(&tables.cells));
+        let lists = Lists { chain, sight, widest: *widest, tables, grid };
+        let restless = match outdated {
+            Outdated::Some(particles) => Some(lists.restless(particles)),
+            _ => None,
+        };
+        (parts, Update { vectors, lists: Some((lists, restless)) })
+    }
+
+    fn outdated(&mut self, chain: &Chain, row: &StepRow) -> Outdated {
+        match self.search {
+            _ if !self.valid => Outdated::All,
+            Search::AllPairs => Outdated::None,
+            Search::Grid => Outdated::All,
+            Search::Lists => {
+                self.parts.iter_mut().for_each(|part| part.groups.settle());
+                self.used = self.used_up(chain, row);
+                self.evaluations += 1;
+                if self.used <= self.skin - ROUNDING {
+                    Outdated::None
+                } else {
+                    self.restless(chain, row).map_or(Outdated::All, Outdated::Some)
                 }
-                Search::Grid => false,
-                Search::AllPairs => true,
-            };
-        if !keep {
-            self.build(chain, scale, row);
+            }
         }
+    }
+
+    /// Begins lists of all groups; returns their skin.
+    fn renew(&mut self, scale: &[f32], sight: Sight) -> Option<f32> {
+        self.builds += 1;
+        self.valid = true;
+        self.built = sight;
+        self.widest = scale.iter().fold(1.0f32, |a, &b| max(a, b));
+        if self.evaluations > 0 {
+            let rate = min(self.used, self.skin) / self.evaluations as f32;
+            self.skin = min(max((THRIFT * rate).sqrt(), SKINS[0]), SKINS[1]);
+        }
+        (self.used, self.evaluations) = (0.0, 0);
+        (self.search != Search::AllPairs).then_some(self.skin)
     }
 
     /// By how much the slack between a particle and a segment may have shrunk since the lists were built.
@@ -250,43 +219,79 @@ impl Neighbours {
                 turned = max(turned, square([chain.nx[i] - part.built[2][k], chain.ny[i] - part.built[3][k]]));
             }
         }
-        let (built, now) = (self.built, Sight::at(row));
-        let wider = max(max(now.tissue - built.tissue, now.gap - built.gap), 0.0);
-        let widened = max(wider * self.widest, now.least - built.least);
-        let [tissue, gap] = built.of(self.widest);
-        let turning = 0.5 * (tissue - gap).abs() * turned.sqrt();
-        SLOPE * 2.0 * moved.sqrt() + turning + widened
+        let (widened, by_turning) = self.changes(row);
+        SLOPE * 2.0 * moved.sqrt() + by_turning * turned.sqrt() + widened
     }
 
-    fn build(&mut self, chain: &Chain, scale: &[f32], row: &StepRow) {
-        self.builds += 1;
-        self.valid = true;
-        self.built = Sight::at(row);
-        self.widest = scale.iter().fold(1.0f32, |a, &b| max(a, b));
-        if self.search == Search::AllPairs {
+    /// By how much ranges may have grown since the lists were built, and slack over a change of a normal.
+    fn changes(&self, row: &StepRow) -> (f32, f32) {
+        let (built, now) = (self.built, Sight::at(row));
+        let wider = max(max(now.tissue - built.tissue, now.gap - built.gap), 0.0);
+        let [tissue, gap] = built.of(self.widest);
+        (max(wider * self.widest, now.least - built.least), 0.5 * (tissue - gap).abs())
+    }
+
+    /// The particles that have moved or turned so much that lists may not hold; none if they are too many.
+    fn restless(&self, chain: &Chain, row: &StepRow) -> Option<Vec<usize>> {
+        let most = chain.len() / RESTLESS;
+        let (widened, by_turning) = self.changes(row);
+        let allowed = self.skin - ROUNDING - widened;
+        if most == 0 || allowed <= 0.0 {
+            return None;
+        }
+        let (far, turned) = (CALM[0] * allowed / (2.0 * SLOPE), CALM[1] * allowed / by_turning);
+        let mut restless = Vec::new();
+        for part in &self.parts {
+            let [x, y, nx, ny] = &part.built;
+            for (k, i) in part.particles.clone().enumerate() {
+                if square([chain.x[i + 1] - x[k], chain.y[i + 1] - y[k]]) > far * far
+                    || square([chain.nx[i] - nx[k], chain.ny[i] - ny[k]]) > turned * turned
+                {
+                    if restless.len() == most {
+                        return None;
+                    }
+                    restless.push(i);
+                }
+            }
+        }
+        Some(restless)
+    }
+}
+
+/// Which lists are outdated.
+enum Outdated {
+    None,
+    /// Those of groups near these particles.
+    Some(Vec<usize>),
+    All,
+}
+
+/// What is to be done to the parts before their lists are used.
+pub(super) struct Update<'a> {
+    vectors: Vectors,
+    /// The lists to be made: all, or those near the restless particles.
+    lists: Option<(Lists<'a>, Option<Restless>)>,
+}
+
+impl Update<'_> {
+    /// Makes lists of a part, whose particles have these scales.
+    pub(super) fn apply(&self, part: &mut Part, scale: &[f32]) {
+        let Some((lists, restless)) = &self.lists else {
             return;
-        }
-        if self.evaluations > 0 {
-            let rate = self.used / self.evaluations as f32;
-            self.skin = min(max((THRIFT * rate).sqrt(), SKINS[0]), SKINS[1]);
-        }
-        (self.used, self.evaluations) = (0.0, 0);
-        let (vectors, tables, skin) = (self.vectors, &mut self.tables, self.skin);
-        vectors.run(
+        };
+        let Part { particles, groups, .. } = part;
+        self.vectors.run(
             #[inline(always)]
-            || tables.fill(chain, skin),
+            || match (self.vectors.lanes(), restless) {
+                (16, None) => lists.build::<16>(particles, scale, groups),
+                (_, None) => lists.build::<8>(particles, scale, groups),
+                (16, Some(restless)) => lists.mend::<16>(particles, scale, restless, groups),
+                (_, Some(restless)) => lists.mend::<8>(particles, scale, restless, groups),
+            },
         );
-        let grid = (self.search == Search::Grid).then(|| Grid::new(tables));
-        let built = Built { chain, scale, sight: self.built, tables, grid };
-        each(self.parts.iter_mut(), |part| {
-            vectors.run(
-                #[inline(always)]
-                || match vectors.lanes() {
-                    16 => built.lists::<16>(part),
-                    _ => built.lists::<8>(part),
-                },
-            );
-        });
+        if restless.is_none() {
+            part.note(lists.chain);
+        }
     }
 }
 
@@ -297,236 +302,5 @@ pub(super) fn each<T: Send>(items: impl Iterator<Item = T>, work: impl Fn(T) + S
         items.into_iter().for_each(work);
     } else {
         items.into_par_iter().for_each(work);
-    }
-}
-
-/// What the search reads of the segments.
-#[derive(Clone, Debug, Default)]
-struct Tables {
-    /// Middle of each segment, and by how much the slack at its points may be less than there, plus the skin.
-    x: Vec<f32>,
-    y: Vec<f32>,
-    margin: Vec<f32>,
-    /// The same for blocks of segments.
-    blocks: Vec<Round>,
-    /// Box around the middles of the segments of each cell, and the greatest of their margins.
-    cells: Vec<(Bounds, f32)>,
-}
-
-/// A place and the margin around it.
-#[derive(Clone, Copy, Debug)]
-struct Round {
-    x: f32,
-    y: f32,
-    margin: f32,
-}
-
-impl Tables {
-    #[inline(always)]
-    fn fill(&mut self, chain: &Chain, skin: f32) {
-        let n = chain.len();
-        for v in [&mut self.x, &mut self.y, &mut self.margin] {
-            v.resize(n, 0.0);
-        }
-        let (x, y, margin) = (&mut self.x[..n], &mut self.y[..n], &mut self.margin[..n]);
-        let (ax, ay) = (&chain.x[1..n + 2], &chain.y[1..n + 2]);
-        for j in 0..n {
-            let (dx, dy) = (ax[j + 1] - ax[j], ay[j + 1] - ay[j]);
-            x[j] = ax[j] + 0.5 * dx;
-            y[j] = ay[j] + 0.5 * dy;
-            margin[j] = skin + 0.5 * SLOPE * (dx * dx + dy * dy).sqrt();
-        }
-        let boxed = |first: usize, size: usize| {
-            (first..(first + size).min(n))
-                .fold((NOTHING, 0.0f32), |(b, m), j| (around(b, [x[j], y[j]]), max(m, margin[j])))
-        };
-        self.blocks.clear();
-        self.blocks.extend((0..n).step_by(BLOCK).map(|first| {
-            let (b, margin) = boxed(first, BLOCK);
-            let radius = 0.5 * square([b[2] - b[0], b[3] - b[1]]).sqrt();
-            Round { x: 0.5 * (b[0] + b[2]), y: 0.5 * (b[1] + b[3]), margin: margin + SLOPE * radius }
-        }));
-        self.cells.clear();
-        self.cells.extend((0..n).step_by(CELL).map(|first| boxed(first, CELL)));
-    }
-}
-
-/// How far the particles of a group see.
-struct Seen<const G: usize> {
-    x: [f32; G],
-    y: [f32; G],
-    mean: [f32; G],
-    side_x: [f32; G],
-    side_y: [f32; G],
-}
-
-impl<const G: usize> Seen<G> {
-    /// Whether a place is in sight of one of the particles, or at most `margin` beyond.
-    #[inline(always)]
-    fn has(&self, place: Round) -> bool {
-        let mut any = false;
-        for l in 0..G {
-            let (qx, qy) = (self.x[l] - place.x, self.y[l] - place.y);
-            let square = qx * qx + qy * qy;
-            // |q| ≤ D + margin, squared: D = mean + side·q/|q|.
-            let ahead = max(square - (self.side_x[l] * qx + self.side_y[l] * qy), 0.0);
-            let reach = self.mean[l] + place.margin;
-            any |= ahead * ahead <= reach * reach * square;
-        }
-        any
-    }
-}
-
-/// Inputs of the lists.
-struct Built<'a> {
-    chain: &'a Chain,
-    scale: &'a [f32],
-    sight: Sight,
-    tables: &'a Tables,
-    grid: Option<Grid>,
-}
-
-impl Built<'_> {
-    #[inline(always)]
-    fn lists<const G: usize>(&self, part: &mut Part) {
-        let n = self.chain.len();
-        part.spans.clear();
-        part.list.clear();
-        let mut cells: Vec<u32> = Vec::new();
-        let mut first = part.particles.start;
-        while first < part.particles.end {
-            let end = (first + CELL).min(part.particles.end);
-            self.near(first..end, &mut cells);
-            while first < end {
-                let group = first..(first + G).min(end);
-                self.list::<G>(&group, n, &cells, part);
-                first = group.end;
-            }
-        }
-        let own = part.particles.clone();
-        let places = own.start + 1..own.end + 1;
-        let now =
-            [&self.chain.x[places.clone()], &self.chain.y[places], &self.chain.nx[own.clone()], &self.chain.ny[own]];
-        for (built, now) in part.built.iter_mut().zip(now) {
-            built.clear();
-            built.extend_from_slice(now);
-        }
-        (part.moved, part.turned) = (0.0, 0.0);
-    }
-
-    /// The cells, ascending, in which particles of a run may see something.
-    fn near(&self, run: Range<usize>, cells: &mut Vec<u32>) {
-        let (mut bounds, mut reach) = (NOTHING, 0.0f32);
-        for i in run {
-            let [tissue, gap] = self.sight.of(self.scale[i]);
-            bounds = around(bounds, [self.chain.x[i + 1], self.chain.y[i + 1]]);
-            reach = max(reach, max(tissue, gap));
-        }
-        cells.clear();
-        let sees = |&k: &u32| {
-            let (cell, margin) = self.tables.cells[k as usize];
-            let reach = reach + margin;
-            apart(bounds, cell) <= reach * reach
-        };
-        match &self.grid {
-            Some(grid) => {
-                grid.cells_within(bounds, reach, cells);
-                cells.retain(sees);
-            }
-            None => cells.extend((0..self.tables.cells.len() as u32).filter(sees)),
-        }
-    }
-
-    /// Appends the list of a group.
-    #[inline(always)]
-    fn list<const G: usize>(&self, group: &Range<usize>, n: usize, cells: &[u32], part: &mut Part) {
-        let seen = self.seen::<G>(group);
-        let own = Own::of(group, n);
-        let Tables { x, y, margin, blocks, .. } = self.tables;
-        let (x, y, margin) = (&x[..n], &y[..n], &margin[..n]);
-        let start = part.list.len() as u32;
-        let mut after = start;
-        for &cell in cells {
-            let first = cell as usize * (CELL / BLOCK);
-            for (b, &block) in (first..).zip(&blocks[first..(first + CELL / BLOCK).min(blocks.len())]) {
-                if !seen.has(block) {
-                    continue;
-                }
-                for j in b * BLOCK..(b * BLOCK + BLOCK).min(n) {
-                    if !own.contains(j) && seen.has(Round { x: x[j], y: y[j], margin: margin[j] }) {
-                        part.list.push(j as u32);
-                        after += u32::from(j < own.run.start);
-                    }
-                }
-            }
-        }
-        part.spans.push([start, after, part.list.len() as u32]);
-    }
-
-    #[inline(always)]
-    fn seen<const G: usize>(&self, group: &Range<usize>) -> Seen<G> {
-        let mut seen = Seen { x: [FAR; G], y: [FAR; G], mean: [0.0; G], side_x: [0.0; G], side_y: [0.0; G] };
-        for (l, i) in group.clone().enumerate() {
-            let [tissue, gap] = self.sight.of(self.scale[i]);
-            let half = 0.5 * (gap - tissue);
-            (seen.x[l], seen.y[l]) = (self.chain.x[i + 1], self.chain.y[i + 1]);
-            seen.mean[l] = 0.5 * (gap + tissue);
-            (seen.side_x[l], seen.side_y[l]) = (-half * self.chain.nx[i], -half * self.chain.ny[i]);
-        }
-        seen
-    }
-}
-
-/// A uniform grid over the boxes of the cells of segments.
-#[derive(Debug)]
-struct Grid {
-    origin: [f32; 2],
-    side: f32,
-    size: [usize; 2],
-    squares: Vec<Vec<u32>>,
-    /// The greatest margin of a segment.
-    margin: f32,
-}
-
-impl Grid {
-    /// Least side of a square, µm.
-    const SIDE: f32 = 96.0;
-    /// Most squares per cell: strands that lie far apart make squares larger instead of more numerous.
-    const SPARSE: f32 = 4.0;
-
-    fn new(tables: &Tables) -> Self {
-        let cells = &tables.cells;
-        let all = cells.iter().fold(NOTHING, |a, (b, _)| around(around(a, [b[0], b[1]]), [b[2], b[3]]));
-        let area = (all[2] - all[0]) * (all[3] - all[1]);
-        let side = max(Self::SIDE, (area / (Self::SPARSE * cells.len() as f32)).sqrt());
-        let count = |low: f32, high: f32| ((high - low) / side) as usize + 1;
-        let size = [count(all[0], all[2]), count(all[1], all[3])];
-        let margin = cells.iter().fold(0.0, |most, cell| max(most, cell.1));
-        let squares = vec![Vec::new(); size[0] * size[1]];
-        let mut grid = Self { origin: [all[0], all[1]], side, size, squares, margin };
-        for (k, (bounds, _)) in (0..).zip(cells) {
-            for square in grid.visited(*bounds) {
-                grid.squares[square].push(k);
-            }
-        }
-        grid
-    }
-
-    /// The squares that a box meets.
-    fn visited(&self, b: Bounds) -> impl Iterator<Item = usize> + use<> {
-        let (origin, side, size) = (self.origin, self.side, self.size);
-        let at = move |axis: usize, v: f32| (((v - origin[axis]) / side).max(0.0) as usize).min(size[axis] - 1);
-        (at(1, b[1])..=at(1, b[3]))
-            .flat_map(move |row| (at(0, b[0])..=at(0, b[2])).map(move |column| row * size[0] + column))
-    }
-
-    /// The cells, ascending, that may be within `reach` of a box.
-    fn cells_within(&self, b: Bounds, reach: f32, cells: &mut Vec<u32>) {
-        let reach = reach + self.margin;
-        for square in self.visited([b[0] - reach, b[1] - reach, b[2] + reach, b[3] + reach]) {
-            cells.extend_from_slice(&self.squares[square]);
-        }
-        cells.sort_unstable();
-        cells.dedup();
     }
 }

@@ -38,7 +38,7 @@ pub(super) fn gather(
         };
         let group = k - k % lanes;
         let particles = part.particles.start + group..(part.particles.start + group + lanes).min(part.particles.end);
-        part.visit(group / lanes, &Own::of(&particles, n), n, visit);
+        part.groups.visit(group / lanes, &Own::of(&particles, n), n, visit);
         (fx[k], fy[k]) = (sum[0], sum[1]);
         near[k] = nearest;
     }

@@ -1,0 +1,345 @@
+//! The lists of a part: which segments the particles of a group may interact with.
+
+use super::grid::{Bounds, Grid, NOTHING, apart, around};
+use crate::sim::cpu::chain::{BLOCK, Chain};
+use crate::sim::cpu::pairs::{CLEARANCE_CAP, FAR};
+use crate::sim::layout::StepRow;
+use crate::sim::maths::max;
+use std::ops::Range;
+
+/// Greatest change of the slack over a change of the distance: arithmetic over geometric mean of the two ranges.
+pub(super) const SLOPE: f32 = 1.25;
+/// Least range over the greatest one for which lists are built: the less, the steeper the slack.
+const LEAST_RANGE: f32 = 0.25;
+/// Segments in a cell of the search: eight blocks.
+const CELL: usize = 8 * BLOCK;
+
+/// The lists of the groups of a part.
+#[derive(Clone, Debug, Default)]
+pub(in crate::sim::cpu) struct Groups {
+    /// Of each group the place in `list` of its first segment, of the first one after its own segments, and the end. Empty if
+    /// all segments are visited.
+    spans: Vec<[u32; 3]>,
+    list: Vec<u32>,
+    /// Groups whose lists hold for the present evaluation only, with the spans of their other ones, and where those end.
+    mended: Vec<(usize, [u32; 3])>,
+    end: usize,
+}
+
+impl Groups {
+    /// Visits the segments near a group in ascending order, with whether they are its own ones. Plain loops, since adapters of
+    /// iterators would not be compiled for wide vectors.
+    #[inline(always)]
+    pub(in crate::sim::cpu) fn visit(&self, group: usize, own: &Own, n: usize, mut visit: impl FnMut(usize, bool)) {
+        if self.spans.is_empty() {
+            for j in 0..own.run.start {
+                visit(j, false);
+            }
+            for j in own.run.clone() {
+                visit(j, true);
+            }
+            for j in own.run.end..own.last.unwrap_or(n) {
+                visit(j, false);
+            }
+        } else {
+            let [first, after, end] = self.spans[group].map(|at| at as usize);
+            for &j in &self.list[first..after] {
+                visit(j as usize, false);
+            }
+            for j in own.run.clone() {
+                visit(j, true);
+            }
+            for &j in &self.list[after..end] {
+                visit(j as usize, false);
+            }
+        }
+        if let Some(last) = own.last {
+            visit(last, true);
+        }
+    }
+
+    /// Goes back to the lists that all groups were given together.
+    pub(super) fn settle(&mut self) {
+        for (group, span) in self.mended.drain(..) {
+            self.spans[group] = span;
+            self.list.truncate(self.end);
+        }
+    }
+}
+
+/// The segments that begin or end at a particle of a group.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(in crate::sim::cpu) struct Own {
+    pub(in crate::sim::cpu) run: Range<usize>,
+    /// The last segment of the loop, if it ends at the first particle and does not belong to the run.
+    pub(in crate::sim::cpu) last: Option<usize>,
+}
+
+impl Own {
+    #[inline(always)]
+    pub(in crate::sim::cpu) fn of(particles: &Range<usize>, n: usize) -> Self {
+        let last = (particles.start == 0 && particles.end < n).then(|| n - 1);
+        Self { run: particles.start.saturating_sub(1)..particles.end, last }
+    }
+
+    #[inline(always)]
+    fn contains(&self, j: usize) -> bool {
+        self.run.contains(&j) || self.last == Some(j)
+    }
+}
+
+/// How far a particle of scale 1 sees: through tissue, across a gap; and what every particle sees at least, for clearances
+/// and the barrier. All µm.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Sight {
+    pub(super) tissue: f32,
+    pub(super) gap: f32,
+    pub(super) least: f32,
+}
+
+impl Sight {
+    pub(super) fn at(row: &StepRow) -> Self {
+        Self {
+            tissue: row.range_mean - row.range_half,
+            gap: row.range_mean + row.range_half,
+            least: max(CLEARANCE_CAP, row.barrier_distance),
+        }
+    }
+
+    /// Ranges of a particle through tissue and across a gap, at least `least` and [`LEAST_RANGE`].
+    #[inline(always)]
+    pub(super) fn of(self, scale: f32) -> [f32; 2] {
+        let [tissue, gap] = [max(scale * self.tissue, self.least), max(scale * self.gap, self.least)];
+        [max(tissue, LEAST_RANGE * gap), max(gap, LEAST_RANGE * tissue)]
+    }
+}
+
+/// What the search reads of the segments.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Tables {
+    /// Middle of each segment, and by how much the slack at its points may be less than there, plus the skin.
+    x: Vec<f32>,
+    y: Vec<f32>,
+    margin: Vec<f32>,
+    /// The same for blocks of segments.
+    blocks: Vec<Round>,
+    /// Box around the middles of the segments of each cell, and the greatest of their margins.
+    pub(super) cells: Vec<(Bounds, f32)>,
+}
+
+/// A place and the margin around it.
+#[derive(Clone, Copy, Debug)]
+struct Round {
+    x: f32,
+    y: f32,
+    margin: f32,
+}
+
+impl Tables {
+    #[inline(always)]
+    pub(super) fn fill(&mut self, chain: &Chain, skin: f32) {
+        let n = chain.len();
+        for v in [&mut self.x, &mut self.y, &mut self.margin] {
+            v.resize(n, 0.0);
+        }
+        let (x, y, margin) = (&mut self.x[..n], &mut self.y[..n], &mut self.margin[..n]);
+        let (ax, ay) = (&chain.x[1..n + 2], &chain.y[1..n + 2]);
+        for j in 0..n {
+            let (dx, dy) = (ax[j + 1] - ax[j], ay[j + 1] - ay[j]);
+            x[j] = ax[j] + 0.5 * dx;
+            y[j] = ay[j] + 0.5 * dy;
+            margin[j] = skin + 0.5 * SLOPE * (dx * dx + dy * dy).sqrt();
+        }
+        let boxed = |first: usize, size: usize| {
+            (first..(first + size).min(n))
+                .fold((NOTHING, 0.0f32), |(b, m), j| (around(b, [x[j], y[j]]), max(m, margin[j])))
+        };
+        self.blocks.clear();
+        self.blocks.extend((0..n).step_by(BLOCK).map(|first| {
+            let (b, margin) = boxed(first, BLOCK);
+            let (width, height) = (b[2] - b[0], b[3] - b[1]);
+            let radius = 0.5 * (width * width + height * height).sqrt();
+            Round { x: 0.5 * (b[0] + b[2]), y: 0.5 * (b[1] + b[3]), margin: margin + SLOPE * radius }
+        }));
+        self.cells.clear();
+        self.cells.extend((0..n).step_by(CELL).map(|first| boxed(first, CELL)));
+    }
+}
+
+/// How far the particles of a group see.
+struct Seen<const G: usize> {
+    x: [f32; G],
+    y: [f32; G],
+    mean: [f32; G],
+    side_x: [f32; G],
+    side_y: [f32; G],
+}
+
+impl<const G: usize> Seen<G> {
+    /// Whether a place is in sight of one of the particles, or at most `margin` beyond.
+    #[inline(always)]
+    fn has(&self, place: Round) -> bool {
+        let mut any = false;
+        for l in 0..G {
+            let (qx, qy) = (self.x[l] - place.x, self.y[l] - place.y);
+            let square = qx * qx + qy * qy;
+            // |q| ≤ D + margin, squared: D = mean + side·q/|q|.
+            let ahead = max(square - (self.side_x[l] * qx + self.side_y[l] * qy), 0.0);
+            let reach = self.mean[l] + place.margin;
+            any |= ahead * ahead <= reach * reach * square;
+        }
+        any
+    }
+}
+
+/// The search for the segments that groups may see.
+pub(super) struct Lists<'a> {
+    pub(super) chain: &'a Chain,
+    pub(super) sight: Sight,
+    /// Greatest scale of a particle.
+    pub(super) widest: f32,
+    pub(super) tables: &'a Tables,
+    pub(super) grid: Option<Grid>,
+}
+
+/// Restless particles, the segments that begin or end at one, and which cells are so near that their particles may see one.
+pub(super) struct Restless {
+    particles: Vec<usize>,
+    segments: Vec<Round>,
+    near: Vec<bool>,
+}
+
+impl Lists<'_> {
+    /// Makes the lists of the groups of `G` of these particles, which have these scales.
+    #[inline(always)]
+    pub(super) fn build<const G: usize>(&self, particles: &Range<usize>, scale: &[f32], groups: &mut Groups) {
+        groups.spans.clear();
+        groups.list.clear();
+        groups.mended.clear();
+        let scale = |some: &Range<usize>| &scale[some.start - particles.start..some.end - particles.start];
+        let mut cells: Vec<u32> = Vec::new();
+        for first in particles.clone().step_by(CELL) {
+            let run = first..(first + CELL).min(particles.end);
+            self.near(&run, scale(&run), &mut cells);
+            for first in run.clone().step_by(G) {
+                let group = first..(first + G).min(run.end);
+                let span = self.list(&self.seen::<G>(&group, scale(&group)), &group, &cells, &mut groups.list);
+                groups.spans.push(span);
+            }
+        }
+        groups.end = groups.list.len();
+    }
+
+    /// Makes the lists anew of the groups that have restless particles or see their segments.
+    #[inline(always)]
+    pub(super) fn mend<const G: usize>(
+        &self,
+        particles: &Range<usize>,
+        scale: &[f32],
+        restless: &Restless,
+        groups: &mut Groups,
+    ) {
+        let mut cells = Vec::new();
+        for (number, first) in particles.clone().step_by(G).enumerate() {
+            if !restless.near[first / CELL] {
+                continue;
+            }
+            let group = first..(first + G).min(particles.end);
+            let scale = &scale[first - particles.start..group.end - particles.start];
+            let seen = self.seen::<G>(&group, scale);
+            let mut is_concerned = restless.particles.iter().any(|i| group.contains(i));
+            for &segment in &restless.segments {
+                is_concerned |= seen.has(segment);
+            }
+            if is_concerned {
+                self.near(&group, scale, &mut cells);
+                groups.mended.push((number, groups.spans[number]));
+                groups.spans[number] = self.list(&seen, &group, &cells, &mut groups.list);
+            }
+        }
+    }
+
+    pub(super) fn restless(&self, particles: Vec<usize>) -> Restless {
+        let Tables { x, y, margin, cells, .. } = self.tables;
+        let n = self.chain.len();
+        let ends = particles.iter().flat_map(|&i| [(i + n - 1) % n, i]);
+        let segments: Vec<Round> = ends.map(|j| Round { x: x[j], y: y[j], margin: margin[j] }).collect();
+        let [tissue, gap] = self.sight.of(self.widest);
+        let is_near = |(bounds, margin): &(Bounds, f32)| {
+            segments.iter().any(|segment| {
+                let reach = max(tissue, gap) + margin + segment.margin;
+                apart(*bounds, around(NOTHING, [segment.x, segment.y])) <= reach * reach
+            })
+        };
+        let near = cells.iter().map(is_near).collect();
+        Restless { particles, segments, near }
+    }
+
+    /// The cells, ascending, in which particles of a run may see something.
+    fn near(&self, run: &Range<usize>, scale: &[f32], cells: &mut Vec<u32>) {
+        let (mut bounds, mut reach) = (NOTHING, 0.0f32);
+        for (i, &scale) in run.clone().zip(scale) {
+            let [tissue, gap] = self.sight.of(scale);
+            bounds = around(bounds, [self.chain.x[i + 1], self.chain.y[i + 1]]);
+            reach = max(reach, max(tissue, gap));
+        }
+        cells.clear();
+        let sees = |&k: &u32| {
+            let (cell, margin) = self.tables.cells[k as usize];
+            let reach = reach + margin;
+            apart(bounds, cell) <= reach * reach
+        };
+        match &self.grid {
+            Some(grid) => {
+                grid.cells_within(bounds, reach, cells);
+                cells.retain(sees);
+            }
+            None => cells.extend((0..self.tables.cells.len() as u32).filter(sees)),
+        }
+    }
+
+    /// Appends the list of a group; returns its span.
+    #[inline(always)]
+    fn list<const G: usize>(
+        &self,
+        seen: &Seen<G>,
+        group: &Range<usize>,
+        cells: &[u32],
+        list: &mut Vec<u32>,
+    ) -> [u32; 3] {
+        let n = self.chain.len();
+        let own = Own::of(group, n);
+        let Tables { x, y, margin, blocks, .. } = self.tables;
+        let (x, y, margin) = (&x[..n], &y[..n], &margin[..n]);
+        let start = list.len() as u32;
+        let mut after = start;
+        for &cell in cells {
+            let first = cell as usize * (CELL / BLOCK);
+            for (b, &block) in (first..).zip(&blocks[first..(first + CELL / BLOCK).min(blocks.len())]) {
+                if !seen.has(block) {
+                    continue;
+                }
+                for j in b * BLOCK..(b * BLOCK + BLOCK).min(n) {
+                    if !own.contains(j) && seen.has(Round { x: x[j], y: y[j], margin: margin[j] }) {
+                        list.push(j as u32);
+                        after += u32::from(j < own.run.start);
+                    }
+                }
+            }
+        }
+        [start, after, list.len() as u32]
+    }
+
+    #[inline(always)]
+    fn seen<const G: usize>(&self, group: &Range<usize>, scale: &[f32]) -> Seen<G> {
+        let mut seen = Seen { x: [FAR; G], y: [FAR; G], mean: [0.0; G], side_x: [0.0; G], side_y: [0.0; G] };
+        for ((l, i), &scale) in group.clone().enumerate().zip(scale) {
+            let [tissue, gap] = self.sight.of(scale);
+            let half = 0.5 * (gap - tissue);
+            (seen.x[l], seen.y[l]) = (self.chain.x[i + 1], self.chain.y[i + 1]);
+            seen.mean[l] = 0.5 * (gap + tissue);
+            (seen.side_x[l], seen.side_y[l]) = (-half * self.chain.nx[i], -half * self.chain.ny[i]);
+        }
+        seen
+    }
+}
