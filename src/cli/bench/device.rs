@@ -50,7 +50,8 @@ pub(super) fn describe(device: &GpuDevice) -> Value {
     })
 }
 
-fn is_software(device: &GpuDevice) -> bool {
+/// Whether it computes on the CPU.
+pub(super) fn is_software(device: &GpuDevice) -> bool {
     device.adapter().kind == AdapterKind::Software
 }
 

@@ -6,7 +6,7 @@
 //! | `scaling` | time per step by number of threads and particles |
 //! | `batch` | models per second on the GPU by batch size |
 //! | `peers` | the same model grown by the numba and Warp peers, which are not part of this project |
-//! | `overhead` | models per second over HTTP, compared with the same number of workers that call the generator directly |
+//! | `overhead` | models per second over HTTP, compared with calling the generator directly, on the cores and on a GPU |
 
 mod batch;
 mod curve;
@@ -40,7 +40,7 @@ pub(super) async fn run(args: BenchArgs) -> Ended {
             ("bench-peers", tokio::task::spawn_blocking(move || peers::run(args.quick, &peers, args.gpu)))
         }
         Bench::Batch => ("bench-batch", tokio::task::spawn_blocking(move || batch::run(args.quick, args.gpu))),
-        Bench::Overhead => ("bench-overhead", tokio::spawn(overhead::run(args.quick))),
+        Bench::Overhead => ("bench-overhead", tokio::spawn(overhead::run(args.quick, args.gpu))),
     };
     let report = tokio::select! {
         ended = task => ended.context("the benchmark panicked")??,

@@ -1,8 +1,10 @@
 //! `bench overhead`: the cost of the service. Small models are requested over HTTP from a service in this process (SQLite and
 //! files in a temporary directory, one worker per core), and grown by the same number of threads that call the generator
-//! directly. The two alternate, so that other load on the machine affects both.
+//! directly. The two alternate, so that other load on the machine affects both. With a GPU the same for models that it grows.
 
-use super::super::args::ServeArgs;
+mod gpu;
+
+use super::super::args::{GpuArgs, ServeArgs};
 use super::super::client::Client;
 use super::super::exit::Failure;
 use super::super::load::{self, Grown, Lost, Model, Seeds};
@@ -11,9 +13,11 @@ use super::machine;
 use super::report::Report;
 use crate::clock::Stopwatch;
 use crate::generate::{Backend, Output};
+use crate::sim::gpu::GpuDevice;
 use crate::spec::{ModelSpec, preset};
 use anyhow::{Context, anyhow};
 use serde_json::{Value, json};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::TcpListener;
@@ -36,11 +40,9 @@ struct Row {
     seconds: f64,
 }
 
-impl Row {
-    /// Median over the rounds of service by direct.
-    fn ratio(&self) -> f64 {
-        machine::median(self.service.iter().zip(&self.direct).map(|(service, direct)| service / direct).collect())
-    }
+/// Median over the rounds of service by direct.
+fn ratio(service: &[f64], direct: &[f64]) -> f64 {
+    machine::median(service.iter().zip(direct).map(|(service, direct)| service / direct).collect())
 }
 
 /// Seconds that the workers have spent in the stages of models so far.
@@ -54,25 +56,35 @@ async fn computed(client: &Client) -> anyhow::Result<f64> {
     Ok(stages.into_iter().map(sum).sum())
 }
 
-pub(super) async fn run(quick: bool) -> anyhow::Result<Report> {
+pub(super) async fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
     let (rounds, seconds_a_round) = if quick { (3, 1.0) } else { (9, 4.0) };
     let workers = machine::threads() as u32;
-    let folder = std::env::temp_dir().join(format!("oviduct-bench-{}", uuid::Uuid::now_v7()));
-    let mut args = ServeArgs::with(&["--gpu", "off"]).context("the defaults are not valid")?;
-    args.process.database.data.clone_from(&folder);
-    args.process.cpu_workers = workers;
-    args.process.cpu_threads = Some(1);
-    args.process.grace = Duration::ZERO;
-    let listener = TcpListener::bind(("127.0.0.1", 0)).await.context("no port is free")?;
-    let service = Service::start(&args, listener, None).await.map_err(plain)?;
-    let client = Client::new(&format!("http://{}", service.address()), None).map_err(plain)?;
+    let serving = Serving::start(&["--gpu", "off"], |args| {
+        args.process.cpu_workers = workers;
+        args.process.cpu_threads = Some(1);
+    })
+    .await?;
     let mut rows = Vec::new();
     for size in SIZES {
-        rows.push(measure(&client, size, workers, rounds, seconds_a_round).await?);
+        let comparison = Comparison {
+            client: &serving.client,
+            size,
+            backend: Backend::CpuSingle,
+            // Enough requests at a time that no worker waits for one.
+            asked: 4 * workers,
+            rounds,
+            seconds_a_round,
+            direct: Direct::Threads(workers),
+        };
+        rows.push(comparison.measure().await?);
     }
-    service.stop(None).await.map_err(plain)?;
-    std::fs::remove_dir_all(&folder).with_context(|| folder.display().to_string())?;
-    Ok(report(&rows, workers, rounds))
+    serving.stop().await?;
+    let mut report = report(&rows, workers, rounds);
+    let (lines, json) = gpu::run(args, rounds, seconds_a_round).await?;
+    report.lines.push(String::new());
+    report.lines.extend(lines);
+    report.json["gpu"] = json;
+    Ok(report)
 }
 
 #[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
@@ -80,64 +92,128 @@ fn plain(failure: Failure) -> anyhow::Error {
     anyhow!(failure.report().1.join("; "))
 }
 
-async fn measure(
-    client: &Client,
-    (steps, from, to): (u32, u32, u32),
-    workers: u32,
-    rounds: u32,
-    seconds_a_round: f64,
-) -> anyhow::Result<Row> {
-    let patch = json!({ "steps": steps, "particles": { "total": { "keys": [[0, from], [1, to]] } } });
-    let spec = ModelSpec::resolve(preset(PRESET).context("there is no preset `paper`")?, &patch)
-        .map_err(|faults| anyhow!("the small model is not valid: {faults:?}"))?;
-    let model = Model {
-        preset: PRESET.to_owned(),
-        spec: Arc::new(spec),
-        backend: Backend::CpuSingle,
-        outputs: vec![Output::Glb].into(),
-    };
-    let body = json!({ "preset": PRESET, "spec": patch, "backend": "cpu-single", "outputs": ["glb"] });
-    // Enough requests at a time that no worker waits for one.
-    let asked = 4 * workers;
-    let mut next = 1;
-    let mut seeds = |count: u64| {
-        let seeds = Seeds::new(next, count);
-        next += count;
-        seeds
-    };
-    // Both once without measurement; the first determines the number of models per round.
-    let first = load::direct(&model, seeds(u64::from(asked)), workers, 1).await.map_err(plain)?;
-    let first = succeeded(first)?;
-    load::through(client, &body, seeds(u64::from(asked)), asked).await.map_err(plain)?;
-    let each = machine::median(first.iter().map(|one| one.seconds).collect());
-    let count = (seconds_a_round * f64::from(workers) / each).ceil().max(f64::from(asked)) as u64;
-    let mut row = Row {
-        label: format!("{steps} steps, {from} to {to} particles"),
-        direct: Vec::new(),
-        service: Vec::new(),
-        computing: Vec::new(),
-        seconds: 0.0,
-    };
-    let mut times = Vec::new();
-    for round in 0..rounds {
-        // Which one goes first alternates.
-        for direct in [round % 2 == 0, round % 2 != 0] {
-            let watch = Stopwatch::start();
-            if direct {
-                let all = load::direct(&model, seeds(count), workers, 1).await.map_err(plain)?;
-                row.direct.push(count as f64 / watch.seconds());
-                times.extend(succeeded(all)?.iter().map(|one| one.seconds));
-            } else {
-                let before = computed(client).await?;
-                load::through(client, &body, seeds(count), asked).await.map_err(plain)?;
-                let seconds = watch.seconds();
-                row.service.push(count as f64 / seconds);
-                row.computing.push((computed(client).await? - before) / (f64::from(workers) * seconds));
+/// A service in this process, with its data in a temporary directory.
+struct Serving {
+    service: Service,
+    client: Client,
+    folder: PathBuf,
+}
+
+impl Serving {
+    async fn start(options: &[&str], set: impl FnOnce(&mut ServeArgs)) -> anyhow::Result<Self> {
+        let folder = std::env::temp_dir().join(format!("oviduct-bench-{}", uuid::Uuid::now_v7()));
+        let mut args = ServeArgs::with(options).context("the defaults are not valid")?;
+        args.process.database.data.clone_from(&folder);
+        args.process.grace = Duration::ZERO;
+        set(&mut args);
+        let listener = TcpListener::bind(("127.0.0.1", 0)).await.context("no port is free")?;
+        let service = Service::start(&args, listener, None).await.map_err(plain)?;
+        let client = Client::new(&format!("http://{}", service.address()), None).map_err(plain)?;
+        Ok(Self { service, client, folder })
+    }
+
+    async fn stop(self) -> anyhow::Result<()> {
+        self.service.stop(None).await.map_err(plain)?;
+        std::fs::remove_dir_all(&self.folder).with_context(|| self.folder.display().to_string())
+    }
+}
+
+/// How models are grown without a service.
+enum Direct {
+    /// By this number of threads, one model each.
+    Threads(u32),
+    /// In batches on a GPU.
+    Batches(GpuDevice),
+}
+
+impl Direct {
+    /// Grows the models of these seeds; returns the seconds of each.
+    async fn grow(&self, model: &Model, seeds: Seeds) -> anyhow::Result<Vec<f64>> {
+        match self {
+            Self::Threads(count) => {
+                let all = load::direct(model, seeds, *count, 1).await.map_err(plain)?;
+                Ok(succeeded(all)?.iter().map(|one| one.seconds).collect())
+            }
+            Self::Batches(device) => {
+                let (device, model, count) = (device.clone(), model.clone(), seeds.left());
+                let watch = Stopwatch::start();
+                let grown = tokio::task::spawn_blocking(move || gpu::grow(&device, &model, &seeds));
+                grown.await.context("a task panicked")??;
+                Ok(vec![watch.seconds() / count as f64; count as usize])
             }
         }
     }
-    row.seconds = machine::median(times);
-    Ok(row)
+}
+
+/// A small model of preset `paper`: steps, and particles at start and end.
+fn patch((steps, from, to): (u32, u32, u32)) -> Value {
+    json!({ "steps": steps, "particles": { "total": { "keys": [[0, from], [1, to]] } } })
+}
+
+fn model(size: (u32, u32, u32), backend: Backend) -> anyhow::Result<Model> {
+    let spec = ModelSpec::resolve(preset(PRESET).context("there is no preset `paper`")?, &patch(size))
+        .map_err(|faults| anyhow!("the small model is not valid: {faults:?}"))?;
+    Ok(Model { preset: PRESET.to_owned(), spec: Arc::new(spec), backend, outputs: vec![Output::Glb].into() })
+}
+
+/// A comparison of a service with the generator alone, for one size of models.
+struct Comparison<'a> {
+    client: &'a Client,
+    size: (u32, u32, u32),
+    backend: Backend,
+    /// Requests at a time.
+    asked: u32,
+    rounds: u32,
+    seconds_a_round: f64,
+    direct: Direct,
+}
+
+impl Comparison<'_> {
+    async fn measure(&self) -> anyhow::Result<Row> {
+        let Self { client, size, asked, .. } = *self;
+        let model = model(size, self.backend)?;
+        let body = json!({ "preset": PRESET, "spec": patch(size), "backend": self.backend, "outputs": ["glb"] });
+        let workers = machine::threads() as f64;
+        let mut next = 1;
+        let mut seeds = |count: u64| {
+            let seeds = Seeds::new(next, count);
+            next += count;
+            seeds
+        };
+        // Both once without measurement; the first determines the number of models per round.
+        let watch = Stopwatch::start();
+        self.direct.grow(&model, seeds(u64::from(asked))).await?;
+        let rate = f64::from(asked) / watch.seconds();
+        load::through(client, &body, seeds(u64::from(asked)), asked).await.map_err(plain)?;
+        let count = (self.seconds_a_round * rate).ceil().max(f64::from(asked)) as u64;
+        let (steps, from, to) = size;
+        let mut row = Row {
+            label: format!("{steps} steps, {from} to {to} particles"),
+            direct: Vec::new(),
+            service: Vec::new(),
+            computing: Vec::new(),
+            seconds: 0.0,
+        };
+        let mut times = Vec::new();
+        for round in 0..self.rounds {
+            // Which one goes first alternates.
+            for direct in [round % 2 == 0, round % 2 != 0] {
+                let watch = Stopwatch::start();
+                if direct {
+                    times.extend(self.direct.grow(&model, seeds(count)).await?);
+                    row.direct.push(count as f64 / watch.seconds());
+                } else {
+                    let before = computed(client).await?;
+                    load::through(client, &body, seeds(count), asked).await.map_err(plain)?;
+                    let seconds = watch.seconds();
+                    row.service.push(count as f64 / seconds);
+                    row.computing.push((computed(client).await? - before) / (workers * seconds));
+                }
+            }
+        }
+        row.seconds = machine::median(times);
+        Ok(row)
+    }
 }
 
 /// All of these models, if each of them succeeded.
@@ -164,12 +240,12 @@ fn report(rows: &[Row], workers: u32, rounds: u32) -> Report {
             "{:<36} {:>9.1} {direct:>9.2} {service:>9.2} {:>6.1}% {:>9.1}%",
             row.label,
             1e3 * row.seconds,
-            1e2 * row.ratio(),
+            1e2 * ratio(&row.service, &row.direct),
             1e2 * machine::median(row.computing.clone()),
         ));
         json_rows.push(json!({
             "model": row.label, "seconds_each": row.seconds, "direct_per_second": row.direct,
-            "service_per_second": row.service, "ratio": row.ratio(), "computing": row.computing,
+            "service_per_second": row.service, "ratio": ratio(&row.service, &row.direct), "computing": row.computing,
         }));
     }
     let json = json!({

@@ -16,11 +16,11 @@ impl Seeds {
     }
 
     /// How many were not taken yet.
-    pub(super) fn left(&self) -> u64 {
+    pub(in crate::cli) fn left(&self) -> u64 {
         self.end.saturating_sub(self.next.load(Ordering::Relaxed))
     }
 
-    pub(super) fn take(&self) -> Option<u64> {
+    pub(in crate::cli) fn take(&self) -> Option<u64> {
         Some(self.next.fetch_add(1, Ordering::Relaxed)).filter(|seed| *seed < self.end)
     }
 }
