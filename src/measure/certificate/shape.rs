@@ -204,8 +204,9 @@ impl Lanes {
             // The least angle lies opposite to the shortest edge: between two edges whose product is this cosine part.
             let along = (uu + vv + ww) / 2.0 - shortest;
             let (tan_squared, ratio_squared) = (nn / (along * along), longest / shortest);
-            lanes.tan_squared[lane] = if along > 0.0 { tan_squared } else { 0.0 };
-            lanes.ratio_squared[lane] = if shortest > 0.0 { ratio_squared } else { f64::INFINITY };
+            // What is not a number, in lanes without a triangle, stays so.
+            lanes.tan_squared[lane] = if along <= 0.0 { 0.0 } else { tan_squared };
+            lanes.ratio_squared[lane] = if shortest <= 0.0 { f64::INFINITY } else { ratio_squared };
             lanes.six_volumes[lane] = dot(sub(a, origin), normal);
         }
         lanes
