@@ -4,7 +4,7 @@
 //! Invariant: every pair of overlapping (or touching) boxes is reported exactly once, in an order that
 //! depends only on the input.
 
-use super::descent::{self, Block as _, WIDTH, pairs_below};
+use super::descent::{self, Block as _, WIDTH, lanes, pairs_below};
 use glam::{BVec4A, Vec4};
 
 /// A closed axis-parallel rectangle.
@@ -117,26 +117,29 @@ impl Blocks {
     }
 
     /// Calls `found` with `(i, j)`, `i < j`, for every pair of boxes that meet.
-    pub fn pairs(&self, found: impl FnMut(usize, usize)) {
+    pub fn pairs(&self, mut found: impl FnMut(usize, usize)) {
         let mut below = Vec::new();
         if self.len > 0 {
             below.push((self.levels.len() - 1, 0, 0));
         }
-        pairs_below(&self.levels, below, found);
+        pairs_below(
+            &self.levels,
+            below,
+            #[inline(always)]
+            |i, block, others| lanes(others, |lane| found(i, block * WIDTH + lane)),
+        );
     }
 
     /// Descends from block `node` of `level` to the boxes that meet `rect`.
     fn visit(&self, level: usize, node: usize, rect: &Rect, found: &mut impl FnMut(usize)) {
-        let mut mask = self.levels[level][node].overlaps(rect);
-        while mask != 0 {
-            let child = node * WIDTH + mask.trailing_zeros() as usize;
-            mask &= mask - 1;
+        lanes(self.levels[level][node].overlaps(rect), |lane| {
+            let child = node * WIDTH + lane;
             if level == 0 {
                 found(child);
             } else {
                 self.visit(level - 1, child, rect, found);
             }
-        }
+        });
     }
 }
 

@@ -7,9 +7,9 @@
 //! Invariant: the bounds of two items with a common point overlap. Bounds are stored in f32, rounded to nearest; rounding
 //! is monotone, so that overlapping bounds still overlap, and no outward rounding is needed.
 
-use super::descent::{self, Block as _, pairs_below};
+use super::descent::{self, Block as _, lanes, pairs_below};
 use crate::vectorize::Vectors;
-use glam::{BVec4A, Vec4};
+use glam::Vec4;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -88,14 +88,15 @@ fn greater(a: f32, b: f32) -> f32 {
 
 /// The bounds of eight items, by side, so that one pass over each row tests all of them.
 #[derive(Clone, Copy, PartialEq)]
-struct Block([[Vec4; 2]; SIDES]);
+#[repr(align(32))]
+struct Block([[f32; WIDTH]; SIDES]);
 
 /// Points of eight items: `[point][axis][item]`. Those of no item are NaN.
 pub type Points<const N: usize> = [[[f64; WIDTH]; 3]; N];
 
 impl Block {
     /// Bounds of nothing.
-    const EMPTY: Self = Self([[Vec4::NEG_INFINITY; 2]; SIDES]);
+    const EMPTY: Self = Self([[f32::NEG_INFINITY; WIDTH]; SIDES]);
 
     /// Bounds of the convex hulls of the points of each item.
     #[inline(always)]
@@ -118,12 +119,7 @@ impl Block {
                 }
             }
         }
-        Self::of_rows(&rows)
-    }
-
-    #[inline(always)]
-    fn of_rows(rows: &[[f32; WIDTH]; SIDES]) -> Self {
-        Self(rows.map(|row| [0, 4].map(|half| Vec4::from_slice(&row[half..]))))
+        Self(rows)
     }
 
     fn of(bounds: impl Iterator<Item = Bounds>) -> Self {
@@ -133,7 +129,7 @@ impl Block {
                 row[lane] = value;
             }
         }
-        Self::of_rows(&rows)
+        Self(rows)
     }
 
     /// Lower bounds of the squared distances of a point from the items; infinite for an empty lane. The directions x + y and
@@ -141,42 +137,43 @@ impl Block {
     #[inline]
     fn squared_distances(&self, point: &Query) -> [f32; WIDTH] {
         let mut sums = [0.0; WIDTH];
-        for half in 0..2 {
-            let mut sum = Vec4::ZERO;
-            for axis in 0..3 {
-                let (high, low) = (self.0[axis][half], -self.0[AXES + axis][half]);
-                let outside = (low - point.high[axis]).max(point.low[axis] - high).max(Vec4::ZERO);
-                sum += outside * outside;
+        for axis in 0..3 {
+            let (high, low) = (&self.0[axis], &self.0[AXES + axis]);
+            for lane in 0..WIDTH {
+                let outside = greater(greater(-low[lane] - point.high[axis], point.low[axis] - high[lane]), 0.0);
+                sums[lane] += outside * outside;
             }
-            sum.write_to_slice(&mut sums[4 * half..]);
         }
         sums
     }
 
     fn union(&self) -> Bounds {
-        Bounds(self.0.map(|[a, b]| a.max(b).max_element()))
+        Bounds(self.0.map(|row| row.into_iter().fold(f32::NEG_INFINITY, greater)))
     }
 }
 
 impl descent::Block for Block {
     type Bounds = Bounds;
 
-    #[inline]
+    #[inline(always)]
     fn lane(&self, lane: usize) -> Bounds {
-        let rows: &[[f32; WIDTH]; SIDES] = bytemuck::cast_ref(&self.0);
-        Bounds(std::array::from_fn(|side| rows[side][lane]))
+        Bounds(std::array::from_fn(|side| self.0[side][lane]))
     }
 
-    /// Bounds that are NaN overlap nothing.
-    #[inline]
+    #[inline(always)]
     fn overlaps(&self, query: &Bounds) -> u32 {
-        let (mut first, mut second) = (BVec4A::TRUE, BVec4A::TRUE);
-        for (side, [a, b]) in self.0.iter().enumerate() {
-            let nearest = Vec4::splat(query.nearest(side));
-            first &= nearest.cmple(*a);
-            second &= nearest.cmple(*b);
+        // On each side, by how much the item extends beyond the nearest coordinate: the sign of a sum is exact. The sum of two
+        // infinite coordinates may be NaN, which is passed over.
+        let mut least = [f32::INFINITY; WIDTH];
+        for (side, row) in self.0.iter().enumerate() {
+            let opposite = query.0[(side + AXES) % SIDES];
+            for lane in 0..WIDTH {
+                let beyond = row[lane] + opposite;
+                least[lane] = if beyond < least[lane] { beyond } else { least[lane] };
+            }
         }
-        first.bitmask() | second.bitmask() << 4
+        let mask = |half: usize| Vec4::from_slice(&least[half..]).cmpge(Vec4::ZERO).bitmask();
+        mask(0) | mask(4) << 4
     }
 }
 
@@ -212,6 +209,7 @@ impl<D> Search<D> {
 }
 
 /// The hierarchy.
+#[derive(Default)]
 pub struct Bvh {
     /// `levels[0]` bounds the items, each next level the blocks of the one before; the last has one block.
     levels: Vec<Vec<Block>>,
@@ -230,11 +228,16 @@ impl Bvh {
         Self::above(first, len)
     }
 
-    /// Builds the hierarchy of `len` items that are the convex hulls of some points; `points` gives those of eight or fewer
-    /// successive items.
+    /// Builds the hierarchy of `len` items that are the convex hulls of some points, in the memory of another one; `points` gives
+    /// those of eight or fewer successive items.
     #[must_use]
-    pub fn of_hulls<const N: usize>(len: usize, points: impl Fn(Range<usize>) -> Points<N> + Sync) -> Self {
-        let mut first = vec![Block::EMPTY; len.div_ceil(WIDTH)];
+    pub fn of_hulls<const N: usize>(
+        memory: Self,
+        len: usize,
+        points: impl Fn(Range<usize>) -> Points<N> + Sync,
+    ) -> Self {
+        let mut first = memory.levels.into_iter().next().unwrap_or_default();
+        first.resize(len.div_ceil(WIDTH), Block::EMPTY);
         first.par_chunks_mut(RUN).enumerate().for_each(|(run, blocks)| {
             Vectors::best().run(
                 #[inline(always)]
@@ -292,27 +295,42 @@ impl Bvh {
     /// Calls `visit(i, j)` for every item `i` of a part and every item `j > i` of the whole hierarchy whose bounds overlap its
     /// own. Over all parts each pair is visited once.
     pub fn pairs(&self, part: usize, mut visit: impl FnMut(usize, usize)) {
+        self.pairs_by_block(
+            part,
+            #[inline(always)]
+            |i, block, others| lanes(others, |lane| visit(i, block * WIDTH + lane)),
+        );
+    }
+
+    /// The same by blocks of items: `visit(i, block, others)`, where bit `l` of `others` is set for item `WIDTH` · `block` + `l`.
+    #[expect(clippy::redundant_closure, reason = "a reference to a closure would not be inlined")]
+    pub fn pairs_by_block(&self, part: usize, mut visit: impl FnMut(usize, usize, u32)) {
         let level = PART_LEVELS.min(self.levels.len()) - 1;
         let mut below = Vec::new();
         let own = self.levels[level][part].union();
         self.descend(self.levels.len() - 1, level, 0, &own, part, &mut |other| below.push((level, part, other)));
         Vectors::best().run(
             #[inline(always)]
-            || pairs_below(&self.levels, std::mem::take(&mut below), &mut visit),
+            || {
+                pairs_below(
+                    &self.levels,
+                    std::mem::take(&mut below),
+                    #[inline(always)]
+                    |i, block, others| visit(i, block, others),
+                );
+            },
         );
     }
 
     /// Calls `visit` for every item whose bounds overlap `query`, in ascending order.
     pub fn overlapping(&self, query: &Bounds, mut visit: impl FnMut(usize)) {
         self.descend(self.levels.len() - 1, 0, 0, query, 0, &mut |block| {
-            let mut mask = self.levels[0][block].overlaps(query);
-            while mask != 0 {
-                let item = block * WIDTH + mask.trailing_zeros() as usize;
-                mask &= mask - 1;
+            lanes(self.levels[0][block].overlaps(query), |lane| {
+                let item = block * WIDTH + lane;
                 if item < self.len {
                     visit(item);
                 }
-            }
+            });
         });
     }
 
@@ -428,7 +446,8 @@ mod tests {
                 Bounds::of([at(*p), at(end)])
             }).collect();
             let bvh = Bvh::build(bounds.len(), |i| bounds[i]);
-            let ends = Bvh::of_hulls(items.len(), |some| {
+            let other = Bvh::build(bounds.len() + 100, |_| Bounds::of([[0.0; 3]]));
+            let ends = Bvh::of_hulls(other, items.len(), |some| {
                 let mut points = [[[f64::NAN; WIDTH]; 3]; 2];
                 for (lane, [p, d]) in items[some].iter().enumerate() {
                     for axis in 0..3 {

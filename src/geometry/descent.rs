@@ -15,13 +15,14 @@ pub(super) trait Block {
     fn overlaps(&self, query: &Self::Bounds) -> u32;
 }
 
-/// Calls `visit(i, j)`, `i < j`, for every pair of items that overlap below pairs of blocks `(level, first, second)`, of which the
-/// second is not before the first. `levels[0]` has the blocks of items, each further level those of the one before.
+/// Calls `visit(i, block, others)` for every item `i` and block of items that overlap it: bit `l` of `others` is set for item `l` of
+/// the block if it comes after `i`. They are searched for below pairs of blocks `(level, first, second)`, of which the second is not
+/// before the first. `levels[0]` has the blocks of items, each further level those of the one before.
 #[inline(always)]
 pub(super) fn pairs_below<B: Block>(
     levels: &[Vec<B>],
     mut below: Vec<(usize, usize, usize)>,
-    mut visit: impl FnMut(usize, usize),
+    mut visit: impl FnMut(usize, usize, u32),
 ) {
     while let Some((level, first, second)) = below.pop() {
         let (a, b) = (&levels[level][first], &levels[level][second]);
@@ -38,15 +39,21 @@ pub(super) fn pairs_below<B: Block>(
                 // An item with itself is no pair, but there may be pairs within a block.
                 others &= !0 << (lane + usize::from(level == 0));
             }
-            while others != 0 {
-                let (i, j) = (first * WIDTH + lane, second * WIDTH + others.trailing_zeros() as usize);
-                others &= others - 1;
-                if level == 0 {
-                    visit(i, j);
-                } else {
-                    below.push((level - 1, i, j));
-                }
+            let child = first * WIDTH + lane;
+            if level > 0 {
+                lanes(others, |other| below.push((level - 1, child, second * WIDTH + other)));
+            } else if others != 0 {
+                visit(child, second, others);
             }
         }
+    }
+}
+
+/// Calls `visit` for each bit that is set.
+#[inline(always)]
+pub(super) fn lanes(mut mask: u32, mut visit: impl FnMut(usize)) {
+    while mask != 0 {
+        visit(mask.trailing_zeros() as usize);
+        mask &= mask - 1;
     }
 }

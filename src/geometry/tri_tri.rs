@@ -97,7 +97,11 @@ impl Triangle {
     /// Whether the closed segment from `p` to `q` has a point in common with the triangle.
     #[must_use]
     pub fn meets_segment(&self, p: P3, q: P3) -> bool {
-        let (side_p, side_q) = (self.side(p), self.side(q));
+        self.meets([p, q], [self.side(p), self.side(q)])
+    }
+
+    /// The same if the sides of its ends are known.
+    fn meets(&self, [p, q]: [P3; 2], [side_p, side_q]: [f64; 2]) -> bool {
         if (side_p > 0.0 && side_q > 0.0) || (side_p < 0.0 && side_q < 0.0) {
             return false;
         }
@@ -110,6 +114,11 @@ impl Triangle {
         let (s, t, u) = (orientation(p, q, a, b), orientation(p, q, b, c), orientation(p, q, c, a));
         (s >= 0.0 && t >= 0.0 && u >= 0.0) || (s <= 0.0 && t <= 0.0 && u <= 0.0)
     }
+}
+
+/// Whether all points, of which these are the sides, lie strictly on one side.
+fn are_clear(sides: [f64; 3]) -> bool {
+    sides.iter().all(|&side| side > 0.0) || sides.iter().all(|&side| side < 0.0)
 }
 
 /// [`orient3d`], with a shortcut for four points of an axis-parallel plane: sections lie in such planes, and zero is the
@@ -163,8 +172,9 @@ fn meets_segment_2d(t: [P2; 3], p: P2, q: P2) -> bool {
 pub fn meet(a: &Triangle, b: &Triangle) -> bool {
     for axis in 0..3 {
         for (a, b) in [(a, b), (b, a)] {
-            let top = a.points.map(|p| p[axis]).into_iter().fold(f64::NEG_INFINITY, f64::max);
-            let bottom = b.points.map(|p| p[axis]).into_iter().fold(f64::INFINITY, f64::min);
+            // Comparisons rather than `max` and `min`, which treat NaN apart.
+            let top = a.points.iter().fold(f64::NEG_INFINITY, |top, p| if p[axis] > top { p[axis] } else { top });
+            let bottom = b.points.iter().fold(f64::INFINITY, |low, p| if p[axis] < low { p[axis] } else { low });
             if top < bottom {
                 return false;
             }
@@ -175,13 +185,18 @@ pub fn meet(a: &Triangle, b: &Triangle) -> bool {
             }
         }
     }
-    if a.clears(b.points) || b.clears(a.points) {
+    let (sides_a, sides_b) = (a.points.map(|p| b.side(p)), b.points.map(|p| a.side(p)));
+    if are_clear(sides_a) || are_clear(sides_b) {
         return false;
     }
     // If triangles meet, an edge of one meets the other.
-    let edges =
-        |t: &Triangle, other: &Triangle| (0..3).any(|i| other.meets_segment(t.points[i], t.points[(i + 1) % 3]));
-    edges(a, b) || edges(b, a)
+    let edges = |t: &Triangle, sides: [f64; 3], other: &Triangle| {
+        (0..3).any(|i| {
+            let j = (i + 1) % 3;
+            other.meets([t.points[i], t.points[j]], [sides[i], sides[j]])
+        })
+    };
+    edges(a, sides_a, b) || edges(b, sides_b, a)
 }
 
 /// Whether two triangles that share the corner `a.points[i]` = `b.points[j]` have any other point in common.
@@ -233,19 +248,6 @@ pub fn overlap_across_edge(a: &Triangle, i: usize, b: &Triangle, j: usize) -> bo
     let axis = a.projection().expect("a triangle that is tested for contact is not degenerate");
     let (u, v) = (flat(a.points[(i + 1) % 3], axis), flat(a.points[(i + 2) % 3], axis));
     (orient2d(u, v, flat(a.points[i], axis)) > 0.0) == (orient2d(u, v, flat(far, axis)) > 0.0)
-}
-
-/// Whether two triangles, given by the numbers of their vertices, share any.
-#[inline(always)]
-#[must_use]
-pub fn share(a: [u32; 3], b: [u32; 3]) -> bool {
-    let mut same = false;
-    for v in a {
-        for w in b {
-            same |= v == w;
-        }
-    }
-    same
 }
 
 /// Whether two triangles of a mesh, given with the numbers of their vertices, have points in common besides the vertices and

@@ -12,7 +12,7 @@ use super::surface::{Coordinate, Surface, Tally, few};
 use super::topology::{Copies, Stars, Topology};
 use super::types::{FailureKind, Failures, PLACES};
 use crate::geometry::bvh::{Bounds, Bvh, WIDTH, morton};
-use crate::geometry::tri_tri::{Triangle, meet, meet_in_mesh, share};
+use crate::geometry::tri_tri::{Triangle, meet, meet_in_mesh};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -31,6 +31,8 @@ pub(super) struct Meetings {
     met: u64,
     meetings: Tally,
     duplicates: Tally,
+    /// The last hierarchy, whose memory the next one uses.
+    memory: Bvh,
 }
 
 pub(super) fn examine<C: Coordinate>(
@@ -95,6 +97,7 @@ impl Meetings {
         let order = Order::of(surface, fresh);
         let left_out = left_out(surface, known);
         let bvh = Bvh::of_hulls(
+            std::mem::take(&mut self.memory),
             surface.triangles.len(),
             #[inline(always)]
             |items| {
@@ -107,7 +110,8 @@ impl Meetings {
                 corners
             },
         );
-        let search = Search { surface, fresh, known, order, left_out, bvh, most: MOST - self.met };
+        let vertices = order.vertices(surface.triangles);
+        let search = Search { surface, fresh, known, order, vertices, left_out, bvh, most: MOST - self.met };
         let stars = known.crowded.len().div_ceil(TASK);
         let parts = fresh.div_ceil(search.bvh.part_len());
         // The first task that alone exceeds the limit: results of later tasks are not used.
@@ -128,6 +132,7 @@ impl Meetings {
                 found
             })
             .collect();
+        self.memory = search.bvh;
         let (mut count, mut first) = (0, Vec::new());
         for part in found {
             self.met += part.met;
@@ -198,6 +203,8 @@ struct Search<'a, C> {
     fresh: usize,
     known: &'a Known<'a>,
     order: Order,
+    /// Of each block of the hierarchy.
+    vertices: Vec<Vertices>,
     left_out: Option<Vec<bool>>,
     bvh: Bvh,
     /// A task stops when it has found more.
@@ -231,17 +238,29 @@ impl<C: Coordinate> Search<'_, C> {
     fn part(&self, part: usize) -> Found {
         let mut found = Found::default();
         let triangle = |t: usize| Triangle::new(self.surface.corners(t));
-        self.bvh.pairs(part, |i, j| {
-            let (first, second) = (self.order.triangle(i), self.order.triangle(j));
-            let (ta, tb) = (self.surface.triangles[first], self.surface.triangles[second]);
-            // The last part may hold items that are not fresh.
-            if share(ta, tb) || i >= self.fresh || found.is_full(self.most) {
-                return;
-            }
-            if meet(&triangle(first), &triangle(second)) {
-                self.add(&mut found, first, second);
-            }
-        });
+        self.bvh.pairs_by_block(
+            part,
+            #[inline(always)]
+            |i, block, others| {
+                // The last part may hold items that are not fresh.
+                if i >= self.fresh || found.is_full(self.most) {
+                    return;
+                }
+                let first = self.order.triangle(i);
+                let mut others = others & !sharing(&self.vertices[block], self.surface.triangles[first]);
+                if others == 0 {
+                    return;
+                }
+                let a = triangle(first);
+                while others != 0 {
+                    let second = self.order.triangle(block * WIDTH + others.trailing_zeros() as usize);
+                    others &= others - 1;
+                    if meet(&a, &triangle(second)) {
+                        self.add(&mut found, first, second);
+                    }
+                }
+            },
+        );
         found
     }
 
@@ -251,12 +270,43 @@ impl<C: Coordinate> Search<'_, C> {
     }
 }
 
+/// The vertices of eight triangles: `[corner][triangle]`.
+type Vertices = [[u32; WIDTH]; 3];
+
+/// Bit `l` is set if triangle `l` of the block has a vertex in common with another one.
+#[inline(always)]
+fn sharing(block: &Vertices, triangle: [u32; 3]) -> u32 {
+    let mut shared = [0u32; WIDTH];
+    for corners in block {
+        for vertex in triangle {
+            for lane in 0..WIDTH {
+                shared[lane] |= if corners[lane] == vertex { !0 } else { 0 };
+            }
+        }
+    }
+    (0..WIDTH).fold(0, |bits, lane| bits | (shared[lane] & (1 << lane)))
+}
+
 /// The order of the triangles in the hierarchy.
 struct Order(Option<Vec<u32>>);
 
 impl Order {
     fn triangle(&self, item: usize) -> usize {
         self.0.as_ref().map_or(item, |order| order[item] as usize)
+    }
+
+    /// The vertices of each eight triangles.
+    fn vertices(&self, triangles: &[[u32; 3]]) -> Vec<Vertices> {
+        let block = |first: usize| {
+            let mut block = [[0; WIDTH]; 3];
+            for (lane, i) in (first..triangles.len().min(first + WIDTH)).enumerate() {
+                for (corner, vertex) in block.iter_mut().zip(triangles[self.triangle(i)]) {
+                    corner[lane] = vertex;
+                }
+            }
+            block
+        };
+        (0..triangles.len().div_ceil(WIDTH)).into_par_iter().with_min_len(STRETCH).map(|b| block(b * WIDTH)).collect()
     }
 
     /// Keeps the given order except in runs of stretches that are not coherent; the first `fresh` triangles stay the first.
