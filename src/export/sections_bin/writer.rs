@@ -7,6 +7,8 @@ use crate::model::Section;
 use std::io::{self, Write};
 
 const ZSTD_LEVEL: i32 = 3;
+/// Most bytes that zstd compresses at once.
+const BLOCK: usize = 1 << 17;
 
 /// Writes a sections file as a stream: [`push`](Self::push) each section, then [`finish`](Self::finish).
 ///
@@ -31,7 +33,9 @@ impl<W: Write> SectionsWriter<W> {
         out.write_all(&VERSION.to_le_bytes())?;
         out.write_all(&length.to_le_bytes())?;
         out.write_all(&header)?;
-        let compressor = zstd::bulk::Compressor::new(ZSTD_LEVEL)?;
+        let mut compressor = zstd::bulk::Compressor::new(ZSTD_LEVEL)?;
+        // Otherwise it allocates larger memory for each section that is larger than the last.
+        compressor.compress(&vec![0; BLOCK])?;
         Ok(Self { out, entries: Vec::new(), compressor, raw: Vec::new() })
     }
 
