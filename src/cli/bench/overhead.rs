@@ -122,8 +122,8 @@ impl Serving {
 enum Direct {
     /// By this number of threads, one model each.
     Threads(u32),
-    /// In batches on a GPU.
-    Batches(GpuDevice),
+    /// In batches of this size on a GPU.
+    Batches(GpuDevice, usize),
 }
 
 impl Direct {
@@ -134,10 +134,10 @@ impl Direct {
                 let all = load::direct(model, seeds, *count, 1).await.map_err(plain)?;
                 Ok(succeeded(all)?.iter().map(|one| one.seconds).collect())
             }
-            Self::Batches(device) => {
-                let (device, model, count) = (device.clone(), model.clone(), seeds.left());
+            Self::Batches(device, size) => {
+                let (device, size, model, count) = (device.clone(), *size, model.clone(), seeds.left());
                 let watch = Stopwatch::start();
-                let grown = tokio::task::spawn_blocking(move || gpu::grow(&device, &model, &seeds));
+                let grown = tokio::task::spawn_blocking(move || gpu::grow(&device, &model, &seeds, size));
                 grown.await.context("a task panicked")??;
                 Ok(vec![watch.seconds() / count as f64; count as usize])
             }

@@ -17,8 +17,9 @@ use std::sync::mpsc::{Sender, channel};
 use std::sync::{Mutex, PoisonError};
 use std::thread::ScopedJoinHandle;
 
-/// Models of a batch: the default of `--gpu-batch`.
+/// Models of a batch: the default of `--gpu-batch`; and on a software adapter, whose batches take longer the larger they are.
 const BATCH: usize = 16;
+const SOFTWARE_BATCH: usize = 4;
 /// Batches that a worker holds at a time: one is simulated while the surfaces of another are made.
 const BATCHES: usize = 2;
 
@@ -35,16 +36,18 @@ pub(super) async fn run(args: GpuArgs, rounds: u32, seconds_a_round: f64) -> any
                 return Ok((vec![format!("nothing to measure on a GPU: {reason}")], json!({ "reason": reason })));
             }
         };
-    let mut options = vec!["--cpu-workers", "0", "--gpu", "auto"];
+    let (sizes, batch): (&[_], usize) =
+        if device::is_software(&device) { (&SOFTWARE_SIZES, SOFTWARE_BATCH) } else { (&SIZES, BATCH) };
+    let at_a_time = batch.to_string();
+    let mut options = vec!["--cpu-workers", "0", "--gpu", "auto", "--gpu-batch", &at_a_time];
     if args.allow_software_adapter {
         options.push("--allow-software-adapter");
     }
     let serving = Serving::start(&options, |_| ()).await?;
-    let sizes: &[_] = if device::is_software(&device) { &SOFTWARE_SIZES } else { &SIZES };
     let mut lines = device::lines(&device);
     lines.push(format!(
         "models per second, median of {rounds} rounds: a GPU worker with {} threads for the surfaces over HTTP, the generator \
-         called directly with batches of {BATCH}, and their simulation alone",
+         called directly with batches of {batch}, and their simulation alone",
         machine::threads(),
     ));
     lines.push(format!("{:<36} {:>11} {:>9} {:>9} {:>7}", "model", "simulated", "direct", "service", "ratio"));
@@ -52,9 +55,9 @@ pub(super) async fn run(args: GpuArgs, rounds: u32, seconds_a_round: f64) -> any
     for &size in sizes {
         let plans: Vec<Plan> = {
             let model = model(size, Backend::Gpu)?;
-            (1..=BATCH as u64).map(|seed| Plan::new(&model.spec, seed)).collect()
+            (1..=batch as u64).map(|seed| Plan::new(&model.spec, seed)).collect()
         };
-        let (of, simulated) = (device.clone(), BATCH as f64);
+        let (of, simulated) = (device.clone(), batch as f64);
         let alone =
             tokio::task::spawn_blocking(move || device::median(&of, &plans, 1)).await.context("a task panicked")??;
         let comparison = Comparison {
@@ -62,10 +65,10 @@ pub(super) async fn run(args: GpuArgs, rounds: u32, seconds_a_round: f64) -> any
             size,
             backend: Backend::Gpu,
             // A batch that is simulated, one whose surfaces are made, and the next one.
-            asked: 3 * BATCH as u32,
+            asked: 3 * batch as u32,
             rounds,
             seconds_a_round,
-            direct: Direct::Batches(device.clone()),
+            direct: Direct::Batches(device.clone(), batch),
         };
         let Row { label, direct, service, .. } = &comparison.measure().await?;
         let ratio = super::ratio(service, direct);
@@ -82,14 +85,14 @@ pub(super) async fn run(args: GpuArgs, rounds: u32, seconds_a_round: f64) -> any
         }));
     }
     serving.stop().await?;
-    Ok((lines, json!({ "device": device::describe(&device), "batch": BATCH, "rows": rows })))
+    Ok((lines, json!({ "device": device::describe(&device), "batch": batch, "rows": rows })))
 }
 
-/// Grows the models of these seeds in batches.
+/// Grows the models of these seeds in batches of `size`.
 ///
 /// # Errors
 /// If one of them is not grown.
-pub(super) fn grow(device: &GpuDevice, model: &Model, seeds: &Seeds) -> anyhow::Result<()> {
+pub(super) fn grow(device: &GpuDevice, model: &Model, seeds: &Seeds, size: usize) -> anyhow::Result<()> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(machine::threads()).build()?;
     let joined = |driver: ScopedJoinHandle<'_, anyhow::Result<()>>| {
         driver.join().unwrap_or_else(|_| Err(anyhow::anyhow!("a batch panicked")))
@@ -97,7 +100,7 @@ pub(super) fn grow(device: &GpuDevice, model: &Model, seeds: &Seeds) -> anyhow::
     std::thread::scope(|scope| {
         let mut drivers = VecDeque::new();
         loop {
-            let batch: Vec<u64> = std::iter::from_fn(|| seeds.take()).take(BATCH).collect();
+            let batch: Vec<u64> = std::iter::from_fn(|| seeds.take()).take(size).collect();
             if batch.is_empty() {
                 return drivers.into_iter().try_for_each(joined);
             }
