@@ -2,59 +2,19 @@
 //! files in a temporary directory, one worker per core), and grown by the same number of threads that call the generator
 //! directly. The two alternate, so that other load on the machine affects both. With a GPU the same for models that it grows.
 
+mod batches;
+mod comparison;
 mod gpu;
 
-use super::super::args::{GpuArgs, ServeArgs};
-use super::super::client::Client;
-use super::super::exit::Failure;
-use super::super::load::{self, Grown, Lost, Model, Seeds};
-use super::super::service::Service;
 use super::machine;
 use super::report::Report;
-use crate::clock::Stopwatch;
-use crate::generate::{Backend, Output};
-use crate::sim::gpu::GpuDevice;
-use crate::spec::{ModelSpec, preset};
-use anyhow::{Context, anyhow};
+use crate::cli::args::GpuArgs;
+use crate::generate::Backend;
+use comparison::{Comparison, Direct, PRESET, Row, Serving, ratio};
 use serde_json::{Value, json};
-use std::path::PathBuf;
-use std::sync::Arc;
-use std::time::Duration;
-use tokio::net::TcpListener;
 
 /// Small models: steps, and particles at start and end, as changes of preset `paper`.
 const SIZES: [(u32, u32, u32); 3] = [(60, 300, 420), (200, 400, 900), (400, 500, 1800)];
-const PRESET: &str = "paper";
-
-/// Results for one size.
-struct Row {
-    label: String,
-    /// Models per second of the generator alone, in each round.
-    direct: Vec<f64>,
-    /// Models per second of the service, in each round.
-    service: Vec<f64>,
-    /// Fraction of the workers' time spent in the stages of models, in each round, by the service's
-    /// `oviduct_stage_seconds`.
-    computing: Vec<f64>,
-    /// Median time per model of the generator alone, in seconds.
-    seconds: f64,
-}
-
-/// Median over the rounds of service by direct.
-fn ratio(service: &[f64], direct: &[f64]) -> f64 {
-    machine::median(service.iter().zip(direct).map(|(service, direct)| service / direct).collect())
-}
-
-/// Seconds that the workers have spent in the stages of models so far.
-async fn computed(client: &Client) -> anyhow::Result<f64> {
-    let text = client.get("/metrics").await.map_err(plain)?.text().await?;
-    let stages = ["simulate", "mesh", "certify", "export"];
-    let sum = |stage: &str| {
-        let name = format!("oviduct_stage_seconds_sum{{stage=\"{stage}\"}} ");
-        text.lines().find_map(|line| line.strip_prefix(&name)?.parse::<f64>().ok()).unwrap_or_default()
-    };
-    Ok(stages.into_iter().map(sum).sum())
-}
 
 pub(super) async fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
     let (rounds, seconds_a_round) = if quick { (3, 1.0) } else { (9, 4.0) };
@@ -85,142 +45,6 @@ pub(super) async fn run(quick: bool, args: GpuArgs) -> anyhow::Result<Report> {
     report.lines.extend(lines);
     report.json["gpu"] = json;
     Ok(report)
-}
-
-#[expect(clippy::needless_pass_by_value, reason = "for `map_err`")]
-fn plain(failure: Failure) -> anyhow::Error {
-    anyhow!(failure.report().1.join("; "))
-}
-
-/// A service in this process, with its data in a temporary directory.
-struct Serving {
-    service: Service,
-    client: Client,
-    folder: PathBuf,
-}
-
-impl Serving {
-    async fn start(options: &[&str], set: impl FnOnce(&mut ServeArgs)) -> anyhow::Result<Self> {
-        let folder = std::env::temp_dir().join(format!("oviduct-bench-{}", uuid::Uuid::now_v7()));
-        let mut args = ServeArgs::with(options).context("the defaults are not valid")?;
-        args.process.database.data.clone_from(&folder);
-        args.process.grace = Duration::ZERO;
-        set(&mut args);
-        let listener = TcpListener::bind(("127.0.0.1", 0)).await.context("no port is free")?;
-        let service = Service::start(&args, listener, None).await.map_err(plain)?;
-        let client = Client::new(&format!("http://{}", service.address()), None).map_err(plain)?;
-        Ok(Self { service, client, folder })
-    }
-
-    async fn stop(self) -> anyhow::Result<()> {
-        self.service.stop(None).await.map_err(plain)?;
-        std::fs::remove_dir_all(&self.folder).with_context(|| self.folder.display().to_string())
-    }
-}
-
-/// How models are grown without a service.
-enum Direct {
-    /// By this number of threads, one model each.
-    Threads(u32),
-    /// In batches of this size on a GPU.
-    Batches(GpuDevice, usize),
-}
-
-impl Direct {
-    /// Grows the models of these seeds; returns the seconds of each.
-    async fn grow(&self, model: &Model, seeds: Seeds) -> anyhow::Result<Vec<f64>> {
-        match self {
-            Self::Threads(count) => {
-                let all = load::direct(model, seeds, *count, 1).await.map_err(plain)?;
-                Ok(succeeded(all)?.iter().map(|one| one.seconds).collect())
-            }
-            Self::Batches(device, size) => {
-                let (device, size, model, count) = (device.clone(), *size, model.clone(), seeds.left());
-                let watch = Stopwatch::start();
-                let grown = tokio::task::spawn_blocking(move || gpu::grow(&device, &model, &seeds, size));
-                grown.await.context("a task panicked")??;
-                Ok(vec![watch.seconds() / count as f64; count as usize])
-            }
-        }
-    }
-}
-
-/// A small model of preset `paper`: steps, and particles at start and end.
-fn patch((steps, from, to): (u32, u32, u32)) -> Value {
-    json!({ "steps": steps, "particles": { "total": { "keys": [[0, from], [1, to]] } } })
-}
-
-fn model(size: (u32, u32, u32), backend: Backend) -> anyhow::Result<Model> {
-    let spec = ModelSpec::resolve(preset(PRESET).context("there is no preset `paper`")?, &patch(size))
-        .map_err(|faults| anyhow!("the small model is not valid: {faults:?}"))?;
-    Ok(Model { preset: PRESET.to_owned(), spec: Arc::new(spec), backend, outputs: vec![Output::Glb].into() })
-}
-
-/// A comparison of a service with the generator alone, for one size of models.
-struct Comparison<'a> {
-    client: &'a Client,
-    size: (u32, u32, u32),
-    backend: Backend,
-    /// Requests at a time.
-    asked: u32,
-    rounds: u32,
-    seconds_a_round: f64,
-    direct: Direct,
-}
-
-impl Comparison<'_> {
-    async fn measure(&self) -> anyhow::Result<Row> {
-        let Self { client, size, asked, .. } = *self;
-        let model = model(size, self.backend)?;
-        let body = json!({ "preset": PRESET, "spec": patch(size), "backend": self.backend, "outputs": ["glb"] });
-        let workers = machine::threads() as f64;
-        let mut next = 1;
-        let mut seeds = |count: u64| {
-            let seeds = Seeds::new(next, count);
-            next += count;
-            seeds
-        };
-        // Both once without measurement; the first determines the number of models per round.
-        let watch = Stopwatch::start();
-        self.direct.grow(&model, seeds(u64::from(asked))).await?;
-        let rate = f64::from(asked) / watch.seconds();
-        load::through(client, &body, seeds(u64::from(asked)), asked).await.map_err(plain)?;
-        let count = (self.seconds_a_round * rate).ceil().max(f64::from(asked)) as u64;
-        let (steps, from, to) = size;
-        let mut row = Row {
-            label: format!("{steps} steps, {from} to {to} particles"),
-            direct: Vec::new(),
-            service: Vec::new(),
-            computing: Vec::new(),
-            seconds: 0.0,
-        };
-        let mut times = Vec::new();
-        for round in 0..self.rounds {
-            // Which one goes first alternates.
-            for direct in [round % 2 == 0, round % 2 != 0] {
-                let watch = Stopwatch::start();
-                if direct {
-                    times.extend(self.direct.grow(&model, seeds(count)).await?);
-                    row.direct.push(count as f64 / watch.seconds());
-                } else {
-                    let before = computed(client).await?;
-                    load::through(client, &body, seeds(count), asked).await.map_err(plain)?;
-                    let seconds = watch.seconds();
-                    row.service.push(count as f64 / seconds);
-                    row.computing.push((computed(client).await? - before) / (workers * seconds));
-                }
-            }
-        }
-        row.seconds = machine::median(times);
-        Ok(row)
-    }
-}
-
-/// All of these models, if each of them succeeded.
-fn succeeded(all: Vec<Result<Grown, Lost>>) -> anyhow::Result<Vec<Grown>> {
-    let all: Vec<Grown> = all.into_iter().collect::<Result<_, _>>().map_err(|lost| anyhow!(lost.message))?;
-    anyhow::ensure!(all.iter().all(|one| one.succeeded), "not all models succeeded");
-    Ok(all)
 }
 
 fn report(rows: &[Row], workers: u32, rounds: u32) -> Report {

@@ -1,27 +1,18 @@
-//! The same comparison for models that a GPU grows: requested from a service that has a GPU worker, and grown in batches of the
-//! same size by the generator directly, the next batch while the surfaces of the last one are made.
+//! `bench overhead` for models that a GPU grows: requested from a service that has a GPU worker, and grown in batches of the same
+//! size by the generator directly.
 
-use super::super::super::args::GpuArgs;
-use super::super::{device, machine};
-use super::{Comparison, Direct, Row, Serving, model};
+use super::comparison::{Comparison, Direct, Row, Serving, model, ratio};
+use crate::cli::args::GpuArgs;
+use crate::cli::bench::{device, machine};
 use crate::cli::gpu;
-use crate::cli::load::{Model, Seeds};
-use crate::generate::{Backend, Calls, CancelToken, GenerateError, Member, Outcome, Request, generate_batch};
+use crate::generate::Backend;
 use crate::sim::Plan;
-use crate::sim::gpu::GpuDevice;
 use anyhow::Context;
-use rayon::ThreadPool;
 use serde_json::{Value, json};
-use std::collections::VecDeque;
-use std::sync::mpsc::{Sender, channel};
-use std::sync::{Mutex, PoisonError};
-use std::thread::ScopedJoinHandle;
 
 /// Models of a batch: the default of `--gpu-batch`; and on a software adapter, whose batches take longer the larger they are.
 const BATCH: usize = 16;
 const SOFTWARE_BATCH: usize = 4;
-/// Batches that a worker holds at a time: one is simulated while the surfaces of another are made.
-const BATCHES: usize = 2;
 
 /// Models: steps, and particles at start and end; on a GPU, and on a software adapter.
 const SIZES: [(u32, u32, u32); 3] = [(400, 500, 1800), (1000, 710, 4000), (2000, 710, 8300)];
@@ -71,7 +62,7 @@ pub(super) async fn run(args: GpuArgs, rounds: u32, seconds_a_round: f64) -> any
             direct: Direct::Batches(device.clone(), batch),
         };
         let Row { label, direct, service, .. } = &comparison.measure().await?;
-        let ratio = super::ratio(service, direct);
+        let ratio = ratio(service, direct);
         let simulated = simulated / alone.seconds;
         lines.push(format!(
             "{label:<36} {simulated:>11.2} {:>9.2} {:>9.2} {:>6.1}%",
@@ -86,74 +77,4 @@ pub(super) async fn run(args: GpuArgs, rounds: u32, seconds_a_round: f64) -> any
     }
     serving.stop().await?;
     Ok((lines, json!({ "device": device::describe(&device), "batch": batch, "rows": rows })))
-}
-
-/// Grows the models of these seeds in batches of `size`.
-///
-/// # Errors
-/// If one of them is not grown.
-pub(super) fn grow(device: &GpuDevice, model: &Model, seeds: &Seeds, size: usize) -> anyhow::Result<()> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(machine::threads()).build()?;
-    let joined = |driver: ScopedJoinHandle<'_, anyhow::Result<()>>| {
-        driver.join().unwrap_or_else(|_| Err(anyhow::anyhow!("a batch panicked")))
-    };
-    std::thread::scope(|scope| {
-        let mut drivers = VecDeque::new();
-        loop {
-            let batch: Vec<u64> = std::iter::from_fn(|| seeds.take()).take(size).collect();
-            if batch.is_empty() {
-                return drivers.into_iter().try_for_each(joined);
-            }
-            if drivers.len() == BATCHES {
-                drivers.pop_front().map_or(Ok(()), joined)?;
-            }
-            let (simulated, device_is_free) = channel();
-            let pool = &pool;
-            drivers.push_back(scope.spawn(move || one(device, pool, model, &batch, simulated)));
-            // A batch that has ended early says nothing.
-            device_is_free.recv().ok();
-        }
-    })
-}
-
-/// Grows a batch in a directory that is removed afterwards; says when the device is free.
-fn one(
-    device: &GpuDevice,
-    pool: &ThreadPool,
-    model: &Model,
-    seeds: &[u64],
-    simulated: Sender<()>,
-) -> anyhow::Result<()> {
-    let folder = tempfile::tempdir()?;
-    let requests: Vec<Request> = seeds
-        .iter()
-        .map(|&seed| {
-            let dir = folder.path().join(seed.to_string());
-            std::fs::create_dir(&dir)?;
-            Ok(Request {
-                preset: model.preset.clone(),
-                spec: model.spec.as_ref().clone(),
-                seed,
-                backend: model.backend,
-                outputs: model.outputs.clone(),
-                dir,
-                memory_limit_bytes: None,
-            })
-        })
-        .collect::<anyhow::Result<_>>()?;
-    let (cancel, failed) = (CancelToken::default(), Mutex::new(None));
-    let members: Vec<Member<'_>> =
-        requests.iter().map(|request| Member { request, plan: None, sink: &(), cancel: &cancel }).collect();
-    let simulated = Mutex::new(Some(simulated));
-    let free = || drop(simulated.lock().unwrap_or_else(PoisonError::into_inner).take());
-    let ended = |_: usize, result: Result<Outcome, GenerateError>| {
-        if let Err(error) = result {
-            *failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
-        }
-    };
-    generate_batch(device, Some(pool), &members, Calls { simulated: &free, ended: &ended });
-    match failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
-        Some(error) => Err(error.into()),
-        None => Ok(()),
-    }
 }

@@ -1,0 +1,84 @@
+//! Models grown in batches on a GPU like by a worker: the next batch is simulated while the surfaces of the last one are made.
+
+use crate::cli::bench::machine;
+use crate::cli::load::{Model, Seeds};
+use crate::generate::{Calls, CancelToken, GenerateError, Member, Outcome, Request, generate_batch};
+use crate::sim::gpu::GpuDevice;
+use rayon::ThreadPool;
+use std::collections::VecDeque;
+use std::sync::mpsc::{Sender, channel};
+use std::sync::{Mutex, PoisonError};
+use std::thread::ScopedJoinHandle;
+
+/// Batches that a worker holds at a time.
+const BATCHES: usize = 2;
+
+/// Grows the models of these seeds in batches of `size`.
+///
+/// # Errors
+/// If one of them is not grown.
+pub(super) fn grow(device: &GpuDevice, model: &Model, seeds: &Seeds, size: usize) -> anyhow::Result<()> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(machine::threads()).build()?;
+    let joined = |driver: ScopedJoinHandle<'_, anyhow::Result<()>>| {
+        driver.join().unwrap_or_else(|_| Err(anyhow::anyhow!("a batch panicked")))
+    };
+    std::thread::scope(|scope| {
+        let mut drivers = VecDeque::new();
+        loop {
+            let batch: Vec<u64> = std::iter::from_fn(|| seeds.take()).take(size).collect();
+            if batch.is_empty() {
+                return drivers.into_iter().try_for_each(joined);
+            }
+            if drivers.len() == BATCHES {
+                drivers.pop_front().map_or(Ok(()), joined)?;
+            }
+            let (simulated, device_is_free) = channel();
+            let pool = &pool;
+            drivers.push_back(scope.spawn(move || one(device, pool, model, &batch, simulated)));
+            // A batch that has ended early says nothing.
+            device_is_free.recv().ok();
+        }
+    })
+}
+
+/// Grows a batch in a directory that is removed afterwards; says when the device is free.
+fn one(
+    device: &GpuDevice,
+    pool: &ThreadPool,
+    model: &Model,
+    seeds: &[u64],
+    simulated: Sender<()>,
+) -> anyhow::Result<()> {
+    let folder = tempfile::tempdir()?;
+    let requests: Vec<Request> = seeds
+        .iter()
+        .map(|&seed| {
+            let dir = folder.path().join(seed.to_string());
+            std::fs::create_dir(&dir)?;
+            Ok(Request {
+                preset: model.preset.clone(),
+                spec: model.spec.as_ref().clone(),
+                seed,
+                backend: model.backend,
+                outputs: model.outputs.clone(),
+                dir,
+                memory_limit_bytes: None,
+            })
+        })
+        .collect::<anyhow::Result<_>>()?;
+    let (cancel, failed) = (CancelToken::default(), Mutex::new(None));
+    let members: Vec<Member<'_>> =
+        requests.iter().map(|request| Member { request, plan: None, sink: &(), cancel: &cancel }).collect();
+    let simulated = Mutex::new(Some(simulated));
+    let free = || drop(simulated.lock().unwrap_or_else(PoisonError::into_inner).take());
+    let ended = |_: usize, result: Result<Outcome, GenerateError>| {
+        if let Err(error) = result {
+            *failed.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+        }
+    };
+    generate_batch(device, Some(pool), &members, Calls { simulated: &free, ended: &ended });
+    match failed.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        Some(error) => Err(error.into()),
+        None => Ok(()),
+    }
+}
