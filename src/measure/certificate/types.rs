@@ -1,6 +1,6 @@
 //! The contents of a certificate.
 
-use super::surface::LANES;
+use crate::geometry::bvh::WIDTH as LANES;
 use serde::Serialize;
 use utoipa::ToSchema;
 
