@@ -79,19 +79,10 @@ impl Triangle {
         on.next().is_none().then_some([first, second])
     }
 
-    /// Whether all of `others` lie strictly on one side of the plane.
+    /// Whether both points lie strictly on one side of the plane.
     #[inline]
-    fn clears<const N: usize>(&self, others: [P3; N]) -> bool {
-        let (mut below, mut above) = (true, true);
-        for q in others {
-            let side = self.side(q);
-            below &= side > 0.0;
-            above &= side < 0.0;
-            if !below && !above {
-                return false;
-            }
-        }
-        true
+    fn clears(&self, points: [P3; 2]) -> bool {
+        are_clear(points.map(|p| self.side(p)))
     }
 
     /// Whether the closed segment from `p` to `q` has a point in common with the triangle.
@@ -117,7 +108,7 @@ impl Triangle {
 }
 
 /// Whether all points, of which these are the sides, lie strictly on one side.
-fn are_clear(sides: [f64; 3]) -> bool {
+fn are_clear<const N: usize>(sides: [f64; N]) -> bool {
     sides.iter().all(|&side| side > 0.0) || sides.iter().all(|&side| side < 0.0)
 }
 
