@@ -2,6 +2,9 @@
 //!
 //! The width of the vectors changes speed only: no operation is reordered or fused.
 
+pub(crate) use pulp::{Simd, WithSimd};
+use std::ops::{Add, Div, Mul, Sub};
+
 /// A set of vector instructions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Vectors {
@@ -44,35 +47,139 @@ impl Vectors {
     /// Calls `f`, compiled for these instructions, or for the baseline where the processor has not got them. `f` and
     /// everything that it calls must be `#[inline(always)]`.
     #[inline(always)]
-    pub(crate) fn run<R>(self, mut f: impl FnMut() -> R) -> R {
+    pub(crate) fn run<R>(self, f: impl FnMut() -> R) -> R {
+        self.run_in_lanes(Body(f))
+    }
+
+    /// The same for work that is written in [`Lanes`].
+    #[inline(always)]
+    pub(crate) fn run_in_lanes<W: WithSimd>(self, work: W) -> W::Output {
         #[cfg(target_arch = "x86_64")]
         match self {
             Self::Baseline => {}
             Self::Avx2 => {
                 if let Some(simd) = pulp::x86::V3::try_new() {
-                    return pulp::Simd::vectorize(simd, Body(f));
+                    return Simd::vectorize(simd, work);
                 }
             }
             Self::Avx512 => {
                 if let Some(simd) = pulp::x86::V4::try_new() {
-                    return pulp::Simd::vectorize(simd, Body(f));
+                    return Simd::vectorize(simd, work);
                 }
             }
         }
-        f()
+        work.with_simd(pulp::Scalar256b)
     }
 }
 
 /// Takes an `FnMut`: the adapter that makes an `FnOnce` of it would not be inlined.
-#[cfg(target_arch = "x86_64")]
 struct Body<F>(F);
 
-#[cfg(target_arch = "x86_64")]
-impl<R, F: FnMut() -> R> pulp::WithSimd for Body<F> {
+impl<R, F: FnMut() -> R> WithSimd for Body<F> {
     type Output = R;
 
     #[inline(always)]
-    fn with_simd<S: pulp::Simd>(mut self, _: S) -> R {
+    fn with_simd<S: Simd>(mut self, _: S) -> R {
         (self.0)()
+    }
+}
+
+/// Numbers in a vector register: for loops that carry vectors from one pass to the next, which the compiler would keep in memory
+/// if they were arrays.
+#[derive(Clone, Copy)]
+pub(crate) struct Lanes<S: Simd> {
+    simd: S,
+    numbers: S::f32s,
+}
+
+impl<S: Simd> Lanes<S> {
+    /// How many they are.
+    pub(crate) const COUNT: usize = S::F32_LANES;
+
+    #[inline(always)]
+    pub(crate) fn all(simd: S, number: f32) -> Self {
+        Self { simd, numbers: simd.splat_f32s(number) }
+    }
+
+    /// The first numbers of a slice, which has enough.
+    #[inline(always)]
+    pub(crate) fn of(simd: S, numbers: &[f32]) -> Self {
+        Self { simd, numbers: S::as_simd_f32s(&numbers[..Self::COUNT]).0[0] }
+    }
+
+    /// Writes the first numbers, as many as the slice has, which has room for no more than all.
+    #[inline(always)]
+    pub(crate) fn write(self, to: &mut [f32]) {
+        let numbers = bytemuck::cast_slice(std::slice::from_ref(&self.numbers));
+        to.copy_from_slice(&numbers[..to.len()]);
+    }
+
+    #[inline(always)]
+    pub(crate) fn max(self, other: Self) -> Self {
+        Self { numbers: self.simd.max_f32s(self.numbers, other.numbers), ..self }
+    }
+
+    #[inline(always)]
+    pub(crate) fn min(self, other: Self) -> Self {
+        Self { numbers: self.simd.min_f32s(self.numbers, other.numbers), ..self }
+    }
+
+    #[inline(always)]
+    pub(crate) fn sqrt(self) -> Self {
+        Self { numbers: self.simd.sqrt_f32s(self.numbers), ..self }
+    }
+
+    /// Whether one of them is less than that of `other`.
+    #[inline(always)]
+    pub(crate) fn any_less(self, other: Self) -> bool {
+        self.simd.first_true_m32s(self.simd.less_than_f32s(self.numbers, other.numbers)) < Self::COUNT
+    }
+
+    /// Whether one of them is at most that of `other`.
+    #[inline(always)]
+    pub(crate) fn any_at_most(self, other: Self) -> bool {
+        self.simd.first_true_m32s(self.simd.less_than_or_equal_f32s(self.numbers, other.numbers)) < Self::COUNT
+    }
+
+    /// The least of them.
+    #[inline(always)]
+    pub(crate) fn least(self) -> f32 {
+        self.simd.reduce_min_f32s(self.numbers)
+    }
+}
+
+impl<S: Simd> Add for Lanes<S> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        Self { numbers: self.simd.add_f32s(self.numbers, other.numbers), ..self }
+    }
+}
+
+impl<S: Simd> Sub for Lanes<S> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        Self { numbers: self.simd.sub_f32s(self.numbers, other.numbers), ..self }
+    }
+}
+
+impl<S: Simd> Mul for Lanes<S> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        Self { numbers: self.simd.mul_f32s(self.numbers, other.numbers), ..self }
+    }
+}
+
+impl<S: Simd> Div for Lanes<S> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        Self { numbers: self.simd.div_f32s(self.numbers, other.numbers), ..self }
     }
 }

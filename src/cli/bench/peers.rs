@@ -61,18 +61,28 @@ pub(super) fn run(quick: bool, peers: &Peers, args: GpuArgs) -> anyhow::Result<R
     let plan = Plan::new(&spec, SEED);
     let runs = if quick { 1 } else { 5 };
     let all = machine::threads();
-    let mut rows = vec![compare("numba", peers, &plan, Place::Cpu { threads: 1 }, runs)?];
+    let mut comparisons = vec![("numba", Place::Cpu { threads: 1 })];
     if all > 1 {
-        rows.push(compare("numba", peers, &plan, Place::Cpu { threads: all }, runs)?);
+        comparisons.push(("numba", Place::Cpu { threads: all }));
     }
-    match gpu::best(args) {
-        Ok(device) => rows.push(compare("warp", peers, &plan, Place::Gpu(&device), runs)?),
+    let device = gpu::best(args);
+    comparisons.push(match &device {
+        Ok(device) => ("warp", Place::Gpu(device)),
         Err(reason) => {
             term::note(&format!("no GPU ({reason}): Warp runs on one core"));
-            rows.push(compare("warp", peers, &plan, Place::Cpu { threads: 1 }, runs)?);
+            ("warp", Place::Cpu { threads: 1 })
+        }
+    });
+    // A peer that fails does not cost the minutes that the others took.
+    let (mut rows, mut failures) = (Vec::new(), Vec::new());
+    for (peer, place) in comparisons {
+        match compare(peer, peers, &plan, place, runs) {
+            Ok(row) => rows.push(row),
+            Err(error) => failures.push(format!("{peer} beside ours on {}: {error:#}", named(place))),
         }
     }
-    Ok(report(&rows, runs))
+    ensure!(!rows.is_empty(), "no peer could be compared: {}", failures.join("; "));
+    Ok(report(&rows, failures, runs))
 }
 
 fn compare(
@@ -145,7 +155,7 @@ fn told(program: &Path, output: &str) -> anyhow::Result<Told> {
     Ok(told)
 }
 
-fn report(rows: &[Comparison], runs: usize) -> Report {
+fn report(rows: &[Comparison], failures: Vec<String>, runs: usize) -> Report {
     let mut lines = vec![
         machine::line(),
         format!("preset paper, seed {SEED}, all steps with burn-in, {}, alternated", machine::runs(runs)),
@@ -168,8 +178,9 @@ fn report(rows: &[Comparison], runs: usize) -> Report {
     }
     let json = json!({
         "bench": "peers", "engine": crate::ENGINE_VERSION, "machine": machine::describe(), "preset": "paper", "seed": SEED,
-        "runs": runs, "comparisons": rows,
+        "runs": runs, "comparisons": rows, "failures": failures,
     });
+    lines.extend(failures.into_iter().map(|failure| format!("failed: {failure}")));
     Report { lines, json, files: Vec::new() }
 }
 

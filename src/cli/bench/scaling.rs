@@ -3,7 +3,7 @@
 use super::machine;
 use super::probe::{self, Variant};
 use super::report::Report;
-use crate::sim::cpu::{CpuSimulation, Kernel};
+use crate::sim::cpu::{CpuSimulation, Kernel, PairTerms, reference_force};
 use crate::sim::{Plan, Simulator};
 use crate::spec::{ModelSpec, Search, preset};
 use anyhow::Context;
@@ -14,7 +14,7 @@ const WINDOW: u32 = 10;
 const SEED: u64 = 1;
 /// Particles at the end of the preset `paper`.
 const PAPER: f64 = 8300.0;
-/// Particles whose neighbours are counted.
+/// Particles whose interactions are counted.
 const COUNTED: usize = 500;
 
 pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
@@ -58,17 +58,18 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
         String::new(),
         "one thread, last fifth of whole runs to these numbers of particles".to_owned(),
         format!(
-            "{:>9} {:>7} {:>16} {:>22} {:>17}",
-            "particles", "steps", "ns per particle", "neighbours in range", "ns per neighbour"
+            "{:>9} {:>7} {:>16} {:>18} {:>19}",
+            "particles", "steps", "ns per particle", "repelling segments", "ns per interaction"
         ),
     ]);
     let mut by_size = Vec::new();
     for &particles in sizes {
-        let Size { steps, nanoseconds, neighbours } = grow_to(particles)?;
-        let each = nanoseconds / neighbours;
-        lines.push(format!("{particles:>9} {steps:>7} {nanoseconds:>16.0} {neighbours:>22.1} {each:>17.2}"));
+        let Size { steps, nanoseconds, interactions } = grow_to(particles)?;
+        let each = nanoseconds / interactions;
+        lines.push(format!("{particles:>9} {steps:>7} {nanoseconds:>16.0} {interactions:>18.1} {each:>19.2}"));
         by_size.push(json!({
-            "particles": particles, "steps": steps, "nanoseconds_per_particle_and_step": nanoseconds, "neighbours": neighbours,
+            "particles": particles, "steps": steps, "nanoseconds_per_particle_and_step": nanoseconds,
+            "interactions_per_particle": interactions,
         }));
     }
     let json = json!({
@@ -83,8 +84,8 @@ struct Size {
     steps: u32,
     /// Nanoseconds per particle and step in the last fifth of the steps.
     nanoseconds: f64,
-    /// Other particles within the greatest range of the self-intersection force, mean of some particles at the last growth event.
-    neighbours: f64,
+    /// Segments that repel a particle, mean of some particles at the last growth event.
+    interactions: f64,
 }
 
 /// Grows a section to `particles` with the schedules of `paper`: the area of the region grows with the particles, and the steps
@@ -107,26 +108,33 @@ fn grow_to(particles: u32) -> anyhow::Result<Size> {
         ModelSpec::resolve(paper, &patch).map_err(|faults| anyhow::anyhow!("{particles} particles: {faults:?}"))?;
     let plan = Plan::new(&spec, SEED);
     let variant = Variant { search: Search::Lists, kernel: Kernel::Vector, threads: 1 };
-    let mut neighbours = 0.0;
+    let mut interactions = 0.0;
     let last = i64::from(plan.steps - plan.grow_every);
     let run = probe::whole(&plan, variant, |simulation| {
         if simulation.time() >= last {
-            neighbours = neighbours_in_range(&plan, simulation);
+            interactions = interactions_per_particle(&plan, simulation);
         }
     })?;
     let end = &run.steps[run.steps.len() / 5 * 4..];
     let [seconds, particle_steps] =
         end.iter().fold([0.0; 2], |[s, p], point| [s + point.seconds_per_step, p + point.particles]);
-    Ok(Size { steps, nanoseconds: 1e9 * seconds / particle_steps, neighbours })
+    Ok(Size { steps, nanoseconds: 1e9 * seconds / particle_steps, interactions })
 }
 
-fn neighbours_in_range(plan: &Plan, simulation: &CpuSimulation) -> f64 {
-    let range = plan.at(simulation.time()).range_max();
-    let points = simulation.section().inner.points;
-    let near = |p: &[f32; 2]| points.iter().filter(|q| (q[0] - p[0]).hypot(q[1] - p[1]) < range).count() - 1;
-    let every = points.len().div_ceil(COUNTED);
-    let counts: Vec<f64> = points.iter().step_by(every).map(|p| near(p) as f64).collect();
-    counts.iter().sum::<f64>() / counts.len() as f64
+fn interactions_per_particle(plan: &Plan, simulation: &CpuSimulation) -> f64 {
+    let (row, s) = (plan.at(simulation.time()), simulation.inner());
+    let n = s.x.len();
+    let point = |i: usize| [s.x[i % n], s.y[i % n]];
+    let repelling = |i: usize| {
+        let (before, after) = (point(i + n - 1), point(i + 1));
+        let along = [after[0] - before[0], after[1] - before[1]];
+        let length = along[0].hypot(along[1]);
+        let terms = PairTerms::new(row, point(i), [-along[1] / length, along[0] / length], s.scale[i]);
+        let others = (0..n).filter(|&j| j != i && (j + 1) % n != i);
+        others.filter(|&j| reference_force(&terms, point(j), point(j + 1)).0 != [0.0; 2]).count()
+    };
+    let counts: Vec<usize> = (0..n).step_by(n.div_ceil(COUNTED)).map(repelling).collect();
+    counts.iter().sum::<usize>() as f64 / counts.len() as f64
 }
 
 fn threads_in_words(count: usize) -> String {

@@ -9,7 +9,7 @@
 
 use super::chain::{Chain, Stretch, take};
 use super::neighbours::{Neighbours, Own, Part, Update, each};
-use super::pairs::{CLEARANCE_CAP, Group, Kernel, least};
+use super::pairs::{CLEARANCE_CAP, Group, Kernel, Sums};
 use super::{local, scalar, sway};
 use crate::sim::layout::StepRow;
 use crate::sim::maths::{max, min};
@@ -17,7 +17,7 @@ use crate::sim::plan::Plan;
 use crate::sim::region::Region;
 use crate::sim::state::InnerLoop;
 use crate::spec::Integrator;
-use crate::vectorize::Vectors;
+use crate::vectorize::{Lanes, Simd, Vectors, WithSimd};
 use std::ops::Range;
 
 /// Fraction of the free distance that one side may close in a step.
@@ -272,21 +272,24 @@ impl Share<'_> {
         if let Some(near) = &mut near {
             near.fill(CLEARANCE_CAP * CLEARANCE_CAP);
         }
-        if c.kernel == Kernel::Scalar {
-            scalar::gather(c.vectors.lanes(), chain, scale, c.row, part, [ax, ay, vertex_near], near.as_deref_mut());
+        match c.kernel {
+            Kernel::Scalar => {
+                scalar::gather(c.vectors.lanes(), chain, scale, c.row, part, [ax, ay, vertex_near], near);
+            }
+            Kernel::Vector => c.vectors.run_in_lanes(Gather {
+                chain,
+                scale,
+                row: c.row,
+                part,
+                fx: &mut *ax,
+                fy: &mut *ay,
+                near: vertex_near,
+                segment_near: near,
+            }),
         }
         c.vectors.run(
             #[inline(always)]
             || {
-                if c.kernel == Kernel::Vector {
-                    let out = [&mut *ax, &mut *ay, &mut *vertex_near];
-                    match (c.vectors.lanes(), &mut near) {
-                        (16, Some(near)) => gather::<16, true>(chain, scale, c.row, part, out, near),
-                        (16, None) => gather::<16, false>(chain, scale, c.row, part, out, &mut []),
-                        (_, Some(near)) => gather::<8, true>(chain, scale, c.row, part, out, near),
-                        (_, None) => gather::<8, false>(chain, scale, c.row, part, out, &mut []),
-                    }
-                }
                 local::add(chain, own, step, particles.clone(), pull, ax, ay);
                 for (a, sway) in [&mut *ax, &mut *ay].into_iter().zip(&*sway) {
                     a.iter_mut().zip(sway).for_each(|(a, sway)| *a += sway);
@@ -474,63 +477,65 @@ fn guard(
     Outcome { shortened, not_finite: not_finite != 0 }
 }
 
-/// Sums the pair forces on the particles of a part; with `CLEARANCE` also the least squared distances of vertices and segments.
-#[inline(always)]
-fn gather<const G: usize, const CLEARANCE: bool>(
-    chain: &Chain,
-    scale: &[f32],
-    row: &StepRow,
-    part: &Part,
-    [fx, fy, near]: [&mut [f32]; 3],
-    segment_near: &mut [f32],
-) {
-    let n = chain.len();
-    let (first, count) = (part.particles.start, part.particles.len());
-    for (group, k) in (0..count).step_by(G).enumerate() {
-        let own = k..(k + G).min(count);
-        let particles = first + own.start..first + own.end;
-        let mut forces = Group::<G>::new(row, chain, &scale[own.clone()], particles.start);
-        part.groups.visit(
-            group,
-            &Own::of(&particles, n),
-            n,
-            #[inline(always)]
-            |j, is_own| {
-                let squares = if is_own {
-                    forces.add::<CLEARANCE, true>(&chain.blocks, j, &others(j, particles.start, n))
-                } else {
-                    forces.add::<CLEARANCE, false>(&chain.blocks, j, &[1.0; G])
-                };
-                if CLEARANCE && any_below(&squares, CLEARANCE_CAP * CLEARANCE_CAP) {
-                    segment_near[j] = min(segment_near[j], least(squares));
-                }
-            },
-        );
-        fx[own.clone()].copy_from_slice(&forces.fx[..own.len()]);
-        fy[own.clone()].copy_from_slice(&forces.fy[..own.len()]);
-        if CLEARANCE {
-            near[own.clone()].copy_from_slice(&forces.near[..own.len()]);
+/// Sums the pair forces on the particles of a part; with `segment_near` also the least squared distances of vertices (`near`) and
+/// segments.
+struct Gather<'a> {
+    chain: &'a Chain,
+    scale: &'a [f32],
+    row: &'a StepRow,
+    part: &'a Part,
+    fx: &'a mut [f32],
+    fy: &'a mut [f32],
+    near: &'a mut [f32],
+    segment_near: Option<&'a mut [f32]>,
+}
+
+impl WithSimd for Gather<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        match self.segment_near.take() {
+            Some(segment_near) => self.run::<S, true>(simd, segment_near),
+            None => self.run::<S, false>(simd, &mut []),
         }
     }
 }
 
-#[inline(always)]
-fn any_below<const G: usize>(lanes: &[f32; G], bound: f32) -> bool {
-    let mut any = false;
-    for &lane in lanes {
-        any |= lane < bound;
+impl Gather<'_> {
+    #[inline(always)]
+    fn run<S: Simd, const CLEARANCE: bool>(self, simd: S, segment_near: &mut [f32]) {
+        let Self { chain, scale, row, part, fx, fy, near, .. } = self;
+        let (lanes, n) = (Lanes::<S>::COUNT, chain.len());
+        let (first, count) = (part.particles.start, part.particles.len());
+        for (number, k) in (0..count).step_by(lanes).enumerate() {
+            let own = k..(k + lanes).min(count);
+            let particles = first + own.start..first + own.end;
+            let group = Group::new(simd, row, chain, &scale[own.clone()], particles.start);
+            let mut sums = Sums::new(simd);
+            part.groups.visit(
+                number,
+                &Own::of(&particles, n),
+                n,
+                #[inline(always)]
+                |j, is_own| {
+                    let placed = if is_own {
+                        group.place::<true>(&chain.blocks, j)
+                    } else {
+                        group.place::<false>(&chain.blocks, j)
+                    };
+                    if CLEARANCE && let Some(least) = sums.approach(&group, &placed) {
+                        segment_near[j] = min(segment_near[j], least);
+                    }
+                    sums.take(&group, placed);
+                },
+            );
+            let [sum_x, sum_y, least] = sums.finish(&group);
+            sum_x.write(&mut fx[own.clone()]);
+            sum_y.write(&mut fy[own.clone()]);
+            if CLEARANCE {
+                least.write(&mut near[own]);
+            }
+        }
     }
-    any
-}
-
-/// For each lane of a group that begins at particle `first`: 0 if the particle is an end of segment `j`, else 1.
-#[inline(always)]
-fn others<const G: usize>(j: usize, first: usize, n: usize) -> [f32; G] {
-    let lane = |particle: usize| (particle as u32).wrapping_sub(first as u32);
-    let (start, end) = (lane(j), lane(if j + 1 == n { 0 } else { j + 1 }));
-    let mut others = [1.0; G];
-    for (l, other) in (0..).zip(&mut others) {
-        *other = if (l == start) | (l == end) { 0.0 } else { 1.0 };
-    }
-    others
 }

@@ -52,14 +52,15 @@ pub(super) fn add(
 /// The pull of each edge on its first particle: entry 0 belongs to the edge before the first particle.
 #[inline(always)]
 fn pulls(chain: &Chain, own: Own<'_>, row: &StepRow, range: &Range<usize>, pull: &mut [Vec<f32>; 2]) {
-    let count = range.len();
+    let edges = range.len() + 1;
     let ends = range.start..range.end + 2;
-    let (x, y) = (&chain.x[ends.clone()][..count + 2], &chain.y[ends.clone()][..count + 2]);
-    let (vx, vy) = (&chain.vx[ends.clone()][..count + 2], &chain.vy[ends][..count + 2]);
-    let rest = &own.rest[..=count];
+    let (x, y) = (&chain.x[ends.clone()][..edges + 1], &chain.y[ends.clone()][..edges + 1]);
+    let (vx, vy) = (&chain.vx[ends.clone()][..edges + 1], &chain.vy[ends][..edges + 1]);
+    let rest = &own.rest[..edges];
     let [px, py] = pull;
-    let (px, py) = (&mut px[..=count], &mut py[..=count]);
-    for i in 0..=count {
+    let (px, py) = (&mut px[..edges], &mut py[..edges]);
+    // A loop to an inclusive end would not be compiled for vectors.
+    for i in 0..edges {
         let (dx, dy) = (x[i + 1] - x[i], y[i + 1] - y[i]);
         let length = (dx * dx + dy * dy + 1e-12).sqrt();
         let inverse = 1.0 / length;

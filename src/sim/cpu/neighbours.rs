@@ -18,7 +18,7 @@ use super::chain::{Chain, Stretch};
 use crate::sim::layout::StepRow;
 use crate::sim::maths::{greatest, max, min};
 use crate::spec::Search;
-use crate::vectorize::Vectors;
+use crate::vectorize::{Simd, Vectors, WithSimd};
 use grid::Grid;
 pub(super) use lists::Own;
 use lists::{Groups, Lists, Restless, SLOPE, Sight, Tables};
@@ -280,17 +280,31 @@ impl Update<'_> {
             return;
         };
         let Part { particles, groups, .. } = part;
-        self.vectors.run(
-            #[inline(always)]
-            || match (self.vectors.lanes(), restless) {
-                (16, None) => lists.build::<16>(particles, scale, groups),
-                (_, None) => lists.build::<8>(particles, scale, groups),
-                (16, Some(restless)) => lists.mend::<16>(particles, scale, restless, groups),
-                (_, Some(restless)) => lists.mend::<8>(particles, scale, restless, groups),
-            },
-        );
+        self.vectors.run_in_lanes(Making { lists, restless: restless.as_ref(), particles, scale, groups });
         if restless.is_none() {
             part.note(lists.chain);
+        }
+    }
+}
+
+/// Makes lists of a part: all, or those near the restless particles.
+struct Making<'a> {
+    lists: &'a Lists<'a>,
+    restless: Option<&'a Restless>,
+    particles: &'a Range<usize>,
+    scale: &'a [f32],
+    groups: &'a mut Groups,
+}
+
+impl WithSimd for Making<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { lists, restless, particles, scale, groups } = self;
+        match restless {
+            None => lists.build(simd, particles, scale, groups),
+            Some(restless) => lists.mend(simd, particles, scale, restless, groups),
         }
     }
 }

@@ -6,7 +6,7 @@
 
 use super::chain::{BLOCK, Block, Chain};
 use crate::sim::layout::StepRow;
-use crate::sim::maths::{max, min};
+use crate::vectorize::{Lanes, Simd};
 
 /// Arithmetic of the pair forces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -61,101 +61,173 @@ impl PairTerms {
 /// Coordinates of particles that pad the last group: far from all others.
 pub(super) const FAR: f32 = 1e9;
 
-/// The terms of a group of `G` consecutive particles, and the sums of the forces on them.
-pub(super) struct Group<const G: usize> {
-    x: [f32; G],
-    y: [f32; G],
-    mean: [f32; G],
-    side_x: [f32; G],
-    side_y: [f32; G],
-    pub(super) fx: [f32; G],
-    pub(super) fy: [f32; G],
-    /// Least squared distance.
-    pub(super) near: [f32; G],
-    repulsion: f32,
-    barrier: f32,
-    barrier_reach: f32,
+/// A distance beyond all ranges, µm.
+const DISTANT: f32 = 1e6;
+
+/// Most particles in a group.
+pub(super) const MOST: usize = 16;
+
+/// The terms of a group of consecutive particles, one per lane.
+#[derive(Clone, Copy)]
+pub(super) struct Group<S: Simd> {
+    simd: S,
+    /// Number of the first particle, and of all.
+    first: usize,
+    n: usize,
+    x: Lanes<S>,
+    y: Lanes<S>,
+    mean: Lanes<S>,
+    side_x: Lanes<S>,
+    side_y: Lanes<S>,
+    repulsion: Lanes<S>,
+    barrier: Lanes<S>,
+    barrier_reach: Lanes<S>,
 }
 
-impl<const G: usize> Group<G> {
-    /// The particles from `first` on; at the end of the loop there may be fewer than `G`.
+impl<S: Simd> Group<S> {
+    /// The particles from `first` on, which have these scales; at the end of the loop there may be fewer than lanes.
     #[inline(always)]
-    pub(super) fn new(row: &StepRow, chain: &Chain, scale: &[f32], first: usize) -> Self {
-        let mut group = Self {
-            x: [FAR; G],
-            y: [FAR; G],
-            mean: [row.range_mean; G],
-            side_x: [0.0; G],
-            side_y: [0.0; G],
-            fx: [0.0; G],
-            fy: [0.0; G],
-            near: [CLEARANCE_CAP * CLEARANCE_CAP; G],
-            repulsion: row.repulsion,
-            barrier: row.barrier,
-            barrier_reach: row.barrier * row.barrier_distance,
-        };
-        for (l, &scale) in scale.iter().enumerate().take(G) {
+    pub(super) fn new(simd: S, row: &StepRow, chain: &Chain, scale: &[f32], first: usize) -> Self {
+        let (mut x, mut y, mut mean) = ([FAR; MOST], [FAR; MOST], [row.range_mean; MOST]);
+        let (mut side_x, mut side_y) = ([0.0; MOST], [0.0; MOST]);
+        for (l, &scale) in scale.iter().enumerate().take(Lanes::<S>::COUNT) {
             let i = first + l;
             let t = PairTerms::new(row, [chain.x[i + 1], chain.y[i + 1]], [chain.nx[i], chain.ny[i]], scale);
-            ([group.x[l], group.y[l]], group.mean[l]) = (t.p, t.mean);
-            [group.side_x[l], group.side_y[l]] = t.side;
+            ([x[l], y[l]], mean[l]) = (t.p, t.mean);
+            [side_x[l], side_y[l]] = t.side;
         }
-        group
+        Self {
+            simd,
+            first,
+            n: chain.len(),
+            x: Lanes::of(simd, &x),
+            y: Lanes::of(simd, &y),
+            mean: Lanes::of(simd, &mean),
+            side_x: Lanes::of(simd, &side_x),
+            side_y: Lanes::of(simd, &side_y),
+            repulsion: Lanes::all(simd, row.repulsion),
+            barrier: Lanes::all(simd, row.barrier),
+            barrier_reach: Lanes::all(simd, row.barrier * row.barrier_distance),
+        }
     }
 
-    /// Adds the forces of segment `j`, with `OWN` times `others`: 0 for its own ends, or else 1. With `NEAR` keeps the least
-    /// squared distances, and returns those of this segment.
+    /// Where the particles are to segment `j`. With `OWN` its ends are taken for distant.
     #[inline(always)]
-    pub(super) fn add<const NEAR: bool, const OWN: bool>(
-        &mut self,
-        blocks: &[Block],
-        j: usize,
-        others: &[f32; G],
-    ) -> [f32; G] {
+    pub(super) fn place<const OWN: bool>(&self, blocks: &[Block], j: usize) -> Placed<S> {
+        let all = |number| Lanes::all(self.simd, number);
         let (block, at) = (&blocks[j / BLOCK], j % BLOCK);
-        let (ax, ay) = (block.x[at], block.y[at]);
-        let (dx, dy) = (block.dx[at], block.dy[at]);
-        let (ox, oy) = (block.over_x[at], block.over_y[at]);
-        let mut squares = [0.0; G];
-        for l in 0..G {
-            let (rx, ry) = (self.x[l] - ax, self.y[l] - ay);
-            let along = min(max(rx * ox + ry * oy, 0.0), 1.0);
-            let (qx, qy) = (rx - along * dx, ry - along * dy);
-            let square = max(qx * qx + qy * qy, TINY);
-            let distance = square.sqrt();
-            // With D the range and d the distance, Dd, so that one division serves both forces.
-            let reach = self.mean[l] * distance + (self.side_x[l] * qx + self.side_y[l] * qy);
-            let reach_square = reach * reach;
-            let soft = max(reach - square, 0.0) * (self.repulsion * square);
-            let hard = max(self.barrier_reach - self.barrier * distance, 0.0) * reach_square;
-            let mut force = (soft + hard) / (reach_square * square);
-            let mut nearness = square;
-            if OWN {
-                force *= others[l];
-                nearness += CLEARANCE_CAP * CLEARANCE_CAP * (1.0 - others[l]);
-            }
-            self.fx[l] += force * qx;
-            self.fy[l] += force * qy;
-            if NEAR {
-                self.near[l] = min(self.near[l], nearness);
-                squares[l] = nearness;
-            }
+        let (rx, ry) = (self.x - all(block.x[at]), self.y - all(block.y[at]));
+        let along = (rx * all(block.over_x[at]) + ry * all(block.over_y[at])).max(all(0.0)).min(all(1.0));
+        let (qx, qy) = (rx - along * all(block.dx[at]), ry - along * all(block.dy[at]));
+        let mut square = (qx * qx + qy * qy).max(all(TINY));
+        if OWN {
+            square = square.max(self.distant_ends(j));
         }
-        squares
+        Placed { qx, qy, square, distance: square.sqrt() }
+    }
+
+    /// The square of a distance beyond all ranges in the lanes of the ends of segment `j`, and 0 in others.
+    #[inline(always)]
+    fn distant_ends(&self, j: usize) -> Lanes<S> {
+        let lane = |particle: usize| (particle as u32).wrapping_sub(self.first as u32);
+        let (start, end) = (lane(j), lane(if j + 1 == self.n { 0 } else { j + 1 }));
+        let mut squares = [0.0; MOST];
+        for (l, square) in (0..).zip(&mut squares) {
+            *square = if (l == start) | (l == end) { DISTANT * DISTANT } else { 0.0 };
+        }
+        Lanes::of(self.simd, &squares)
+    }
+
+    /// The forces of a segment.
+    #[inline(always)]
+    fn pull(&self, to: &Placed<S>) -> Pull<S> {
+        let zero = Lanes::all(self.simd, 0.0);
+        let Placed { qx, qy, square, distance } = *to;
+        // With D the range and d the distance, Dd, so that one division serves both forces.
+        let reach = self.mean * distance + (self.side_x * qx + self.side_y * qy);
+        let reach_square = reach * reach;
+        let soft = (reach - square).max(zero) * (self.repulsion * square);
+        let hard = (self.barrier_reach - self.barrier * distance).max(zero) * reach_square;
+        Pull { qx, qy, force: (soft + hard) / (reach_square * square) }
     }
 }
 
-/// The least lane.
-#[inline(always)]
-pub(super) fn least<const G: usize>(mut lanes: [f32; G]) -> f32 {
-    let mut width = G / 2;
-    while width > 0 {
-        for l in 0..width {
-            lanes[l] = min(lanes[l], lanes[l + width]);
+/// Where the particles of a group are to a segment.
+#[derive(Clone, Copy)]
+pub(super) struct Placed<S: Simd> {
+    /// From the closest point of the segment to the particle.
+    qx: Lanes<S>,
+    qy: Lanes<S>,
+    square: Lanes<S>,
+    distance: Lanes<S>,
+}
+
+/// The forces of a segment on the particles of a group.
+#[derive(Clone, Copy)]
+struct Pull<S: Simd> {
+    qx: Lanes<S>,
+    qy: Lanes<S>,
+    /// Over the distance.
+    force: Lanes<S>,
+}
+
+/// The sums of the forces on the particles of a group.
+///
+/// A force takes a root and then a division, each of which waits for the one before. So that the processor need not hold what waits,
+/// a segment is placed while the force of the one before it is computed, and that of the one before that is added.
+#[derive(Clone, Copy)]
+pub(super) struct Sums<S: Simd> {
+    placed: Placed<S>,
+    pull: Pull<S>,
+    fx: Lanes<S>,
+    fy: Lanes<S>,
+    /// Least squared distances.
+    near: Lanes<S>,
+}
+
+impl<S: Simd> Sums<S> {
+    #[inline(always)]
+    pub(super) fn new(simd: S) -> Self {
+        let all = |number| Lanes::all(simd, number);
+        let zero = all(0.0);
+        Self {
+            placed: Placed { qx: zero, qy: zero, square: all(DISTANT * DISTANT), distance: all(DISTANT) },
+            pull: Pull { qx: zero, qy: zero, force: zero },
+            fx: zero,
+            fy: zero,
+            near: all(CLEARANCE_CAP * CLEARANCE_CAP),
         }
-        width /= 2;
     }
-    lanes[0]
+
+    /// Takes the next segment.
+    #[inline(always)]
+    pub(super) fn take(&mut self, group: &Group<S>, placed: Placed<S>) {
+        self.add(self.pull);
+        self.pull = group.pull(&self.placed);
+        self.placed = placed;
+    }
+
+    #[inline(always)]
+    fn add(&mut self, Pull { qx, qy, force }: Pull<S>) {
+        self.fx = self.fx + force * qx;
+        self.fy = self.fy + force * qy;
+    }
+
+    /// Keeps the least squared distances. Returns that of the segment if it is less than the square of the cap.
+    #[inline(always)]
+    pub(super) fn approach(&mut self, group: &Group<S>, placed: &Placed<S>) -> Option<f32> {
+        self.near = self.near.min(placed.square);
+        let cap = Lanes::all(group.simd, CLEARANCE_CAP * CLEARANCE_CAP);
+        placed.square.any_less(cap).then(|| placed.square.least())
+    }
+
+    /// The sums and the least squared distances after the last segment.
+    #[inline(always)]
+    pub(super) fn finish(mut self, group: &Group<S>) -> [Lanes<S>; 3] {
+        self.add(self.pull);
+        self.add(group.pull(&self.placed));
+        [self.fx, self.fy, self.near]
+    }
 }
 
 /// The same force from one segment `a`–`b` in scalar arithmetic: the reference for tests
@@ -183,6 +255,7 @@ pub fn reference_force(t: &PairTerms, a: [f32; 2], b: [f32; 2]) -> ([f32; 2], f3
 mod tests {
     use super::*;
     use crate::sim::state::InnerLoop;
+    use crate::vectorize::{Vectors, WithSimd};
     use proptest::prelude::*;
 
     fn row() -> StepRow {
@@ -193,6 +266,35 @@ mod tests {
             barrier: 3.0,
             barrier_distance: 5.0,
             ..StepRow::default()
+        }
+    }
+
+    /// The forces of all segments on eight particles, and their least squared distances.
+    struct OfGroup<'a> {
+        row: &'a StepRow,
+        chain: &'a Chain,
+        scales: &'a [f32; 8],
+        first: usize,
+    }
+
+    impl WithSimd for OfGroup<'_> {
+        type Output = [[f32; 8]; 3];
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+            let Self { row, chain, scales, first } = self;
+            let group = Group::new(simd, row, chain, scales, first);
+            let mut sums = Sums::new(simd);
+            for j in 0..chain.len() {
+                let placed = group.place::<true>(&chain.blocks, j);
+                sums.approach(&group, &placed);
+                sums.take(&group, placed);
+            }
+            sums.finish(&group).map(|lanes| {
+                let mut numbers = [0.0; 8];
+                lanes.write(&mut numbers);
+                numbers
+            })
         }
     }
 
@@ -214,10 +316,11 @@ mod tests {
             };
             let mut chain = Chain::default();
             chain.load(&s);
-            let mut group = Group::<8>::new(&row, &chain, &scales, first);
-            for j in 0..n {
-                let others: [f32; 8] = std::array::from_fn(|l| f32::from(u8::from(first + l != j && first + l != (j + 1) % n)));
-                group.add::<true, true>(&chain.blocks, j, &others);
+            let work = || OfGroup { row: &row, chain: &chain, scales: &scales, first };
+            let [fx, fy, squares] = Vectors::Baseline.run_in_lanes(work());
+            for vectors in [Vectors::Avx2, Vectors::Avx512] {
+                let wider = vectors.run_in_lanes(work());
+                prop_assert_eq!(wider.map(|v| v.map(f32::to_bits)), [fx, fy, squares].map(|v| v.map(f32::to_bits)));
             }
             for (l, &scale) in scales.iter().enumerate() {
                 let i = first + l;
@@ -231,9 +334,9 @@ mod tests {
                 }
                 // The place on a segment is rounded to about 1e-5 µm, which matters next to it.
                 let tolerance = 1e-3 * f64::from((0.1 / near).max(1.0));
-                prop_assert!((f64::from(group.fx[l]) - expected[0]).abs() < tolerance * size);
-                prop_assert!((f64::from(group.fy[l]) - expected[1]).abs() < tolerance * size);
-                prop_assert!(f64::from((group.near[l].sqrt() / near - 1.0).abs()) < tolerance);
+                prop_assert!((f64::from(fx[l]) - expected[0]).abs() < tolerance * size);
+                prop_assert!((f64::from(fy[l]) - expected[1]).abs() < tolerance * size);
+                prop_assert!(f64::from((squares[l].sqrt() / near - 1.0).abs()) < tolerance);
             }
         }
     }

@@ -2,9 +2,10 @@
 
 use super::grid::{Bounds, Grid, NOTHING, apart, around};
 use crate::sim::cpu::chain::{BLOCK, Chain};
-use crate::sim::cpu::pairs::{CLEARANCE_CAP, FAR};
+use crate::sim::cpu::pairs::{CLEARANCE_CAP, FAR, MOST};
 use crate::sim::layout::StepRow;
 use crate::sim::maths::max;
+use crate::vectorize::{Lanes, Simd};
 use std::ops::Range;
 
 /// Greatest change of the slack over a change of the distance: arithmetic over geometric mean of the two ranges.
@@ -13,6 +14,8 @@ pub(super) const SLOPE: f32 = 1.25;
 const LEAST_RANGE: f32 = 0.25;
 /// Segments in a cell of the search: eight blocks.
 const CELL: usize = 8 * BLOCK;
+/// Cells in a tract.
+const TRACT: usize = 16;
 
 /// The lists of the groups of a part.
 #[derive(Clone, Debug, Default)]
@@ -125,6 +128,8 @@ pub(super) struct Tables {
     blocks: Vec<Round>,
     /// Box around the middles of the segments of each cell, and the greatest of their margins.
     pub(super) cells: Vec<(Bounds, f32)>,
+    /// The same for tracts of cells.
+    tracts: Vec<(Bounds, f32)>,
 }
 
 /// A place and the margin around it.
@@ -163,32 +168,36 @@ impl Tables {
         }));
         self.cells.clear();
         self.cells.extend((0..n).step_by(CELL).map(|first| boxed(first, CELL)));
+        self.tracts.clear();
+        self.tracts.extend(self.cells.chunks(TRACT).map(|cells| {
+            cells.iter().fold((NOTHING, 0.0f32), |(b, m), (cell, margin)| {
+                (around(around(b, [cell[0], cell[1]]), [cell[2], cell[3]]), max(m, *margin))
+            })
+        }));
     }
 }
 
 /// How far the particles of a group see.
-struct Seen<const G: usize> {
-    x: [f32; G],
-    y: [f32; G],
-    mean: [f32; G],
-    side_x: [f32; G],
-    side_y: [f32; G],
+struct Seen<S: Simd> {
+    simd: S,
+    x: Lanes<S>,
+    y: Lanes<S>,
+    mean: Lanes<S>,
+    side_x: Lanes<S>,
+    side_y: Lanes<S>,
 }
 
-impl<const G: usize> Seen<G> {
+impl<S: Simd> Seen<S> {
     /// Whether a place is in sight of one of the particles, or at most `margin` beyond.
     #[inline(always)]
     fn has(&self, place: Round) -> bool {
-        let mut any = false;
-        for l in 0..G {
-            let (qx, qy) = (self.x[l] - place.x, self.y[l] - place.y);
-            let square = qx * qx + qy * qy;
-            // |q| ≤ D + margin, squared: D = mean + side·q/|q|.
-            let ahead = max(square - (self.side_x[l] * qx + self.side_y[l] * qy), 0.0);
-            let reach = self.mean[l] + place.margin;
-            any |= ahead * ahead <= reach * reach * square;
-        }
-        any
+        let all = |number| Lanes::all(self.simd, number);
+        let (qx, qy) = (self.x - all(place.x), self.y - all(place.y));
+        let square = qx * qx + qy * qy;
+        // |q| ≤ D + margin, squared: D = mean + side·q/|q|.
+        let ahead = (square - (self.side_x * qx + self.side_y * qy)).max(all(0.0));
+        let reach = self.mean + all(place.margin);
+        (ahead * ahead).any_at_most(reach * reach * square)
     }
 }
 
@@ -212,7 +221,7 @@ pub(super) struct Restless {
 impl Lists<'_> {
     /// Makes the lists of the groups of `G` of these particles, which have these scales.
     #[inline(always)]
-    pub(super) fn build<const G: usize>(&self, particles: &Range<usize>, scale: &[f32], groups: &mut Groups) {
+    pub(super) fn build<S: Simd>(&self, simd: S, particles: &Range<usize>, scale: &[f32], groups: &mut Groups) {
         groups.spans.clear();
         groups.list.clear();
         groups.mended.clear();
@@ -221,9 +230,9 @@ impl Lists<'_> {
         for first in particles.clone().step_by(CELL) {
             let run = first..(first + CELL).min(particles.end);
             self.near(&run, scale(&run), &mut cells);
-            for first in run.clone().step_by(G) {
-                let group = first..(first + G).min(run.end);
-                let span = self.list(&self.seen::<G>(&group, scale(&group)), &group, &cells, &mut groups.list);
+            for first in run.clone().step_by(S::F32_LANES) {
+                let group = first..(first + S::F32_LANES).min(run.end);
+                let span = self.list(&self.seen(simd, &group, scale(&group)), &group, &cells, &mut groups.list);
                 groups.spans.push(span);
             }
         }
@@ -232,21 +241,22 @@ impl Lists<'_> {
 
     /// Makes the lists anew of the groups that have restless particles or see their segments.
     #[inline(always)]
-    pub(super) fn mend<const G: usize>(
+    pub(super) fn mend<S: Simd>(
         &self,
+        simd: S,
         particles: &Range<usize>,
         scale: &[f32],
         restless: &Restless,
         groups: &mut Groups,
     ) {
         let mut cells = Vec::new();
-        for (number, first) in particles.clone().step_by(G).enumerate() {
+        for (number, first) in particles.clone().step_by(S::F32_LANES).enumerate() {
             if !restless.near[first / CELL] {
                 continue;
             }
-            let group = first..(first + G).min(particles.end);
+            let group = first..(first + S::F32_LANES).min(particles.end);
             let scale = &scale[first - particles.start..group.end - particles.start];
-            let seen = self.seen::<G>(&group, scale);
+            let seen = self.seen(simd, &group, scale);
             let mut is_concerned = restless.particles.iter().any(|i| group.contains(i));
             for &segment in &restless.segments {
                 is_concerned |= seen.has(segment);
@@ -284,29 +294,29 @@ impl Lists<'_> {
             reach = max(reach, max(tissue, gap));
         }
         cells.clear();
-        let sees = |&k: &u32| {
-            let (cell, margin) = self.tables.cells[k as usize];
+        let sees = |(other, margin): &(Bounds, f32)| {
             let reach = reach + margin;
-            apart(bounds, cell) <= reach * reach
+            apart(bounds, *other) <= reach * reach
         };
+        let Tables { cells: all, tracts, .. } = self.tables;
         match &self.grid {
             Some(grid) => {
                 grid.cells_within(bounds, reach, cells);
-                cells.retain(sees);
+                cells.retain(|&k| sees(&all[k as usize]));
             }
-            None => cells.extend((0..self.tables.cells.len() as u32).filter(sees)),
+            None => {
+                for ((tract, first), others) in tracts.iter().zip((0..).step_by(TRACT)).zip(all.chunks(TRACT)) {
+                    if sees(tract) {
+                        cells.extend((first..).zip(others).filter_map(|(k, other)| sees(other).then_some(k)));
+                    }
+                }
+            }
         }
     }
 
     /// Appends the list of a group; returns its span.
     #[inline(always)]
-    fn list<const G: usize>(
-        &self,
-        seen: &Seen<G>,
-        group: &Range<usize>,
-        cells: &[u32],
-        list: &mut Vec<u32>,
-    ) -> [u32; 3] {
+    fn list<S: Simd>(&self, seen: &Seen<S>, group: &Range<usize>, cells: &[u32], list: &mut Vec<u32>) -> [u32; 3] {
         let n = self.chain.len();
         let own = Own::of(group, n);
         let Tables { x, y, margin, blocks, .. } = self.tables;
@@ -331,15 +341,17 @@ impl Lists<'_> {
     }
 
     #[inline(always)]
-    fn seen<const G: usize>(&self, group: &Range<usize>, scale: &[f32]) -> Seen<G> {
-        let mut seen = Seen { x: [FAR; G], y: [FAR; G], mean: [0.0; G], side_x: [0.0; G], side_y: [0.0; G] };
+    fn seen<S: Simd>(&self, simd: S, group: &Range<usize>, scale: &[f32]) -> Seen<S> {
+        let (mut x, mut y, mut mean) = ([FAR; MOST], [FAR; MOST], [0.0; MOST]);
+        let (mut side_x, mut side_y) = ([0.0; MOST], [0.0; MOST]);
         for ((l, i), &scale) in group.clone().enumerate().zip(scale) {
             let [tissue, gap] = self.sight.of(scale);
             let half = 0.5 * (gap - tissue);
-            (seen.x[l], seen.y[l]) = (self.chain.x[i + 1], self.chain.y[i + 1]);
-            seen.mean[l] = 0.5 * (gap + tissue);
-            (seen.side_x[l], seen.side_y[l]) = (-half * self.chain.nx[i], -half * self.chain.ny[i]);
+            (x[l], y[l]) = (self.chain.x[i + 1], self.chain.y[i + 1]);
+            mean[l] = 0.5 * (gap + tissue);
+            (side_x[l], side_y[l]) = (-half * self.chain.nx[i], -half * self.chain.ny[i]);
         }
-        seen
+        let of = |numbers: [f32; MOST]| Lanes::of(simd, &numbers);
+        Seen { simd, x: of(x), y: of(y), mean: of(mean), side_x: of(side_x), side_y: of(side_y) }
     }
 }
