@@ -22,6 +22,11 @@ impl Vectors {
         [Self::Avx512, Self::Avx2].into_iter().find(|set| set.is_available()).unwrap_or(Self::Baseline)
     }
 
+    /// The widest of this processor with eight numbers in a vector.
+    pub(crate) fn best_of_eight() -> Self {
+        if Self::Avx2.is_available() { Self::Avx2 } else { Self::Baseline }
+    }
+
     /// Particles that the pair forces handle at once: one vector of them, if the registers allow.
     pub(crate) fn lanes(self) -> usize {
         match self {

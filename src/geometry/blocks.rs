@@ -55,15 +55,22 @@ impl Block {
 }
 
 impl descent::Block for Block {
-    type Bounds = Rect;
+    #[inline(always)]
+    fn rows(&self) -> &[[f32; WIDTH]] {
+        let rows: &[[f32; WIDTH]; 4] = bytemuck::cast_ref(&self.0);
+        rows
+    }
+}
 
+impl Block {
     #[inline]
     fn lane(&self, lane: usize) -> Rect {
-        let rows: &[[f32; WIDTH]; 4] = bytemuck::cast_ref(&self.0);
+        let rows = self.rows();
         let [max_x, max_y, min_x, min_y] = [0, 1, 2, 3].map(|side| rows[side][lane]);
         Rect { min: [-min_x, -min_y], max: [max_x, max_y] }
     }
 
+    /// Bit `l` is set where box `l` meets `rect`.
     #[inline]
     fn overlaps(&self, rect: &Rect) -> u32 {
         let (mut first, mut second) = (BVec4A::TRUE, BVec4A::TRUE);

@@ -7,9 +7,8 @@
 //! Invariant: the bounds of two items with a common point overlap. Bounds are stored in f32, rounded to nearest; rounding
 //! is monotone, so that overlapping bounds still overlap, and no outward rounding is needed.
 
-use super::descent::{self, Block as _, lanes, pairs_below};
+use super::descent::{self, lanes, not_negative, pairs_below};
 use crate::vectorize::Vectors;
-use glam::Vec4;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -150,20 +149,10 @@ impl Block {
     fn union(&self) -> Bounds {
         Bounds(self.0.map(|row| row.into_iter().fold(f32::NEG_INFINITY, greater)))
     }
-}
 
-impl descent::Block for Block {
-    type Bounds = Bounds;
-
-    #[inline(always)]
-    fn lane(&self, lane: usize) -> Bounds {
-        Bounds(std::array::from_fn(|side| self.0[side][lane]))
-    }
-
+    /// Bit `l` is set where child `l` overlaps `query`, by the signs of the same sums as in [`pairs_below`].
     #[inline(always)]
     fn overlaps(&self, query: &Bounds) -> u32 {
-        // On each side, by how much the item extends beyond the nearest coordinate: the sign of a sum is exact. The sum of two
-        // infinite coordinates may be NaN, which is passed over.
         let mut least = [f32::INFINITY; WIDTH];
         for (side, row) in self.0.iter().enumerate() {
             let opposite = query.0[(side + AXES) % SIDES];
@@ -172,8 +161,14 @@ impl descent::Block for Block {
                 least[lane] = if beyond < least[lane] { beyond } else { least[lane] };
             }
         }
-        let mask = |half: usize| Vec4::from_slice(&least[half..]).cmpge(Vec4::ZERO).bitmask();
-        mask(0) | mask(4) << 4
+        not_negative(&least)
+    }
+}
+
+impl descent::Block for Block {
+    #[inline(always)]
+    fn rows(&self) -> &[[f32; WIDTH]] {
+        &self.0
     }
 }
 
@@ -309,16 +304,11 @@ impl Bvh {
         let mut below = Vec::new();
         let own = self.levels[level][part].union();
         self.descend(self.levels.len() - 1, level, 0, &own, part, &mut |other| below.push((level, part, other)));
-        Vectors::best().run(
+        pairs_below(
+            &self.levels,
+            below,
             #[inline(always)]
-            || {
-                pairs_below(
-                    &self.levels,
-                    std::mem::take(&mut below),
-                    #[inline(always)]
-                    |i, block, others| visit(i, block, others),
-                );
-            },
+            |i, block, others| visit(i, block, others),
         );
     }
 

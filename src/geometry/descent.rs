@@ -1,18 +1,38 @@
 //! The search for pairs in a hierarchy of blocks of eight: by descending two of its branches at once.
 
+use crate::vectorize::{Lanes, Simd, Vectors, WithSimd};
+use glam::Vec4;
+
 /// Children of a block.
 pub(super) const WIDTH: usize = 8;
 
 /// The bounds of eight items or blocks.
 pub(super) trait Block {
-    /// Those of one.
-    type Bounds;
+    /// How far each of them extends along some directions, and then along the opposite directions.
+    fn rows(&self) -> &[[f32; WIDTH]];
+}
 
-    /// The bounds of child `lane`.
-    fn lane(&self, lane: usize) -> Self::Bounds;
+/// Bit `l` is set where child `l` of `block` overlaps child `lane` of `other`. A lane without a child overlaps nothing.
+#[inline(always)]
+fn overlapping<S: Simd>(simd: S, block: &impl Block, other: &impl Block, lane: usize) -> u32 {
+    let (rows, others) = (block.rows(), other.rows());
+    // By how much a child extends beyond the nearest coordinate: the sign of a sum is exact. The sum of two infinite coordinates
+    // may be NaN, which is passed over.
+    let mut least = Lanes::all(simd, f32::INFINITY);
+    for (side, row) in rows.iter().enumerate() {
+        let opposite = others[(side + rows.len() / 2) % rows.len()][lane];
+        least = (Lanes::of(simd, row) + Lanes::all(simd, opposite)).min(least);
+    }
+    let mut numbers = [0.0; WIDTH];
+    least.write(&mut numbers);
+    not_negative(&numbers)
+}
 
-    /// Bit `l` is set where child `l` overlaps `query`. A lane without a child overlaps nothing.
-    fn overlaps(&self, query: &Self::Bounds) -> u32;
+/// The bits of the numbers that are 0 or more.
+#[inline(always)]
+pub(super) fn not_negative(numbers: &[f32; WIDTH]) -> u32 {
+    let mask = |half: usize| Vec4::from_slice(&numbers[half..]).cmpge(Vec4::ZERO).bitmask();
+    mask(0) | mask(4) << 4
 }
 
 /// Calls `visit(i, block, others)` for every item `i` and block of items that overlap it: bit `l` of `others` is set for item `l` of
@@ -21,29 +41,45 @@ pub(super) trait Block {
 #[inline(always)]
 pub(super) fn pairs_below<B: Block>(
     levels: &[Vec<B>],
-    mut below: Vec<(usize, usize, usize)>,
-    mut visit: impl FnMut(usize, usize, u32),
+    below: Vec<(usize, usize, usize)>,
+    visit: impl FnMut(usize, usize, u32),
 ) {
-    while let Some((level, first, second)) = below.pop() {
-        let (a, b) = (&levels[level][first], &levels[level][second]);
-        // Of a block and itself all children count; of two blocks, those of the first that reach into the second.
-        let mut mask = match levels.get(level + 1) {
-            Some(above) if first != second => a.overlaps(&above[second / WIDTH].lane(second % WIDTH)),
-            _ => !0 >> (32 - WIDTH),
-        };
-        while mask != 0 {
-            let lane = mask.trailing_zeros() as usize;
-            mask &= mask - 1;
-            let mut others = b.overlaps(&a.lane(lane));
-            if first == second {
-                // An item with itself is no pair, but there may be pairs within a block.
-                others &= !0 << (lane + usize::from(level == 0));
-            }
-            let child = first * WIDTH + lane;
-            if level > 0 {
-                lanes(others, |other| below.push((level - 1, child, second * WIDTH + other)));
-            } else if others != 0 {
-                visit(child, second, others);
+    Vectors::best_of_eight().run_in_lanes(Descent { levels, below, visit });
+}
+
+struct Descent<'a, B, V> {
+    levels: &'a [Vec<B>],
+    below: Vec<(usize, usize, usize)>,
+    visit: V,
+}
+
+impl<B: Block, V: FnMut(usize, usize, u32)> WithSimd for Descent<'_, B, V> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { levels, mut below, mut visit } = self;
+        while let Some((level, first, second)) = below.pop() {
+            let (a, b) = (&levels[level][first], &levels[level][second]);
+            // Of a block and itself all children count; of two blocks, those of the first that reach into the second.
+            let mut mask = match levels.get(level + 1) {
+                Some(above) if first != second => overlapping(simd, a, &above[second / WIDTH], second % WIDTH),
+                _ => !0 >> (32 - WIDTH),
+            };
+            while mask != 0 {
+                let lane = mask.trailing_zeros() as usize;
+                mask &= mask - 1;
+                let mut others = overlapping(simd, b, a, lane);
+                if first == second {
+                    // An item with itself is no pair, but there may be pairs within a block.
+                    others &= !0 << (lane + usize::from(level == 0));
+                }
+                let child = first * WIDTH + lane;
+                if level > 0 {
+                    lanes(others, |other| below.push((level - 1, child, second * WIDTH + other)));
+                } else if others != 0 {
+                    visit(child, second, others);
+                }
             }
         }
     }

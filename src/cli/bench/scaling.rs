@@ -56,7 +56,7 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
     let sizes: &[u32] = if quick { &[1000, 3000, 10_000] } else { &[1000, 3000, 10_000, 30_000, 100_000] };
     lines.extend([
         String::new(),
-        "one thread, last fifth of whole runs to these numbers of particles".to_owned(),
+        "one thread, last fifth of whole runs to these numbers of particles, median of 1 to 5 runs".to_owned(),
         format!(
             "{:>9} {:>7} {:>16} {:>18} {:>19}",
             "particles", "steps", "ns per particle", "repelling segments", "ns per interaction"
@@ -64,7 +64,9 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
     ]);
     let mut by_size = Vec::new();
     for &particles in sizes {
-        let Size { steps, nanoseconds, interactions } = grow_to(particles)?;
+        // Small sections are grown more often: their last steps take a tenth of a second.
+        let runs = if quick { 1 } else { (30_000 / particles).clamp(1, 5) as usize };
+        let Size { steps, nanoseconds, interactions } = grow_to(particles, runs)?;
         let each = nanoseconds / interactions;
         lines.push(format!("{particles:>9} {steps:>7} {nanoseconds:>16.0} {interactions:>18.1} {each:>19.2}"));
         by_size.push(json!({
@@ -90,7 +92,7 @@ struct Size {
 
 /// Grows a section to `particles` with the schedules of `paper`: the area of the region grows with the particles, and the steps
 /// with its radius, so that the folds have time to spread.
-fn grow_to(particles: u32) -> anyhow::Result<Size> {
+fn grow_to(particles: u32, runs: usize) -> anyhow::Result<Size> {
     let area = f64::from(particles) / PAPER;
     let radius = area.sqrt();
     let steps = (2000.0 * radius.max(1.0)).round() as u32;
@@ -110,15 +112,19 @@ fn grow_to(particles: u32) -> anyhow::Result<Size> {
     let variant = Variant { search: Search::Lists, kernel: Kernel::Vector, threads: 1 };
     let mut interactions = 0.0;
     let last = i64::from(plan.steps - plan.grow_every);
-    let run = probe::whole(&plan, variant, |simulation| {
-        if simulation.time() >= last {
-            interactions = interactions_per_particle(&plan, simulation);
-        }
-    })?;
-    let end = &run.steps[run.steps.len() / 5 * 4..];
-    let [seconds, particle_steps] =
-        end.iter().fold([0.0; 2], |[s, p], point| [s + point.seconds_per_step, p + point.particles]);
-    Ok(Size { steps, nanoseconds: 1e9 * seconds / particle_steps, interactions })
+    let mut nanoseconds = Vec::new();
+    for _ in 0..runs {
+        let run = probe::whole(&plan, variant, |simulation| {
+            if simulation.time() >= last {
+                interactions = interactions_per_particle(&plan, simulation);
+            }
+        })?;
+        let end = &run.steps[run.steps.len() / 5 * 4..];
+        let [seconds, particle_steps] =
+            end.iter().fold([0.0; 2], |[s, p], point| [s + point.seconds_per_step, p + point.particles]);
+        nanoseconds.push(1e9 * seconds / particle_steps);
+    }
+    Ok(Size { steps, nanoseconds: machine::median(nanoseconds), interactions })
 }
 
 fn interactions_per_particle(plan: &Plan, simulation: &CpuSimulation) -> f64 {

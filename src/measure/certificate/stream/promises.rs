@@ -3,7 +3,7 @@
 use super::super::surface::{beyond_range, empty, out_of_range};
 use super::super::types::{Failure, FailureKind};
 use super::chunk::Chunk;
-use super::window::Window;
+use super::window::{Window, are_above};
 use rayon::prelude::*;
 
 /// What has come, and faults.
@@ -47,14 +47,15 @@ impl Promises {
             None => window.z(v),
         };
         let (retired, low) = window.retired();
-        let (is_sound, vertices) = (self.is_sound(), self.vertices);
+        let vertices = self.vertices;
+        // After a fault the window is empty, and heights are unknown. Mostly no vertex is so low that triangles need be looked at.
+        let may_be_below = self.is_sound() && !(window.is_above(low) && are_above(chunk.positions, low));
         let fault = |t: &[u32; 3]| {
             if t.iter().any(|&v| v >= vertices) {
                 Some(Fault::Missing)
             } else if t.iter().any(|&v| v < retired) {
                 Some(Fault::Retired)
-            } else if is_sound && t.iter().any(|&v| z(v) < low) {
-                // After a fault the window is empty, and heights are unknown.
+            } else if may_be_below && t.iter().any(|&v| z(v) < low) {
                 Some(Fault::Below)
             } else {
                 None

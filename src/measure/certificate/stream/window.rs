@@ -48,6 +48,11 @@ impl Batch {
     }
 }
 
+/// Whether all positions lie at `z` or above.
+pub(super) fn are_above(positions: &[[f32; 3]], z: f32) -> bool {
+    positions.iter().fold(f32::INFINITY, |least, p| least.min(p[2])) >= z
+}
+
 /// See the module.
 pub(super) struct Window {
     /// Number of the first vertex in the stream.
@@ -104,6 +109,11 @@ impl Window {
     /// The z of a vertex, given by its number in the stream.
     pub(super) fn z(&self, vertex: u32) -> f32 {
         self.positions[(vertex - self.first) as usize][2]
+    }
+
+    /// Whether all vertices that have not retired lie at `z` or above.
+    pub(super) fn is_above(&self, z: f32) -> bool {
+        are_above(&self.positions[(self.retired - self.first) as usize..], z)
     }
 
     /// Below which number vertices, and below which z places have retired.
