@@ -88,7 +88,7 @@ fn greater(a: f32, b: f32) -> f32 {
 /// The bounds of eight items, by side, so that one pass over each row tests all of them.
 #[derive(Clone, Copy, PartialEq)]
 #[repr(align(32))]
-struct Block([[f32; WIDTH]; SIDES]);
+pub(super) struct Block([[f32; WIDTH]; SIDES]);
 
 /// Points of eight items: `[point][axis][item]`. Those of no item are NaN.
 pub type Points<const N: usize> = [[[f64; WIDTH]; 3]; N];
@@ -99,7 +99,7 @@ impl Block {
 
     /// Bounds of the convex hulls of the points of each item.
     #[inline(always)]
-    fn of_hulls<const N: usize>(points: &Points<N>) -> Self {
+    pub(super) fn of_hulls<const N: usize>(points: &Points<N>) -> Self {
         let mut rows = [[f32::NEG_INFINITY; WIDTH]; SIDES];
         for [x, y, z] in points {
             let mut along = [[0.0f32; WIDTH]; AXES];
@@ -146,13 +146,17 @@ impl Block {
         sums
     }
 
-    fn union(&self) -> Bounds {
+    fn lane(&self, lane: usize) -> Bounds {
+        Bounds(self.0.map(|row| row[lane]))
+    }
+
+    pub(super) fn union(&self) -> Bounds {
         Bounds(self.0.map(|row| row.into_iter().fold(f32::NEG_INFINITY, greater)))
     }
 
     /// Bit `l` is set where child `l` overlaps `query`, by the signs of the same sums as in [`pairs_below`].
     #[inline(always)]
-    fn overlaps(&self, query: &Bounds) -> u32 {
+    pub(super) fn overlaps(&self, query: &Bounds) -> u32 {
         let mut least = [f32::INFINITY; WIDTH];
         for (side, row) in self.0.iter().enumerate() {
             let opposite = query.0[(side + AXES) % SIDES];
@@ -313,15 +317,26 @@ impl Bvh {
     }
 
     /// Calls `visit` for every item whose bounds overlap `query`, in ascending order.
-    pub fn overlapping(&self, query: &Bounds, mut visit: impl FnMut(usize)) {
-        self.descend(self.levels.len() - 1, 0, 0, query, 0, &mut |block| {
+    pub fn overlapping(&self, query: &Bounds, visit: impl FnMut(usize)) {
+        self.overlapping_from(query, 0, visit);
+    }
+
+    /// The same, from an item on.
+    pub fn overlapping_from(&self, query: &Bounds, first: usize, mut visit: impl FnMut(usize)) {
+        self.descend(self.levels.len() - 1, 0, 0, query, first / WIDTH, &mut |block| {
             lanes(self.levels[0][block].overlaps(query), |lane| {
                 let item = block * WIDTH + lane;
-                if item < self.len {
+                if (first..self.len).contains(&item) {
                     visit(item);
                 }
             });
         });
+    }
+
+    /// Bounds of some successive items.
+    pub(super) fn bounds(&self, items: Range<usize>) -> Bounds {
+        let of = |item: usize| self.levels[0][item / WIDTH].lane(item % WIDTH);
+        items.map(of).fold(Bounds::EMPTY, |all, item| all.with(&item))
     }
 
     /// Looks for the item nearest to `point`, of those nearer than `search.best`, and ends at one that is near enough. The

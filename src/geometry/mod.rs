@@ -3,6 +3,7 @@
 
 pub mod blocks;
 pub mod bvh;
+pub mod coarse;
 pub mod course;
 pub mod cut;
 mod descent;

@@ -1,6 +1,7 @@
 //! All pairs of triangles that have points in common other than shared vertices and edges; exact.
 
-use crate::geometry::bvh::{Bounds, Bvh};
+use crate::geometry::bvh::{Bounds, Bvh, Points, WIDTH};
+use crate::geometry::coarse::{Coarse, Window};
 use crate::geometry::tri_tri::{Triangle, meet_in_mesh};
 use crate::model::Mesh;
 use rayon::prelude::*;
@@ -13,7 +14,7 @@ pub(super) fn pairs(mesh: &Mesh) -> Vec<[u32; 2]> {
 /// A search among the triangles of a mesh. Pairs are in order; a triangle without area counts as meeting itself.
 pub(super) struct Meeting {
     is_flat: Vec<bool>,
-    bvh: Bvh,
+    coarse: Coarse,
 }
 
 impl Meeting {
@@ -22,7 +23,7 @@ impl Meeting {
             .into_par_iter()
             .map(|t| Triangle::new(corners(mesh, t)).is_degenerate())
             .collect();
-        Self { bvh: Bvh::build(is_flat.len(), |t| bounds(mesh, &is_flat, t)), is_flat }
+        Self { coarse: Coarse::of_hulls(is_flat.len(), |some| points(mesh, &is_flat, some)), is_flat }
     }
 
     /// Takes new places of the corners of some triangles into account; ascending.
@@ -30,20 +31,26 @@ impl Meeting {
         for &t in moved {
             self.is_flat[t as usize] = Triangle::new(corners(mesh, t as usize)).is_degenerate();
         }
-        self.bvh.update(moved, |t| bounds(mesh, &self.is_flat, t));
+        self.coarse.update(moved, |some| points(mesh, &self.is_flat, some));
     }
 
     /// All pairs.
     pub(super) fn pairs(&self, mesh: &Mesh) -> Vec<[u32; 2]> {
-        let mut pairs: Vec<[u32; 2]> = (0..mesh.triangles.len().div_ceil(self.bvh.part_len()))
-            .into_par_iter()
-            .flat_map_iter(|part| {
+        let mut pairs: Vec<[u32; 2]> = (0..mesh.triangles.len()).filter_map(|t| self.flat(t)).collect();
+        let mut bvh = Bvh::default();
+        for Window { items, own } in self.coarse.windows(mesh.triangles.len()) {
+            let triangle = |item: usize| items[item] as usize;
+            bvh = Bvh::of_hulls(bvh, items.len(), |some| points(mesh, &self.is_flat, some.map(triangle)));
+            pairs.par_extend((0..own.div_ceil(bvh.part_len())).into_par_iter().flat_map_iter(|part| {
                 let mut found = Vec::new();
-                self.bvh.pairs(part, |i, j| found.extend(pair(mesh, i, j)));
+                bvh.pairs(part, |i, j| {
+                    if i < own {
+                        found.extend(pair(mesh, triangle(i), triangle(j)));
+                    }
+                });
                 found
-            })
-            .collect();
-        pairs.extend((0..mesh.triangles.len()).filter_map(|t| self.flat(t)));
+            }));
+        }
         pairs.sort_unstable();
         pairs
     }
@@ -56,11 +63,16 @@ impl Meeting {
             .flat_map_iter(|&t| {
                 let t = t as usize;
                 let mut found: Vec<[u32; 2]> = self.flat(t).into_iter().collect();
-                self.bvh.overlapping(&Bounds::of(corners(mesh, t)), |other| {
-                    if other > t || (other < t && !is_one[other]) {
-                        found.extend(pair(mesh, t.min(other), t.max(other)));
-                    }
-                });
+                let near = Bounds::of(corners(mesh, t));
+                self.coarse.overlapping(
+                    &near,
+                    |some| points(mesh, &self.is_flat, some),
+                    |other| {
+                        if other > t || (other < t && !is_one[other]) {
+                            found.extend(pair(mesh, t.min(other), t.max(other)));
+                        }
+                    },
+                );
                 found
             })
             .collect();
@@ -73,10 +85,21 @@ impl Meeting {
     }
 }
 
-fn bounds(mesh: &Mesh, is_flat: &[bool], t: usize) -> Bounds {
-    if is_flat[t] { Bounds::EMPTY } else { Bounds::of(corners(mesh, t)) }
+/// The corners of up to eight triangles; those without area have none.
+#[inline(always)]
+fn points(mesh: &Mesh, is_flat: &[bool], triangles: impl Iterator<Item = usize>) -> Points<3> {
+    let mut points = [[[f64::NAN; WIDTH]; 3]; 3];
+    for (lane, t) in triangles.enumerate().filter(|(_, t)| !is_flat[*t]) {
+        for (corner, point) in points.iter_mut().zip(corners(mesh, t)) {
+            for (axis, x) in corner.iter_mut().zip(point) {
+                axis[lane] = x;
+            }
+        }
+    }
+    points
 }
 
+#[inline(always)]
 fn corners(mesh: &Mesh, t: usize) -> [[f64; 3]; 3] {
     mesh.triangles[t].map(|v| mesh.positions[v as usize].map(f64::from))
 }

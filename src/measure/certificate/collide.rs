@@ -8,10 +8,11 @@
 //! same vertices are counted separately and searched as one, and the search stops after [`MOST`] meetings, so that its time
 //! is bounded for surfaces with very many faults.
 
-use super::surface::{Coordinate, Surface, Tally, few};
+use super::surface::{Coordinate, Corners, Surface, Tally, few};
 use super::topology::{Copies, Stars, Topology};
 use super::types::{FailureKind, Failures, PLACES};
 use crate::geometry::bvh::{Bounds, Bvh, WIDTH, morton};
+use crate::geometry::coarse::{Coarse, Window};
 use crate::geometry::tri_tri::{Triangle, meet, meet_in_mesh};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -21,6 +22,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 const STRETCH: usize = 64 * WIDTH;
 /// Vertices per task.
 const TASK: usize = 256;
+/// Triangles of a surface that is searched by windows.
+const LARGE: usize = if cfg!(test) { 1 << 10 } else { 1 << 18 };
 /// Meetings after which the search stops.
 const MOST: u64 = 100_000;
 
@@ -91,48 +94,70 @@ impl Meetings {
     /// Adds the pairs that meet of which at least one is among the first `fresh` triangles, and those that meet at a crowded
     /// vertex. Of triangles with the same vertices only the least is searched.
     pub(super) fn search<C: Coordinate>(&mut self, surface: &Surface<'_, C>, fresh: usize, known: &Known<'_>) {
+        let search = Search { surface, known, left_out: left_out(surface, known) };
+        let stars: Vec<&[u32]> = known.crowded.chunks(TASK).collect();
+        self.add(surface, stars.len(), |task, most| search.stars(stars[task], most));
+        let order = Order::of(surface, fresh);
+        if surface.triangles.len() <= LARGE {
+            self.search_window(&search, order, fresh);
+            return;
+        }
+        let coarse = Coarse::of_hulls(
+            surface.triangles.len(),
+            #[inline(always)]
+            |items| search.points(&order, items),
+        );
+        for Window { mut items, own } in coarse.windows(fresh) {
+            items.iter_mut().for_each(|item| *item = order.triangle(*item as usize) as u32);
+            self.search_window(&search, Order(Some(items)), own);
+        }
+    }
+
+    /// Adds the pairs of triangles without a common vertex, of which at least one is among the first `fresh` in order.
+    fn search_window<C: Coordinate>(&mut self, search: &Search<'_, C>, order: Order, fresh: usize) {
         if self.met > MOST {
             return;
         }
-        let order = Order::of(surface, fresh);
-        let left_out = left_out(surface, known);
+        let count = order.0.as_ref().map_or(search.surface.triangles.len(), Vec::len);
         let bvh = Bvh::of_hulls(
             std::mem::take(&mut self.memory),
-            surface.triangles.len(),
+            count,
             #[inline(always)]
-            |items| {
-                let mut corners = surface.lanes(items.clone().map(|i| order.triangle(i)));
-                if let Some(out) = &left_out {
-                    for (lane, _) in items.enumerate().filter(|(_, i)| out[order.triangle(*i)]) {
-                        corners.as_flattened_mut().iter_mut().for_each(|axis| axis[lane] = f64::NAN);
-                    }
-                }
-                corners
-            },
+            |items| search.points(&order, items),
         );
-        let vertices = order.vertices(surface.triangles);
-        let search = Search { surface, fresh, known, order, vertices, left_out, bvh, most: MOST - self.met };
-        let stars = known.crowded.len().div_ceil(TASK);
-        let parts = fresh.div_ceil(search.bvh.part_len());
-        // The first task that alone exceeds the limit: results of later tasks are not used.
+        let vertices = order.vertices(search.surface.triangles, count);
+        let window = Ordered { search, fresh, order, vertices, bvh };
+        let parts = fresh.div_ceil(window.bvh.part_len());
+        self.add(search.surface, parts, |part, most| window.part(part, most));
+        self.memory = window.bvh;
+    }
+
+    /// Adds what tasks find. Each may stop when it has found more than `most`, its second argument; when one does, results of later
+    /// tasks are not used.
+    fn add<C: Coordinate>(
+        &mut self,
+        surface: &Surface<'_, C>,
+        tasks: usize,
+        find: impl Fn(usize, u64) -> Found + Sync,
+    ) {
+        if self.met > MOST {
+            return;
+        }
+        let most = MOST - self.met;
         let full = AtomicUsize::new(usize::MAX);
-        let found: Vec<Found> = (0..stars + parts)
+        let found: Vec<Found> = (0..tasks)
             .into_par_iter()
             .map(|task| {
                 if task > full.load(Ordering::Relaxed) {
                     return Found::default();
                 }
-                let found = match task.checked_sub(stars) {
-                    None => search.stars(&known.crowded[task * TASK..known.crowded.len().min((task + 1) * TASK)]),
-                    Some(part) => search.part(part),
-                };
-                if found.is_full(search.most) {
+                let found = find(task, most);
+                if found.is_full(most) {
                     full.fetch_min(task, Ordering::Relaxed);
                 }
                 found
             })
             .collect();
-        self.memory = search.bvh;
         let (mut count, mut first) = (0, Vec::new());
         for part in found {
             self.met += part.met;
@@ -200,20 +225,25 @@ impl Found {
 
 struct Search<'a, C> {
     surface: &'a Surface<'a, C>,
-    fresh: usize,
     known: &'a Known<'a>,
-    order: Order,
-    /// Of each block of the hierarchy.
-    vertices: Vec<Vertices>,
     left_out: Option<Vec<bool>>,
-    bvh: Bvh,
-    /// A task stops when it has found more.
-    most: u64,
 }
 
 impl<C: Coordinate> Search<'_, C> {
+    /// The corners of up to eight items; none of those that are left out.
+    #[inline(always)]
+    fn points(&self, order: &Order, items: Range<usize>) -> Corners {
+        let mut corners = self.surface.lanes(items.clone().map(|i| order.triangle(i)));
+        if let Some(out) = &self.left_out {
+            for (lane, _) in items.enumerate().filter(|(_, i)| out[order.triangle(*i)]) {
+                corners.as_flattened_mut().iter_mut().for_each(|axis| axis[lane] = f64::NAN);
+            }
+        }
+        corners
+    }
+
     /// Triangles of which the least common vertex is one of these.
-    fn stars(&self, vertices: &[u32]) -> Found {
+    fn stars(&self, vertices: &[u32], most: u64) -> Found {
         let (mut found, mut star) = (Found::default(), Vec::new());
         for &vertex in vertices {
             let is_searched = |&t: &usize| !self.left_out.as_ref().is_some_and(|out| out[t]);
@@ -225,7 +255,7 @@ impl<C: Coordinate> Search<'_, C> {
                 for (second, b) in &star[i + 1..] {
                     let tb = self.surface.triangles[*second];
                     let is_least = !ta.iter().any(|v| *v < vertex && tb.contains(v));
-                    if is_least && !found.is_full(self.most) && meet_in_mesh((a, ta), (b, tb)) {
+                    if is_least && !found.is_full(most) && meet_in_mesh((a, ta), (b, tb)) {
                         self.add(&mut found, *first, *second);
                     }
                 }
@@ -234,20 +264,39 @@ impl<C: Coordinate> Search<'_, C> {
         found
     }
 
+    fn add(&self, found: &mut Found, first: usize, second: usize) {
+        let (first, second) = (self.surface.number(first), self.surface.number(second));
+        found.add(self.known.copies, [first.min(second), first.max(second)]);
+    }
+}
+
+/// Triangles in an order, and the hierarchy over them.
+struct Ordered<'a, C> {
+    search: &'a Search<'a, C>,
+    /// Pairs are sought of which one is among so many first ones.
+    fresh: usize,
+    order: Order,
+    /// Of each block of the hierarchy.
+    vertices: Vec<Vertices>,
+    bvh: Bvh,
+}
+
+impl<C: Coordinate> Ordered<'_, C> {
     /// Triangles without a common vertex, of which the first in order is in this part of the hierarchy.
-    fn part(&self, part: usize) -> Found {
+    fn part(&self, part: usize, most: u64) -> Found {
+        let Self { search, .. } = self;
         let mut found = Found::default();
-        let triangle = |t: usize| Triangle::new(self.surface.corners(t));
+        let triangle = |t: usize| Triangle::new(search.surface.corners(t));
         self.bvh.pairs_by_block(
             part,
             #[inline(always)]
             |i, block, others| {
                 // The last part may hold items that are not fresh.
-                if i >= self.fresh || found.is_full(self.most) {
+                if i >= self.fresh || found.is_full(most) {
                     return;
                 }
                 let first = self.order.triangle(i);
-                let mut others = others & !sharing(&self.vertices[block], self.surface.triangles[first]);
+                let mut others = others & !sharing(&self.vertices[block], search.surface.triangles[first]);
                 if others == 0 {
                     return;
                 }
@@ -256,17 +305,12 @@ impl<C: Coordinate> Search<'_, C> {
                     let second = self.order.triangle(block * WIDTH + others.trailing_zeros() as usize);
                     others &= others - 1;
                     if meet(&a, &triangle(second)) {
-                        self.add(&mut found, first, second);
+                        search.add(&mut found, first, second);
                     }
                 }
             },
         );
         found
-    }
-
-    fn add(&self, found: &mut Found, first: usize, second: usize) {
-        let (first, second) = (self.surface.number(first), self.surface.number(second));
-        found.add(self.known.copies, [first.min(second), first.max(second)]);
     }
 }
 
@@ -295,18 +339,18 @@ impl Order {
         self.0.as_ref().map_or(item, |order| order[item] as usize)
     }
 
-    /// The vertices of each eight triangles.
-    fn vertices(&self, triangles: &[[u32; 3]]) -> Vec<Vertices> {
+    /// The vertices of each eight of the first `count` triangles.
+    fn vertices(&self, triangles: &[[u32; 3]], count: usize) -> Vec<Vertices> {
         let block = |first: usize| {
             let mut block = [[0; WIDTH]; 3];
-            for (lane, i) in (first..triangles.len().min(first + WIDTH)).enumerate() {
+            for (lane, i) in (first..count.min(first + WIDTH)).enumerate() {
                 for (corner, vertex) in block.iter_mut().zip(triangles[self.triangle(i)]) {
                     corner[lane] = vertex;
                 }
             }
             block
         };
-        (0..triangles.len().div_ceil(WIDTH)).into_par_iter().with_min_len(STRETCH).map(|b| block(b * WIDTH)).collect()
+        (0..count.div_ceil(WIDTH)).into_par_iter().with_min_len(STRETCH).map(|b| block(b * WIDTH)).collect()
     }
 
     /// Keeps the given order except in runs of stretches that are not coherent; the first `fresh` triangles stay the first.

@@ -1,0 +1,170 @@
+//! A search among many items that keeps only the bounds of blocks of eight of them. Those of the items are computed again where
+//! they are needed: all pairs are found window by window, each with a hierarchy of its own.
+//!
+//! As in [`super::bvh`], items are in a coherent order, and every pair whose bounds overlap is found exactly once.
+
+use super::bvh::{Block, Bounds, Bvh, Points, WIDTH};
+use super::descent::lanes;
+use crate::vectorize::Vectors;
+use std::ops::Range;
+
+/// Blocks of a window.
+const WINDOW: usize = if cfg!(test) { 1 << 4 } else { 1 << 13 };
+/// Blocks that look for later ones together.
+const TOGETHER: usize = if cfg!(test) { 1 << 2 } else { 1 << 6 };
+
+/// The bounds of blocks of items.
+pub struct Coarse {
+    blocks: Bvh,
+    len: usize,
+}
+
+/// Some successive items, and later ones that may overlap them.
+pub struct Window {
+    /// The successive ones, then the later ones in ascending order.
+    pub items: Vec<u32>,
+    /// How many are successive.
+    pub own: usize,
+}
+
+impl Coarse {
+    /// Of `len` items that are the convex hulls of some points; `points` gives those of eight or fewer successive items.
+    #[must_use]
+    pub fn of_hulls<const N: usize>(len: usize, points: impl Fn(Range<usize>) -> Points<N> + Sync) -> Self {
+        let blocks = Bvh::build(len.div_ceil(WIDTH), |block| hulls(block, len, &points).union());
+        Self { blocks, len }
+    }
+
+    /// Takes new points of some items, in ascending order, into account.
+    pub fn update<const N: usize>(&mut self, items: &[u32], points: impl Fn(Range<usize>) -> Points<N> + Sync) {
+        let mut blocks: Vec<u32> = items.iter().map(|item| item / WIDTH as u32).collect();
+        blocks.dedup();
+        self.blocks.update(&blocks, |block| hulls(block, self.len, &points).union());
+    }
+
+    /// Windows on the first `fresh` items: each pair that overlaps and of which at least one is among these lies in one window,
+    /// with at least one of the window's own.
+    pub fn windows(&self, fresh: usize) -> impl Iterator<Item = Window> {
+        (0..fresh).step_by(WINDOW * WIDTH).map(move |start| self.window(start..fresh.min(start + WINDOW * WIDTH)))
+    }
+
+    fn window(&self, own: Range<usize>) -> Window {
+        let (first, last) = (own.start / WIDTH, own.end.div_ceil(WIDTH));
+        // The last block may have later items.
+        let later = own.end / WIDTH;
+        let mut is_near = vec![false; self.len.div_ceil(WIDTH) - later];
+        for start in (first..last).step_by(TOGETHER) {
+            let bounds = self.blocks.bounds(start..last.min(start + TOGETHER));
+            self.blocks.overlapping_from(&bounds, later, |block| is_near[block - later] = true);
+        }
+        let mut items: Vec<u32> = own.clone().map(|item| item as u32).collect();
+        for (block, _) in (later..).zip(&is_near).filter(|(_, is_near)| **is_near) {
+            items.extend((own.end.max(block * WIDTH)..self.len.min((block + 1) * WIDTH)).map(|item| item as u32));
+        }
+        Window { items, own: own.len() }
+    }
+
+    /// Calls `visit` for every item whose bounds overlap `query`, in ascending order.
+    pub fn overlapping<const N: usize>(
+        &self,
+        query: &Bounds,
+        points: impl Fn(Range<usize>) -> Points<N>,
+        mut visit: impl FnMut(usize),
+    ) {
+        self.blocks.overlapping(query, |block| {
+            lanes(hulls(block, self.len, &points).overlaps(query), |lane| {
+                let item = block * WIDTH + lane;
+                if item < self.len {
+                    visit(item);
+                }
+            });
+        });
+    }
+}
+
+/// The bounds of the items of a block.
+fn hulls<const N: usize>(block: usize, len: usize, points: impl Fn(Range<usize>) -> Points<N>) -> Block {
+    Vectors::best().run(
+        #[inline(always)]
+        || Block::of_hulls(&points(block * WIDTH..len.min((block + 1) * WIDTH))),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    type Segment = [[i8; 3]; 2];
+
+    fn points(items: impl Iterator<Item = Segment>) -> Points<2> {
+        let mut points = [[[f64::NAN; WIDTH]; 3]; 2];
+        for (lane, [p, d]) in items.enumerate() {
+            for axis in 0..3 {
+                points[0][axis][lane] = f64::from(p[axis]);
+                points[1][axis][lane] = f64::from(p[axis] + d[axis] / 4);
+            }
+        }
+        points
+    }
+
+    fn bounds([p, d]: Segment) -> Bounds {
+        let end = std::array::from_fn(|i| p[i] + d[i] / 4);
+        Bounds::of([p, end].map(|p: [i8; 3]| p.map(f64::from)))
+    }
+
+    /// All pairs, by windows.
+    fn pairs(coarse: &Coarse, fresh: usize, items: &[Segment]) -> Vec<(u32, u32)> {
+        let mut found = Vec::new();
+        for window in coarse.windows(fresh) {
+            let numbers = &window.items;
+            let bvh = Bvh::of_hulls(Bvh::default(), numbers.len(), |some| {
+                points(numbers[some].iter().map(|&i| items[i as usize]))
+            });
+            for part in 0..window.own.div_ceil(bvh.part_len()) {
+                bvh.pairs(part, |i, j| {
+                    if i < window.own {
+                        found.push((numbers[i], numbers[j]));
+                    }
+                });
+            }
+        }
+        found.sort_unstable();
+        found
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(60))]
+
+        #[test]
+        fn windows_have_each_pair_once(
+            mut items in prop::collection::vec(prop::array::uniform2(prop::array::uniform3(-40i8..40)), 1..1500),
+            fresh in 0.0..1.0f64,
+            moved in prop::array::uniform3(-40i8..40),
+        ) {
+            let fresh = ((fresh * 1.2).min(1.0) * items.len() as f64) as usize;
+            let mut coarse = Coarse::of_hulls(items.len(), |some| points(items[some].iter().copied()));
+            for round in 0..2 {
+                let mut expected = Vec::new();
+                for i in 0..fresh {
+                    for j in i + 1..items.len() {
+                        if bounds(items[i]).overlaps(&bounds(items[j])) {
+                            expected.push((i as u32, j as u32));
+                        }
+                    }
+                }
+                prop_assert_eq!(pairs(&coarse, fresh, &items), expected);
+                for &query in items.iter().take(20) {
+                    let mut found = Vec::new();
+                    coarse.overlapping(&bounds(query), |some| points(items[some].iter().copied()), |i| found.push(i));
+                    let expected: Vec<_> =
+                        (0..items.len()).filter(|&i| bounds(query).overlaps(&bounds(items[i]))).collect();
+                    prop_assert_eq!(found, expected);
+                }
+                let changed: Vec<u32> = (0..items.len() as u32).filter(|i| i % 29 == round).collect();
+                changed.iter().for_each(|&i| items[i as usize][0] = moved);
+                coarse.update(&changed, |some| points(items[some].iter().copied()));
+            }
+        }
+    }
+}
