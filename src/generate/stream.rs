@@ -120,7 +120,6 @@ impl Stream {
         let Self { certifiers, spool, file, survey, centreline, written, seconds, .. } = self;
         let certify = || {
             let watch = Stopwatch::start();
-            let triangles = part.patches.concat();
             for (unit, certifier) in certifiers {
                 if *unit == LengthUnit::Metre {
                     certifier.examine(&sections);
@@ -128,7 +127,7 @@ impl Stream {
                 certifier.push(&Chunk {
                     positions: &unit.of_metres(&part.positions),
                     first_vertex: part.first_vertex,
-                    triangles: &triangles,
+                    triangles: part.patches.iter().map(Vec::as_slice).collect(),
                     retired_vertices: part.retired_vertices,
                     retired_z: unit.of_metres(&[[part.retired_z; 3]])[0][2],
                 });

@@ -38,7 +38,7 @@ impl Promises {
             Err(_) => self.out_of_order(|| "there are too many vertices".to_owned()),
         }
         let triangles = self.triangles;
-        self.triangles += chunk.triangles.len() as u64;
+        self.triangles += chunk.count() as u64;
         if self.triangles > u64::from(u32::MAX) {
             self.out_of_order(|| "there are too many triangles".to_owned());
         }
@@ -61,8 +61,8 @@ impl Promises {
                 None
             }
         };
-        if chunk.triangles.par_iter().with_min_len(1 << 14).any(|t| fault(t).is_some()) {
-            for (number, t) in (triangles..).zip(chunk.triangles) {
+        if chunk.triangles.iter().any(|of| of.par_iter().with_min_len(1 << 14).any(|t| fault(t).is_some())) {
+            for (number, t) in (triangles..).zip(chunk.triangles.iter().copied().flatten()) {
                 match fault(t) {
                     None => {}
                     Some(Fault::Missing) => self.missing += 1,

@@ -40,7 +40,7 @@ fn chunks<'a>(mesh: &'a Mesh, ends: &[usize]) -> Vec<Chunk<'a>> {
         chunks.push(Chunk {
             positions: &mesh.positions[come..last],
             first_vertex: come as u32,
-            triangles: now,
+            triangles: <[_; 2]>::from(now.split_at(now.len() / 3)).into(),
             retired_vertices: later.iter().flatten().copied().min().unwrap_or(u32::MAX),
             retired_z: z.fold(f32::INFINITY, f32::min),
         });
@@ -121,7 +121,8 @@ fn no_triangles_and_isolated_vertices_are_no_surface() {
     let kinds = |c: &Certificate| c.failures.iter().map(|f| f.kind).collect::<Vec<_>>();
     assert_eq!(kinds(&stream(BodyKind::Lumen, &[])), [FailureKind::Empty]);
     let positions = [[0.0; 3]; 4];
-    let chunk = Chunk { positions: &positions, first_vertex: 0, triangles: &[], retired_vertices: 3, retired_z: 1.0 };
+    let chunk =
+        Chunk { positions: &positions, first_vertex: 0, triangles: vec![], retired_vertices: 3, retired_z: 1.0 };
     assert_eq!(kinds(&stream(BodyKind::Lumen, &[chunk])), [FailureKind::Empty]);
     let mut mesh = tube();
     mesh.positions.splice(0..0, [[0.0; 3]; 5]);

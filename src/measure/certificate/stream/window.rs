@@ -85,8 +85,10 @@ impl Window {
     pub(super) fn add(&mut self, chunk: &Chunk<'_>, first: u32) -> usize {
         let new = self.waiting.triangles.len();
         self.positions.extend(chunk.positions);
-        self.waiting.triangles.extend(chunk.triangles.iter().map(|t| t.map(|v| v - self.first)));
-        self.waiting.numbers.extend(first..first + chunk.triangles.len() as u32);
+        for triangles in &chunk.triangles {
+            self.waiting.triangles.extend(triangles.iter().map(|t| t.map(|v| v - self.first)));
+        }
+        self.waiting.numbers.extend(first..first + chunk.count() as u32);
         new
     }
 
