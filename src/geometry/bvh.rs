@@ -93,6 +93,21 @@ pub(super) struct Block([[f32; WIDTH]; SIDES]);
 /// Points of eight items: `[point][axis][item]`. Those of no item are NaN.
 pub type Points<const N: usize> = [[[f64; WIDTH]; 3]; N];
 
+/// The points of up to eight items.
+#[inline(always)]
+#[must_use]
+pub fn points<const N: usize>(items: impl Iterator<Item = [[f64; 3]; N]>) -> Points<N> {
+    let mut points = [[[f64::NAN; WIDTH]; 3]; N];
+    for (lane, item) in items.enumerate() {
+        for (point, of_item) in points.iter_mut().zip(item) {
+            for (axis, x) in point.iter_mut().zip(of_item) {
+                axis[lane] = x;
+            }
+        }
+    }
+    points
+}
+
 impl Block {
     /// Bounds of nothing.
     const EMPTY: Self = Self([[f32::NEG_INFINITY; WIDTH]; SIDES]);
@@ -446,22 +461,12 @@ mod tests {
             items in prop::collection::vec(prop::array::uniform2(prop::array::uniform3(-9i8..9)), 0..1500),
         ) {
             let at = |p: [i8; 3]| p.map(f64::from);
-            let bounds: Vec<_> = items.iter().map(|[p, d]| {
-                let end = std::array::from_fn(|i| p[i] + d[i] / 4);
-                Bounds::of([at(*p), at(end)])
-            }).collect();
+            let ends: Vec<_> =
+                items.iter().map(|[p, d]| [at(*p), at(std::array::from_fn(|i| p[i] + d[i] / 4))]).collect();
+            let bounds: Vec<_> = ends.iter().map(|ends| Bounds::of(*ends)).collect();
             let bvh = Bvh::build(bounds.len(), |i| bounds[i]);
             let other = Bvh::build(bounds.len() + 100, |_| Bounds::of([[0.0; 3]]));
-            let ends = Bvh::of_hulls(other, items.len(), |some| {
-                let mut points = [[[f64::NAN; WIDTH]; 3]; 2];
-                for (lane, [p, d]) in items[some].iter().enumerate() {
-                    for axis in 0..3 {
-                        points[0][axis][lane] = f64::from(p[axis]);
-                        points[1][axis][lane] = f64::from(p[axis] + d[axis] / 4);
-                    }
-                }
-                points
-            });
+            let ends = Bvh::of_hulls(other, items.len(), |some| points(ends[some].iter().copied()));
             prop_assert!(ends.levels == bvh.levels);
             let mut found = Vec::new();
             for part in 0..bounds.len().div_ceil(bvh.part_len()) {

@@ -10,8 +10,8 @@ use std::ops::Range;
 
 /// Blocks of a window.
 const WINDOW: usize = if cfg!(test) { 1 << 4 } else { 1 << 13 };
-/// Blocks that look for later ones together.
-const TOGETHER: usize = if cfg!(test) { 1 << 2 } else { 1 << 6 };
+/// Blocks whose common bounds are compared with later blocks.
+const GROUP: usize = if cfg!(test) { 1 << 2 } else { 1 << 6 };
 
 /// The bounds of blocks of items.
 pub struct Coarse {
@@ -53,8 +53,8 @@ impl Coarse {
         // The last block may have later items.
         let later = own.end / WIDTH;
         let mut is_near = vec![false; self.len.div_ceil(WIDTH) - later];
-        for start in (first..last).step_by(TOGETHER) {
-            let bounds = self.blocks.bounds(start..last.min(start + TOGETHER));
+        for start in (first..last).step_by(GROUP) {
+            let bounds = self.blocks.bounds(start..last.min(start + GROUP));
             self.blocks.overlapping_from(&bounds, later, |block| is_near[block - later] = true);
         }
         let mut items: Vec<u32> = own.clone().map(|item| item as u32).collect();
@@ -93,24 +93,23 @@ fn hulls<const N: usize>(block: usize, len: usize, points: impl Fn(Range<usize>)
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::bvh;
     use proptest::prelude::*;
 
     type Segment = [[i8; 3]; 2];
 
-    fn points(items: impl Iterator<Item = Segment>) -> Points<2> {
-        let mut points = [[[f64::NAN; WIDTH]; 3]; 2];
-        for (lane, [p, d]) in items.enumerate() {
-            for axis in 0..3 {
-                points[0][axis][lane] = f64::from(p[axis]);
-                points[1][axis][lane] = f64::from(p[axis] + d[axis] / 4);
-            }
-        }
-        points
+    fn ends([p, d]: Segment) -> [[f64; 3]; 2] {
+        let end = std::array::from_fn(|i| p[i] + d[i] / 4);
+        [p, end].map(|p: [i8; 3]| p.map(f64::from))
     }
 
-    fn bounds([p, d]: Segment) -> Bounds {
-        let end = std::array::from_fn(|i| p[i] + d[i] / 4);
-        Bounds::of([p, end].map(|p: [i8; 3]| p.map(f64::from)))
+    fn bounds(segment: Segment) -> Bounds {
+        Bounds::of(ends(segment))
+    }
+
+    /// The ends of some segments.
+    fn points(segments: impl Iterator<Item = Segment>) -> Points<2> {
+        bvh::points(segments.map(ends))
     }
 
     /// All pairs, by windows.

@@ -1,6 +1,6 @@
 //! All pairs of triangles that have points in common other than shared vertices and edges; exact.
 
-use crate::geometry::bvh::{Bounds, Bvh, Points, WIDTH};
+use crate::geometry::bvh::{self, Bounds, Bvh, Points};
 use crate::geometry::coarse::{Coarse, Window};
 use crate::geometry::tri_tri::{Triangle, meet_in_mesh};
 use crate::model::Mesh;
@@ -37,13 +37,13 @@ impl Meeting {
     /// All pairs.
     pub(super) fn pairs(&self, mesh: &Mesh) -> Vec<[u32; 2]> {
         let mut pairs: Vec<[u32; 2]> = (0..mesh.triangles.len()).filter_map(|t| self.flat(t)).collect();
-        let mut bvh = Bvh::default();
+        let mut tree = Bvh::default();
         for Window { items, own } in self.coarse.windows(mesh.triangles.len()) {
             let triangle = |item: usize| items[item] as usize;
-            bvh = Bvh::of_hulls(bvh, items.len(), |some| points(mesh, &self.is_flat, some.map(triangle)));
-            pairs.par_extend((0..own.div_ceil(bvh.part_len())).into_par_iter().flat_map_iter(|part| {
+            tree = Bvh::of_hulls(tree, items.len(), |some| points(mesh, &self.is_flat, some.map(triangle)));
+            pairs.par_extend((0..own.div_ceil(tree.part_len())).into_par_iter().flat_map_iter(|part| {
                 let mut found = Vec::new();
-                bvh.pairs(part, |i, j| {
+                tree.pairs(part, |i, j| {
                     if i < own {
                         found.extend(pair(mesh, triangle(i), triangle(j)));
                     }
@@ -88,15 +88,7 @@ impl Meeting {
 /// The corners of up to eight triangles; those without area have none.
 #[inline(always)]
 fn points(mesh: &Mesh, is_flat: &[bool], triangles: impl Iterator<Item = usize>) -> Points<3> {
-    let mut points = [[[f64::NAN; WIDTH]; 3]; 3];
-    for (lane, t) in triangles.enumerate().filter(|(_, t)| !is_flat[*t]) {
-        for (corner, point) in points.iter_mut().zip(corners(mesh, t)) {
-            for (axis, x) in corner.iter_mut().zip(point) {
-                axis[lane] = x;
-            }
-        }
-    }
-    points
+    bvh::points(triangles.map(|t| if is_flat[t] { [[f64::NAN; 3]; 3] } else { corners(mesh, t) }))
 }
 
 #[inline(always)]

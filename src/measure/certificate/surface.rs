@@ -1,7 +1,7 @@
 //! The surface under test, and the locations of faults on it.
 
 use super::types::{Failure, FailureKind, Failures, PLACES, Place};
-use crate::geometry::bvh::{Points, WIDTH};
+use crate::geometry::bvh::{Points, WIDTH, points};
 
 /// A coordinate of a surface: f32 or f64.
 pub(super) trait Coordinate: Copy + Send + Sync + Into<f64> {}
@@ -36,15 +36,7 @@ impl<C: Coordinate> Surface<'_, C> {
     /// The corners of up to eight triangles, each in one lane; the other lanes are NaN.
     #[inline(always)]
     pub(super) fn lanes(&self, triangles: impl Iterator<Item = usize>) -> Corners {
-        let mut lanes = [[[f64::NAN; LANES]; 3]; 3];
-        for (lane, triangle) in triangles.enumerate() {
-            for (corner, point) in lanes.iter_mut().zip(self.corners(triangle)) {
-                for (axis, x) in corner.iter_mut().zip(point) {
-                    axis[lane] = x;
-                }
-            }
-        }
-        lanes
+        points(triangles.map(|triangle| self.corners(triangle)))
     }
 
     /// The number of a triangle in the whole surface.
