@@ -126,7 +126,7 @@ impl Meetings {
             |items| search.points(&order, items),
         );
         let vertices = order.vertices(search.surface.triangles, count);
-        let window = Ordered { search, fresh, order, vertices, bvh };
+        let window = WindowSearch { search, fresh, order, vertices, bvh };
         let parts = fresh.div_ceil(window.bvh.part_len());
         self.add(search.surface, parts, |part, most| window.part(part, most));
         self.memory = window.bvh;
@@ -270,8 +270,8 @@ impl<C: Coordinate> Search<'_, C> {
     }
 }
 
-/// Triangles in an order, and the hierarchy over them.
-struct Ordered<'a, C> {
+/// The search among triangles in an order, with a hierarchy over them.
+struct WindowSearch<'a, C> {
     search: &'a Search<'a, C>,
     /// Pairs are sought of which one is among so many first ones.
     fresh: usize,
@@ -281,7 +281,7 @@ struct Ordered<'a, C> {
     bvh: Bvh,
 }
 
-impl<C: Coordinate> Ordered<'_, C> {
+impl<C: Coordinate> WindowSearch<'_, C> {
     /// Triangles without a common vertex, of which the first in order is in this part of the hierarchy.
     fn part(&self, part: usize, most: u64) -> Found {
         let Self { search, .. } = self;
