@@ -93,19 +93,26 @@ pub(super) struct Block([[f32; WIDTH]; SIDES]);
 /// Points of eight items: `[point][axis][item]`. Those of no item are NaN.
 pub type Points<const N: usize> = [[[f64; WIDTH]; 3]; N];
 
-/// The points of up to eight items.
+/// Points of no items.
+pub const fn no_points<const N: usize>() -> Points<N> {
+    [[[f64::NAN; WIDTH]; 3]; N]
+}
+
+/// Fills in the points of up to eight items: in place, as they would else be copied more than once.
 #[inline(always)]
-#[must_use]
-pub fn points<const N: usize>(items: impl Iterator<Item = [[f64; 3]; N]>) -> Points<N> {
-    let mut points = [[[f64::NAN; WIDTH]; 3]; N];
-    for (lane, item) in items.enumerate() {
+pub fn points<const N: usize>(items: impl Iterator<Item = [[f64; 3]; N]>, points: &mut Points<N>) {
+    let mut count = 0;
+    for item in items {
         for (point, of_item) in points.iter_mut().zip(item) {
             for (axis, x) in point.iter_mut().zip(of_item) {
-                axis[lane] = x;
+                axis[count] = x;
             }
         }
+        count += 1;
     }
-    points
+    if count < WIDTH {
+        points.as_flattened_mut().iter_mut().for_each(|axis| axis[count..].fill(f64::NAN));
+    }
 }
 
 impl Block {
@@ -248,7 +255,7 @@ impl Bvh {
     pub fn of_hulls<const N: usize>(
         memory: Self,
         len: usize,
-        points: impl Fn(Range<usize>) -> Points<N> + Sync,
+        points: impl Fn(Range<usize>, &mut Points<N>) + Sync,
     ) -> Self {
         let mut first = memory.levels.into_iter().next().unwrap_or_default();
         first.resize(len.div_ceil(WIDTH), Block::EMPTY);
@@ -256,8 +263,10 @@ impl Bvh {
             Vectors::best().run(
                 #[inline(always)]
                 || {
+                    let mut of_block = no_points();
                     for (block, at) in blocks.iter_mut().zip(run * RUN..) {
-                        *block = Block::of_hulls(&points(at * WIDTH..len.min((at + 1) * WIDTH)));
+                        points(at * WIDTH..len.min((at + 1) * WIDTH), &mut of_block);
+                        *block = Block::of_hulls(&of_block);
                     }
                 },
             );
@@ -466,7 +475,7 @@ mod tests {
             let bounds: Vec<_> = ends.iter().map(|ends| Bounds::of(*ends)).collect();
             let bvh = Bvh::build(bounds.len(), |i| bounds[i]);
             let other = Bvh::build(bounds.len() + 100, |_| Bounds::of([[0.0; 3]]));
-            let ends = Bvh::of_hulls(other, items.len(), |some| points(ends[some].iter().copied()));
+            let ends = Bvh::of_hulls(other, items.len(), |some, of| points(ends[some].iter().copied(), of));
             prop_assert!(ends.levels == bvh.levels);
             let mut found = Vec::new();
             for part in 0..bounds.len().div_ceil(bvh.part_len()) {

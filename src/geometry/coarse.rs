@@ -3,7 +3,7 @@
 //!
 //! As in [`super::bvh`], items are in a coherent order, and every pair whose bounds overlap is found exactly once.
 
-use super::bvh::{Block, Bounds, Bvh, Points, WIDTH};
+use super::bvh::{Block, Bounds, Bvh, Points, WIDTH, no_points};
 use super::descent::lanes;
 use crate::vectorize::Vectors;
 use std::ops::Range;
@@ -30,13 +30,13 @@ pub struct Window {
 impl Coarse {
     /// Of `len` items that are the convex hulls of some points; `points` gives those of eight or fewer successive items.
     #[must_use]
-    pub fn of_hulls<const N: usize>(len: usize, points: impl Fn(Range<usize>) -> Points<N> + Sync) -> Self {
+    pub fn of_hulls<const N: usize>(len: usize, points: impl Fn(Range<usize>, &mut Points<N>) + Sync) -> Self {
         let blocks = Bvh::build(len.div_ceil(WIDTH), |block| hulls(block, len, &points).union());
         Self { blocks, len }
     }
 
     /// Takes new points of some items, in ascending order, into account.
-    pub fn update<const N: usize>(&mut self, items: &[u32], points: impl Fn(Range<usize>) -> Points<N> + Sync) {
+    pub fn update<const N: usize>(&mut self, items: &[u32], points: impl Fn(Range<usize>, &mut Points<N>) + Sync) {
         let mut blocks: Vec<u32> = items.iter().map(|item| item / WIDTH as u32).collect();
         blocks.dedup();
         self.blocks.update(&blocks, |block| hulls(block, self.len, &points).union());
@@ -68,7 +68,7 @@ impl Coarse {
     pub fn overlapping<const N: usize>(
         &self,
         query: &Bounds,
-        points: impl Fn(Range<usize>) -> Points<N>,
+        points: impl Fn(Range<usize>, &mut Points<N>),
         mut visit: impl FnMut(usize),
     ) {
         self.blocks.overlapping(query, |block| {
@@ -83,10 +83,14 @@ impl Coarse {
 }
 
 /// The bounds of the items of a block.
-fn hulls<const N: usize>(block: usize, len: usize, points: impl Fn(Range<usize>) -> Points<N>) -> Block {
+fn hulls<const N: usize>(block: usize, len: usize, points: impl Fn(Range<usize>, &mut Points<N>)) -> Block {
     Vectors::best().run(
         #[inline(always)]
-        || Block::of_hulls(&points(block * WIDTH..len.min((block + 1) * WIDTH))),
+        || {
+            let mut of_block = no_points();
+            points(block * WIDTH..len.min((block + 1) * WIDTH), &mut of_block);
+            Block::of_hulls(&of_block)
+        },
     )
 }
 
@@ -108,8 +112,8 @@ mod tests {
     }
 
     /// The ends of some segments.
-    fn points(segments: impl Iterator<Item = Segment>) -> Points<2> {
-        bvh::points(segments.map(ends))
+    fn points(segments: impl Iterator<Item = Segment>, points: &mut Points<2>) {
+        bvh::points(segments.map(ends), points);
     }
 
     /// All pairs, by windows.
@@ -117,8 +121,8 @@ mod tests {
         let mut found = Vec::new();
         for window in coarse.windows(fresh) {
             let numbers = &window.items;
-            let bvh = Bvh::of_hulls(Bvh::default(), numbers.len(), |some| {
-                points(numbers[some].iter().map(|&i| items[i as usize]))
+            let bvh = Bvh::of_hulls(Bvh::default(), numbers.len(), |some, of| {
+                points(numbers[some].iter().map(|&i| items[i as usize]), of);
             });
             for part in 0..window.own.div_ceil(bvh.part_len()) {
                 bvh.pairs(part, |i, j| {
@@ -142,7 +146,7 @@ mod tests {
             moved in prop::array::uniform3(-40i8..40),
         ) {
             let fresh = ((fresh * 1.2).min(1.0) * items.len() as f64) as usize;
-            let mut coarse = Coarse::of_hulls(items.len(), |some| points(items[some].iter().copied()));
+            let mut coarse = Coarse::of_hulls(items.len(), |some, of| points(items[some].iter().copied(), of));
             for round in 0..2 {
                 let mut expected = Vec::new();
                 for i in 0..fresh {
@@ -155,14 +159,14 @@ mod tests {
                 prop_assert_eq!(pairs(&coarse, fresh, &items), expected);
                 for &query in items.iter().take(20) {
                     let mut found = Vec::new();
-                    coarse.overlapping(&bounds(query), |some| points(items[some].iter().copied()), |i| found.push(i));
+                    coarse.overlapping(&bounds(query), |some, of| points(items[some].iter().copied(), of), |i| found.push(i));
                     let expected: Vec<_> =
                         (0..items.len()).filter(|&i| bounds(query).overlaps(&bounds(items[i]))).collect();
                     prop_assert_eq!(found, expected);
                 }
                 let changed: Vec<u32> = (0..items.len() as u32).filter(|i| i % 29 == round).collect();
                 changed.iter().for_each(|&i| items[i as usize][0] = moved);
-                coarse.update(&changed, |some| points(items[some].iter().copied()));
+                coarse.update(&changed, |some, of| points(items[some].iter().copied(), of));
             }
         }
     }

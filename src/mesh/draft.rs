@@ -76,7 +76,7 @@ pub fn draft(sections: &[Section]) -> Result<Mesh, LoftError> {
 
 /// Adds the points of a section, its rings rotated by `turns`.
 fn level(section: &Section, turns: [usize; 2], positions: &mut Vec<[f32; 3]>) -> Level {
-    let rim = joined(exported(&section.inner, turns[0]), &exported(&section.outer, turns[1]));
+    let rim = joined(&exported(&section.inner, turns[0]), &exported(&section.outer, turns[1]));
     let first = positions.len() as u32;
     let z = metres(section.z_um);
     positions.extend(rim.points.iter().map(|p| [p[0], p[1], z]));

@@ -126,7 +126,7 @@ impl Lofter {
         check_form(&first)?;
         let (inner, outer) = (exported(&first.inner, 0), exported(&first.outer, 0));
         check_section(&first, &inner, &outer)?;
-        let rim = joined(inner, &outer);
+        let rim = joined(&inner, &outer);
         let z = metres(first.z_um);
         let positions: Vec<[f32; 3]> = rim.points.iter().map(|p| [p[0], p[1], z]).collect();
         Ok(Self {
@@ -193,7 +193,13 @@ impl Lofter {
             Some(below) => (below.vertices[0], below.z),
             None => (0, self.front.z),
         };
-        let next = Part { first_vertex: self.finished.end(), ..Part::default() };
+        // The next part is probably as large.
+        let next = Part {
+            first_vertex: self.finished.end(),
+            positions: Vec::with_capacity(self.finished.positions.len()),
+            patches: self.finished.patches.each_ref().map(|patch| Vec::with_capacity(patch.len())),
+            ..Part::default()
+        };
         Part { retired_vertices, retired_z, ..std::mem::replace(&mut self.finished, next) }
     }
 
@@ -295,10 +301,10 @@ impl Lofter {
         let align = |k: usize, ring: &Ring, wall| align::align(&self.front.ids[k], &ring.ids, wall, target.step);
         let Alignment { turn, new_after } = align(0, &target.inner, Wall::Inner)?;
         let outer = align(1, &target.outer, Wall::Outer)?;
-        let upper = joined(exported(&target.inner, turn), &exported(&target.outer, outer.turn));
+        let upper = joined(&exported(&target.inner, turn), &exported(&target.outer, outer.turn));
         let ids = [turned(&target.inner.ids, turn), turned(&target.outer.ids, outer.turn)];
         let (inner_points, outer_points) = self.front.rim.points.split_at(self.front.rim.inner);
-        let lower = joined(align::insert(inner_points, &new_after), &align::insert(outer_points, &outer.new_after));
+        let lower = joined(&align::insert(inner_points, &new_after), &align::insert(outer_points, &outer.new_after));
         let mut new_after = new_after;
         new_after.extend(outer.new_after);
 
@@ -414,9 +420,6 @@ pub(super) fn turned(ids: &[u32], turn: usize) -> Vec<u32> {
     [&ids[turn..], &ids[..turn]].concat()
 }
 
-pub(super) fn joined(inner: Vec<[f32; 2]>, outer: &[[f32; 2]]) -> Rim {
-    let count = inner.len();
-    let mut points = inner;
-    points.extend_from_slice(outer);
-    Rim { points, inner: count }
+pub(super) fn joined(inner: &[[f32; 2]], outer: &[[f32; 2]]) -> Rim {
+    Rim { points: [inner, outer].concat(), inner: inner.len() }
 }

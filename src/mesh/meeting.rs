@@ -23,7 +23,7 @@ impl Meeting {
             .into_par_iter()
             .map(|t| Triangle::new(corners(mesh, t)).is_degenerate())
             .collect();
-        Self { coarse: Coarse::of_hulls(is_flat.len(), |some| points(mesh, &is_flat, some)), is_flat }
+        Self { coarse: Coarse::of_hulls(is_flat.len(), |some, of| points(mesh, &is_flat, some, of)), is_flat }
     }
 
     /// Takes new places of the corners of some triangles into account; ascending.
@@ -31,7 +31,7 @@ impl Meeting {
         for &t in moved {
             self.is_flat[t as usize] = Triangle::new(corners(mesh, t as usize)).is_degenerate();
         }
-        self.coarse.update(moved, |some| points(mesh, &self.is_flat, some));
+        self.coarse.update(moved, |some, of| points(mesh, &self.is_flat, some, of));
     }
 
     /// All pairs.
@@ -40,7 +40,7 @@ impl Meeting {
         let mut tree = Bvh::default();
         for Window { items, own } in self.coarse.windows(mesh.triangles.len()) {
             let triangle = |item: usize| items[item] as usize;
-            tree = Bvh::of_hulls(tree, items.len(), |some| points(mesh, &self.is_flat, some.map(triangle)));
+            tree = Bvh::of_hulls(tree, items.len(), |some, of| points(mesh, &self.is_flat, some.map(triangle), of));
             pairs.par_extend((0..own.div_ceil(tree.part_len())).into_par_iter().flat_map_iter(|part| {
                 let mut found = Vec::new();
                 tree.pairs(part, |i, j| {
@@ -66,7 +66,7 @@ impl Meeting {
                 let near = Bounds::of(corners(mesh, t));
                 self.coarse.overlapping(
                     &near,
-                    |some| points(mesh, &self.is_flat, some),
+                    |some, of| points(mesh, &self.is_flat, some, of),
                     |other| {
                         if other > t || (other < t && !is_one[other]) {
                             found.extend(pair(mesh, t.min(other), t.max(other)));
@@ -87,8 +87,8 @@ impl Meeting {
 
 /// The corners of up to eight triangles; those without area have none.
 #[inline(always)]
-fn points(mesh: &Mesh, is_flat: &[bool], triangles: impl Iterator<Item = usize>) -> Points<3> {
-    bvh::points(triangles.map(|t| if is_flat[t] { [[f64::NAN; 3]; 3] } else { corners(mesh, t) }))
+fn points(mesh: &Mesh, is_flat: &[bool], triangles: impl Iterator<Item = usize>, points: &mut Points<3>) {
+    bvh::points(triangles.map(|t| if is_flat[t] { [[f64::NAN; 3]; 3] } else { corners(mesh, t) }), points);
 }
 
 #[inline(always)]

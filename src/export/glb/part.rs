@@ -6,7 +6,6 @@ use crate::export::shape::{NamedPatch, Piece, Source};
 use crate::geometry::patch::{Numbering, add, doubled_area_normal, unit};
 use crate::geometry::strips::{join_strips, strips};
 use gltf_json::accessor::ComponentType;
-use std::collections::VecDeque;
 use std::io::{self, Write};
 
 /// Most vertices of a patch with 16-bit indices; glTF reserves 65,535 itself.
@@ -81,7 +80,7 @@ impl<'a> Part<'a> {
     /// Sums are written once no triangle can add to them.
     fn write_normals(&self, surface: &dyn Source, out: &mut impl Write) -> io::Result<()> {
         // The vertices from the local number `written` on, and the sums of the normals around them.
-        let (mut written, mut sums) = (0, VecDeque::<(u32, [f64; 3])>::new());
+        let (mut written, mut sums) = (0, Vec::<(u32, [f64; 3])>::new());
         let bytes = |(_, sum)| vec3(unit(sum));
         self.walk(surface, |piece, numbering| {
             let done = sums.iter().take_while(|(vertex, _)| *vertex < piece.first).count();
@@ -92,7 +91,7 @@ impl<'a> Part<'a> {
                 for vertex in triangle {
                     let (local, is_new) = numbering.number(vertex);
                     if is_new {
-                        sums.push_back((vertex, [0.0; 3]));
+                        sums.push((vertex, [0.0; 3]));
                     }
                     add(&mut sums[local as usize - written].1, normal);
                 }

@@ -4,6 +4,7 @@ use super::{BUFFER, Spool};
 use crate::export::Metadata;
 use crate::export::shape::{Head, NamedPatch, Piece, Source};
 use crate::model::LengthUnit;
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, BufReader, Read};
 use std::path::Path;
@@ -86,13 +87,11 @@ struct Window {
     /// Number of the first.
     first: u32,
     positions: Vec<[f32; 3]>,
-    /// Positions as they are in the file.
-    read: Vec<[f32; 3]>,
 }
 
 impl Window {
     fn open(positions: &Path, unit: LengthUnit) -> io::Result<Self> {
-        Ok(Self { file: open(positions)?, unit, first: 0, positions: Vec::new(), read: Vec::new() })
+        Ok(Self { file: open(positions)?, unit, first: 0, positions: Vec::new() })
     }
 
     /// The number of the first vertex that is not read yet.
@@ -107,9 +106,13 @@ impl Window {
         let done = first - self.first - skipped;
         self.positions.drain(..done as usize);
         self.first = first;
-        self.read.resize((end - self.end()) as usize, [0.0; 3]);
-        self.file.read_exact(bytemuck::cast_slice_mut(&mut self.read))?;
-        self.positions.extend_from_slice(&self.unit.of_metres(&self.read));
+        let kept = self.positions.len();
+        self.positions.resize((end - first) as usize, [0.0; 3]);
+        let read = &mut self.positions[kept..];
+        self.file.read_exact(bytemuck::cast_slice_mut(read))?;
+        if let Cow::Owned(in_unit) = self.unit.of_metres(read) {
+            read.copy_from_slice(&in_unit);
+        }
         Ok(())
     }
 }

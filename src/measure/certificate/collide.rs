@@ -45,8 +45,8 @@ pub(super) fn examine<C: Coordinate>(
     failures: &mut Failures,
 ) -> Meetings {
     let mut meetings = Meetings::default();
-    let Topology { copies, stars, crowded, .. } = topology;
-    let known = Known { degenerate, copies, stars, crowded };
+    let Topology { connectivity, copies, crowded, .. } = topology;
+    let known = Known { degenerate, copies, stars: &connectivity.stars, crowded };
     meetings.search(surface, surface.triangles.len(), &known);
     meetings.add_duplicates(surface, degenerate, copies);
     meetings.report(failures);
@@ -105,7 +105,7 @@ impl Meetings {
         let coarse = Coarse::of_hulls(
             surface.triangles.len(),
             #[inline(always)]
-            |items| search.points(&order, items),
+            |items, of| search.points(&order, items, of),
         );
         for Window { mut items, own } in coarse.windows(fresh) {
             items.iter_mut().for_each(|item| *item = order.triangle(*item as usize) as u32);
@@ -123,7 +123,7 @@ impl Meetings {
             std::mem::take(&mut self.memory),
             count,
             #[inline(always)]
-            |items| search.points(&order, items),
+            |items, of| search.points(&order, items, of),
         );
         let vertices = order.vertices(search.surface.triangles, count);
         let window = WindowSearch { search, fresh, order, vertices, bvh };
@@ -230,16 +230,15 @@ struct Search<'a, C> {
 }
 
 impl<C: Coordinate> Search<'_, C> {
-    /// The corners of up to eight items; none of those that are left out.
+    /// Fills in the corners of up to eight items; none of those that are left out.
     #[inline(always)]
-    fn points(&self, order: &Order, items: Range<usize>) -> Corners {
-        let mut corners = self.surface.lanes(items.clone().map(|i| order.triangle(i)));
+    fn points(&self, order: &Order, items: Range<usize>, corners: &mut Corners) {
+        self.surface.lanes(items.clone().map(|i| order.triangle(i)), corners);
         if let Some(out) = &self.left_out {
             for (lane, _) in items.enumerate().filter(|(_, i)| out[order.triangle(*i)]) {
                 corners.as_flattened_mut().iter_mut().for_each(|axis| axis[lane] = f64::NAN);
             }
         }
-        corners
     }
 
     /// Triangles of which the least common vertex is one of these.

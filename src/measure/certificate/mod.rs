@@ -25,8 +25,8 @@ use components::Totals;
 use rayon::prelude::*;
 use sections::Contours;
 use shape::Shape;
-use surface::{Coordinate, Surface};
-use topology::Faults;
+use surface::{Coordinate, Surface, Tally};
+use topology::{Connectivity, Faults};
 use types::{Failures, METRE_UM};
 
 /// Proves that a generated model is sound, or lists its faults: those of the sections it was made from, and of its surface,
@@ -132,16 +132,20 @@ fn surface<C: Coordinate>(
         return Certificate::without_surface(failures);
     }
     let surface = Surface { positions, triangles, unit_um, numbers: None };
-    let topology = topology::examine(&surface, &mut failures);
-    let shape = shape::examine(&surface, &topology, &mut failures);
+    let connectivity = Connectivity::of(&surface);
+    let mut shape = Shape::new();
+    let turns = shape.add(&surface, surface.corners(0)[0], |t| connectivity.body_of(t));
+    let topology = topology::examine(&surface, connectivity, &turns, &mut failures);
+    let mut degenerate = Tally::default();
+    shape::tally(&surface, &shape.degenerate, &mut degenerate);
+    shape::report(&degenerate, &mut failures);
     let meetings = collide::examine(&surface, &shape.degenerate, &topology, &mut failures);
     nesting::examine(&surface, &topology, &shape.volumes, meetings.count() == 0, &mut failures);
     let mut totals = Totals::default();
-    for (body, volume) in topology.bodies.iter().zip(&shape.volumes) {
+    for (body, volume) in topology.connectivity.bodies.iter().zip(&shape.volumes) {
         totals.add(*body, *volume);
     }
-    let degenerate = shape.degenerate.len() as u64;
-    of_findings(unit_um, &topology.faults, totals, shape, degenerate, &meetings).conclude(failures)
+    of_findings(unit_um, &topology.faults, totals, shape, degenerate.count, &meetings).conclude(failures)
 }
 
 /// The certificate of these findings, as yet without failures.

@@ -21,7 +21,7 @@ pub(super) fn examine<C: Coordinate>(
     }
     let bodies = Bodies::of(surface, topology);
     let windings: Vec<i64> = (0..volumes.len()).into_par_iter().map(|body| bodies.winding(surface, body)).collect();
-    let place = |body: &usize| surface.place_of_vertex(topology.bodies[*body].vertex);
+    let place = |body: &usize| surface.place_of_vertex(topology.connectivity.bodies[*body].vertex);
     let of = |wrong: &dyn Fn(f64, i64) -> bool| -> Vec<usize> {
         (0..volumes.len()).filter(|&body| wrong(volumes[body], windings[body])).collect()
     };
@@ -56,8 +56,8 @@ struct Bodies {
 
 impl Bodies {
     fn of<C: Coordinate>(surface: &Surface<'_, C>, topology: &Topology) -> Self {
-        let count = topology.bodies.len();
-        let vertices = topology.bodies.iter().map(|body| body.vertex).collect();
+        let count = topology.connectivity.bodies.len();
+        let vertices = topology.connectivity.bodies.iter().map(|body| body.vertex).collect();
         let mut bodies = Self {
             triangles: Vec::new(),
             starts: Vec::new(),
@@ -72,7 +72,7 @@ impl Bodies {
         }
         bodies.starts = vec![0; count + 1];
         for &t in surface.triangles {
-            bodies.starts[topology.body_of(t) + 1] += 1;
+            bodies.starts[topology.connectivity.body_of(t) + 1] += 1;
         }
         for body in 0..count {
             bodies.starts[body + 1] += bodies.starts[body];
@@ -81,7 +81,7 @@ impl Bodies {
         bodies.boxes = vec![[[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]]; count];
         let mut next = bodies.starts.clone();
         for &t in surface.triangles {
-            let body = topology.body_of(t);
+            let body = topology.connectivity.body_of(t);
             bodies.triangles[next[body]] = t;
             next[body] += 1;
             let [low, high] = &mut bodies.boxes[body];

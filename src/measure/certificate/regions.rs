@@ -116,12 +116,12 @@ fn together<C: Coordinate>(
         failures.add(FailureKind::Conformity, 1, detail, Vec::new());
     }
     // Three triangles at an edge are a fault of a surface, but not of two bodies.
-    let complex = topology::examine(surface, &mut Failures::default());
+    let complex = topology::examine_alone(surface, &mut Failures::default());
     let (open_edges, bad_edges) = (complex.faults.open_edges.count, complex.faults.bad_edges.count);
     let meetings = collide::examine(surface, &[], &complex, &mut failures);
     let lids = of(&[PatchKind::Inlet, PatchKind::Outlet]);
     let lids = Surface { triangles: &lids, ..*surface };
-    let rim_edges = topology::examine(&lids, &mut Failures::default()).faults.open_edges.count;
+    let rim_edges = topology::examine_alone(&lids, &mut Failures::default()).faults.open_edges.count;
     let volume_error = ((bodies[0] + bodies[1]) / outer.volume_mm3 - 1.0).abs();
     let faults = [
         (open_edges > 0, format!("{open_edges} edges belong to one triangle only")),
@@ -140,7 +140,7 @@ fn together<C: Coordinate>(
     }
     RegionsCertificate {
         passed: failures.0.is_empty(),
-        vertices: complex.bodies.iter().map(|body| body.vertices).sum(),
+        vertices: complex.connectivity.bodies.iter().map(|body| body.vertices).sum(),
         triangles: surface.triangles.len() as u64,
         shared_triangles: of(&[PatchKind::InnerWall]).len() as u64,
         triangle_intersections: meetings.count(),

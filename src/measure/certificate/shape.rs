@@ -1,12 +1,11 @@
 //! Measures of the triangles: area, enclosed volume, least edge and angle; and which are degenerate, exactly.
 
 use super::surface::{Coordinate, Corners, LANES, Surface, Tally, few};
-use super::topology::Topology;
 use super::types::{FailureKind, Failures, TriangleQuality};
+use crate::geometry::bvh::no_points;
 use crate::geometry::tri_tri::Triangle;
 use crate::vectorize::Vectors;
 use rayon::prelude::*;
-use std::ops::Range;
 
 /// Triangles summed up as one part.
 const RUN: usize = 4096;
@@ -33,6 +32,41 @@ struct Part {
     least: Least,
 }
 
+/// Which way a triangle turns, seen along each of the axes: bit `a` is set if it is left along axis `a`, bit `3 + a` if it is
+/// right. Neither is set if rounding may have decided.
+#[derive(Clone, Copy)]
+pub(super) struct Turns(u8);
+
+impl Turns {
+    /// Of no triangle.
+    pub(super) const ANY: Self = Self(0b11_1111);
+
+    pub(super) fn and(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
+    /// Whether all turn the same way, seen along an axis.
+    pub(super) fn agree(self, axis: usize) -> bool {
+        self.0 & (0b1001 << axis) != 0
+    }
+
+    /// The bits for a triangle whose edges from one corner are `u` and `v`.
+    #[inline(always)]
+    fn bits(u: [f64; 3], v: [f64; 3]) -> u64 {
+        // Of the difference of two products of rounded differences, relative to the sum of their magnitudes: Shewchuk's bound
+        // for orient2d.
+        const ERROR: f64 = 3.330_669_073_875_471_6e-16;
+        let mut turns = 0;
+        for axis in 0..3 {
+            let (x, y) = ((axis + 1) % 3, (axis + 2) % 3);
+            let (p, q) = (u[x] * v[y], u[y] * v[x]);
+            let (turn, error) = (p - q, ERROR * (p.abs() + q.abs()));
+            turns |= u64::from(turn > error) << axis | u64::from(turn < -error) << (3 + axis);
+        }
+        turns
+    }
+}
+
 /// Extremes, by lane.
 struct Least {
     edge_squared: [f64; LANES],
@@ -57,21 +91,22 @@ impl Shape {
     }
 
     /// Adds the triangles of a surface; `body_of` tells the component of each. Volumes are measured from `origin`: relative to
-    /// a vertex of the surface they lose no digits to its distance from the origin of the coordinates.
+    /// a vertex of the surface they lose no digits to its distance from the origin of the coordinates. Returns how each triangle
+    /// turns.
     pub(super) fn add<C: Coordinate>(
         &mut self,
         surface: &Surface<'_, C>,
         origin: [f64; 3],
         body_of: impl Fn([u32; 3]) -> usize + Sync,
-    ) {
-        let starts: Vec<usize> = (0..surface.triangles.len()).step_by(RUN).collect();
-        let part = |&start: &usize| {
+    ) -> Vec<Turns> {
+        let mut turns = vec![Turns::ANY; surface.triangles.len()];
+        let part = |(run, turns): (usize, &mut [Turns])| {
             Vectors::best().run(
                 #[inline(always)]
-                || part(surface, origin, &body_of, start..surface.triangles.len().min(start + RUN)),
+                || part(surface, origin, &body_of, run * RUN, turns),
             )
         };
-        let parts: Vec<Part> = starts.par_iter().map(part).collect();
+        let parts: Vec<Part> = turns.par_chunks_mut(RUN).enumerate().map(part).collect();
         for part in parts {
             self.area += part.area;
             for (body, volume) in part.volumes {
@@ -90,29 +125,29 @@ impl Shape {
             }
             self.degenerate.extend(part.degenerate);
         }
+        turns
     }
 }
 
-pub(super) fn examine<C: Coordinate>(surface: &Surface<'_, C>, topology: &Topology, failures: &mut Failures) -> Shape {
-    let mut shape = Shape::new();
-    shape.add(surface, surface.corners(0)[0], |t| topology.body_of(t));
-    let mut degenerate = Tally::default();
-    degenerate.add(shape.degenerate.len() as u64, few(&shape.degenerate, |&t| surface.place_of_triangles(&[t])));
-    report(&degenerate, failures);
-    shape
+/// Adds degenerate triangles to a tally.
+pub(super) fn tally<C: Coordinate>(surface: &Surface<'_, C>, degenerate: &[u32], tally: &mut Tally) {
+    tally.add(degenerate.len() as u64, few(degenerate, |&t| surface.place_of_triangles(&[t])));
 }
 
-/// Reports degenerate triangles.
+/// Reports them.
 pub(super) fn report(degenerate: &Tally, failures: &mut Failures) {
     degenerate.report(FailureKind::DegenerateTriangles, "triangles have no area", failures);
 }
+
+/// Measures the triangles from `first` on, as many as `turns`, which it fills.
 
 #[inline(always)]
 fn part<C: Coordinate>(
     surface: &Surface<'_, C>,
     origin: [f64; 3],
     body_of: impl Fn([u32; 3]) -> usize,
-    run: Range<usize>,
+    first: usize,
+    turns: &mut [Turns],
 ) -> Part {
     let mut part = Part {
         degenerate: Vec::new(),
@@ -126,10 +161,12 @@ fn part<C: Coordinate>(
             high: [[f64::NEG_INFINITY; LANES]; 3],
         },
     };
-    for first in run.clone().step_by(LANES) {
-        let triangles = first..run.end.min(first + LANES);
-        let corners = surface.lanes(triangles.clone());
+    let mut corners = no_points();
+    for (turns, first) in turns.chunks_mut(LANES).zip((first..).step_by(LANES)) {
+        let triangles = first..first + turns.len();
+        surface.lanes(triangles.clone(), &mut corners);
         let lanes = Lanes::of(&corners, origin);
+        turns.copy_from_slice(&lanes.turns.map(|bits| Turns(bits as u8))[..turns.len()]);
         part.least.add(&corners, &lanes);
         part.quality.count(&lanes.tan_squared, &lanes.ratio_squared, triangles.len());
         for (lane, triangle) in triangles.enumerate() {
@@ -176,6 +213,8 @@ struct Lanes {
     tan_squared: [f64; LANES],
     ratio_squared: [f64; LANES],
     six_volumes: [f64; LANES],
+    /// As in [`Turns`].
+    turns: [u64; LANES],
 }
 
 impl Lanes {
@@ -189,6 +228,7 @@ impl Lanes {
             tan_squared: zero,
             ratio_squared: zero,
             six_volumes: zero,
+            turns: [0; LANES],
         };
         for lane in 0..LANES {
             let [a, b, c] = corners.each_ref().map(|corner| corner.each_ref().map(|axis| axis[lane]));
@@ -208,6 +248,7 @@ impl Lanes {
             lanes.tan_squared[lane] = if along <= 0.0 { 0.0 } else { tan_squared };
             lanes.ratio_squared[lane] = if shortest <= 0.0 { f64::INFINITY } else { ratio_squared };
             lanes.six_volumes[lane] = dot(sub(a, origin), normal);
+            lanes.turns[lane] = Turns::bits(u, v);
         }
         lanes
     }

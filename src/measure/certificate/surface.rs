@@ -33,10 +33,10 @@ impl<C: Coordinate> Surface<'_, C> {
         self.triangles[triangle].map(|v| self.point(v))
     }
 
-    /// The corners of up to eight triangles, each in one lane; the other lanes are NaN.
+    /// Fills in the corners of up to eight triangles, each in one lane; the other lanes are NaN.
     #[inline(always)]
-    pub(super) fn lanes(&self, triangles: impl Iterator<Item = usize>) -> Corners {
-        points(triangles.map(|triangle| self.corners(triangle)))
+    pub(super) fn lanes(&self, triangles: impl Iterator<Item = usize>, corners: &mut Corners) {
+        points(triangles.map(|triangle| self.corners(triangle)), corners);
     }
 
     /// The number of a triangle in the whole surface.
@@ -68,16 +68,17 @@ pub(super) fn empty() -> Failure {
 
 /// The number of vertices whose coordinates are beyond the range of the predicates, and the first of them.
 pub(super) fn beyond_range<C: Coordinate>(positions: &[[C; 3]]) -> (u64, usize) {
-    let is_beyond = |p: &[C; 3]| {
-        p.iter().any(|&x| {
-            let x: f64 = x.into();
-            !(x == 0.0 || (1e-60..=1e60).contains(&x.abs()))
-        })
+    let is_within = |&x: &C| {
+        let x: f64 = x.into();
+        (x == 0.0) | ((x.abs() >= 1e-60) & (x.abs() <= 1e60))
     };
-    match positions.iter().position(is_beyond) {
-        None => (0, 0),
-        Some(first) => (positions[first..].iter().filter(|p| is_beyond(p)).count() as u64, first),
+    // Mostly all are within. No branches, so that vectors can hold them.
+    if positions.as_flattened().iter().fold(true, |all, x| all & is_within(x)) {
+        return (0, 0);
     }
+    let is_beyond = |p: &&[C; 3]| !p.iter().all(is_within);
+    let first = positions.iter().position(|p| is_beyond(&p)).unwrap_or(0);
+    (positions.iter().filter(is_beyond).count() as u64, first)
 }
 
 /// The failure of such vertices.

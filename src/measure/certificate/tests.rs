@@ -418,7 +418,7 @@ proptest! {
 fn at_most_vertices_of_a_tube_triangles_are_seen_to_be_apart() {
     let (mesh, _) = folded_tube(9, 600, 60, 9);
     let surface = Surface { positions: &mesh.positions, triangles: &mesh.triangles, unit_um: 1e6, numbers: None };
-    let crowded = topology::examine(&surface, &mut Failures::default()).crowded;
+    let crowded = topology::examine_alone(&surface, &mut Failures::default()).crowded;
     assert!(crowded.len() * 10 < mesh.positions.len(), "{} of {}", crowded.len(), mesh.positions.len());
 }
 
@@ -435,7 +435,7 @@ fn a_corner_with_many_triangles_takes_time_for_each() {
     // Their bounds all overlap at the tips, so that pairs are not searched here.
     let surface: Soup = (positions, triangles);
     let surface = Surface { positions: &surface.0, triangles: &surface.1, unit_um: 1.0, numbers: None };
-    assert!(topology::examine(&surface, &mut Failures::default()).crowded.is_empty());
+    assert!(topology::examine_alone(&surface, &mut Failures::default()).crowded.is_empty());
 }
 
 /// Needles of known angles: the base is 1, the legs are long.

@@ -5,9 +5,9 @@
 //! seen not to, see `Fan::is_spread`.
 
 use super::components::{Body, components, number, root};
-use super::surface::{Coordinate, Corners, LANES, Surface, Tally, few};
+use super::shape::{Shape, Turns};
+use super::surface::{Coordinate, Surface, Tally, few};
 use super::types::{FailureKind, Failures};
-use crate::vectorize::Vectors;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -16,15 +16,19 @@ const RUN: usize = 8192;
 
 /// Findings on the topology.
 pub(super) struct Topology {
+    pub(super) connectivity: Connectivity,
     pub(super) faults: Faults,
-    /// Components in the order of their least vertices.
-    pub(super) bodies: Vec<Body>,
     /// Triangles with the same three vertices.
     pub(super) copies: Copies,
-    /// The triangles at each vertex.
-    pub(super) stars: Stars,
     /// Vertices at which triangles may meet.
     pub(super) crowded: Vec<u32>,
+}
+
+/// The components, and the triangles at each vertex.
+pub(super) struct Connectivity {
+    pub(super) stars: Stars,
+    /// Components in the order of their least vertices; their edges are not counted yet.
+    pub(super) bodies: Vec<Body>,
     /// Component of each vertex; unspecified for vertices without triangles.
     label: Vec<u32>,
 }
@@ -116,7 +120,18 @@ impl Copies {
     }
 }
 
-impl Topology {
+impl Connectivity {
+    pub(super) fn of<C: Coordinate>(surface: &Surface<'_, C>) -> Self {
+        let vertices = 0..surface.positions.len() as u32;
+        let stars = Stars::of(surface, vertices.clone());
+        let least = components(vertices.collect(), surface.triangles);
+        let (label, mut bodies) = number(&least, |v| !stars.at(v).is_empty());
+        for t in surface.triangles {
+            bodies[label[t[0] as usize] as usize].triangles += 1;
+        }
+        Self { stars, bodies, label }
+    }
+
     /// Component that a triangle belongs to.
     #[inline]
     pub(super) fn body_of(&self, triangle: [u32; 3]) -> usize {
@@ -143,34 +158,43 @@ pub(super) fn crowded(found: &[Found]) -> Vec<u32> {
     found.iter().flat_map(|f| &f.crowded).copied().collect()
 }
 
-pub(super) fn examine<C: Coordinate>(surface: &Surface<'_, C>, failures: &mut Failures) -> Topology {
-    let vertices = 0..surface.positions.len() as u32;
-    let stars = Stars::of(surface, vertices.clone());
-    let least = components(vertices.collect(), surface.triangles);
-    let (label, mut bodies) = number(&least, |v| !stars.at(v).is_empty());
-    for t in surface.triangles {
-        bodies[label[t[0] as usize] as usize].triangles += 1;
-    }
-    let found = fans(surface, &stars, &label);
+/// Examines a surface whose triangles turn so.
+pub(super) fn examine<C: Coordinate>(
+    surface: &Surface<'_, C>,
+    mut connectivity: Connectivity,
+    turns: &[Turns],
+    failures: &mut Failures,
+) -> Topology {
+    let found = fans(surface, &connectivity.stars, &connectivity.label, turns);
     for (body, edges) in found.iter().flat_map(|f| &f.edges).filter(|(_, edges)| *edges > 0) {
-        bodies[*body as usize].edges += edges;
+        connectivity.bodies[*body as usize].edges += edges;
     }
     let mut faults = Faults::default();
     faults.add(surface, &found);
     faults.report(failures);
     let (copies, crowded) = (Copies::among(surface, &found), crowded(&found));
-    Topology { faults, bodies, copies, stars, crowded, label }
+    Topology { connectivity, faults, copies, crowded }
+}
+
+/// The same for a surface whose measures are not wanted.
+pub(super) fn examine_alone<C: Coordinate>(surface: &Surface<'_, C>, failures: &mut Failures) -> Topology {
+    let turns = Shape::new().add(surface, [0.0; 3], |_| 0);
+    examine(surface, Connectivity::of(surface), &turns, failures)
 }
 
 /// Examines the vertices of `stars`, and the edges from these to greater vertices; `label` tells the component of each vertex
-/// of the surface.
-pub(super) fn fans<C: Coordinate>(surface: &Surface<'_, C>, stars: &Stars, label: &[u32]) -> Vec<Found> {
-    let turns = Turns::of_all(surface);
+/// of the surface, `turns` how each triangle turns.
+pub(super) fn fans<C: Coordinate>(
+    surface: &Surface<'_, C>,
+    stars: &Stars,
+    label: &[u32],
+    turns: &[Turns],
+) -> Vec<Found> {
     let starts: Vec<u32> = stars.vertices().step_by(RUN).collect();
     let examine = |&start: &u32| {
         let (mut found, mut fan) = (Found::default(), Fan::default());
         for vertex in start..stars.vertices().end.min(start + RUN as u32) {
-            let edges = fan.examine(surface, vertex, stars.at(vertex), &turns, &mut found);
+            let edges = fan.examine(surface, vertex, stars.at(vertex), turns, &mut found);
             let body = label[vertex as usize];
             match found.edges.last_mut() {
                 Some((last, sum)) if *last == body => *sum += edges,
@@ -224,60 +248,6 @@ impl Stars {
     pub(super) fn at(&self, vertex: u32) -> &[u32] {
         let v = (vertex - self.first) as usize;
         &self.triangles[self.begin[v] as usize..self.begin[v + 1] as usize]
-    }
-}
-
-/// Which way a triangle turns, seen along each of the axes: bit `a` is set if it is left along axis `a`, bit `3 + a` if it is
-/// right. Neither is set if rounding may have decided.
-#[derive(Clone, Copy)]
-struct Turns(u8);
-
-impl Turns {
-    /// Of no triangle.
-    const ANY: Self = Self(0b11_1111);
-
-    fn and(self, other: Self) -> Self {
-        Self(self.0 & other.0)
-    }
-
-    /// Whether all turn the same way, seen along an axis.
-    fn agree(self, axis: usize) -> bool {
-        self.0 & (0b1001 << axis) != 0
-    }
-
-    /// Of eight triangles.
-    #[inline(always)]
-    fn of([a, b, c]: &Corners) -> [Self; LANES] {
-        // Of the difference of two products of rounded differences, relative to the sum of their magnitudes: Shewchuk's bound
-        // for orient2d.
-        const ERROR: f64 = 3.330_669_073_875_471_6e-16;
-        let mut turns = [0u64; LANES];
-        for axis in 0..3 {
-            let (x, y) = ((axis + 1) % 3, (axis + 2) % 3);
-            for lane in 0..LANES {
-                let p = (b[x][lane] - a[x][lane]) * (c[y][lane] - a[y][lane]);
-                let q = (b[y][lane] - a[y][lane]) * (c[x][lane] - a[x][lane]);
-                let (turn, error) = (p - q, ERROR * (p.abs() + q.abs()));
-                turns[lane] |= u64::from(turn > error) << axis | u64::from(turn < -error) << (3 + axis);
-            }
-        }
-        turns.map(|turns| Self(turns as u8))
-    }
-
-    fn of_all<C: Coordinate>(surface: &Surface<'_, C>) -> Vec<Self> {
-        let mut all = vec![Self::ANY; surface.triangles.len()];
-        all.par_chunks_mut(RUN).enumerate().for_each(|(run, turns)| {
-            Vectors::best().run(
-                #[inline(always)]
-                || {
-                    for (lanes, first) in turns.chunks_mut(LANES).zip((run * RUN..).step_by(LANES)) {
-                        let of = Self::of(&surface.lanes(first..first + lanes.len()));
-                        lanes.copy_from_slice(&of[..lanes.len()]);
-                    }
-                },
-            );
-        });
-        all
     }
 }
 

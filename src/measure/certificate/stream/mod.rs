@@ -19,7 +19,7 @@ mod window;
 use super::collide::{Known, Meetings};
 use super::sections::Contours;
 use super::shape::{self, Shape};
-use super::surface::{Tally, few};
+use super::surface::Tally;
 use super::topology::{Copies, Faults, Stars, crowded, fans};
 use super::types::{Certificate, Failures, METRE_UM, Place};
 use super::{demanded, nesting, of_findings};
@@ -133,11 +133,10 @@ impl StreamCertifier {
         }
         let origin = *self.origin.get_or_insert_with(|| surface.corners(0)[0]);
         let known = self.shape.degenerate.len();
-        self.shape.add(&surface, origin, |t| self.parts.part_of(t[0]));
+        let turns = self.shape.add(&surface, origin, |t| self.parts.part_of(t[0]));
         self.parts.add_volumes(&mut self.shape.volumes);
-        let degenerate = &self.shape.degenerate[known..];
-        let places = few(degenerate, |&t| surface.place_of_triangles(&[t]));
-        self.degenerate.add(degenerate.len() as u64, places);
+        shape::tally(&surface, &self.shape.degenerate[known..], &mut self.degenerate);
+        self.window.add_turns(&turns);
     }
 
     /// Judges what is final when the vertices below `vertices` have retired, and forgets what no later triangle can reach.
@@ -146,7 +145,7 @@ impl StreamCertifier {
         let fresh = self.window.settle();
         let surface = self.window.settled(self.unit_um);
         let stars = Stars::of(&surface, retiring.clone());
-        let found = fans(&surface, &stars, self.parts.labels());
+        let found = fans(&surface, &stars, self.parts.labels(), self.window.settled_turns());
         self.parts.add_edges(&found);
         for vertex in retiring.filter(|&v| !stars.at(v).is_empty()) {
             self.parts.add_vertex(vertex, self.window.first_vertex() + vertex);

@@ -1,42 +1,48 @@
 //! The window: the vertices and triangles that later ones may still concern. Within it vertices are numbered from its first.
 
+use super::super::shape::Turns;
 use super::super::surface::Surface;
 use super::chunk::Chunk;
 use std::ops::Range;
 
-/// Some triangles with their numbers in the stream.
+/// Some triangles with their numbers in the stream, and how they turn.
 #[derive(Default)]
 struct Batch {
     triangles: Vec<[u32; 3]>,
     numbers: Vec<u32>,
+    turns: Vec<Turns>,
 }
 
 impl Batch {
-    fn push(&mut self, triangle: [u32; 3], number: u32) {
+    fn push(&mut self, triangle: [u32; 3], number: u32, turns: Turns) {
         self.triangles.push(triangle);
         self.numbers.push(number);
+        self.turns.push(turns);
     }
 
     fn append(&mut self, other: &mut Self) {
         self.triangles.append(&mut other.triangles);
         self.numbers.append(&mut other.numbers);
+        self.turns.append(&mut other.turns);
     }
 
     /// Keeps some triangles, in their order, and calls `other` with the others.
-    fn keep(&mut self, is_kept: impl Fn([u32; 3]) -> bool, mut other: impl FnMut([u32; 3], u32)) {
+    fn keep(&mut self, is_kept: impl Fn([u32; 3]) -> bool, mut other: impl FnMut([u32; 3], u32, Turns)) {
         let mut kept = 0;
         for i in 0..self.triangles.len() {
-            let (triangle, number) = (self.triangles[i], self.numbers[i]);
+            let (triangle, number, turns) = (self.triangles[i], self.numbers[i], self.turns[i]);
             if is_kept(triangle) {
                 self.triangles[kept] = triangle;
                 self.numbers[kept] = number;
+                self.turns[kept] = turns;
                 kept += 1;
             } else {
-                other(triangle, number);
+                other(triangle, number, turns);
             }
         }
         self.triangles.truncate(kept);
         self.numbers.truncate(kept);
+        self.turns.truncate(kept);
     }
 
     fn lower(&mut self, by: u32) {
@@ -62,6 +68,8 @@ pub(super) struct Window {
     waiting: Batch,
     /// Triangles with a retired vertex, those that were settled last first.
     settled: Batch,
+    /// Empty: buffers for the next triangles that settle.
+    spare: Batch,
     /// Vertices that have retired.
     retired: u32,
     /// No later triangle lies below.
@@ -70,8 +78,8 @@ pub(super) struct Window {
 
 impl Default for Window {
     fn default() -> Self {
-        let (waiting, settled) = Default::default();
-        Self { first: 0, positions: Vec::new(), waiting, settled, retired: 0, floor: f32::NEG_INFINITY }
+        let (waiting, settled, spare) = Default::default();
+        Self { first: 0, positions: Vec::new(), waiting, settled, spare, retired: 0, floor: f32::NEG_INFINITY }
     }
 }
 
@@ -81,7 +89,8 @@ impl Window {
         self.first
     }
 
-    /// Adds a chunk whose triangles are numbered from `first` on; returns where they begin among those that wait.
+    /// Adds a chunk whose triangles are numbered from `first` on; returns where they begin among those that wait. How they turn
+    /// is to be added next.
     pub(super) fn add(&mut self, chunk: &Chunk<'_>, first: u32) -> usize {
         let new = self.waiting.triangles.len();
         self.positions.extend(chunk.positions);
@@ -92,6 +101,11 @@ impl Window {
         new
     }
 
+    /// Adds how the triangles of the last chunk turn.
+    pub(super) fn add_turns(&mut self, turns: &[Turns]) {
+        self.waiting.turns.extend_from_slice(turns);
+    }
+
     /// The triangles that wait, from one on.
     pub(super) fn waiting(&self, from: usize, unit_um: f64) -> Surface<'_, f32> {
         self.waiting.surface(&self.positions, from, unit_um)
@@ -99,6 +113,11 @@ impl Window {
 
     pub(super) fn settled(&self, unit_um: f64) -> Surface<'_, f32> {
         self.settled.surface(&self.positions, 0, unit_um)
+    }
+
+    /// How those that are settled turn.
+    pub(super) fn settled_turns(&self) -> &[Turns] {
+        &self.settled.turns
     }
 
     /// The numbers of all triangles, sorted.
@@ -134,11 +153,11 @@ impl Window {
     /// Settles the triangles whose least vertex is retired; they are then the first of those settled. Returns their number.
     pub(super) fn settle(&mut self) -> usize {
         let retired = self.retired - self.first;
-        let mut fresh = Batch::default();
-        self.waiting.keep(|t| t.iter().all(|&v| v >= retired), |t, number| fresh.push(t, number));
-        let count = fresh.triangles.len();
-        fresh.append(&mut self.settled);
-        self.settled = fresh;
+        let Self { waiting, settled, spare, .. } = self;
+        waiting.keep(|t| t.iter().all(|&v| v >= retired), |t, number, turns| spare.push(t, number, turns));
+        let count = spare.triangles.len();
+        spare.append(settled);
+        std::mem::swap(settled, spare);
         count
     }
 
@@ -148,7 +167,7 @@ impl Window {
         let z = |v: u32| positions[v as usize][2];
         let floor = waiting.triangles.iter().flatten().fold(self.floor, |least, &v| least.min(z(v)));
         let retired = self.retired - self.first;
-        settled.keep(|t| t.iter().any(|&v| v >= retired || z(v) >= floor), |_, _| {});
+        settled.keep(|t| t.iter().any(|&v| v >= retired || z(v) >= floor), |_, _, _| {});
         let gone = settled.triangles.iter().flatten().fold(retired, |least, &v| least.min(v));
         positions.drain(..gone as usize);
         waiting.lower(gone);
