@@ -49,7 +49,7 @@ pub fn direction(index: usize) -> [f64; 2] {
 pub fn radii(gauge: &[f64]) -> impl Iterator<Item = f64> + '_ {
     (0..).zip(gauge).map(|(i, gauge)| {
         let [x, y] = direction(i);
-        x.hypot(y) / gauge
+        (x * x + y * y).sqrt() / gauge
     })
 }
 

@@ -34,7 +34,7 @@ pub(super) fn spokes(p: &Parameters, row_turn: impl Fn(u32) -> f64) -> Vec<Spoke
     let (outline, folds) = (p.outline.gauge().ok().flatten(), &p.folds);
     let spoke = |i: usize| {
         let [x, y] = star::direction(i);
-        let ellipse = x.hypot(y);
+        let ellipse = (x * x + y * y).sqrt();
         let around = f64::from(folds.rows) * (libm::atan2(y, x) / TAU).rem_euclid(1.0);
         let row = (around.floor() as u32).min(folds.rows - 1);
         // Bands lie where rows meet.

@@ -1,6 +1,7 @@
 //! `bench overhead`: the cost of the service. Small models are requested over HTTP from a service in this process (SQLite and
 //! files in a temporary directory, one worker per core), and grown by the same number of threads that call the generator
-//! directly. The two alternate, so that other load on the machine affects both. With a GPU the same for models that it grows.
+//! directly, and by one such thread. They alternate, so that other load on the machine affects all. With a GPU the same for models
+//! that it grows, without the single thread.
 
 mod batches;
 mod comparison;
@@ -52,23 +53,28 @@ fn report(rows: &[Row], workers: u32, rounds: u32) -> Report {
         machine::line(),
         format!(
             "models per second, median of {rounds} rounds: {workers} single-threaded workers over HTTP (SQLite, local files, \
-             client in the same process), and {workers} threads that call the generator directly; computing: fraction of \
-             the workers' time spent in the stages of models"
+             client in the same process), and {workers} threads that call the generator directly; faster: than one such \
+             thread; computing: fraction of the workers' time spent in the stages of models"
         ),
-        format!("{:<36} {:>9} {:>9} {:>9} {:>7} {:>10}", "model", "ms each", "direct", "service", "ratio", "computing"),
+        format!(
+            "{:<36} {:>9} {:>9} {:>9} {:>9} {:>9} {:>7} {:>10}",
+            "model", "ms each", "one", "direct", "faster", "service", "ratio", "computing"
+        ),
     ];
     let mut json_rows: Vec<Value> = Vec::new();
     for row in rows {
-        let (direct, service) = (machine::median(row.direct.clone()), machine::median(row.service.clone()));
+        let [one, direct, service] = [&row.one, &row.direct, &row.service].map(|rates| machine::median(rates.clone()));
+        let faster = ratio(&row.direct, &row.one);
         lines.push(format!(
-            "{:<36} {:>9.1} {direct:>9.2} {service:>9.2} {:>6.1}% {:>9.1}%",
+            "{:<36} {:>9.1} {one:>9.2} {direct:>9.2} {faster:>9.2} {service:>9.2} {:>6.1}% {:>9.1}%",
             row.label,
             1e3 * row.seconds,
             1e2 * ratio(&row.service, &row.direct),
             1e2 * machine::median(row.computing.clone()),
         ));
         json_rows.push(json!({
-            "model": row.label, "seconds_each": row.seconds, "direct_per_second": row.direct,
+            "model": row.label, "seconds_each": row.seconds, "one_per_second": row.one, "direct_per_second": row.direct,
+            "faster_than_one": faster,
             "service_per_second": row.service, "ratio": ratio(&row.service, &row.direct), "computing": row.computing,
         }));
     }

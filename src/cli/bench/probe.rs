@@ -52,7 +52,10 @@ pub(super) fn whole(plan: &Plan, variant: Variant, mut each: impl FnMut(&CpuSimu
     })
 }
 
-/// Median over `repeats` of the time per step in `window` steps that start from `state`, in the given variant.
+/// Seconds for which samples are taken at least: threads that have just started may share a core for some tens of milliseconds.
+const LEAST_SECONDS: f64 = 0.5;
+
+/// Median of the time per step in `window` steps that start from `state`, in the given variant: over `repeats` or more.
 pub(super) fn sample(
     state: &CpuSimulation,
     variant: Variant,
@@ -63,7 +66,7 @@ pub(super) fn sample(
     pool.install(|| {
         let mut taken = Vec::with_capacity(repeats);
         let mut particles = 0;
-        for _ in 0..repeats {
+        while taken.len() < repeats || taken.iter().sum::<f64>() * f64::from(window) < LEAST_SECONDS {
             let mut fork = state.fork(variant.search, variant.kernel, variant.threads);
             let watch = Stopwatch::start();
             for _ in 0..window {

@@ -4,7 +4,7 @@
 //! part of the tolerance. The tolerance is less where another part of the wall is near, so that walls cannot meet. Lengths
 //! grow gradually from place to place.
 
-use super::sheet::{Sheet, arc_lengths};
+use super::sheet::{Sheet, arc_lengths, norm};
 use crate::geometry::blocks::{Blocks, Rect};
 
 /// Width of the columns of the raster, micrometres.
@@ -211,7 +211,7 @@ fn walk(points: &[[f64; 2]], i: usize, distance: f64, next: impl Fn(usize) -> us
     let (mut at, mut left, mut passed) = (i, distance, 0);
     loop {
         let (a, b) = (points[at], points[next(at)]);
-        let length = (b[0] - a[0]).hypot(b[1] - a[1]);
+        let length = norm([b[0] - a[0], b[1] - a[1]]);
         if length >= left || 2 * passed + 2 >= points.len() {
             let t = (left / length).min(1.0);
             return ([a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t], passed);
@@ -228,5 +228,5 @@ pub(super) fn distance(p: [f64; 2], a: [f64; 2], b: [f64; 2]) -> f64 {
     let (ab, ap) = ([b[0] - a[0], b[1] - a[1]], [p[0] - a[0], p[1] - a[1]]);
     let square = ab[0] * ab[0] + ab[1] * ab[1];
     let t = if square > 0.0 { ((ap[0] * ab[0] + ap[1] * ab[1]) / square).clamp(0.0, 1.0) } else { 0.0 };
-    (ap[0] - ab[0] * t).hypot(ap[1] - ab[1] * t)
+    norm([ap[0] - ab[0] * t, ap[1] - ab[1] * t])
 }

@@ -166,6 +166,12 @@ impl Level {
     }
 }
 
+/// The length of a vector. `hypot` rounds otherwise in other C libraries.
+#[inline]
+pub(super) fn norm([x, y]: [f64; 2]) -> f64 {
+    (x * x + y * y).sqrt()
+}
+
 /// The place of each point along a closed contour, and its length.
 pub(super) fn arc_lengths(points: &[[f64; 2]]) -> (Vec<f64>, f64) {
     let mut length = 0.0;
@@ -173,7 +179,7 @@ pub(super) fn arc_lengths(points: &[[f64; 2]]) -> (Vec<f64>, f64) {
         .map(|i| {
             let (a, b) = (points[i], points[(i + 1) % points.len()]);
             let u = length;
-            length += (b[0] - a[0]).hypot(b[1] - a[1]);
+            length += norm([b[0] - a[0], b[1] - a[1]]);
             u
         })
         .collect();

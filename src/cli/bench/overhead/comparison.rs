@@ -28,6 +28,8 @@ pub(super) struct Row {
     pub(super) direct: Vec<f64>,
     /// Models per second of the service, in each round.
     pub(super) service: Vec<f64>,
+    /// Models per second by one thread that calls the generator; none with a GPU.
+    pub(super) one: Vec<f64>,
     /// Fraction of the workers' time spent in the stages of models, in each round, by the service's
     /// `oviduct_stage_seconds`.
     pub(super) computing: Vec<f64>,
@@ -35,15 +37,15 @@ pub(super) struct Row {
     pub(super) seconds: f64,
 }
 
-/// Median over the rounds of service by direct.
-pub(super) fn ratio(service: &[f64], direct: &[f64]) -> f64 {
-    machine::median(service.iter().zip(direct).map(|(service, direct)| service / direct).collect())
+/// Median over the rounds of the one by the other.
+pub(super) fn ratio(rates: &[f64], by: &[f64]) -> f64 {
+    machine::median(rates.iter().zip(by).map(|(rate, by)| rate / by).collect())
 }
 
 /// Seconds that the workers have spent in the stages of models so far.
 async fn computed(client: &Client) -> anyhow::Result<f64> {
     let text = client.get("/metrics").await.map_err(plain)?.text().await?;
-    let stages = ["simulate", "mesh", "certify", "export"];
+    let stages = ["simulate", "mesh", "certify", "measure", "export"];
     let sum = |stage: &str| {
         let name = format!("oviduct_stage_seconds_sum{{stage=\"{stage}\"}} ");
         text.lines().find_map(|line| line.strip_prefix(&name)?.parse::<f64>().ok()).unwrap_or_default()
@@ -155,6 +157,7 @@ impl Comparison<'_> {
             label: format!("{steps} steps, {from} to {to} particles"),
             direct: Vec::new(),
             service: Vec::new(),
+            one: Vec::new(),
             computing: Vec::new(),
             seconds: 0.0,
         };
@@ -164,6 +167,12 @@ impl Comparison<'_> {
             for direct in [round % 2 == 0, round % 2 != 0] {
                 let watch = Stopwatch::start();
                 if direct {
+                    if let Direct::Threads(threads) = self.direct {
+                        let some = count.div_ceil(u64::from(threads));
+                        Direct::Threads(1).grow(&model, seeds(some)).await?;
+                        row.one.push(some as f64 / watch.seconds());
+                    }
+                    let watch = Stopwatch::start();
                     times.extend(self.direct.grow(&model, seeds(count)).await?);
                     row.direct.push(count as f64 / watch.seconds());
                 } else {
