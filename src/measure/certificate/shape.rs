@@ -140,7 +140,6 @@ pub(super) fn report(degenerate: &Tally, failures: &mut Failures) {
 }
 
 /// Measures the triangles from `first` on, as many as `turns`, which it fills.
-
 #[inline(always)]
 fn part<C: Coordinate>(
     surface: &Surface<'_, C>,
