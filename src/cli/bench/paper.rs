@@ -203,7 +203,7 @@ impl Measured {
     /// How it was measured, as text.
     pub(in crate::cli) fn method(&self) -> String {
         format!(
-            "whole: {} steps ({} of them burn-in), {}; sampled: time per step at {} particles, {}, from states of a \
+            "whole: {} steps ({} of them burn-in), {}; sampled: time per step at {} particles, {} or more, from states of a \
              real run, integrated over the counts of its steps by power laws between them",
             self.particles.len(),
             self.burn_in,

@@ -31,7 +31,7 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
     let mut lines = vec![
         machine::line(),
         format!(
-            "microseconds per step with neighbour lists, median of {repeats} samples of {WINDOW} steps (preset paper, seed {SEED})"
+            "microseconds per step with neighbour lists, median of {repeats} or more samples of {WINDOW} steps (preset paper, seed {SEED})"
         ),
         format!(
             "{:>9} {}",

@@ -27,7 +27,7 @@ pub(super) struct Topology {
 /// The components, and the triangles at each vertex.
 pub(super) struct Connectivity {
     pub(super) stars: Stars,
-    /// Components in the order of their least vertices; their edges are not counted yet.
+    /// Components in the order of their least vertices; their edges are counted by [`examine`].
     pub(super) bodies: Vec<Body>,
     /// Component of each vertex; unspecified for vertices without triangles.
     label: Vec<u32>,
