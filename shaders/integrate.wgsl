@@ -363,7 +363,13 @@ fn own_of(member: u32, n: u32, i: u32) -> Own {
     return own;
 }
 
-// Moves particle i to the next stage.
+// A displacement, shortened to `limit` if it is longer.
+fn within(displacement: vec2<f32>, limit: f32) -> vec2<f32> {
+    let distance = sqrt(displacement.x * displacement.x + displacement.y * displacement.y);
+    return select(1.0, limit / distance, distance > limit) * displacement;
+}
+
+// Moves particle i to the next stage, at most as far as it can move in a step.
 fn advance(member: u32, row: u32, own: Own, i: u32, thread: u32) {
     var a = reduced(thread * STRIDE) + local_sum[thread];
     if rows[row].sway != 0.0 {
@@ -384,7 +390,7 @@ fn advance(member: u32, row: u32, own: Own, i: u32, thread: u32) {
     let h = select(0.5, 1.0, EVALUATION == 2u);
     let weight = select(2.0, 1.0, EVALUATION == 2u);
     let to = STAGE + 2u * (EVALUATION % 2u);
-    let p = own.position + h * own.here;
+    let p = own.position + within(h * own.here, GREATEST_MOVE);
     let v = own.velocity + h * a;
     set_vector(member, to, i, p);
     set_vector(member, to + 1u, i, v);

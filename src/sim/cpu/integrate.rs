@@ -310,8 +310,9 @@ impl Share<'_> {
         c.vectors.run(
             #[inline(always)]
             || {
-                advance(first, weight, ahead, self.x, self.vx, own_vx, ax, x, vx, sum_vx, sum_ax);
-                advance(first, weight, ahead, self.y, self.vy, own_vy, ay, y, vy, sum_vy, sum_ay);
+                lead(ahead, [self.x, self.y], [own_vx, own_vy], [x, y]);
+                advance(first, weight, ahead, self.vx, own_vx, ax, vx, sum_vx, sum_ax);
+                advance(first, weight, ahead, self.vy, own_vy, ay, vy, sum_vy, sum_ay);
             },
         );
         self.place(c);
@@ -392,27 +393,38 @@ impl Share<'_> {
     }
 }
 
-/// One axis of [`Share::advance`].
+/// Positions of the next stage: displaced at most as far as a particle can move in a step.
+#[inline(always)]
+fn lead(ahead: f32, [x, y]: [&[f32]; 2], [vx, vy]: [&[f32]; 2], [next_x, next_y]: [&mut [f32]; 2]) {
+    let n = x.len();
+    let (y, vx, vy, next_x, next_y) = (&y[..n], &vx[..n], &vy[..n], &mut next_x[..n], &mut next_y[..n]);
+    for i in 0..n {
+        let (dx, dy) = (ahead * vx[i], ahead * vy[i]);
+        let distance = (dx * dx + dy * dy).sqrt();
+        let factor = if distance > LIMITS[1] { LIMITS[1] / distance } else { 1.0 };
+        next_x[i] = x[i] + factor * dx;
+        next_y[i] = y[i] + factor * dy;
+    }
+}
+
+/// One axis of [`Share::advance`]: velocities of the next stage, and the sums.
 #[inline(always)]
 #[expect(clippy::too_many_arguments, reason = "one axis of a structure of arrays")]
 fn advance(
     first: bool,
     weight: f32,
     ahead: f32,
-    x0: &[f32],
     v0: &[f32],
     v: &[f32],
     a: &[f32],
-    next_x: &mut [f32],
     next_v: &mut [f32],
     sum_v: &mut [f32],
     sum_a: &mut [f32],
 ) {
-    let n = x0.len();
-    let (v0, v, a) = (&v0[..n], &v[..n], &a[..n]);
-    let (next_x, next_v, sum_v, sum_a) = (&mut next_x[..n], &mut next_v[..n], &mut sum_v[..n], &mut sum_a[..n]);
+    let n = v0.len();
+    let (v, a) = (&v[..n], &a[..n]);
+    let (next_v, sum_v, sum_a) = (&mut next_v[..n], &mut sum_v[..n], &mut sum_a[..n]);
     for i in 0..n {
-        next_x[i] = x0[i] + ahead * v[i];
         next_v[i] = v0[i] + ahead * a[i];
     }
     if first {
@@ -537,5 +549,24 @@ impl Gather<'_> {
                 least.write(&mut near[own]);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_stage_displaces_a_particle_farther_than_a_step_can() {
+        let (x, y) = ([1.0; 4], [-2.0; 4]);
+        let (vx, vy) = ([6.0, 6.1, 3e30, -3000.0], [8.0, 8.0, 0.0, 4000.0]);
+        let (mut next_x, mut next_y) = ([0.0; 4], [0.0; 4]);
+        lead(0.5, [&x, &y], [&vx, &vy], [&mut next_x, &mut next_y]);
+        assert_eq!((next_x[0], next_y[0]), (4.0, 2.0), "5 µm are not shortened");
+        // The square of 1.5e30 is infinite in f32.
+        assert_eq!((next_x[2], next_y[2]), (1.0, -2.0));
+        assert_eq!((next_x[3], next_y[3]), (-2.0, 2.0));
+        let distance = (next_x[1] - 1.0).hypot(next_y[1] + 2.0);
+        assert!((distance - 5.0).abs() < 1e-5, "{distance}");
     }
 }

@@ -34,7 +34,7 @@ const FIRST_SKIN: f32 = 10.0;
 /// Room for rounding in the skin, µm.
 const ROUNDING: f32 = 0.01;
 /// At most one particle in so many is restless, or else all lists are made anew.
-const RESTLESS: usize = 4096;
+const RESTLESS: usize = 256;
 /// Shares of the skin that the motion of two particles and the turn of one may use up if they are not restless.
 const CALM: [f32; 2] = [0.55, 0.45];
 /// Parts begin at multiples of this number of particles: of any group.

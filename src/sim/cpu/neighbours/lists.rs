@@ -211,11 +211,10 @@ pub(super) struct Lists<'a> {
     pub(super) grid: Option<Grid>,
 }
 
-/// Restless particles, the segments that begin or end at one, and which cells are so near that their particles may see one.
+/// Restless particles, ascending, and of each cell the segments that begin or end at one and may be seen from there.
 pub(super) struct Restless {
     particles: Vec<usize>,
-    segments: Vec<Round>,
-    near: Vec<bool>,
+    near: Vec<Vec<Round>>,
 }
 
 impl Lists<'_> {
@@ -251,15 +250,17 @@ impl Lists<'_> {
     ) {
         let mut cells = Vec::new();
         for (number, first) in particles.clone().step_by(S::F32_LANES).enumerate() {
-            if !restless.near[first / CELL] {
+            let near = &restless.near[first / CELL];
+            if near.is_empty() {
                 continue;
             }
             let group = first..(first + S::F32_LANES).min(particles.end);
             let scale = &scale[first - particles.start..group.end - particles.start];
             let seen = self.seen(simd, &group, scale);
-            let mut is_concerned = restless.particles.iter().any(|i| group.contains(i));
-            for &segment in &restless.segments {
-                is_concerned |= seen.has(segment);
+            let next = restless.particles.partition_point(|&i| i < group.start);
+            let mut is_concerned = restless.particles.get(next).is_some_and(|&i| i < group.end);
+            for &segment in near {
+                is_concerned = is_concerned || seen.has(segment);
             }
             if is_concerned {
                 self.near(&group, scale, &mut cells);
@@ -270,19 +271,24 @@ impl Lists<'_> {
     }
 
     pub(super) fn restless(&self, particles: Vec<usize>) -> Restless {
-        let Tables { x, y, margin, cells, .. } = self.tables;
+        let Tables { x, y, margin, cells, tracts, .. } = self.tables;
         let n = self.chain.len();
         let ends = particles.iter().flat_map(|&i| [(i + n - 1) % n, i]);
         let segments: Vec<Round> = ends.map(|j| Round { x: x[j], y: y[j], margin: margin[j] }).collect();
         let [tissue, gap] = self.sight.of(self.widest);
-        let is_near = |(bounds, margin): &(Bounds, f32)| {
-            segments.iter().any(|segment| {
+        let seen_from = |(bounds, margin): &(Bounds, f32), segments: &[Round]| -> Vec<Round> {
+            let is_near = |segment: &&Round| {
                 let reach = max(tissue, gap) + margin + segment.margin;
                 apart(*bounds, around(NOTHING, [segment.x, segment.y])) <= reach * reach
-            })
+            };
+            segments.iter().filter(is_near).copied().collect()
         };
-        let near = cells.iter().map(is_near).collect();
-        Restless { particles, segments, near }
+        let near = tracts.iter().zip(cells.chunks(TRACT)).flat_map(|(tract, cells)| {
+            let segments = seen_from(tract, &segments);
+            cells.iter().map(move |cell| seen_from(cell, &segments))
+        });
+        let near = near.collect();
+        Restless { particles, near }
     }
 
     /// The cells, ascending, in which particles of a run may see something.
