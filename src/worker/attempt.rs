@@ -390,7 +390,7 @@ async fn record(context: &Context, claim: Claim, ending: Ending) -> bool {
     let (fallback, is_model) = (report.fallback.clone(), claimed.job().kind == JobKind::Model);
     if let Ending::Failed(Verdict::Storage { problem, scratch }) = &ending {
         let space = || backend::predict(claimed.job()).map_or(0, |predicted| predicted.bytes);
-        context.storage.job_released(&problem.detail, scratch.then(space));
+        context.storage.job_released(&problem.detail, scratch.then(space)).await;
     }
     let (end, result) = write(context, claimed, report, ending).await;
     let counted = match &result {

@@ -20,7 +20,7 @@ use crate::metrics::Fallback;
 use crate::status::{Condition, Status};
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::{Mutex, watch};
+use tokio::sync::{Mutex, RwLock, watch};
 use tokio::time::{Instant, sleep_until};
 
 /// What a CPU worker may take.
@@ -75,6 +75,9 @@ pub(super) struct Storage {
     state: watch::Sender<State>,
     /// One slot checks at a time; the others wait for its result.
     checking: Mutex<()>,
+    /// Read while jobs are claimed. A release waits for these claims and keeps out later ones, or else they might find the
+    /// released job.
+    claiming: RwLock<()>,
     unit: Duration,
     status: Status,
 }
@@ -97,7 +100,7 @@ struct Outage {
 impl Storage {
     /// `unit` scales all waits; see [`super::PoolOptions::storage_wait`].
     pub(super) fn new(unit: Duration, status: Status) -> Self {
-        Self { state: watch::Sender::default(), checking: Mutex::default(), unit, status }
+        Self { state: watch::Sender::default(), checking: Mutex::default(), claiming: RwLock::default(), unit, status }
     }
 
     /// A write to the artifact store failed: no more claims until a check passes.
@@ -105,10 +108,20 @@ impl Storage {
         self.begin(cause, None, false);
     }
 
-    /// A job was released because a write failed, to the scratch directory if `scratch` is the bytes that must be free there.
-    /// Claims rest, for longer with each release.
-    pub(super) fn job_released(&self, cause: &str, scratch: Option<u64>) {
+    /// A job is about to be released because a write failed, to the scratch directory if `scratch` is the bytes that must be
+    /// free there. Claims rest, for longer with each release.
+    pub(super) async fn job_released(&self, cause: &str, scratch: Option<u64>) {
+        let _none_claims = self.claiming.write().await;
         self.begin(cause, scratch, true);
+    }
+
+    /// Claims jobs, unless storage has become unavailable meanwhile.
+    pub(super) async fn claim<T>(&self, claim: impl Future<Output = T>) -> Option<T> {
+        let _claims = self.claiming.read().await;
+        match self.outage() {
+            None => Some(claim.await),
+            Some(_) => None,
+        }
     }
 
     fn begin(&self, cause: &str, scratch: Option<u64>, release: bool) {
@@ -247,18 +260,34 @@ mod tests {
         let (artifacts, scratch) = stores(dir.path());
         let storage = Storage::new(Duration::from_millis(20), Status::default());
         let releases = || storage.state.borrow().releases;
-        storage.job_released("refused", None);
-        storage.job_released("refused", None);
+        storage.job_released("refused", None).await;
+        storage.job_released("refused", None).await;
         assert_eq!(releases(), 1);
         let until = storage.outage().unwrap().rests_until;
         storage.wait_until_available(&artifacts, &scratch).await;
         assert!(Instant::now() >= until, "it rested");
-        storage.job_released("refused", None);
+        storage.job_released("refused", None).await;
         assert_eq!(releases(), 2, "a check that passes does not reset them");
         storage.upload_succeeded();
         assert!(releases() == 0 && storage.outage().is_none());
-        storage.job_released("full", Some(0));
+        storage.job_released("full", Some(0)).await;
         storage.upload_succeeded();
         assert!(releases() == 1 && storage.outage().is_some(), "the scratch directory has not been checked");
+    }
+
+    #[tokio::test]
+    async fn a_release_waits_for_claims_and_keeps_out_later_ones() {
+        let storage = Storage::new(Duration::from_millis(20), Status::default());
+        let (claimed, ends) = tokio::sync::oneshot::channel();
+        let claim = storage.claim(ends);
+        let release = storage.job_released("refused", None);
+        tokio::pin!(claim, release);
+        assert!(futures_util::poll!(&mut claim).is_pending() && futures_util::poll!(&mut release).is_pending());
+        assert_eq!(storage.outage(), None, "the job may be released only after the claim");
+        claimed.send(()).unwrap();
+        assert_eq!(claim.await, Some(Ok(())));
+        release.await;
+        assert!(storage.outage().is_some());
+        assert_eq!(storage.claim(std::future::pending::<()>()).await, None);
     }
 }

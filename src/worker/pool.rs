@@ -338,7 +338,8 @@ impl Slot {
                 (share, backend, 1)
             }
         };
-        Ok((store.claim(&self.id, backend, options.lease, limit).await?, share))
+        let claim = self.context.storage.claim(store.claim(&self.id, backend, options.lease, limit)).await;
+        Ok((claim.transpose()?.unwrap_or_default(), share))
     }
 
     /// Opens the device, anew if it was lost. Returns whether it is open.
