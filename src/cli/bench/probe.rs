@@ -95,6 +95,18 @@ pub(super) fn states(plan: &Plan, counts: &[u32], threads: usize) -> anyhow::Res
     Ok(states)
 }
 
+/// The state of a run just before the first growth event with so many particles, or at the end if there is none.
+pub(super) fn grown(plan: &Plan, variant: Variant, particles: u32) -> anyhow::Result<CpuSimulation> {
+    variant.pool()?.install(|| {
+        let mut simulation = CpuSimulation::new(plan.clone(), variant.threads);
+        let is_due = |at: &CpuSimulation| at.particles() >= particles && plan.grows_at(at.time());
+        while simulation.time() < i64::from(plan.steps) && !is_due(&simulation) {
+            simulation.step()?;
+        }
+        Ok(simulation)
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -112,6 +124,8 @@ mod tests {
         assert_eq!(counts.len(), 3);
         assert!(counts[0] == 200 && (300..=350).contains(&counts[1]) && (400..500).contains(&counts[2]), "{counts:?}");
         let variant = Variant { search: Search::AllPairs, kernel: Kernel::Scalar, threads: 1 };
+        let grown = grown(&plan, Variant { search: Search::Lists, kernel: Kernel::Vector, threads: 2 }, 300).unwrap();
+        assert!(grown.checkpoint() == states[1].checkpoint());
         let point = sample(&states[2], variant, &variant.pool().unwrap(), 1, 3).unwrap();
         assert!((f64::from(counts[2])..=500.0).contains(&point.particles) && point.seconds_per_step > 0.0);
     }

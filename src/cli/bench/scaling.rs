@@ -1,4 +1,5 @@
-//! `bench scaling`: time per step with neighbour lists, by number of threads and particles, and by the size of the section.
+//! `bench scaling`: time per step with neighbour lists, by number of threads and particles, and by the size of sections that are
+//! grown alike.
 
 use super::machine;
 use super::probe::{self, Variant};
@@ -56,19 +57,17 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
     let sizes: &[u32] = if quick { &[1000, 3000, 10_000] } else { &[1000, 3000, 10_000, 30_000, 100_000] };
     lines.extend([
         String::new(),
-        "one thread, last fifth of whole runs to these numbers of particles, median of 1 to 5 runs".to_owned(),
+        format!("one thread, sections grown halfway, median of {repeats} or more samples of {WINDOW} steps"),
         format!(
-            "{:>9} {:>7} {:>16} {:>18} {:>19}",
-            "particles", "steps", "ns per particle", "repelling segments", "ns per interaction"
+            "{:>9} {:>9} {:>16} {:>18} {:>19}",
+            "particles", "of steps", "ns per particle", "repelling segments", "ns per interaction"
         ),
     ]);
     let mut by_size = Vec::new();
     for &particles in sizes {
-        // Small sections are grown more often: their last steps take a tenth of a second.
-        let runs = if quick { 1 } else { (30_000 / particles).clamp(1, 5) as usize };
-        let Size { steps, nanoseconds, interactions } = grow_to(particles, runs)?;
+        let Size { particles, steps, nanoseconds, interactions } = half_grown(particles, repeats)?;
         let each = nanoseconds / interactions;
-        lines.push(format!("{particles:>9} {steps:>7} {nanoseconds:>16.0} {interactions:>18.1} {each:>19.2}"));
+        lines.push(format!("{particles:>9} {steps:>9} {nanoseconds:>16.0} {interactions:>18.1} {each:>19.2}"));
         by_size.push(json!({
             "particles": particles, "steps": steps, "nanoseconds_per_particle_and_step": nanoseconds,
             "interactions_per_particle": interactions,
@@ -81,19 +80,21 @@ pub(super) fn run(quick: bool) -> anyhow::Result<Report> {
     Ok(Report { lines, json, files: Vec::new() })
 }
 
-/// A run to a number of particles.
+/// A section grown halfway.
 struct Size {
+    particles: f64,
+    /// Steps of the whole run.
     steps: u32,
-    /// Nanoseconds per particle and step in the last fifth of the steps.
+    /// Nanoseconds per particle and step.
     nanoseconds: f64,
-    /// Segments that repel a particle, mean of some particles at the last growth event.
+    /// Segments that repel a particle, mean of some particles.
     interactions: f64,
 }
 
-/// Grows a section to `particles` with the schedules of `paper`: the area of the region grows with the particles, and the steps
-/// with its radius, so that the folds have time to spread.
-fn grow_to(particles: u32, runs: usize) -> anyhow::Result<Size> {
-    let area = f64::from(particles) / PAPER;
+/// Grows a section to `particles`, half of those at its end, with the schedules of `paper`: the area of the region grows with the
+/// particles, and the steps with its radius, so that the folds have time to spread.
+fn half_grown(particles: u32, repeats: usize) -> anyhow::Result<Size> {
+    let area = 2.0 * f64::from(particles) / PAPER;
     let radius = area.sqrt();
     let steps = (2000.0 * radius.max(1.0)).round() as u32;
     let inner = |paper: f64| (paper * area).round();
@@ -101,7 +102,7 @@ fn grow_to(particles: u32, runs: usize) -> anyhow::Result<Size> {
     let patch = json!({
         "steps": steps, "solver": { "record_every": steps.div_ceil(200) }, "wall": { "lobing": 0 },
         "particles": {
-            "total": { "keys": [[0, inner(710.0)], [0.2125, inner(1175.0)], [1, particles]] },
+            "total": { "keys": [[0, inner(710.0)], [0.2125, inner(1175.0)], [1, 2 * particles]] },
             "outer": { "keys": [[0, outer(110.0)], [1, outer(300.0)]] },
         },
     });
@@ -109,22 +110,15 @@ fn grow_to(particles: u32, runs: usize) -> anyhow::Result<Size> {
     let spec =
         ModelSpec::resolve(paper, &patch).map_err(|faults| anyhow::anyhow!("{particles} particles: {faults:?}"))?;
     let plan = Plan::new(&spec, SEED);
-    let variant = Variant { search: Search::Lists, kernel: Kernel::Vector, threads: 1 };
-    let mut interactions = 0.0;
-    let last = i64::from(plan.steps - plan.grow_every);
-    let mut nanoseconds = Vec::new();
-    for _ in 0..runs {
-        let run = probe::whole(&plan, variant, |simulation| {
-            if simulation.time() >= last {
-                interactions = interactions_per_particle(&plan, simulation);
-            }
-        })?;
-        let end = &run.steps[run.steps.len() / 5 * 4..];
-        let [seconds, particle_steps] =
-            end.iter().fold([0.0; 2], |[s, p], point| [s + point.seconds_per_step, p + point.particles]);
-        nanoseconds.push(1e9 * seconds / particle_steps);
-    }
-    Ok(Size { steps, nanoseconds: machine::median(nanoseconds), interactions })
+    let variant = |threads| Variant { search: Search::Lists, kernel: Kernel::Vector, threads };
+    let state = probe::grown(&plan, variant(machine::threads()), particles)?;
+    let point = probe::sample(&state, variant(1), &variant(1).pool()?, WINDOW, repeats)?;
+    Ok(Size {
+        particles: point.particles,
+        steps,
+        nanoseconds: 1e9 * point.seconds_per_step / point.particles,
+        interactions: interactions_per_particle(&plan, &state),
+    })
 }
 
 fn interactions_per_particle(plan: &Plan, simulation: &CpuSimulation) -> f64 {
