@@ -8,8 +8,8 @@
 //! a point of a segment to the particle, the slack |q| − D changes by at most [`lists::SLOPE`] times a change of q, and by half of
 //! the difference of the two ranges times a change of the normal.
 //!
-//! Of very many particles a few may be restless: pressed against another wall, they leap in the stages of a step and are
-//! held back at its end. Then lists are made anew only for the groups with these particles and those that see their segments.
+//! Of many particles a few may be restless: pressed against another wall, they move and turn in the stages of a step and are held
+//! back at its end. Then lists are made anew only for the groups with these particles and those that see their segments.
 
 mod grid;
 mod lists;
@@ -33,8 +33,9 @@ const SKINS: [f32; 2] = [5.0, 30.0];
 const FIRST_SKIN: f32 = 10.0;
 /// Room for rounding in the skin, µm.
 const ROUNDING: f32 = 0.01;
-/// At most one particle in so many is restless, or else all lists are made anew.
-const RESTLESS: usize = 256;
+/// At most one particle in so many is restless, and one cell of segments in so many is near them, or else all lists are made anew.
+const RESTLESS: usize = 64;
+const NEAR: usize = 3;
 /// Shares of the skin that the motion of two particles and the turn of one may use up if they are not restless.
 const CALM: [f32; 2] = [0.55, 0.45];
 /// Parts begin at multiples of this number of particles: of any group.
@@ -152,27 +153,36 @@ impl Neighbours {
         row: &StepRow,
     ) -> (&'a mut [Part], Update<'a>) {
         let sight = Sight::at(row);
-        let (outdated, vectors) = (self.outdated(chain, row), self.vectors);
-        let skin = match &outdated {
-            Outdated::None => None,
-            Outdated::Some(_) => Some(ROUNDING),
-            Outdated::All => self.renew(scale, sight),
-        };
-        let Self { parts, tables, search, widest, .. } = self;
-        let Some(skin) = skin else {
-            return (parts, Update { vectors, lists: None });
-        };
-        vectors.run(
+        let vectors = self.vectors;
+        let mut restless = None;
+        match self.outdated(chain, row) {
+            Outdated::None => return (&mut self.parts, Update { vectors, lists: None }),
+            Outdated::Some(particles) => {
+                self.fill(chain, ROUNDING);
+                let [tissue, gap] = sight.of(self.widest);
+                restless = Some(self.tables.restless(particles, max(tissue, gap))).filter(|r| r.are_few(NEAR));
+            }
+            Outdated::All => {}
+        }
+        if restless.is_none() {
+            let Some(skin) = self.renew(scale, sight) else {
+                return (&mut self.parts, Update { vectors, lists: None });
+            };
+            self.fill(chain, skin);
+        }
+        let Self { parts, tables, search, .. } = self;
+        let grid = (*search == Search::Grid).then(|| Grid::new(&tables.cells));
+        let lists = Lists { chain, sight, tables, grid };
+        (parts, Update { vectors, lists: Some((lists, restless)) })
+    }
+
+    /// Fills the tables of segments for lists with this skin.
+    fn fill(&mut self, chain: &Chain, skin: f32) {
+        let tables = &mut self.tables;
+        self.vectors.run(
             #[inline(always)]
             || tables.fill(chain, skin),
         );
-        let grid = (*search == Search::Grid).then(|| Grid::new(&tables.cells));
-        let lists = Lists { chain, sight, widest: *widest, tables, grid };
-        let restless = match outdated {
-            Outdated::Some(particles) => Some(lists.restless(particles)),
-            _ => None,
-        };
-        (parts, Update { vectors, lists: Some((lists, restless)) })
     }
 
     fn outdated(&mut self, chain: &Chain, row: &StepRow) -> Outdated {

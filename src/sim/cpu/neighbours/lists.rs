@@ -177,6 +177,36 @@ impl Tables {
     }
 }
 
+impl Tables {
+    /// Restless particles, of which none is seen from farther than `sight`.
+    pub(super) fn restless(&self, particles: Vec<usize>, sight: f32) -> Restless {
+        let Self { x, y, margin, cells, tracts, .. } = self;
+        let n = x.len();
+        let ends = particles.iter().flat_map(|&i| [(i + n - 1) % n, i]);
+        let segments: Vec<Round> = ends.map(|j| Round { x: x[j], y: y[j], margin: margin[j] }).collect();
+        let seen_from = |(bounds, margin): &(Bounds, f32), segments: &[Round]| -> Vec<Round> {
+            let is_near = |segment: &&Round| {
+                let reach = sight + margin + segment.margin;
+                apart(*bounds, around(NOTHING, [segment.x, segment.y])) <= reach * reach
+            };
+            segments.iter().filter(is_near).copied().collect()
+        };
+        let near = tracts.iter().zip(cells.chunks(TRACT)).flat_map(|(tract, cells)| {
+            let segments = seen_from(tract, &segments);
+            cells.iter().map(move |cell| seen_from(cell, &segments))
+        });
+        let near = near.collect();
+        Restless { particles, near }
+    }
+}
+
+impl Restless {
+    /// Whether they may be seen from at most one cell in `share`.
+    pub(super) fn are_few(&self, share: usize) -> bool {
+        self.near.iter().filter(|near| !near.is_empty()).count() * share <= self.near.len()
+    }
+}
+
 /// How far the particles of a group see.
 struct Seen<S: Simd> {
     simd: S,
@@ -205,8 +235,6 @@ impl<S: Simd> Seen<S> {
 pub(super) struct Lists<'a> {
     pub(super) chain: &'a Chain,
     pub(super) sight: Sight,
-    /// Greatest scale of a particle.
-    pub(super) widest: f32,
     pub(super) tables: &'a Tables,
     pub(super) grid: Option<Grid>,
 }
@@ -268,27 +296,6 @@ impl Lists<'_> {
                 groups.spans[number] = self.list(&seen, &group, &cells, &mut groups.list);
             }
         }
-    }
-
-    pub(super) fn restless(&self, particles: Vec<usize>) -> Restless {
-        let Tables { x, y, margin, cells, tracts, .. } = self.tables;
-        let n = self.chain.len();
-        let ends = particles.iter().flat_map(|&i| [(i + n - 1) % n, i]);
-        let segments: Vec<Round> = ends.map(|j| Round { x: x[j], y: y[j], margin: margin[j] }).collect();
-        let [tissue, gap] = self.sight.of(self.widest);
-        let seen_from = |(bounds, margin): &(Bounds, f32), segments: &[Round]| -> Vec<Round> {
-            let is_near = |segment: &&Round| {
-                let reach = max(tissue, gap) + margin + segment.margin;
-                apart(*bounds, around(NOTHING, [segment.x, segment.y])) <= reach * reach
-            };
-            segments.iter().filter(is_near).copied().collect()
-        };
-        let near = tracts.iter().zip(cells.chunks(TRACT)).flat_map(|(tract, cells)| {
-            let segments = seen_from(tract, &segments);
-            cells.iter().map(move |cell| seen_from(cell, &segments))
-        });
-        let near = near.collect();
-        Restless { particles, near }
     }
 
     /// The cells, ascending, in which particles of a run may see something.
