@@ -232,7 +232,7 @@ fn a_model_that_grew_poorly_is_reported_with_warnings() {
     let crowded = "particles.total={\"keys\":[[0,300],[1,2000]]}";
     let arguments =
         ["generate", "--out", "a", "--seed", "2", "--backend", "cpu", "--json", "--set", "steps=60", "--set", crowded];
-    let output = run(at.path(), &[&arguments[..], &["--set", "sway.strength=0"]].concat());
+    let output = run(at.path(), &arguments);
     let warnings = &json(&output)["warnings"];
     let codes: Vec<&Value> = warnings.as_array().expect("an array").iter().map(|warning| &warning["code"]).collect();
     assert_eq!(codes, ["splits-missing", "small-gap", "particles-short"]);
