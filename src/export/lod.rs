@@ -23,11 +23,12 @@ use crate::geometry::distance::Triangles;
 use crate::model::{Mesh, Patch};
 use crate::spec::LEVEL_TRIANGLES;
 use encode::Encoded;
-use full::{Full, Level as Triangulation, Part};
+use full::{Full, Level as Triangulation, number};
 use rayon::prelude::*;
 use serde::Serialize;
 use serde_json::Map;
 use simplify::coarser;
+use std::borrow::Cow;
 use std::io::{self, Write};
 
 /// Names of the files, the finest level first.
@@ -67,7 +68,7 @@ impl Level {
     }
 }
 
-/// Makes the levels of a closed surface, the finest first.
+/// Makes the levels of a closed surface, whose walls have no vertices in common, the finest first.
 ///
 /// A level has no more triangles than asked for, except that the vertices of borders and the ends of the tube stay; one that
 /// would have more than the finer level has the triangles of that.
@@ -98,29 +99,20 @@ pub fn levels(mesh: &Mesh, stop: &(dyn Fn() -> bool + Sync)) -> io::Result<Vec<L
 pub fn reduced(mesh: &Mesh, target: usize) -> (Mesh, Vec<u32>) {
     let full = Full::new(mesh);
     let level = coarser(&full, &full.level(), target);
-    let (mut kept, mut triangles, mut patches) = (Vec::new(), Vec::new(), Vec::new());
-    let mut numbers = vec![u32::MAX; mesh.positions.len()];
-    for (part, own) in full.parts.iter().zip(&level) {
+    let mut patches = Vec::new();
+    let mut triangles: Vec<[u32; 3]> = Vec::new();
+    for (patch, own) in full.patches.iter().zip(&level) {
         let from = triangles.len();
-        triangles.extend(own.iter().map(|t| {
-            t.map(|corner| {
-                let v = full.vertices[corner as usize];
-                let number = &mut numbers[v as usize];
-                if *number == u32::MAX {
-                    *number = kept.len() as u32;
-                    kept.push(v);
-                }
-                *number
-            })
-        }));
-        patches.push(Patch { kind: part.kind, triangles: from..triangles.len() });
+        triangles.extend_from_slice(own);
+        patches.push(Patch { kind: patch.kind, triangles: from..triangles.len() });
     }
+    let kept = number(triangles.as_flattened_mut());
     let positions = kept.iter().map(|&v| mesh.positions[v as usize]).collect();
     (Mesh { body: mesh.body, positions, triangles, patches }, kept)
 }
 
 /// The levels, unless it was stopped.
-fn levels_of(mesh: &Mesh, targets: [usize; 2], stop: &(dyn Fn() -> bool + Sync)) -> Option<Vec<Level>> {
+fn levels_of<'a>(mesh: &'a Mesh, targets: [usize; 2], stop: &(dyn Fn() -> bool + Sync)) -> Option<Vec<Level>> {
     let full = Full::new(mesh);
     let all = full.level();
     let level = |n: usize, triangles: &Triangulation<'_>| {
@@ -137,17 +129,12 @@ fn levels_of(mesh: &Mesh, targets: [usize; 2], stop: &(dyn Fn() -> bool + Sync))
         };
         Some(Level { report, encoded })
     };
-    let (first, (second, third)) = rayon::join(
-        || level(0, &all),
-        || {
-            if stop() {
-                return (None, None);
-            }
-            let one = coarser(&full, &all, targets[0]);
-            rayon::join(|| level(1, &one), || if stop() { None } else { level(2, &coarser(&full, &one, targets[1])) })
-        },
-    );
-    Some(vec![first?, second?, third?])
+    let coarser = |finer: &Triangulation<'a>, target| (!stop()).then(|| coarser(&full, finer, target));
+    let one = coarser(&all, targets[0])?;
+    let (second, third) = rayon::join(|| level(1, &one), || level(2, &coarser(&one, targets[1])?));
+    drop(one);
+    // The finest is the last one, since it takes the most memory.
+    Some(vec![level(0, &all)?, second?, third?])
 }
 
 /// Metres as micrometres, rounded up to a tenth of a nanometre.
@@ -157,55 +144,55 @@ fn micrometres(metres: f64) -> f64 {
 
 /// Largest distance between a level and the full surface, metres.
 fn distance(full: &Full<'_>, level: &Triangulation<'_>) -> f64 {
-    let of_part = |(part, triangles): (&Part, &std::borrow::Cow<'_, [[u32; 3]]>)| {
-        if triangles.len() == part.triangles.len() { moved(full, part) } else { simplified(full, part, triangles) }
+    let of_patch = |(patch, triangles): (&&Patch, &Cow<'_, [[u32; 3]]>)| {
+        let source = &full.mesh.triangles[patch.triangles.clone()];
+        let vertices = vertices(source, full.cells.len());
+        let moved = moved(full, &vertices);
+        if triangles.len() == source.len() { moved } else { moved.max(simplified(full, source, &vertices, triangles)) }
     };
-    full.parts.par_iter().zip(level).map(of_part).reduce(|| 0.0, f64::max)
+    full.patches.iter().zip(level).map(of_patch).fold(0.0, f64::max)
 }
 
-/// Largest distance by which rounding moves a vertex of a patch.
-fn moved(full: &Full<'_>, part: &Part) -> f64 {
-    let corners = &full.vertices[part.corners.start as usize..part.corners.end as usize];
+/// The vertices of triangles, which are less than `count`, in ascending order.
+fn vertices(triangles: &[[u32; 3]], count: usize) -> Vec<u32> {
+    let mut is_used = vec![false; count];
+    triangles.as_flattened().iter().for_each(|&v| is_used[v as usize] = true);
+    (0..count as u32).filter(|&v| is_used[v as usize]).collect()
+}
+
+/// Largest distance by which rounding moves one of the vertices.
+fn moved(full: &Full<'_>, vertices: &[u32]) -> f64 {
     let square = |&v: &u32| -> f64 {
-        let (p, q) = (full.mesh.positions[v as usize], full.placed[v as usize]);
+        let (p, q) = (full.mesh.positions[v as usize], full.placed(v));
         (0..3).map(|axis| (f64::from(p[axis]) - f64::from(q[axis])).powi(2)).sum()
     };
-    corners.par_iter().map(square).reduce(|| 0.0, f64::max).sqrt()
+    vertices.par_iter().map(square).reduce(|| 0.0, f64::max).sqrt()
 }
 
-/// Largest distance between the samples of a patch and its simplification, both ways.
-fn simplified(full: &Full<'_>, part: &Part, triangles: &[[u32; 3]]) -> f64 {
-    let place = |corner: u32| full.placed[full.vertices[corner as usize] as usize].map(f64::from);
-    let corners = |i: usize| triangles[i].map(place);
-    let vertices = &full.vertices[part.corners.start as usize..part.corners.end as usize];
-    let (there, back) = rayon::join(
-        || {
-            let sample = |i: usize, visit: &mut dyn FnMut([f64; 3])| {
-                visit(full.mesh.positions[vertices[i] as usize].map(f64::from));
-            };
-            Triangles::new(triangles.len(), corners).farthest(vertices.len(), sample)
-        },
-        || {
-            let sample = |i: usize, visit: &mut dyn FnMut([f64; 3])| {
-                let [a, b, c] = corners(i);
-                let mean = |points: &[[f64; 3]]| -> [f64; 3] {
-                    std::array::from_fn(|axis| points.iter().map(|p| p[axis]).sum::<f64>() / points.len() as f64)
-                };
-                visit(mean(&[a, b, c]));
-                let [u, v, w] = triangles[i];
-                // Two triangles have an edge within a patch, in opposite directions. An edge of a border is one of the full
-                // surface.
-                for (from, to, ends) in [(u, v, [a, b]), (v, w, [b, c]), (w, u, [c, a])] {
-                    if from < to {
-                        visit(mean(&ends));
-                    }
-                }
-            };
-            full.hierarchy(part).farthest(triangles.len(), sample)
-        },
-    );
+/// Largest distance between the samples of a patch, which has the triangles `source` and these vertices, and its simplification, both
+/// ways.
+fn simplified(full: &Full<'_>, source: &[[u32; 3]], vertices: &[u32], triangles: &[[u32; 3]]) -> f64 {
+    let position = |v: u32| full.mesh.positions[v as usize].map(f64::from);
+    let corners = |i: usize| triangles[i].map(|v| full.placed(v).map(f64::from));
+    let there = Triangles::new(triangles.len(), corners)
+        .farthest(vertices.len(), |i: usize, visit: &mut dyn FnMut([f64; 3])| visit(position(vertices[i])));
+    let sample = |i: usize, visit: &mut dyn FnMut([f64; 3])| {
+        let [a, b, c] = corners(i);
+        let mean = |points: &[[f64; 3]]| -> [f64; 3] {
+            std::array::from_fn(|axis| points.iter().map(|p| p[axis]).sum::<f64>() / points.len() as f64)
+        };
+        visit(mean(&[a, b, c]));
+        let [u, v, w] = triangles[i];
+        // Two triangles have an edge within a patch, in opposite directions. An edge of a border is one of the full surface.
+        for (from, to, ends) in [(u, v, [a, b]), (v, w, [b, c]), (w, u, [c, a])] {
+            if from < to {
+                visit(mean(&ends));
+            }
+        }
+    };
     // The vertices of the level are vertices of the full surface.
-    there.max(back).max(moved(full, part))
+    let back = Triangles::new(source.len(), |i| source[i].map(position)).farthest(triangles.len(), sample);
+    there.max(back)
 }
 
 #[cfg(test)]

@@ -30,9 +30,9 @@ pub(super) struct Inputs<'a> {
     pub(super) meta: &'a Metadata,
     /// The surface of each body in each unit that is written.
     pub(super) surfaces: Vec<(BodyKind, LengthUnit, Box<dyn Source + 'a>)>,
-    /// The tissue; none if it is not in memory, as levels and labels are not asked for then.
+    /// The tissue; may be none if levels are not asked for.
     pub(super) tissue: Option<&'a Mesh>,
-    /// The tissue before it was bent.
+    /// The tissue before it was bent; may be none if labels are not asked for.
     pub(super) straight: Option<&'a Mesh>,
     pub(super) sections: Sections<'a>,
     pub(super) centreline: Centreline,

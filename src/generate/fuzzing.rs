@@ -28,7 +28,7 @@ static REQUEST: LazyLock<Request> = LazyLock::new(|| {
         seed: 7,
         backend: Backend::CpuSingle,
         // Not streamed, so that no file is written.
-        outputs: vec![Output::Lod].into(),
+        outputs: vec![Output::Labels].into(),
         dir: ".".into(),
         memory_limit_bytes: None,
     }

@@ -263,6 +263,8 @@ impl Finishing<'_> {
 
         let meta = self.request.metadata(of.sections);
         let is_written = |unit: &LengthUnit| !self.request.outputs.bodies_in(*unit).is_empty();
+        let levels = spool.as_ref().filter(|_| self.request.outputs.has(Output::Lod));
+        let tissue = levels.map(|spool| spool.mesh().map_err(stream::failed(stream::SPOOL))).transpose()?;
         let mut surfaces: Vec<(_, _, Box<dyn Source + '_>)> = Vec::new();
         if let Some(spool) = &spool {
             for unit in LengthUnit::ALL.into_iter().filter(is_written) {
@@ -272,7 +274,7 @@ impl Finishing<'_> {
         let inputs = Inputs {
             meta: &meta,
             surfaces,
-            tissue: None,
+            tissue: tissue.as_ref(),
             straight: None,
             sections: Sections::Written(of.file),
             centreline: of.centreline,

@@ -1,5 +1,6 @@
 //! Progress of a generation as a fraction of its work, and an estimate of the remaining time.
 
+use super::outputs::Output;
 use super::types::{Progress, Request, Sink, Stage};
 use crate::clock::Stopwatch;
 use crate::model::Section;
@@ -12,6 +13,8 @@ const STAGES: [Stage; 6] = [Stage::Simulate, Stage::Mesh, Stage::Certify, Stage:
 const LOFTED: [f64; 6] = [0.80, 0.82, 0.90, 0.93, 0.98, 1.0];
 const STREAMED: [f64; 6] = [0.92, 0.93, 0.94, 0.95, 0.98, 1.0];
 const EVEN: [f64; 6] = [0.10, 0.86, 0.93, 0.94, 0.98, 1.0];
+/// By what factor the other stages are a smaller fraction if levels of detail are exported.
+const WITH_LEVELS: f64 = 0.65;
 
 /// Converts steps into progress. The weight of a step is its number of particles.
 pub(super) struct Pace<'a> {
@@ -48,13 +51,16 @@ impl<'a> Pace<'a> {
             eta_seconds: None,
         };
         sink.progress(&now);
-        let ends = if spec.mesh.resolution_um > 0.0 {
+        let mut ends = if spec.mesh.resolution_um > 0.0 {
             EVEN
         } else if spec.is_streamed(&request.outputs.names()) {
             STREAMED
         } else {
             LOFTED
         };
+        if request.outputs.has(Output::Lod) && ends != EVEN {
+            ends[..4].iter_mut().for_each(|end| *end *= WITH_LEVELS);
+        }
         Self { sink, watch: Stopwatch::start(), ends, begun: 0.0, burn_in: f64::from(spec.burn_in), work, now }
     }
 

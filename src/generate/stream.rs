@@ -2,6 +2,7 @@
 //! in batches. The surface goes to a spool on the scratch disk, from which the writers of files read it.
 
 use super::files::{Buffered, SECTIONS, buffered, output};
+use super::outputs::Output;
 use super::types::{FileOutput, GenerateError, Request, Seconds};
 use crate::clock::Stopwatch;
 use crate::export::centreline::Centreline;
@@ -16,9 +17,9 @@ use std::io::{self, Read, Write};
 use std::path::PathBuf;
 
 /// Points of sections that are processed together, so that threads have enough to do.
-const BATCH_POINTS: usize = if cfg!(test) { 1 << 11 } else { 1 << 16 };
+const BATCH_POINTS: usize = if cfg!(test) { 1 << 11 } else { 1 << 15 };
 /// What errors of the spool name.
-const SPOOL: &str = "the surface on the scratch disk";
+pub(super) const SPOOL: &str = "the surface on the scratch disk";
 
 /// What has come of the model, but for the loft itself.
 pub(super) struct Stream {
@@ -73,7 +74,7 @@ impl Stream {
         let (spec, outputs) = (&request.spec, &request.outputs);
         let is_written = |unit: &LengthUnit| !outputs.bodies_in(*unit).is_empty();
         let units = LengthUnit::ALL.into_iter().filter(|unit| *unit == LengthUnit::Metre || is_written(unit));
-        let surface = LengthUnit::ALL.iter().any(is_written);
+        let surface = LengthUnit::ALL.iter().any(is_written) || outputs.has(Output::Lod);
         let spool = surface.then(|| SpoolWriter::new(&request.dir, BodyKind::Tissue)).transpose();
         let path = request.dir.join(SECTIONS);
         let file = buffered(&path).and_then(|file| SectionsWriter::new(file, &request.metadata(0)));
@@ -197,6 +198,6 @@ impl Stream {
     }
 }
 
-fn failed(name: &'static str) -> impl Fn(io::Error) -> GenerateError {
+pub(super) fn failed(name: &'static str) -> impl Fn(io::Error) -> GenerateError {
     move |source| GenerateError::Io { name: name.into(), source }
 }

@@ -264,11 +264,11 @@ fn progress_only_grows_and_names_every_stage() {
     assert_eq!((sink.sections.into_inner(), sink.reported.into_inner()), (13, 13));
 }
 
-/// Everything that can be streamed is; levels keep the surface in memory.
+/// Everything that can be streamed is; a label volume keeps the surface in memory.
 #[test]
 fn a_streamed_surface_has_the_files_of_one_in_memory() {
     let formats = |more: &[Output]| -> Outputs {
-        let streamed = Output::ALL.into_iter().filter(|output| ![Output::Lod, Output::Labels].contains(output));
+        let streamed = Output::ALL.into_iter().filter(|output| *output != Output::Labels);
         streamed.chain(more.iter().copied()).collect::<Vec<_>>().into()
     };
     let straight = json!({ "lean": { "strength_um": 0 } });
@@ -282,13 +282,13 @@ fn a_streamed_surface_has_the_files_of_one_in_memory() {
         let streamed = generate(&request, &sink, &CancelToken::default()).unwrap();
         let left: Vec<_> = std::fs::read_dir(dir.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
         assert_eq!(left.len(), streamed.files.len(), "{left:?}");
-        request.outputs = formats(&[Output::Lod]);
+        request.outputs = formats(&[Output::Labels]);
         let whole = generate(&request, &(), &CancelToken::default()).unwrap();
 
         for file in streamed.files.iter().filter(|file| file.name != "report.json") {
             assert!(whole.files.contains(file), "{}", file.name);
         }
-        assert_eq!(whole.files.len(), streamed.files.len() + 3);
+        assert_eq!(whole.files.len(), streamed.files.len() + 2);
         assert!(streamed.findings.morphometry == whole.findings.morphometry);
         assert_eq!(streamed.findings.surfaces.len(), 1, "the tissue in millimetres");
         assert!(alike(&json!(streamed.findings.surfaces), &json!(whole.findings.surfaces)));

@@ -1,6 +1,6 @@
 //! Distances of points from triangles, and the largest distance of many points from a surface.
 
-use super::bvh::{Bounds, Bvh, Search};
+use super::bvh::{Bounds, Bvh, Search, WIDTH};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -12,21 +12,33 @@ const CHUNK: usize = 1024;
 /// Triangles that follow each other should be close to each other.
 pub struct Triangles<F> {
     corners: F,
+    len: usize,
+    /// Of blocks of eight triangles, as that of the triangles would take more memory than these.
     bvh: Bvh,
 }
 
 impl<F: Fn(usize) -> [[f64; 3]; 3] + Sync> Triangles<F> {
     /// Builds the hierarchy of `len` triangles.
     pub fn new(len: usize, corners: F) -> Self {
-        let bvh = Bvh::build(len, |i| Bounds::of(corners(i)));
-        Self { corners, bvh }
+        let of_block = |block: usize| {
+            let own = block * WIDTH..len.min((block + 1) * WIDTH);
+            own.fold(Bounds::EMPTY, |all, i| all.with(&Bounds::of(corners(i))))
+        };
+        let bvh = Bvh::build(len.div_ceil(WIDTH), of_block);
+        Self { corners, len, bvh }
+    }
+
+    /// Squared distance of a point from the triangles of a block.
+    fn squared_distance(&self, point: [f64; 3], block: usize) -> f64 {
+        let own = block * WIDTH..self.len.min((block + 1) * WIDTH);
+        own.map(|i| squared_distance(point, (self.corners)(i))).fold(f64::INFINITY, f64::min)
     }
 
     /// The largest distance of any sample from the nearest triangle; infinite if there are none. `samples(i, visit)` calls
     /// `visit` with the samples of item `i`, of `items`.
     ///
     /// Exact, and the same for any number of threads. A sample matters only if it is farther away than any before: for most it
-    /// is enough that some triangle is within the largest distance so far. The first one tried is that of the sample before,
+    /// is enough that some triangle is within the largest distance so far. The first ones tried are those of the sample before,
     /// so samples that follow each other should be close to each other.
     pub fn farthest(&self, items: usize, samples: impl Fn(usize, &mut dyn FnMut([f64; 3])) + Sync) -> f64 {
         // Of positive numbers, the greater one has the greater bits.
@@ -35,9 +47,9 @@ impl<F: Fn(usize) -> [[f64; 3]; 3] + Sync> Triangles<F> {
             let mut hint = None;
             for item in chunk * CHUNK..items.min((chunk + 1) * CHUNK) {
                 samples(item, &mut |point| {
-                    let squared_distance = |i| squared_distance(point, (self.corners)(i));
+                    let squared_distance = |block| self.squared_distance(point, block);
                     let enough = f64::from_bits(largest.load(Ordering::Relaxed));
-                    if hint.is_some_and(|i| squared_distance(i) <= enough) {
+                    if hint.is_some_and(|block| squared_distance(block) <= enough) {
                         return;
                     }
                     let mut search = Search { squared_distance, enough, best: enough, item: None };

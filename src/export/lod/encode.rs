@@ -4,15 +4,14 @@
 //! indices three times smaller. Those of the full surface stay in the order of the loft: sorted, its file is a third larger
 //! (measured on the default model, as is the above).
 
-use super::full::{Full, Level, Part};
+use super::full::{Full, Level, number};
 use super::grid::Grid;
 use crate::export::Metadata;
 use crate::export::glb::scene::{Counts, Scene, accessor, buffer, buffer_view, primitive, write_head};
-use crate::model::{BodyKind, PatchKind};
+use crate::model::{self, BodyKind, PatchKind};
 use gltf_json as json;
 use json::accessor::{ComponentType, Type};
 use json::buffer::{Stride, Target};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::io::{self, Write};
@@ -65,15 +64,15 @@ struct Patch {
     high: [u16; 3],
     vertices: usize,
     triangles: usize,
-    positions: Vec<u8>,
-    normals: Vec<u8>,
-    indices: Vec<u8>,
+    positions: Box<[u8]>,
+    normals: Box<[u8]>,
+    indices: Box<[u8]>,
 }
 
 impl Encoded {
     pub(super) fn new(full: &Full<'_>, level: &Level<'_>) -> Self {
         let patches: Vec<Patch> =
-            full.parts.par_iter().zip(level).map(|(part, triangles)| Patch::new(full, part, triangles)).collect();
+            full.patches.iter().zip(level).map(|(patch, triangles)| Patch::new(full, patch, triangles)).collect();
         let triangles: usize = patches.iter().map(|patch| patch.triangles).sum();
         // A closed surface has half as many vertices as triangles, and as many more as its Euler number says.
         let vertices = (triangles as i64 / 2 + full.mesh.body.euler()) as usize;
@@ -155,34 +154,36 @@ impl Encoded {
 }
 
 impl Patch {
-    fn new(full: &Full<'_>, part: &Part, triangles: &[[u32; 3]]) -> Self {
+    fn new(full: &Full<'_>, patch: &model::Patch, triangles: &[[u32; 3]]) -> Self {
+        const FITS: &str = "the encoder is given the space it asks for";
         let mut indices = triangles.as_flattened().to_vec();
-        let mut corners = number(&mut indices, part.corners.start, part.corners.len());
-        if triangles.len() < part.triangles.len() {
-            meshopt::optimize_vertex_cache_in_place(&mut indices, corners.len());
-            let order = number(&mut indices, 0, corners.len());
-            corners = order.into_iter().map(|local| corners[local as usize]).collect();
+        let mut vertices = number(&mut indices);
+        if triangles.len() < patch.triangles.len() {
+            meshopt::optimize_vertex_cache_in_place(&mut indices, vertices.len());
+            let order = number(&mut indices);
+            vertices = order.into_iter().map(|local| vertices[local as usize]).collect();
         }
-        let cells = || corners.iter().map(|&corner| full.cells[full.vertices[corner as usize] as usize]);
+        // The encoders return buffers for the greatest size.
+        let fit = |bytes: meshopt::Result<Vec<u8>>| bytes.expect(FITS).into_boxed_slice();
+        let indices = fit(meshopt::encode_index_buffer(&std::mem::take(&mut indices), vertices.len()));
         let (mut low, mut high) = ([u16::MAX; 3], [0; 3]);
+        let cells = || vertices.iter().map(|&vertex| full.cells[vertex as usize]);
         for cell in cells() {
             low = std::array::from_fn(|axis| cell[axis].min(low[axis]));
             high = std::array::from_fn(|axis| cell[axis].max(high[axis]));
         }
-        let positions: Vec<[u8; VECTOR_BYTES]> = cells().map(padded).collect();
-        let normals: Vec<[u8; VECTOR_BYTES]> =
-            corners.iter().map(|&corner| padded(full.normals[corner as usize].map(i16::cast_unsigned))).collect();
-        const FITS: &str = "the encoder is given the space it asks for";
+        // Version 0 is the one of the extension; it has no levels of compression.
+        let encode = |vectors: Vec<[u8; VECTOR_BYTES]>| fit(meshopt::encode_vertex_buffer_level(&vectors, 0, Some(0)));
+        let normals = full.normals(patch, &vertices);
         Self {
-            kind: part.kind,
+            kind: patch.kind,
             low,
             high,
-            vertices: corners.len(),
+            vertices: vertices.len(),
             triangles: triangles.len(),
-            // Version 0 is the one of the extension; it has no levels of compression.
-            positions: meshopt::encode_vertex_buffer_level(&positions, 0, Some(0)).expect(FITS),
-            normals: meshopt::encode_vertex_buffer_level(&normals, 0, Some(0)).expect(FITS),
-            indices: meshopt::encode_index_buffer(&indices, corners.len()).expect(FITS),
+            positions: encode(cells().map(padded).collect()),
+            normals: encode(normals.into_iter().map(|normal| padded(normal.map(i16::cast_unsigned))).collect()),
+            indices,
         }
     }
 }
@@ -194,20 +195,4 @@ fn padded(vector: [u16; 3]) -> [u8; VECTOR_BYTES] {
         slot.copy_from_slice(&x.to_le_bytes());
     }
     bytes
-}
-
-/// Numbers the corners `first..first + count` in the order of their first use; returns the corner of each number.
-fn number(indices: &mut [u32], first: u32, count: usize) -> Vec<u32> {
-    const UNUSED: u32 = u32::MAX;
-    let mut numbers = vec![UNUSED; count];
-    let mut corners = Vec::new();
-    for index in indices {
-        let number = &mut numbers[(*index - first) as usize];
-        if *number == UNUSED {
-            *number = corners.len() as u32;
-            corners.push(*index);
-        }
-        *index = *number;
-    }
-    corners
 }

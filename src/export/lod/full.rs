@@ -1,72 +1,94 @@
-//! The full surface as the levels need it: patch by patch, with corners of their own, on the grid.
+//! The full surface as the levels need it: on the grid, with the normals of its vertices.
 
 use super::grid::{Cell, Grid};
-use crate::geometry::distance::Triangles;
-use crate::geometry::patch::{PatchGeometry, patch_geometry};
-use crate::model::{Mesh, PatchKind};
+use crate::geometry::patch::{Numbering, add, doubled_area_normal, patch_geometry, unit};
+use crate::model::{Mesh, Patch};
 use rayon::prelude::*;
 use std::borrow::Cow;
+use std::collections::HashMap;
 use std::ops::Range;
 
-/// The triangles of each patch, as corners of the full surface.
+/// Least number of vertices whose normals are summed at a time, and greatest number of such runs.
+const LEAST_RUN: usize = 1 << 16;
+const RUNS: usize = 16;
+
+/// The triangles of each patch that has some.
 pub(super) type Level<'a> = Vec<Cow<'a, [[u32; 3]]>>;
 
-/// The full surface. A corner is a vertex of one patch; patches that share a vertex have a corner each.
+/// The full surface. Its walls have no vertices in common.
 pub(super) struct Full<'a> {
     pub(super) mesh: &'a Mesh,
+    /// Patches that have triangles.
+    pub(super) patches: Vec<&'a Patch>,
     pub(super) grid: Grid,
-    /// Cell of each vertex of the mesh.
+    /// Cell of each vertex.
     pub(super) cells: Vec<Cell>,
-    /// Position of each vertex of the mesh, rounded to its cell.
-    pub(super) placed: Vec<[f32; 3]>,
-    /// Vertex of each corner.
-    pub(super) vertices: Vec<u32>,
-    /// Normal of each corner, in the space of the grid.
-    pub(super) normals: Vec<[i16; 3]>,
-    pub(super) parts: Vec<Part>,
-}
-
-/// A patch that has triangles.
-pub(super) struct Part {
-    pub(super) kind: PatchKind,
-    pub(super) corners: Range<u32>,
-    /// Triangles as corners, in the order of the mesh.
-    pub(super) triangles: Vec<[u32; 3]>,
-    /// The same triangles within [`Mesh::triangles`].
-    source: Range<usize>,
+    /// Normal of each vertex of a wall, in the space of the grid.
+    normals: Vec<[i16; 3]>,
 }
 
 impl<'a> Full<'a> {
     pub(super) fn new(mesh: &'a Mesh) -> Self {
         let grid = Grid::of(&mesh.positions);
-        let patches: Vec<_> = mesh.patches.iter().filter(|patch| !patch.triangles.is_empty()).collect();
-        let (cells, geometries) = rayon::join(
-            || grid.cells(&mesh.positions),
-            || patches.par_iter().map(|patch| patch_geometry(mesh, patch)).collect::<Vec<_>>(),
-        );
-        let placed = cells.par_iter().map(|cell| grid.position(*cell)).collect();
-        let normals =
-            geometries.par_iter().flat_map(|g| g.normals.par_iter().map(|normal| grid.normal(*normal))).collect();
-        let (mut vertices, mut parts) = (Vec::new(), Vec::new());
-        for (patch, PatchGeometry { vertices: own, mut triangles, .. }) in patches.into_iter().zip(geometries) {
-            let first = vertices.len() as u32;
-            vertices.extend(own);
-            triangles.par_iter_mut().for_each(|t| *t = t.map(|v| v + first));
-            let corners = first..vertices.len() as u32;
-            parts.push(Part { kind: patch.kind, corners, triangles, source: patch.triangles.clone() });
-        }
-        Self { mesh, grid, cells, placed, vertices, normals, parts }
+        let patches: Vec<&Patch> = mesh.patches.iter().filter(|patch| !patch.triangles.is_empty()).collect();
+        let cells = grid.cells(&mesh.positions);
+        // Some vertices at a time, because sums take more memory than all else.
+        let count = mesh.positions.len();
+        let run = LEAST_RUN.max(count.div_ceil(RUNS));
+        let of_run = |first: usize| normals(mesh, &patches, first..count.min(first + run), &grid);
+        let normals = (0..count.div_ceil(run)).into_par_iter().flat_map_iter(|k| of_run(k * run)).collect();
+        Self { mesh, patches, grid, cells, normals }
     }
 
     /// The level with all triangles.
-    pub(super) fn level(&self) -> Level<'_> {
-        self.parts.iter().map(|part| Cow::Borrowed(&part.triangles[..])).collect()
+    pub(super) fn level(&self) -> Level<'a> {
+        self.patches.iter().map(|patch| Cow::Borrowed(&self.mesh.triangles[patch.triangles.clone()])).collect()
     }
 
-    /// The triangles of a patch at full precision.
-    pub(super) fn hierarchy(&self, part: &Part) -> Triangles<impl Fn(usize) -> [[f64; 3]; 3] + Sync + use<'_, 'a>> {
-        let triangles = &self.mesh.triangles[part.source.clone()];
-        let corner = |v: u32| self.mesh.positions[v as usize].map(f64::from);
-        Triangles::new(triangles.len(), move |i| triangles[i].map(corner))
+    /// Position of a vertex, rounded to its cell.
+    pub(super) fn placed(&self, vertex: u32) -> [f32; 3] {
+        self.grid.position(self.cells[vertex as usize])
     }
+
+    /// Normals of vertices of a patch, in the space of the grid.
+    pub(super) fn normals(&self, patch: &Patch, vertices: &[u32]) -> Vec<[i16; 3]> {
+        if patch.kind.is_wall() {
+            return vertices.iter().map(|&v| self.normals[v as usize]).collect();
+        }
+        let geometry = patch_geometry(self.mesh, patch);
+        let normals: HashMap<u32, [f32; 3]> = geometry.vertices.into_iter().zip(geometry.normals).collect();
+        vertices.iter().map(|v| self.grid.normal(normals[v])).collect()
+    }
+}
+
+/// Normals of some vertices, of those that belong to a wall.
+fn normals(mesh: &Mesh, patches: &[&Patch], vertices: Range<usize>, grid: &Grid) -> Vec<[i16; 3]> {
+    let mut sums = vec![[0.0; 3]; vertices.len()];
+    for patch in patches.iter().filter(|patch| patch.kind.is_wall()) {
+        for triangle in &mesh.triangles[patch.triangles.clone()] {
+            if triangle.iter().any(|&v| vertices.contains(&(v as usize))) {
+                let normal = doubled_area_normal(triangle.map(|v| mesh.positions[v as usize]));
+                for v in triangle.map(|v| v as usize).into_iter().filter(|v| vertices.contains(v)) {
+                    add(&mut sums[v - vertices.start], normal);
+                }
+            }
+        }
+    }
+    sums.into_iter().map(|sum| grid.normal(unit(sum))).collect()
+}
+
+/// Numbers vertices in the order of their first use; returns the vertex of each number.
+pub(super) fn number(vertices: &mut [u32]) -> Vec<u32> {
+    let first = vertices.iter().copied().min().unwrap_or(0);
+    let end = vertices.iter().copied().max().map_or(0, |last| last + 1);
+    let (mut numbering, mut numbered) = (Numbering::default(), Vec::new());
+    numbering.advance(first, (end - first) as usize);
+    for vertex in vertices {
+        let (number, is_new) = numbering.number(*vertex);
+        if is_new {
+            numbered.push(*vertex);
+        }
+        *vertex = number;
+    }
+    numbered
 }

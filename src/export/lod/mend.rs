@@ -12,11 +12,9 @@ use std::collections::HashSet;
 const ROUNDS: usize = 8;
 
 /// Turns edges until the surface is sound and has the Euler number of its body; false if that cannot be achieved.
-///
-/// `vertices` names the vertex of each corner.
-pub(super) fn mend(level: &mut Level<'_>, vertices: &[u32], mesh: &Mesh) -> bool {
+pub(super) fn mend(level: &mut Level<'_>, mesh: &Mesh) -> bool {
     for _ in 0..ROUNDS {
-        let fans = Fans::new(level, vertices, mesh.positions.len());
+        let fans = Fans::new(level, mesh.positions.len());
         let unsound: Vec<u32> = (0..mesh.positions.len() as u32).filter(|&v| !is_cycle(&fans.link(v))).collect();
         if unsound.is_empty() {
             let used = fans.first.windows(2).filter(|pair| pair[0] < pair[1]).count() as i64;
@@ -25,7 +23,7 @@ pub(super) fn mend(level: &mut Level<'_>, vertices: &[u32], mesh: &Mesh) -> bool
         }
         let mut turned = HashSet::new();
         for v in unsound {
-            fans.turn_at(v, level, vertices, &mut turned);
+            fans.turn_at(v, level, &mut turned);
         }
         if turned.is_empty() {
             return false;
@@ -34,11 +32,10 @@ pub(super) fn mend(level: &mut Level<'_>, vertices: &[u32], mesh: &Mesh) -> bool
     false
 }
 
-/// A triangle that begins at a vertex: place of the triangle, and its corners from that vertex on.
+/// A triangle that begins at a vertex: place of the triangle, and its vertices from that one on.
 #[derive(Clone, Copy)]
 struct Blade {
     place: (usize, usize),
-    corners: [u32; 3],
     vertices: [u32; 3],
 }
 
@@ -47,15 +44,14 @@ struct Fans {
     /// Vertex `v` is a corner of the triangles `around[first[v]..first[v + 1]]`.
     first: Vec<u32>,
     around: Vec<u32>,
-    /// All triangles as vertices, and their places as patch and index.
+    /// All triangles, and where those of each patch end.
     triangles: Vec<[u32; 3]>,
     places: Vec<usize>,
 }
 
 impl Fans {
-    fn new(level: &Level<'_>, vertices: &[u32], count: usize) -> Self {
-        let triangles: Vec<[u32; 3]> =
-            level.iter().flat_map(|patch| patch.iter()).map(|t| t.map(|c| vertices[c as usize])).collect();
+    fn new(level: &Level<'_>, count: usize) -> Self {
+        let triangles: Vec<[u32; 3]> = level.iter().flat_map(|patch| patch.iter().copied()).collect();
         let mut first = vec![0; count + 1];
         triangles.as_flattened().iter().for_each(|&v| first[v as usize + 1] += 1);
         for v in 0..count {
@@ -85,23 +81,21 @@ impl Fans {
         self.of(v).iter().map(|&i| after(self.triangles[i as usize], v)).collect()
     }
 
-    /// The triangles around a vertex with their corners.
-    fn blades(&self, v: u32, level: &Level<'_>, vertices: &[u32]) -> Vec<Blade> {
+    /// The triangles around a vertex with their places.
+    fn blades(&self, v: u32) -> Vec<Blade> {
         let blade = |&i: &u32| {
             let patch = self.places.partition_point(|&end| end <= i as usize);
             let begin = if patch == 0 { 0 } else { self.places[patch - 1] };
             let place = (patch, i as usize - begin);
-            let [a, b, c] = level[patch][place.1];
-            let turns = [[a, b, c], [b, c, a], [c, a, b]];
-            let corners = turns.into_iter().find(|t| vertices[t[0] as usize] == v).unwrap_or([a, b, c]);
-            Blade { place, corners, vertices: corners.map(|c| vertices[c as usize]) }
+            let [b, c] = after(self.triangles[i as usize], v);
+            Blade { place, vertices: [v, b, c] }
         };
         self.of(v).iter().map(blade).collect()
     }
 
     /// Turns an edge of `a` that another edge doubles, if that joins the fans of both ends into one cycle each.
-    fn turn_at(&self, a: u32, level: &mut Level<'_>, vertices: &[u32], turned: &mut HashSet<u32>) {
-        let blades = self.blades(a, level, vertices);
+    fn turn_at(&self, a: u32, level: &mut Level<'_>, turned: &mut HashSet<u32>) {
+        let blades = self.blades(a);
         for t in &blades {
             let [_, b, c] = t.vertices;
             if blades.iter().filter(|other| other.vertices[1] == b).count() < 2 {
@@ -116,9 +110,8 @@ impl Fans {
                 let at_a = replaced(self.link(a), [[b, c], [d, b]], [d, c]);
                 let at_b = replaced(self.link(b), [[c, a], [a, d]], [c, d]);
                 if is_connected(&at_a) && is_connected(&at_b) {
-                    let ([ca, cb, cc], cd) = (t.corners, s.corners[1]);
-                    level[t.place.0].to_mut()[t.place.1] = [ca, cd, cc];
-                    level[s.place.0].to_mut()[s.place.1] = [cd, cb, cc];
+                    level[t.place.0].to_mut()[t.place.1] = [a, d, c];
+                    level[s.place.0].to_mut()[s.place.1] = [d, b, c];
                     turned.extend([a, b, c, d]);
                     return;
                 }

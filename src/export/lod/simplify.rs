@@ -2,19 +2,31 @@
 //!
 //! Walls are simplified one by one and keep the vertices of their borders; what closes the ends has no others and is kept as
 //! it is. So the patches of a level meet as those of the full surface do.
+//!
+//! The simplifier needs 70 bytes a triangle. A large wall is therefore simplified in pieces, which keep their borders as well, in
+//! two passes: the second has other pieces, within which most borders of the first lie. A smaller one is simplified at once, since
+//! collapses are then in order everywhere.
 
-use super::full::{Full, Level};
+use super::full::{Full, Level, number};
 use super::mend::mend;
 use meshopt::{SimplifyOptions, VertexDataAdapter, simplify};
 use rayon::prelude::*;
 use std::borrow::Cow;
+
+/// Most triangles of a piece, and of a wall that is simplified at once.
+const PIECE: usize = if cfg!(test) { 1 << 12 } else { 1 << 16 };
+pub(super) const AT_ONCE: usize = if cfg!(test) { 1 << 13 } else { 1 << 18 };
+/// At which part of a piece it is cut, in each pass.
+const CUTS: [f64; 2] = [0.5, 0.38];
+/// Triangles from which the place of a cut is estimated.
+const SAMPLE: usize = 1 << 12;
 
 /// The level of about `target` triangles made from a finer one, or a copy of that if it has no more.
 ///
 /// It has more triangles than asked for where collapses would tear the surface. If the result cannot be made a sound surface
 /// (see [`mend`]), it is the finer level.
 pub(super) fn coarser<'a>(full: &Full<'_>, finer: &Level<'a>, target: usize) -> Level<'a> {
-    let is_wall = |part: usize| full.parts[part].kind.is_wall();
+    let is_wall = |part: usize| full.patches[part].kind.is_wall();
     let count = |walls: bool| -> usize {
         finer.iter().enumerate().filter(|(part, _)| is_wall(*part) == walls).map(|(_, t)| t.len()).sum()
     };
@@ -24,11 +36,12 @@ pub(super) fn coarser<'a>(full: &Full<'_>, finer: &Level<'a>, target: usize) -> 
     if share >= 1.0 {
         return finer.clone();
     }
+    let positions = &full.mesh.positions[..];
     let of_part = |part: usize| -> Cow<'a, [[u32; 3]]> {
-        if is_wall(part) { collapse(full, part, &finer[part], share).into() } else { finer[part].clone() }
+        if is_wall(part) { collapse(positions, &finer[part], share).into() } else { finer[part].clone() }
     };
-    let mut level: Level<'a> = (0..finer.len()).into_par_iter().map(of_part).collect();
-    if mend(&mut level, &full.vertices, full.mesh) {
+    let mut level: Level<'a> = (0..finer.len()).map(of_part).collect();
+    if mend(&mut level, full.mesh) {
         return level;
     }
     tracing::warn!(target, "a simplified level is not a sound surface: it has the triangles of the finer one");
@@ -36,20 +49,114 @@ pub(super) fn coarser<'a>(full: &Full<'_>, finer: &Level<'a>, target: usize) -> 
 }
 
 /// A wall with about `share` of its triangles.
-fn collapse(full: &Full<'_>, part: usize, triangles: &[[u32; 3]], share: f64) -> Vec<[u32; 3]> {
-    let corners = &full.parts[part].corners;
-    let vertices = &full.vertices[corners.start as usize..corners.end as usize];
-    let points: Vec<[f32; 3]> = vertices.iter().map(|&v| full.mesh.positions[v as usize]).collect();
+fn collapse(positions: &[[f32; 3]], triangles: &[[u32; 3]], share: f64) -> Vec<[u32; 3]> {
+    if triangles.len() <= AT_ONCE {
+        return collapse_piece(positions, triangles, share);
+    }
+    let mut kept = Cow::Borrowed(triangles);
+    for (cut, share) in CUTS.into_iter().zip([share.sqrt(), share]) {
+        // The second pass makes up for what the first could not collapse.
+        let share = triangles.len() as f64 * share / kept.len() as f64;
+        let of_piece = |piece: &[u32]| {
+            let triangles: Vec<_> = piece.iter().map(|&i| kept[i as usize]).collect();
+            collapse_piece(positions, &triangles, share)
+        };
+        let mut order: Vec<u32> = (0..kept.len() as u32).collect();
+        let pieces: Vec<_> = pieces(positions, &kept, &mut order, cut).into_par_iter().map(of_piece).collect();
+        kept = Cow::Owned(pieces.concat());
+    }
+    kept.into_owned()
+}
+
+/// A piece of a wall with about `share` of its triangles.
+pub(super) fn collapse_piece(positions: &[[f32; 3]], triangles: &[[u32; 3]], share: f64) -> Vec<[u32; 3]> {
+    let mut indices = triangles.as_flattened().to_vec();
+    let vertices = number(&mut indices);
+    let points: Vec<[f32; 3]> = vertices.iter().map(|&v| positions[v as usize]).collect();
     let adapter = VertexDataAdapter::new(bytemuck::cast_slice(&points), size_of::<[f32; 3]>(), 0)
         .expect("positions are a whole number of items");
-    let indices: Vec<u32> = triangles.as_flattened().iter().map(|corner| corner - corners.start).collect();
     let target = (triangles.len() as f64 * share) as usize * 3;
-    let mut options = SimplifyOptions::LockBorder;
-    if triangles.len() < full.parts[part].triangles.len() {
-        options |= SimplifyOptions::Sparse;
-    }
     // The error is not limited: 1 is the extent of the surface.
-    let kept = simplify(&indices, &adapter, target, 1.0, options, None);
+    let kept = simplify(&indices, &adapter, target, 1.0, SimplifyOptions::LockBorder, None);
     let (kept, _) = kept.as_chunks::<3>();
-    kept.iter().map(|t| t.map(|local| local + corners.start)).collect()
+    kept.iter().map(|t| t.map(|local| vertices[local as usize])).collect()
+}
+
+/// Cuts a wall into pieces of at most [`PIECE`] triangles, each at `cut` of its triangles, across the axis along which the cut
+/// meets the fewest. The triangles of `order`, which are all at first, come into the order of pieces; those of a piece are in order.
+fn pieces<'a>(positions: &[[f32; 3]], triangles: &[[u32; 3]], order: &'a mut [u32], cut: f64) -> Vec<&'a [u32]> {
+    let (mut pieces, mut rest) = (Vec::new(), vec![order]);
+    while let Some(piece) = rest.pop() {
+        if piece.len() <= PIECE {
+            piece.sort_unstable();
+            pieces.push(&*piece);
+            continue;
+        }
+        let place = |axis: usize, i: u32| triangles[i as usize].map(|v| positions[v as usize][axis]);
+        let at = |axis: usize| {
+            let middle = |&i: &u32| place(axis, i).iter().sum::<f32>() / 3.0;
+            let mut sample: Vec<f32> = piece.iter().step_by(piece.len().div_ceil(SAMPLE)).map(middle).collect();
+            let nth = (sample.len() as f64 * cut) as usize;
+            *sample.select_nth_unstable_by(nth, f32::total_cmp).1
+        };
+        // How many corners of a triangle are below the cut.
+        let below = |(axis, plane): (usize, f32), i: u32| place(axis, i).iter().filter(|&&x| x < plane).count();
+        let met = |&plane: &(usize, f32)| piece.iter().filter(|&&i| below(plane, i) % 3 != 0).count();
+        let best = [0, 1, 2].map(|axis| (axis, at(axis))).into_iter().min_by_key(met).expect("there are three");
+        let mut first = 0;
+        for k in 0..piece.len() {
+            if below(best, piece[k]) >= 2 {
+                piece.swap(first, k);
+                first += 1;
+            }
+        }
+        if first == 0 || first == piece.len() {
+            first = piece.len() / 2;
+        }
+        let (lower, upper) = piece.split_at_mut(first);
+        rest.extend([upper, lower]);
+    }
+    pieces
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(12))]
+
+        #[test]
+        fn pieces_are_small_and_have_each_triangle_once(
+            positions in prop::collection::vec(prop::array::uniform3((-9i8..9).prop_map(f32::from)), 1..60),
+            count in 1..5 * PIECE,
+            seed in any::<u32>(),
+            cut in 0.2..0.8,
+        ) {
+            let vertex = |i: usize| (i as u32).wrapping_mul(seed | 1) % positions.len() as u32;
+            let triangles: Vec<[u32; 3]> = (0..count).map(|i| [i, i + 1, i + 7].map(vertex)).collect();
+            let mut order: Vec<u32> = (0..count as u32).collect();
+            let pieces = pieces(&positions, &triangles, &mut order, cut);
+            prop_assert!(pieces.iter().all(|piece| piece.len() <= PIECE && piece.is_sorted()));
+            prop_assert!(count <= PIECE || pieces.len() > 1);
+            order.sort_unstable();
+            prop_assert!(order.into_iter().eq(0..count as u32));
+        }
+    }
+
+    #[test]
+    fn a_tube_is_cut_lengthwise_where_that_meets_fewer_triangles() {
+        // Few rings of many vertices.
+        let mesh = crate::model::sample::tube(2000, 4, 0.0);
+        let wall = &mesh.triangles[mesh.patches[0].triangles.clone()];
+        let mut order: Vec<u32> = (0..wall.len() as u32).collect();
+        let pieces = pieces(&mesh.positions, wall, &mut order, 0.5);
+        let slabs = |piece: &&[u32]| {
+            let slab = |&i: &u32| wall[i as usize].map(|v| mesh.positions[v as usize][2].to_bits()).into_iter().min();
+            piece.iter().map(slab).collect::<std::collections::HashSet<_>>().len()
+        };
+        let slabs: Vec<usize> = pieces.iter().map(slabs).collect();
+        assert!(slabs.len() >= 4 && slabs.iter().all(|&slabs| slabs == 4), "{slabs:?}");
+    }
 }

@@ -3,7 +3,7 @@
 use super::{BUFFER, Spool};
 use crate::export::Metadata;
 use crate::export::shape::{Head, NamedPatch, Piece, Source};
-use crate::model::LengthUnit;
+use crate::model::{LengthUnit, Mesh, Patch};
 use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, BufReader, Read};
@@ -21,6 +21,33 @@ pub struct SpooledShape<'a> {
 }
 
 impl Spool {
+    /// All of the surface, in metres.
+    ///
+    /// # Errors
+    /// Those of reading.
+    pub fn mesh(&self) -> io::Result<Mesh> {
+        let mut positions = vec![[0.0f32; 3]; self.vertices as usize];
+        File::open(&self.positions)?.read_exact(bytemuck::cast_slice_mut(&mut positions))?;
+        let ends = (0..self.patches.len()).scan(0, |end, patch| {
+            *end += self.triangles(patch);
+            Some(*end)
+        });
+        let ends: Vec<usize> = ends.collect();
+        let mut triangles = vec![[0; 3]; ends.last().copied().unwrap_or(0)];
+        let (mut patches, mut start) = (Vec::new(), 0);
+        for ((file, &kind), end) in self.patches.iter().zip(self.body.patches()).zip(ends) {
+            File::open(file)?.read_exact(bytemuck::cast_slice_mut(&mut triangles[start..end]))?;
+            patches.push(Patch { kind, triangles: start..end });
+            start = end;
+        }
+        Ok(Mesh { body: self.body, positions, triangles, patches })
+    }
+
+    /// Number of triangles of a patch.
+    fn triangles(&self, patch: usize) -> usize {
+        self.batches.iter().map(|batch| batch.triangles[patch]).sum()
+    }
+
     /// The surface with positions in `unit`, rounded as [`LengthUnit::of_metres`] does.
     #[must_use]
     pub fn shape<'a>(&'a self, unit: LengthUnit, meta: &'a Metadata) -> SpooledShape<'a> {
@@ -33,7 +60,7 @@ impl Source for SpooledShape<'_> {
         let mut triangles = 0;
         let patches = self.spool.body.patches().iter().enumerate().map(|(patch, kind)| {
             let start = triangles;
-            triangles += self.spool.batches.iter().map(|batch| batch.triangles[patch]).sum::<usize>();
+            triangles += self.spool.triangles(patch);
             NamedPatch { name: kind.name(), triangles: start..triangles }
         });
         let patches = patches.collect();
