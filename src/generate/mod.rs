@@ -264,7 +264,7 @@ impl Finishing<'_> {
         let meta = self.request.metadata(of.sections);
         let is_written = |unit: &LengthUnit| !self.request.outputs.bodies_in(*unit).is_empty();
         let levels = spool.as_ref().filter(|_| self.request.outputs.has(Output::Lod));
-        let tissue = levels.map(|spool| spool.mesh().map_err(stream::failed(stream::SPOOL))).transpose()?;
+        let tissue = levels.map(stream::read_back).transpose()?;
         let mut surfaces: Vec<(_, _, Box<dyn Source + '_>)> = Vec::new();
         if let Some(spool) = &spool {
             for unit in LengthUnit::ALL.into_iter().filter(is_written) {

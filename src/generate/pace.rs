@@ -13,7 +13,8 @@ const STAGES: [Stage; 6] = [Stage::Simulate, Stage::Mesh, Stage::Certify, Stage:
 const LOFTED: [f64; 6] = [0.80, 0.82, 0.90, 0.93, 0.98, 1.0];
 const STREAMED: [f64; 6] = [0.92, 0.93, 0.94, 0.95, 0.98, 1.0];
 const EVEN: [f64; 6] = [0.10, 0.86, 0.93, 0.94, 0.98, 1.0];
-/// By what factor the other stages are a smaller fraction if levels of detail are exported.
+/// By what factor stages before the export are a smaller fraction with levels of detail, which take 55 % of the time of `paper` and
+/// 27 % of that of `pig`. Even surfaces take much longer to mesh.
 const WITH_LEVELS: f64 = 0.65;
 
 /// Converts steps into progress. The weight of a step is its number of particles.

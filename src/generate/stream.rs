@@ -11,7 +11,7 @@ use crate::export::spool::{Spool, SpoolWriter};
 use crate::measure::morphometry::Survey;
 use crate::measure::{Certificate, Chunk, StreamCertifier};
 use crate::mesh::Part;
-use crate::model::{BodyKind, LengthUnit, Section};
+use crate::model::{BodyKind, LengthUnit, Mesh, Section};
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::path::PathBuf;
@@ -19,7 +19,7 @@ use std::path::PathBuf;
 /// Points of sections that are processed together, so that threads have enough to do.
 const BATCH_POINTS: usize = if cfg!(test) { 1 << 11 } else { 1 << 15 };
 /// What errors of the spool name.
-pub(super) const SPOOL: &str = "the surface on the scratch disk";
+const SPOOL: &str = "the surface on the scratch disk";
 
 /// What has come of the model, but for the loft itself.
 pub(super) struct Stream {
@@ -198,6 +198,11 @@ impl Stream {
     }
 }
 
-pub(super) fn failed(name: &'static str) -> impl Fn(io::Error) -> GenerateError {
+/// The whole surface, for what cannot be made of parts of it.
+pub(super) fn read_back(spool: &Spool) -> Result<Mesh, GenerateError> {
+    spool.mesh().map_err(failed(SPOOL))
+}
+
+fn failed(name: &'static str) -> impl Fn(io::Error) -> GenerateError {
     move |source| GenerateError::Io { name: name.into(), source }
 }

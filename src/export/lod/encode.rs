@@ -165,7 +165,8 @@ impl Patch {
         }
         // The encoders return buffers for the greatest size.
         let fit = |bytes: meshopt::Result<Vec<u8>>| bytes.expect(FITS).into_boxed_slice();
-        let indices = fit(meshopt::encode_index_buffer(&std::mem::take(&mut indices), vertices.len()));
+        let encoded = fit(meshopt::encode_index_buffer(&indices, vertices.len()));
+        drop(indices);
         let (mut low, mut high) = ([u16::MAX; 3], [0; 3]);
         let cells = || vertices.iter().map(|&vertex| full.cells[vertex as usize]);
         for cell in cells() {
@@ -183,7 +184,7 @@ impl Patch {
             triangles: triangles.len(),
             positions: encode(cells().map(padded).collect()),
             normals: encode(normals.into_iter().map(|normal| padded(normal.map(i16::cast_unsigned))).collect()),
-            indices,
+            indices: encoded,
         }
     }
 }

@@ -3,7 +3,7 @@
 //! Walls are simplified one by one and keep the vertices of their borders; what closes the ends has no others and is kept as
 //! it is. So the patches of a level meet as those of the full surface do.
 //!
-//! The simplifier needs 70 bytes a triangle. A large wall is therefore simplified in pieces, which keep their borders as well, in
+//! The simplifier needs several times the memory of the triangles. A large wall is therefore simplified in pieces, which keep their borders as well, in
 //! two passes: the second has other pieces, within which most borders of the first lie. A smaller one is simplified at once, since
 //! collapses are then in order everywhere.
 

@@ -3,7 +3,7 @@
 use super::{BUFFER, Spool};
 use crate::export::Metadata;
 use crate::export::shape::{Head, NamedPatch, Piece, Source};
-use crate::model::{LengthUnit, Mesh, Patch};
+use crate::model::{LengthUnit, Mesh, Patch, PatchKind};
 use std::borrow::Cow;
 use std::fs::File;
 use std::io::{self, BufReader, Read};
@@ -28,24 +28,23 @@ impl Spool {
     pub fn mesh(&self) -> io::Result<Mesh> {
         let mut positions = vec![[0.0f32; 3]; self.vertices as usize];
         File::open(&self.positions)?.read_exact(bytemuck::cast_slice_mut(&mut positions))?;
-        let ends = (0..self.patches.len()).scan(0, |end, patch| {
-            *end += self.triangles(patch);
-            Some(*end)
-        });
-        let ends: Vec<usize> = ends.collect();
-        let mut triangles = vec![[0; 3]; ends.last().copied().unwrap_or(0)];
-        let (mut patches, mut start) = (Vec::new(), 0);
-        for ((file, &kind), end) in self.patches.iter().zip(self.body.patches()).zip(ends) {
-            File::open(file)?.read_exact(bytemuck::cast_slice_mut(&mut triangles[start..end]))?;
-            patches.push(Patch { kind, triangles: start..end });
-            start = end;
+        let patches = self.ranges();
+        let mut triangles = vec![[0; 3]; patches.last().map_or(0, |last| last.triangles.end)];
+        for (file, patch) in self.patches.iter().zip(&patches) {
+            File::open(file)?.read_exact(bytemuck::cast_slice_mut(&mut triangles[patch.triangles.clone()]))?;
         }
         Ok(Mesh { body: self.body, positions, triangles, patches })
     }
 
-    /// Number of triangles of a patch.
-    fn triangles(&self, patch: usize) -> usize {
-        self.batches.iter().map(|batch| batch.triangles[patch]).sum()
+    /// The patches, one after another.
+    fn ranges(&self) -> Vec<Patch> {
+        let mut end = 0;
+        let of_patch = |(patch, &kind): (usize, &PatchKind)| {
+            let start = end;
+            end += self.batches.iter().map(|batch| batch.triangles[patch]).sum::<usize>();
+            Patch { kind, triangles: start..end }
+        };
+        self.body.patches().iter().enumerate().map(of_patch).collect()
     }
 
     /// The surface with positions in `unit`, rounded as [`LengthUnit::of_metres`] does.
@@ -57,13 +56,10 @@ impl Spool {
 
 impl Source for SpooledShape<'_> {
     fn head(&self) -> Head<'_> {
-        let mut triangles = 0;
-        let patches = self.spool.body.patches().iter().enumerate().map(|(patch, kind)| {
-            let start = triangles;
-            triangles += self.spool.triangles(patch);
-            NamedPatch { name: kind.name(), triangles: start..triangles }
-        });
-        let patches = patches.collect();
+        let ranges = self.spool.ranges();
+        let triangles = ranges.last().map_or(0, |last| last.triangles.end);
+        let named = |Patch { kind, triangles }| NamedPatch { name: kind.name(), triangles };
+        let patches = ranges.into_iter().map(named).collect();
         let vertices = self.spool.vertices as usize;
         Head { name: self.spool.body.name(), vertices, triangles, patches, unit: self.unit, meta: Some(self.meta) }
     }
