@@ -2,11 +2,13 @@
 // src/sim/cpu/integrate.rs.
 //
 // A dispatch is one evaluation of all forces; the first of a step rebuilds neighbour lists that are no longer valid.
-// A workgroup computes a block of 16 particles with 16 threads per particle: thread (particle, lane) gathers from segment
-// `lane` of each listed block, in ascending order, so that partial sums run in lane j mod 16 and are reduced in the
-// order of the CPU. Meanwhile threads of other subgroups compute the local forces and the sway. One thread per particle then
-// adds them and moves the particle to the next stage, in a buffer that this dispatch does not read. A list that is invalid, or was too long, is not used: its particle visits
-// all blocks, with the same sums.
+// A workgroup computes a block of 16 particles with 8 threads per particle, one for each slice: segment j is in slice j mod 8. The
+// segments on the block's list are copied to shared memory, some at a time; each thread visits those of its slice, ascending, after
+// those of the block itself. So sums depend neither on the list nor on when it was built. Then threads of other subgroups compute
+// the local forces and the sway, and one thread per particle adds everything and moves the particle to the next stage, in a buffer
+// that this dispatch does not read. A block whose list is invalid, or was too long, visits all segments, with the same sums.
+//
+// How many workgroups a multiprocessor holds depends on their shared memory, so arrays serve more than one purpose.
 //
 // The step of the outer loop runs in the dispatch of the first evaluation of the next step, in a workgroup of its own: no
 // stage of the inner loop reads the wall, and the first evaluation changes nothing that the wall reads (`reach`, rows,
@@ -22,18 +24,27 @@ const SHARE: f32 = 0.45;
 // Least and greatest limit of a move, µm.
 const LEAST_MOVE: f32 = 1e-5;
 const GREATEST_MOVE: f32 = 5.0;
-// Stride of the partial sums of a particle in shared memory: one unused word, to avoid bank conflicts.
-const STRIDE: u32 = 17u;
+// Coordinate of segments that fill the rest of a slice, µm: beyond all ranges, so that they add zeros.
+const DISTANT: f32 = 1e15;
 
-var<workgroup> lane_sum: array<vec2<f32>, LANES * STRIDE>;
-var<workgroup> lane_near: array<f32, LANES * STRIDE>;
-// For each particle: squared displacement since the lists were built, squared elliptic radius, whether its move was
-// shortened.
+// Segments of a slice in shared memory.
+const SHELF: u32 = 24u;
+// Parts of an evaluation that threads of different subgroups compute are this many slices apart.
+const APART: u32 = SLICES / 4u;
+
+// Positions of the particle before the block, its own, and the one after it.
+var<workgroup> chain: array<vec2<f32>, LANES + 2>;
+// Segments of each slice, some at a time; then the partial sum of a force and the greatest 1/d by slice and particle.
+var<workgroup> lines: array<vec4<f32>, SLICES * SHELF>;
+var<workgroup> inverses: array<f32, SLICES * SHELF>;
+// For each particle: squared displacement since the lists were built, and since the step began; squared elliptic radius, whether
+// its move was shortened.
 var<workgroup> far: array<f32, LANES>;
+var<workgroup> strayed: array<f32, LANES>;
 var<workgroup> wide: array<f32, LANES>;
 var<workgroup> shortened: array<u32, LANES>;
-// Whether each particle visited all blocks.
-var<workgroup> searched: array<u32, LANES>;
+// Whether each particle moved too far for the list of its block.
+var<workgroup> astray: array<u32, LANES>;
 // Local forces and sway of each particle.
 var<workgroup> local_sum: array<vec2<f32>, LANES>;
 var<workgroup> sway_sum: array<vec2<f32>, LANES>;
@@ -75,8 +86,8 @@ struct Look {
     count: u32,
     // The greatest displacement of a particle since the lists were built, µm.
     moved: f32,
-    // A list is valid if its own particle moved by no more than this: both displacements and the growth of the ranges
-    // together are within the skin.
+    // A list is valid if the particles of its block moved by no more than this: both displacements and the growth of the
+    // ranges together are within the skin.
     own: f32,
     // Whether the lists are to be built first. All workgroups decide alike: the state read at the first evaluation changes
     // in later dispatches only.
@@ -94,30 +105,28 @@ fn look_at_member(member: u32) -> Look {
     if built != NONE {
         own = SKIN - 0.01 - widened(member, now.row, built) - moved;
     }
-    if EVALUATION == 0u && !(built != NONE && own - moved >= SPARE - 0.01) {
+    // The stages of this step move particles about as far as those of the last one.
+    let strayed = sqrt(bitcast<f32>(atomicLoad(&states[member].strayed[(now.row + 1u) % 2u])));
+    if EVALUATION == 0u && !(built != NONE && own - moved >= 2.0 * strayed + SPARE) {
         // Their state after the build.
         return Look(n, 0.0, SKIN - 0.01, true);
     }
     return Look(n, select(0.0, moved, built != NONE), own, false);
 }
 
-// Whether the list of particle i, which is at `p`, is valid.
-fn holds(member: u32, look: Look, i: u32, p: vec2<f32>) -> bool {
-    if look.moved <= look.own {
-        return true;
-    }
-    let d = p - vector(member, BUILT, i);
-    return sqrt(d.x * d.x + d.y * d.y) <= look.own;
+// Whether particle i moved too far for the list of its block.
+fn is_astray(member: u32, look: Look, i: u32) -> bool {
+    let d = source(member, i) - vector(member, BUILT, i);
+    return sqrt(d.x * d.x + d.y * d.y) > look.own;
 }
 
-// Reduces the 16 partial sums of a particle, from f on, in the order of the CPU: by halves. Written out, so that no array
-// is indexed dynamically.
-fn reduced(f: u32) -> vec2<f32> {
-    let a = (lane_sum[f] + lane_sum[f + 8u]) + (lane_sum[f + 4u] + lane_sum[f + 12u]);
-    let b = (lane_sum[f + 2u] + lane_sum[f + 10u]) + (lane_sum[f + 6u] + lane_sum[f + 14u]);
-    let c = (lane_sum[f + 1u] + lane_sum[f + 9u]) + (lane_sum[f + 5u] + lane_sum[f + 13u]);
-    let d = (lane_sum[f + 3u] + lane_sum[f + 11u]) + (lane_sum[f + 7u] + lane_sum[f + 15u]);
-    return (a + b) + (c + d);
+// The sum of the slices of a particle.
+fn reduced(part: u32) -> vec2<f32> {
+    var sum = lines[part].xy;
+    for (var s = 1u; s < SLICES; s++) {
+        sum += lines[s * LANES + part].xy;
+    }
+    return sum;
 }
 
 @compute @workgroup_size(BLOCK_THREADS)
@@ -144,27 +153,22 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     }
     let row = row_index(member, now.row);
     let team = thread / LANES;
-    let gatherer = block * LANES + team;
-    if gatherer < n {
-        gather(member, n, row, look, gatherer, thread);
-    } else {
-        searched[team] = 0u;
-    }
-    // What does not depend on these sums, by the first half of one subgroup each; then one thread per particle.
     let part = thread % LANES;
     let i = block * LANES + part;
+    gather(member, n, row, look, block, thread);
+    // What does not depend on these sums, by a part of one subgroup each; then one thread per particle.
     var own: Own;
     if i < n {
         if thread < LANES {
             own = own_of(member, n, i);
-        } else if team == THREADS / LANES {
-            local_sum[part] = local_forces(member, n, row, i);
-        } else if team == 2u * THREADS / LANES && rows[row].sway != 0.0 {
+        } else if team == APART {
+            local_sum[part] = local_forces(member, n, row, i, part);
+        } else if team == 2u * APART && rows[row].sway != 0.0 {
             if EVALUATION == 0u {
                 set_vector(member, SWAY, i, sway(member, now.row, position(member, i)));
             }
             sway_sum[part] = vector(member, SWAY, i);
-        } else if EVALUATION == 0u && team == 3u * THREADS / LANES {
+        } else if EVALUATION == 0u && team == 3u * APART {
             // Clears the entry of segment i for the next step; that of the previous step is not read any more.
             atomicStore(&near[near_slot(member, now.row + 1u, i)], 0u);
         }
@@ -175,10 +179,10 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
         if i < n {
             advance(member, row, own, i, thread);
         }
-    } else if EVALUATION == 0u && team == THREADS / LANES && i < n {
+    } else if EVALUATION == 0u && team == APART && i < n {
         var greatest = 0.0;
-        for (var l = 0u; l < LANES; l++) {
-            greatest = max(greatest, lane_near[part * STRIDE + l]);
+        for (var s = 0u; s < SLICES; s++) {
+            greatest = max(greatest, lines[s * LANES + part].z);
         }
         // The clearance of the vertex; those of its segments need all workgroups.
         store(member, CLEARANCE, i, greatest);
@@ -193,19 +197,11 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
         }
         if EVALUATION == 1u {
             states[member].built = states[member].built_next;
+            atomicStore(&states[member].strayed[(now.row + 1u) % 2u], 0u);
         }
     }
     if !EULER && block * LANES < n {
         summarize(member, n, block, thread);
-    }
-    if thread == LANES {
-        var any = 0u;
-        for (var l = 0u; l < LANES; l++) {
-            any |= searched[l];
-        }
-        if any != 0u {
-            atomicAdd(&states[member].full_searches, 1u);
-        }
     }
 }
 
@@ -234,50 +230,90 @@ fn guard(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     }
 }
 
-// Sums the forces of segment `thread` mod 16 of each block on particle i; at the first evaluation also the clearance.
-fn gather(member: u32, n: u32, row: u32, look: Look, i: u32, thread: u32) {
-    let lane = thread % LANES;
-    let before = select(i - 1u, n - 1u, i == 0u);
-    let after = select(i + 1u, 0u, i + 1u == n);
-    let p = source(member, i);
-    let normal = normal_of(source(member, before), source(member, after));
-    let terms = pair_terms(row, p, normal, load(member, current(SCALE), i));
-    let on_list = scalars[slot(member, COUNT, i)];
-    let use_list = on_list <= LIST && holds(member, look, i, p);
-    let count = select((n + LANES - 1u) / LANES, on_list, use_list);
-    let list = list_slot(member, i);
-    var sum = PairSum(vec2<f32>(0.0), 0.0);
-    // Four blocks at a time, so that their loads are in flight together.
-    for (var k = 0u; k < count; k += 4u) {
-        let ordinal = k + vec4<u32>(0u, 1u, 2u, 3u);
-        var blocks = ordinal;
-        if use_list {
-            blocks = lists[list + k / 4u];
+// Segment j at this evaluation.
+fn segment_of(member: u32, n: u32, j: u32) -> Segment {
+    return segment_between(source(member, j), source(member, select(j + 1u, 0u, j + 1u == n)));
+}
+
+// Sums the forces of a slice on a particle; at the first evaluation also the clearance.
+fn gather(member: u32, n: u32, row: u32, look: Look, block: u32, thread: u32) {
+    let first = block * LANES;
+    if first >= n {
+        return;
+    }
+    let slice = thread / LANES;
+    let part = thread % LANES;
+    let i = first + part;
+    if thread < LANES + 2u {
+        chain[thread] = source(member, (first + n - 1u + thread) % n);
+    }
+    var reader = Reader(false, slice, list_slot(member, block, slice));
+    var count = scalars[slot(member, COUNT, first + slice)];
+    // Of the slice with the most segments.
+    var most = scalars[slot(member, COUNT, first + SLICES)];
+    reader.all = most > LIST;
+    if look.moved > look.own {
+        if thread < LANES {
+            astray[thread] = u32(i < n && is_astray(member, look, i));
         }
-        let j = blocks * LANES + lane;
-        let counts = (ordinal < vec4<u32>(count)) & (j < vec4<u32>(n)) & (j != vec4<u32>(i)) & (j != vec4<u32>(before));
-        // Those that do not count are read where there is something to read.
-        let first = select(vec4<u32>(i), j, counts);
-        let next = select(first + 1u, vec4<u32>(0u), first + 1u == vec4<u32>(n));
-        let a0 = source(member, first.x);
-        let a1 = source(member, first.y);
-        let a2 = source(member, first.z);
-        let a3 = source(member, first.w);
-        let b0 = source(member, next.x);
-        let b1 = source(member, next.y);
-        let b2 = source(member, next.z);
-        let b3 = source(member, next.w);
-        sum = with_segment(member, terms, sum, counts.x, first.x, a0, b0);
-        sum = with_segment(member, terms, sum, counts.y, first.y, a1, b1);
-        sum = with_segment(member, terms, sum, counts.z, first.z, a2, b2);
-        sum = with_segment(member, terms, sum, counts.w, first.w, a3, b3);
+        workgroupBarrier();
+        for (var l = 0u; l < LANES; l++) {
+            reader.all |= astray[l] != 0u;
+        }
     }
-    let at = (thread / LANES) * STRIDE + lane;
-    lane_sum[at] = sum.force;
-    lane_near[at] = sum.greatest;
-    if lane == 0u {
-        searched[thread / LANES] = u32(!use_list);
+    if reader.all {
+        most = (n + SLICES - 1u) / SLICES;
+        count = (n + SLICES - 1u - slice) / SLICES;
     }
+    var terms: PairTerms;
+    var sum = PairSum(vec2<f32>(0.0), 0.0);
+    for (var begin = 0u; begin < max(most, 1u); begin += SHELF) {
+        workgroupBarrier();
+        for (var k = part; k < min(SHELF, count - min(begin, count)); k += LANES) {
+            let j = segment_number(reader, begin + k);
+            var segment = Segment(vec4<f32>(DISTANT, DISTANT, 0.0, 0.0), 0.0);
+            if !reader.all || !is_own(n, first, j) {
+                segment = segment_of(member, n, j);
+            }
+            lines[slice * SHELF + k] = segment.line;
+            inverses[slice * SHELF + k] = segment.inverse;
+        }
+        workgroupBarrier();
+        if begin == 0u {
+            let normal = normal_of(chain[part], chain[part + 2u]);
+            terms = pair_terms(row, chain[part + 1u], normal, load(member, current(SCALE), min(i, n - 1u)));
+            sum = own_segments(member, n, terms, first, slice, part);
+        }
+        let end = select(0u, min(SHELF, count - min(begin, count)), i < n);
+        var k = 0u;
+        // Two at a time, so that the arithmetic of one hides the latency of the other.
+        for (; k + 1u < end; k += 2u) {
+            sum = with_listed(member, terms, sum, reader, begin, k);
+            sum = with_listed(member, terms, sum, reader, begin, k + 1u);
+        }
+        if k < end {
+            sum = with_listed(member, terms, sum, reader, begin, k);
+        }
+    }
+    workgroupBarrier();
+    lines[thread] = vec4<f32>(sum.force, sum.greatest, 0.0);
+    if reader.all && thread == 0u {
+        atomicAdd(&states[member].full_searches, 1u);
+    }
+}
+
+// Which segments of a slice a block visits: all, or those on its list.
+struct Reader {
+    all: bool,
+    slice: u32,
+    list: u32,
+}
+
+fn segment_number(reader: Reader, k: u32) -> u32 {
+    if reader.all {
+        return k * SLICES + reader.slice;
+    }
+    return lists[reader.list + k];
 }
 
 // Force of the segments so far, and the greatest 1/d.
@@ -286,29 +322,52 @@ struct PairSum {
     greatest: f32,
 }
 
-// The sum with segment j from a to b, if it counts.
-fn with_segment(member: u32, terms: PairTerms, sum: PairSum, counts: bool, j: u32, a: vec2<f32>, b: vec2<f32>) -> PairSum {
-    if !counts {
-        return sum;
-    }
-    let force = pair_force(terms, a, b);
+fn added(sum: PairSum, force: vec3<f32>) -> PairSum {
     if EVALUATION != 0u {
         return PairSum(sum.force + force.xy, 0.0);
-    }
-    // Segments farther away affect no clearance.
-    if force.z > 1.0 / CLEARANCE_CAP {
-        atomicMax(&near[near_slot(member, now.row, j)], bitcast<u32>(force.z));
     }
     return PairSum(sum.force + force.xy, max(sum.greatest, force.z));
 }
 
+// Whether the clearance of the ends of a segment depends on a particle this near.
+fn is_close(inverse: f32) -> bool {
+    return EVALUATION == 0u && inverse > 1.0 / CLEARANCE_CAP;
+}
+
+// The sum with the force of a segment in shared memory.
+fn with_listed(member: u32, terms: PairTerms, sum: PairSum, reader: Reader, begin: u32, k: u32) -> PairSum {
+    let at = reader.slice * SHELF + k;
+    let force = pair_force(terms, Segment(lines[at], inverses[at]));
+    if is_close(force.z) {
+        atomicMax(&near[near_slot(member, now.row, segment_number(reader, begin + k))], bitcast<u32>(force.z));
+    }
+    return added(sum, force);
+}
+
+// The sum of the segments of the block and of the one before it, other than those that end at the particle.
+fn own_segments(member: u32, n: u32, terms: PairTerms, first: u32, slice: u32, part: u32) -> PairSum {
+    var sum = PairSum(vec2<f32>(0.0), 0.0);
+    let count = select(0u, min(LANES, n - first), first + part < n);
+    // Segment k of these ends at particle k of the block.
+    for (var k = slice; k <= count; k += SLICES) {
+        if k != part && k != part + 1u && count > 0u {
+            let force = pair_force(terms, segment_between(chain[k], chain[k + 1u]));
+            if is_close(force.z) {
+                atomicMax(&near[near_slot(member, now.row, (first + n - 1u + k) % n)], bitcast<u32>(force.z));
+            }
+            sum = added(sum, force);
+        }
+    }
+    return sum;
+}
+
 // Forces on particle i from its neighbours in the chain and from the region.
-fn local_forces(member: u32, n: u32, row: u32, i: u32) -> vec2<f32> {
+fn local_forces(member: u32, n: u32, row: u32, i: u32, part: u32) -> vec2<f32> {
     let before = select(i - 1u, n - 1u, i == 0u);
     let after = select(i + 1u, 0u, i + 1u == n);
-    let p0 = source(member, before);
-    let p1 = source(member, i);
-    let p2 = source(member, after);
+    let p0 = chain[part];
+    let p1 = chain[part + 1u];
+    let p2 = chain[part + 2u];
     let v0 = source_velocity(member, before);
     let v1 = source_velocity(member, i);
     let v2 = source_velocity(member, after);
@@ -371,7 +430,7 @@ fn within(displacement: vec2<f32>, limit: f32) -> vec2<f32> {
 
 // Moves particle i to the next stage, at most as far as it can move in a step.
 fn advance(member: u32, row: u32, own: Own, i: u32, thread: u32) {
-    var a = reduced(thread * STRIDE) + local_sum[thread];
+    var a = reduced(thread) + local_sum[thread];
     if rows[row].sway != 0.0 {
         a += sway_sum[thread];
     }
@@ -391,6 +450,8 @@ fn advance(member: u32, row: u32, own: Own, i: u32, thread: u32) {
     let weight = select(2.0, 1.0, EVALUATION == 2u);
     let to = STAGE + 2u * (EVALUATION % 2u);
     let p = own.position + within(h * own.here, GREATEST_MOVE);
+    let stray = p - own.position;
+    strayed[thread] = stray.x * stray.x + stray.y * stray.y;
     let v = own.velocity + h * a;
     set_vector(member, to, i, p);
     set_vector(member, to + 1u, i, v);
@@ -439,6 +500,7 @@ fn conclude(member: u32, row: u32, own: Own, free: f32, i: u32, thread: u32, sum
 
 fn clear_summary(thread: u32) {
     far[thread] = 0.0;
+    strayed[thread] = 0.0;
     wide[thread] = 0.0;
     shortened[thread] = 0u;
 }
@@ -453,14 +515,21 @@ fn summarize(member: u32, n: u32, block: u32, thread: u32) {
         }
         atomicMax(&states[member].moved[moved_slot(EVALUATION + 1u)], bitcast<u32>(moved));
     }
-    if last && thread == THREADS {
+    if last && thread == APART * LANES {
         var reach = 0.0;
         for (var l = 0u; l < LANES; l++) {
             reach = max(reach, wide[l]);
         }
         atomicMax(&states[member].reach, bitcast<u32>(reach));
     }
-    if last && thread == 2u * THREADS {
+    if !last && thread == APART * LANES {
+        var greatest = 0.0;
+        for (var l = 0u; l < LANES; l++) {
+            greatest = max(greatest, strayed[l]);
+        }
+        atomicMax(&states[member].strayed[now.row % 2u], bitcast<u32>(greatest));
+    }
+    if last && thread == 2u * APART * LANES {
         var cuts = 0u;
         for (var l = 0u; l < LANES; l++) {
             cuts += shortened[l];
@@ -469,7 +538,7 @@ fn summarize(member: u32, n: u32, block: u32, thread: u32) {
             atomicAdd(&states[member].shortened, cuts);
         }
     }
-    if last && thread == 3u * THREADS {
+    if last && thread == 3u * APART * LANES {
         var extent = vec4<f32>(spots[0], spots[0]);
         for (var l = 1u; l < min(LANES, n - block * LANES); l++) {
             extent = vec4<f32>(min(extent.xy, spots[l]), max(extent.zw, spots[l]));

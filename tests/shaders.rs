@@ -135,6 +135,7 @@ fn structures_are_laid_out_alike() {
                 broken,
                 halted,
                 moved,
+                strayed,
                 reach,
                 widest,
                 built,
@@ -166,8 +167,9 @@ fn constant(module: &Module, name: &str) -> Literal {
 const OUTLINES: [(&str, f32); 2] = [("DIRECTIONS", DIRECTIONS as f32), ("QUADRANT", (DIRECTIONS / 4) as f32)];
 
 /// Constants of the layout that the host also has.
-const SHARED: [(&str, u32); 15] = [
+const SHARED: [(&str, u32); 16] = [
     ("LANES", LANES as u32),
+    ("SLICES", layout::SLICES),
     ("BLOCK_THREADS", layout::BLOCK_THREADS),
     ("THREADS", layout::THREADS),
     ("LOOP_THREADS", layout::LOOP_THREADS),
@@ -192,8 +194,8 @@ const OWN_SCALARS: [&str; 5] = ["CLEARANCE", "COUNT", "WINNER", "BEFORE", "LIGHT
 const OWN_VECTORS: [(&str, u32); 6] =
     [("STAGE", 4), ("SUM", 1), ("FIRST", 1), ("MIDDLE", 1), ("BUILT", 1), ("SWAY", 1)];
 const OWN_OUTER_FIELDS: [(&str, u32); 3] = [("WALL_PULL_X", 1), ("WALL_PULL_Y", 1), ("WALL_OLD", 5)];
-/// … the distance of lists beyond the skin, and a stride in shared memory.
-const OWN: [&str; 2] = ["SPARE", "STRIDE"];
+/// … a part of the skin, a coordinate beyond all ranges, sizes in shared memory, and how work is divided among threads.
+const OWN: [&str; 6] = ["SPARE", "DISTANT", "SHELF", "WORDS", "SLICE_MASK", "APART"];
 
 /// Random streams used by shaders.
 const STREAMS: [(&str, Stream); 2] = [("STREAM_CONTORTION", Stream::Contortion), ("STREAM_GROWTH", Stream::Growth)];
@@ -206,8 +208,7 @@ fn constants_are_the_same() {
             assert_eq!(constant(&module, name), Literal::U32(value), "{name} in {}", shader.name);
         }
     }
-    assert_eq!(layout::BLOCK_THREADS as usize, LANES * LANES);
-    assert_eq!(layout::BLOCK_THREADS, layout::LOOP_THREADS, "a workgroup of `integrate` does a step of the outer loop");
+    assert_eq!(layout::BLOCK_THREADS, layout::SLICES * LANES as u32);
 }
 
 #[test]
@@ -273,7 +274,8 @@ fn no_constant_and_no_structure_is_left_out() {
             assert!(compared.contains(name), "{name} of {} is compared with nothing", shader.name);
         }
         // Structures of shaders only: arguments and results of functions.
-        let known = ["StepRow", "Batch", "Member", "Status", "Now", "PairTerms", "PairSum", "Look", "Own"];
+        let known =
+            ["StepRow", "Batch", "Member", "Status", "Now", "Segment", "PairTerms", "PairSum", "Reader", "Look", "Own"];
         for (_, found) in module.types.iter().filter(|(_, t)| matches!(t.inner, TypeInner::Struct { .. })) {
             let name = found.name.as_deref().unwrap_or_default();
             assert!(known.contains(&name), "{name} of {} is compared with nothing", shader.name);

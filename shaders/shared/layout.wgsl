@@ -1,15 +1,17 @@
 // Shared by all stages: constants, structures, bindings, and the layout of the fields of a particle. The counterpart of
 // src/sim/gpu/layout.rs and src/sim/layout.rs; tests/shaders.rs compares them.
 
-// Particles of a block, and partial sums of a force.
+// Particles of a block.
 const LANES: u32 = 16u;
-// Threads of a workgroup that computes a block: one per particle and lane.
-const BLOCK_THREADS: u32 = 256u;
+// Partial sums of a force: segment j is summed in slice j mod SLICES.
+const SLICES: u32 = 8u;
+// Threads of a workgroup that computes a block: one per particle and slice.
+const BLOCK_THREADS: u32 = 128u;
 // Threads of a workgroup that compute one particle each.
 const THREADS: u32 = 64u;
 // Threads of a workgroup that computes a whole loop.
 const LOOP_THREADS: u32 = 256u;
-// Blocks that the list of a particle can hold; a particle that needs more visits all blocks.
+// Segments of a slice that the list of a block can hold; a block that needs more visits all segments.
 const LIST: u32 = 64u;
 // No row, no edge.
 const NONE: u32 = 0xFFFFFFFFu;
@@ -110,6 +112,8 @@ struct Status {
     halted: u32,
     // Bits of the greatest squared displacement since the lists were built, at each evaluation of a step.
     moved: array<atomic<u32>, 4>,
+    // Bits of the greatest squared distance of a stage from the start of its step, in even and in odd rows.
+    strayed: array<atomic<u32>, 2>,
     // Bits of the greatest squared elliptic radius of the inner loop.
     reach: atomic<u32>,
     // Bits of the greatest range scale, at least 1.
@@ -155,8 +159,7 @@ struct Now {
 @group(0) @binding(7) var<storage, read_write> extents: array<vec4<f32>>;
 // Bits of the greatest 1/d of each segment of a member: first those of even rows, then those of odd rows.
 @group(0) @binding(8) var<storage, read_write> near: array<atomic<u32>>;
-// Four blocks each.
-@group(0) @binding(9) var<storage, read_write> lists: array<vec4<u32>>;
+@group(0) @binding(9) var<storage, read_write> lists: array<u32>;
 @group(0) @binding(10) var<storage, read_write> wall: array<u32>;
 @group(0) @binding(11) var<storage, read_write> record_out: array<u32>;
 var<immediate> now: Now;
@@ -167,7 +170,8 @@ const REST: u32 = 1u;
 const SIGN: u32 = 2u;
 const SCALE: u32 = 3u;
 const COPIED_SCALARS: u32 = 4u;
-// Scalars with one copy, after both copies of the others. Clearance at the start of the last step, blocks on the list …
+// Scalars with one copy, after both copies of the others. Clearance at the start of the last step, segments on the list of a
+// block (in each slice, and the most of a slice) …
 const CLEARANCE: u32 = 8u;
 const COUNT: u32 = 9u;
 // … of each run of a growth event: the edge to split or NONE, and splits in the runs before …

@@ -2,7 +2,7 @@
 // src/sim/cpu/neighbours.rs.
 
 // Distance by which lists reach beyond the range, µm.
-const SKIN: f32 = 24.0;
+const SKIN: f32 = 20.0;
 // Larger clearances count as this one, µm.
 const CLEARANCE_CAP: f32 = 12.0;
 

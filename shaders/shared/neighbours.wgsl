@@ -1,21 +1,30 @@
-// Neighbour search: for each particle the blocks of segments within its range plus a skin, ascending; counterpart of
-// src/sim/cpu/neighbours.rs (`lists`).
+// Neighbour search: for each block of particles the segments within the range of one of them plus a skin, ascending in each
+// slice; counterpart of src/sim/cpu/neighbours.rs. The segments of the block itself and the one before it are not listed: every
+// evaluation visits them.
 //
-// It is the first part of the first evaluation of a step: the workgroup of a block rebuilds the lists of its particles if
-// those of the member are not valid with a margin, so that the host need not decide. If a list becomes invalid within the
-// step nevertheless, `integrate` detects it, and the particle visits all blocks.
+// It is the first part of the first evaluation of a step: the workgroup of a block rebuilds its list if those of the member are not
+// valid with a margin, so that the host need not decide. If a list becomes invalid within the step nevertheless, `integrate`
+// detects it, and the block visits all segments.
 
-// Part of the skin reserved for the moves of the stages of one step, µm.
-const SPARE: f32 = 4.0;
+// Part of the skin reserved for moves in the stages of a step that are greater than those of the last step, µm.
+const SPARE: f32 = 1.0;
+// Words that hold one bit for each thread.
+const WORDS: u32 = BLOCK_THREADS / 32u;
+// One bit for each lane of slice 0.
+const SLICE_MASK: u32 = 0xFFFFu / ((1u << SLICES) - 1u);
 
 // Whether the lists of a member are to be built; all workgroups decide alike.
 var<workgroup> stale: u32;
-// Bounding boxes of blocks: least x, least y, greatest x, greatest y; one unused entry after every 16, to avoid bank conflicts.
-var<workgroup> boxes: array<vec4<f32>, LANES * STRIDE>;
-// Number of blocks that each thread has found for its particle.
-var<workgroup> found: array<u32, BLOCK_THREADS>;
-// The lists, before they are stored four blocks at a time.
-var<workgroup> listed: array<u32, LANES * LIST>;
+// Positions of the particles of the block, and the squares of their ranges with the skin; negative if there is none.
+var<workgroup> seekers: array<vec3<f32>, LANES>;
+// Of the blocks that the threads test: one bit for each that is near …
+var<workgroup> near_blocks: array<atomic<u32>, WORDS>;
+// … those, ascending …
+var<workgroup> candidates: array<u32, BLOCK_THREADS>;
+// … and one bit for each segment of theirs that is near.
+var<workgroup> near_segments: array<atomic<u32>, BLOCK_THREADS>;
+// The most segments of a slice.
+var<workgroup> most_listed: atomic<u32>;
 
 fn extent_slot(member: u32, block: u32) -> u32 {
     return member * (batch.capacity / LANES) + block;
@@ -40,72 +49,124 @@ fn segment_bounds(member: u32, n: u32, block: u32, known: bool) -> vec4<f32> {
     return bounds;
 }
 
-// The first four blocks on the list of particle i.
-fn list_slot(member: u32, i: u32) -> u32 {
-    return (member * batch.capacity + i) * (LIST / 4u);
+// The first segment on the list of a slice of a block.
+fn list_slot(member: u32, block: u32, slice: u32) -> u32 {
+    return ((member * (batch.capacity / LANES) + block) * SLICES + slice) * LIST;
 }
 
-// Builds the lists of the particles of a block with 16 threads per particle. Reads positions, which no workgroup changes
-// in this dispatch, and writes the lists of these particles only.
+// Whether a segment belongs to the block that begins with particle `first`, or ends there.
+fn is_own(n: u32, first: u32, j: u32) -> bool {
+    return (j >= first && j < first + LANES) || j == select(first - 1u, n - 1u, first == 0u);
+}
+
+// Whether one of the block's particles is near segment j.
+fn is_sought(member: u32, n: u32, j: u32) -> bool {
+    let a = position(member, j);
+    let segment = segment_between(a, position(member, select(j + 1u, 0u, j + 1u == n)));
+    let d = segment.line.zw;
+    var sought = false;
+    for (var k = 0u; k < LANES; k++) {
+        let r = seekers[k].xy - a;
+        let q = r - clamp((r.x * d.x + r.y * d.y) * segment.inverse, 0.0, 1.0) * d;
+        sought |= q.x * q.x + q.y * q.y <= seekers[k].z;
+    }
+    return sought;
+}
+
+// Builds the list of a block. Reads positions, which no workgroup changes in this dispatch, and writes the list of this block
+// only.
 fn build_lists(member: u32, n: u32, block: u32, thread: u32) {
     let known = states[member].built != NONE;
     let lane = thread % LANES;
-    let team = thread - lane;
-    let i = block * LANES + thread / LANES;
+    let slice = lane % SLICES;
+    let team = thread / LANES;
+    let first = block * LANES;
     let blocks = (n + LANES - 1u) / LANES;
-    var p = vec2<f32>(0.0);
-    var range = 0.0;
-    if i < n {
-        let row = row_index(member, now.row);
-        p = position(member, i);
-        range = max(range_max(row) * load(member, current(SCALE), i), least_sight(row)) + SKIN;
-        if lane == 0u {
-            set_vector(member, BUILT, i, p);
+    if thread < LANES {
+        var seeker = vec3<f32>(0.0, 0.0, -1.0);
+        if first + thread < n {
+            let row = row_index(member, now.row);
+            let p = position(member, first + thread);
+            let scale = load(member, current(SCALE), first + thread);
+            let range = max(range_max(row) * scale, least_sight(row)) + SKIN;
+            seeker = vec3<f32>(p, range * range);
+            set_vector(member, BUILT, first + thread, p);
         }
+        seekers[thread] = seeker;
     }
-    let list = (thread / LANES) * LIST;
-    var all = 0u;
-    for (var tile = 0u; tile < blocks; tile += BLOCK_THREADS) {
-        if tile + thread < blocks {
-            boxes[(thread / LANES) * STRIDE + lane] = segment_bounds(member, n, tile + thread, known);
-        }
-        workgroupBarrier();
-        // Sixteen blocks per thread, one bit for each that is near enough.
-        var near_enough = 0u;
-        for (var k = 0u; k < LANES; k++) {
-            if i < n && tile + lane * LANES + k < blocks {
-                let bounds = boxes[lane * STRIDE + k];
-                let d = max(max(bounds.xy - p, p - bounds.zw), vec2<f32>(0.0));
-                near_enough |= u32(d.x * d.x + d.y * d.y <= range * range) << k;
-            }
-        }
-        found[thread] = countOneBits(near_enough);
-        workgroupBarrier();
-        // After the blocks that the threads before it have found.
-        var at = all;
-        for (var l = 0u; l < LANES; l++) {
-            at += select(0u, found[team + l], l < lane);
-            all += found[team + l];
-        }
-        while near_enough != 0u {
-            if at < LIST {
-                listed[list + at] = tile + lane * LANES + firstTrailingBit(near_enough);
-            }
-            at++;
-            near_enough &= near_enough - 1u;
-        }
+    if thread == 0u {
+        atomicStore(&most_listed, 0u);
     }
     workgroupBarrier();
-    if i < n {
-        if 4u * lane < all {
-            // After the end of the list its last block again, which `gather` does not count.
-            let at = list + min(4u * lane + vec4<u32>(0u, 1u, 2u, 3u), vec4<u32>(min(all, LIST) - 1u));
-            lists[list_slot(member, i) + lane] = vec4<u32>(listed[at.x], listed[at.y], listed[at.z], listed[at.w]);
+    var box = vec4<f32>(seekers[0].xy, seekers[0].xy);
+    var square = seekers[0].z;
+    for (var k = 1u; k < min(LANES, n - first); k++) {
+        let p = seekers[k].xy;
+        box = vec4<f32>(min(box.xy, p), max(box.zw, p));
+        square = max(square, seekers[k].z);
+    }
+    let list = list_slot(member, block, slice);
+    var count = 0u;
+    for (var tile = 0u; tile < blocks; tile += BLOCK_THREADS) {
+        if thread < WORDS {
+            atomicStore(&near_blocks[thread], 0u);
         }
-        if lane == 0u {
-            // A count above the capacity marks a list that is not used.
-            scalars[slot(member, COUNT, i)] = all;
+        workgroupBarrier();
+        var is_near = false;
+        if tile + thread < blocks {
+            let bounds = segment_bounds(member, n, tile + thread, known);
+            let d = max(max(bounds.xy - box.zw, box.xy - bounds.zw), vec2<f32>(0.0));
+            is_near = d.x * d.x + d.y * d.y <= square;
         }
+        if is_near {
+            atomicOr(&near_blocks[thread / 32u], 1u << (thread % 32u));
+        }
+        workgroupBarrier();
+        var before = 0u;
+        var all = 0u;
+        for (var w = 0u; w < WORDS; w++) {
+            let bits = atomicLoad(&near_blocks[w]);
+            let lower = select(0u, bits & ((1u << (thread % 32u)) - 1u), w == thread / 32u);
+            before += countOneBits(select(lower, bits, w < thread / 32u));
+            all += countOneBits(bits);
+        }
+        if is_near {
+            candidates[before] = tile + thread;
+        }
+        atomicStore(&near_segments[thread], 0u);
+        workgroupBarrier();
+        for (var c = team; c < all; c += SLICES) {
+            let j = candidates[c] * LANES + lane;
+            if j < n && !is_own(n, first, j) && is_sought(member, n, j) {
+                atomicOr(&near_segments[c], 1u << lane);
+            }
+        }
+        workgroupBarrier();
+        // Segments of a slice are stored after those of the candidates before.
+        var next = 0u;
+        for (var c = team; c < all; c += SLICES) {
+            for (; next < c; next++) {
+                count += countOneBits(atomicLoad(&near_segments[next]) & (SLICE_MASK << slice));
+            }
+            let bits = atomicLoad(&near_segments[c]);
+            let at = count + countOneBits(bits & (SLICE_MASK << slice) & ((1u << lane) - 1u));
+            if (bits & (1u << lane)) != 0u && at < LIST {
+                lists[list + at] = candidates[c] * LANES + lane;
+            }
+        }
+        for (; next < all; next++) {
+            count += countOneBits(atomicLoad(&near_segments[next]) & (SLICE_MASK << slice));
+        }
+        workgroupBarrier();
+    }
+    if thread < SLICES {
+        atomicMax(&most_listed, count);
+        scalars[slot(member, COUNT, first + thread)] = count;
+    }
+    workgroupBarrier();
+    if thread == 0u {
+        // One above the capacity marks a list that is not used.
+        scalars[slot(member, COUNT, first + SLICES)] = atomicLoad(&most_listed);
     }
     // Threads of this workgroup read what other threads of it wrote.
     storageBarrier();

@@ -1,7 +1,7 @@
 // The outer loop: spring, containment to its own lobed ellipse, friction; twin of src/sim/cpu/outer.rs.
 //
-// One workgroup per member. The inner loop never reads the outer one, so a step of the wall may run beside the first
-// evaluation of the next step.
+// One workgroup per member, which keeps its sums in `inverses` and `lines` of integrate.wgsl. The inner loop never reads the
+// outer one, so a step of the wall may run beside the first evaluation of the next step.
 
 // Greatest move in a step along each axis, µm, unless the inner loop forces a greater one.
 const MOVE: f32 = 5.0;
@@ -18,8 +18,6 @@ const WIDEST: f32 = 1.6;
 // Least chord between the directions of two neighbours over the mean one.
 const NARROWEST: f32 = 0.1;
 
-var<workgroup> wall_lengths: array<f32, LOOP_THREADS>;
-var<workgroup> wall_reaches: array<f32, LOOP_THREADS>;
 var<workgroup> wall_burden: f32;
 
 fn wall_slot(member: u32, field: u32, i: u32) -> u32 {
@@ -107,35 +105,35 @@ fn step_outer(member: u32, at: u32, thread: u32) {
     let row = row_index(member, at);
     let next_row = row_index(member, at + 1u);
     var partial = 0.0;
-    for (var i = thread; i < n; i += LOOP_THREADS) {
+    for (var i = thread; i < n; i += BLOCK_THREADS) {
         partial += length(wall2(member, WALL_X, (i + 1u) % n) - wall2(member, WALL_X, i));
     }
-    wall_lengths[thread] = partial;
+    inverses[thread] = partial;
     // Edges may leave a region that is not convex, so that particles alone do not tell how far the inner loop reaches.
     var reach = 0.0;
     if is_shaped(member) && n > 0u {
         let inner = states[member].inner;
         let flatten = vec2<f32>(1.0, 1.0 / rows[next_row].squash);
-        for (var i = thread; i < inner; i += LOOP_THREADS) {
+        for (var i = thread; i < inner; i += BLOCK_THREADS) {
             let a = position(member, i) * flatten;
             let b = position(member, (i + 1u) % inner) * flatten;
             reach = max(reach, region_extent(member, next_row, wall_depth(next_row), a, b).y);
         }
     }
-    wall_reaches[thread] = reach;
+    lines[thread].x = reach;
     if thread == 0u {
         wall_burden = sqrt(bitcast<f32>(atomicExchange(&states[member].reach, 0u)));
     }
     workgroupBarrier();
     var perimeter = 0.0;
     var burden = select(wall_burden, 0.0, is_shaped(member));
-    for (var t = 0u; t < LOOP_THREADS; t++) {
-        perimeter += wall_lengths[t];
-        burden = max(burden, wall_reaches[t]);
+    for (var t = 0u; t < BLOCK_THREADS; t++) {
+        perimeter += inverses[t];
+        burden = max(burden, lines[t].x);
     }
     burden += rows[next_row].margin;
     let rest = TAUT * perimeter / f32(n);
-    for (var i = thread; i < n; i += LOOP_THREADS) {
+    for (var i = thread; i < n; i += BLOCK_THREADS) {
         let d = wall2(member, WALL_X, (i + 1u) % n) - wall2(member, WALL_X, i);
         let v = wall2(member, WALL_VX, (i + 1u) % n) - wall2(member, WALL_VX, i);
         let edge = max(sqrt(d.x * d.x + d.y * d.y), 1e-6);
@@ -149,7 +147,7 @@ fn step_outer(member: u32, at: u32, thread: u32) {
     let lowest = burden / max(cos_turns(1.0 / f32(n)), 0.5);
     let squash = rows[next_row].squash;
     let narrowest = NARROWEST * 6.2831853 / f32(n);
-    for (var i = thread; i < n; i += LOOP_THREADS) {
+    for (var i = thread; i < n; i += BLOCK_THREADS) {
         let p = wall2(member, WALL_X, i);
         let flattened = vec2<f32>(p.x, p.y / squash);
         let elliptic = max(sqrt(flattened.x * flattened.x + flattened.y * flattened.y), 1e-6);
@@ -188,7 +186,7 @@ fn step_outer(member: u32, at: u32, thread: u32) {
     }
     storageBarrier();
     // Push particles out whose edges would come nearer to the origin than the inner loop reaches.
-    for (var i = thread; i < n; i += LOOP_THREADS) {
+    for (var i = thread; i < n; i += BLOCK_THREADS) {
         let own = wall_direction(member, WALL_OLD, i, squash);
         let behind = wall_direction(member, WALL_OLD, (i + n - 1u) % n, squash);
         let ahead = wall_direction(member, WALL_OLD, (i + 1u) % n, squash);

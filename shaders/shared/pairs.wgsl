@@ -3,6 +3,17 @@
 // Smaller squared distances count as zero.
 const TINY: f32 = 1e-12;
 
+// A segment: its first point and the way to the second, and the inverse of its squared length.
+struct Segment {
+    line: vec4<f32>,
+    inverse: f32,
+}
+
+fn segment_between(a: vec2<f32>, b: vec2<f32>) -> Segment {
+    let d = b - a;
+    return Segment(vec4<f32>(a, d), 1.0 / (d.x * d.x + d.y * d.y + TINY));
+}
+
 // Inputs of the force on one particle besides the segments.
 struct PairTerms {
     p: vec2<f32>,
@@ -25,11 +36,11 @@ fn pair_terms(row: u32, p: vec2<f32>, normal: vec2<f32>, scale: f32) -> PairTerm
     );
 }
 
-// Force of the segment from a to b, and 1/d.
-fn pair_force(t: PairTerms, a: vec2<f32>, b: vec2<f32>) -> vec3<f32> {
-    let d = b - a;
-    let r = t.p - a;
-    let along = clamp((r.x * d.x + r.y * d.y) / (d.x * d.x + d.y * d.y + TINY), 0.0, 1.0);
+// Force of a segment, and 1/d.
+fn pair_force(t: PairTerms, segment: Segment) -> vec3<f32> {
+    let d = segment.line.zw;
+    let r = t.p - segment.line.xy;
+    let along = clamp((r.x * d.x + r.y * d.y) * segment.inverse, 0.0, 1.0);
     let q = r - along * d;
     let square = max(q.x * q.x + q.y * q.y, TINY);
     let inverse = inverseSqrt(square);

@@ -2,12 +2,11 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// Segments in a block of a neighbour list of a GPU, and number of partial sums of a force: segment j is summed in lane
-/// `j mod LANES`, and lanes are reduced in a fixed order.
+/// Particles, and segments, of a block on a GPU.
 pub const LANES: usize = 16;
 
 /// Distance by which the lists of a GPU reach beyond the range of the forces, µm.
-pub(super) const DEVICE_SKIN: f32 = 24.0;
+pub(super) const DEVICE_SKIN: f32 = 20.0;
 
 /// All parameters of one time step, sampled from the schedules (physical meaning in [`crate::spec`]).
 #[repr(C)]

@@ -9,7 +9,7 @@ use super::device::GpuDevice;
 use super::error::GpuError;
 use super::memory::Memory;
 use super::pace::{FIRST_STEPS, Pace, Patience};
-use super::record::Record;
+use super::record::Arrival;
 use super::ring::Ring;
 use super::sizes::Sizes;
 use crate::clock::Stopwatch;
@@ -259,9 +259,12 @@ impl<'a> Run<'a> {
                 self.ring.collect();
                 let begun = self.watch.seconds();
                 for _ in 0..chunk.records {
-                    let record = self.ring.take()?;
-                    self.report.bytes_back += 4 * record.words.len() as u64;
-                    self.deliver(&record, sink);
+                    let (plans, running) = (self.plans, &self.running);
+                    let (time, bytes, arrivals) = self
+                        .ring
+                        .take(|record| (record.time, 4 * record.words.len() as u64, record.arrivals(plans, running)))?;
+                    self.report.bytes_back += bytes;
+                    self.deliver(time, arrivals, sink);
                 }
                 for member in (0..self.plans.len()).filter(|&m| self.running[m]) {
                     sink.progress(member, chunk.time, self.particles[member]);
@@ -326,25 +329,23 @@ impl<'a> Run<'a> {
         Ok(true)
     }
 
-    fn deliver(&mut self, record: &Record, sink: &mut dyn BatchSink) {
-        for member in 0..self.plans.len() {
-            if !self.running[member] {
-                continue;
-            }
-            let plan = &self.plans[member];
-            let entry = record.member(member);
-            if let Some(error) = entry.fault(plan) {
-                self.stop(member);
-                sink.failed(member, error);
-                continue;
-            }
-            self.particles[member] = entry.particles();
-            sink.progress(member, record.time, entry.particles());
-            let checkpoint = entry.checkpoint();
-            sink.section(member, checkpoint.section(plan), checkpoint);
-            if record.time == self.course.last() {
+    fn deliver(&mut self, time: i64, arrivals: Vec<Option<Result<Arrival, SimError>>>, sink: &mut dyn BatchSink) {
+        for (member, arrival) in arrivals.into_iter().enumerate() {
+            let Some(arrival) = arrival else { continue };
+            let Arrival { particles, section, checkpoint, statistics } = match arrival {
+                Ok(arrival) => arrival,
+                Err(error) => {
+                    self.stop(member);
+                    sink.failed(member, error);
+                    continue;
+                }
+            };
+            self.particles[member] = particles;
+            sink.progress(member, time, particles);
+            sink.section(member, section, checkpoint);
+            if time == self.course.last() {
                 self.running[member] = false;
-                sink.finished(member, entry.statistics(plan));
+                sink.finished(member, statistics);
             }
         }
     }

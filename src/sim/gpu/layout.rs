@@ -3,13 +3,15 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// Threads of a workgroup that computes a block of [`crate::sim::LANES`] particles, one per particle and lane.
-pub const BLOCK_THREADS: u32 = 256;
+/// Partial sums of a force: segment j is summed in slice j mod `SLICES`.
+pub const SLICES: u32 = 8;
+/// Threads of a workgroup that computes a block of [`crate::sim::LANES`] particles, one per particle and slice.
+pub const BLOCK_THREADS: u32 = 128;
 /// Threads of a workgroup that compute one particle each.
 pub const THREADS: u32 = 64;
 /// Threads of a workgroup that computes a whole loop.
 pub const LOOP_THREADS: u32 = 256;
-/// Blocks that the neighbour list of a particle can hold; a particle that needs more visits all blocks.
+/// Segments of a slice that the neighbour list of a block can hold; a block that needs more visits all segments.
 pub const LIST: u32 = 64;
 /// No row, no edge.
 pub const NONE: u32 = u32::MAX;
@@ -104,6 +106,8 @@ pub struct Status {
     pub halted: u32,
     /// Bits of the greatest squared displacement since the lists were built, at each evaluation.
     pub moved: [u32; 4],
+    /// Bits of the greatest squared distance of a stage from the start of its step, in even and in odd rows.
+    pub strayed: [u32; 2],
     /// Bits of the greatest squared elliptic radius.
     pub reach: u32,
     /// Bits of the greatest range scale, at least 1.

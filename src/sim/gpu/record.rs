@@ -1,20 +1,31 @@
 //! Reads a record as packed by `record.wgsl`.
 
 use super::layout::{HEADER, NONE, RECORDED_INNER, RECORDED_OUTER};
+use crate::model::Section;
 use crate::sim::{Checkpoint, InnerLoop, OuterLoop, Plan, SimError, Statistics};
+use rayon::prelude::*;
 
 /// A record of all members at one step.
 #[derive(Debug)]
-pub(super) struct Record {
+pub(super) struct Record<'a> {
     pub(super) time: i64,
     /// Particles of each loop for which it has room.
     pub(super) extent: u32,
     pub(super) outer_extent: u32,
-    pub(super) words: Vec<u32>,
+    pub(super) words: &'a [u32],
+}
+
+/// What a record holds of a member, copied.
+#[derive(Debug)]
+pub(super) struct Arrival {
+    pub(super) particles: u32,
+    pub(super) section: Section,
+    pub(super) checkpoint: Checkpoint,
+    pub(super) statistics: Statistics,
 }
 
 /// The part of a record for one member.
-pub(super) struct Entry<'a> {
+struct Entry<'a> {
     time: i64,
     header: &'a [u32],
     inner: &'a [u32],
@@ -23,8 +34,14 @@ pub(super) struct Entry<'a> {
     outer_extent: usize,
 }
 
-impl Record {
-    pub(super) fn member(&self, member: usize) -> Entry<'_> {
+impl<'a> Record<'a> {
+    /// Copies the parts of the members for which `wanted`, in parallel.
+    pub(super) fn arrivals(&self, plans: &[Plan], wanted: &[bool]) -> Vec<Option<Result<Arrival, SimError>>> {
+        let copy = |(member, plan): (usize, &Plan)| wanted[member].then(|| self.member(member).arrival(plan));
+        plans.par_iter().enumerate().map(copy).collect()
+    }
+
+    fn member(&self, member: usize) -> Entry<'a> {
         let (extent, outer_extent) = (self.extent as usize, self.outer_extent as usize);
         let inner = RECORDED_INNER as usize * extent;
         let stride = HEADER as usize + inner + RECORDED_OUTER as usize * outer_extent;
@@ -35,18 +52,27 @@ impl Record {
 }
 
 impl Entry<'_> {
+    fn arrival(&self, plan: &Plan) -> Result<Arrival, SimError> {
+        if let Some(error) = self.fault(plan) {
+            return Err(error);
+        }
+        let checkpoint = self.checkpoint();
+        let section = checkpoint.section(plan);
+        Ok(Arrival { particles: self.particles(), section, checkpoint, statistics: self.statistics(plan) })
+    }
+
     /// Particles of both loops.
-    pub(super) fn particles(&self) -> u32 {
+    fn particles(&self) -> u32 {
         self.header[0] + self.header[1]
     }
 
     /// The error of a member with a position that is not finite.
-    pub(super) fn fault(&self, plan: &Plan) -> Option<SimError> {
+    fn fault(&self, plan: &Plan) -> Option<SimError> {
         let row = self.header[6];
         (row != NONE).then(|| SimError::NotFinite { step: i64::from(row) - i64::from(plan.burn_in) + 1 })
     }
 
-    pub(super) fn statistics(&self, plan: &Plan) -> Statistics {
+    fn statistics(&self, plan: &Plan) -> Statistics {
         let last = plan.at(i64::from(plan.steps));
         Statistics {
             splits_deferred: u64::from(self.header[3]),
@@ -57,7 +83,7 @@ impl Entry<'_> {
         }
     }
 
-    pub(super) fn checkpoint(&self) -> Checkpoint {
+    fn checkpoint(&self) -> Checkpoint {
         let (n, outer) = (self.header[0] as usize, self.header[1] as usize);
         let field = |k: usize| &self.inner[k * self.extent..k * self.extent + n];
         let real = |k: usize| -> Vec<f32> { field(k).iter().map(|&w| f32::from_bits(w)).collect() };

@@ -125,16 +125,17 @@ impl Ring {
         }
     }
 
-    /// The next record; its submission must be done.
-    pub(super) fn take(&mut self) -> Result<Record, GpuError> {
+    /// Reads the next record; its submission must be done.
+    pub(super) fn take<R>(&mut self, read: impl FnOnce(&Record<'_>) -> R) -> Result<R, GpuError> {
         let (slot, receiver) = self.mapped.pop_front().ok_or_else(|| lost("no record is expected"))?;
         // The submission is complete, but another thread that polls the device may not have run the callback yet.
         if receiver.recv_timeout(ANSWER) != Ok(true) {
             return Err(lost("a staging buffer could not be mapped"));
         }
-        let words = read(&slot.buffer, slot.bytes)?;
-        self.free.push(slot.buffer);
-        Ok(Record { time: slot.time, extent: slot.extent, outer_extent: slot.outer_extent, words })
+        let Slot { buffer, time, extent, outer_extent, bytes } = slot;
+        let result = look(&buffer, bytes, |words| read(&Record { time, extent, outer_extent, words }))?;
+        self.free.push(buffer);
+        Ok(result)
     }
 
     /// Seconds in compute passes, of those timestamps that were read back so far.
@@ -191,9 +192,11 @@ impl Clock {
                 self.mapped.push_front((buffer, passes, receiver));
                 return;
             }
-            let Ok(words) = read(&buffer, u64::from(16 * passes)) else { return };
-            let ticks: Vec<u64> = words.chunks_exact(2).map(|w| u64::from(w[0]) | u64::from(w[1]) << 32).collect();
-            let taken: u64 = ticks.chunks_exact(2).map(|t| t[1].saturating_sub(t[0])).sum();
+            let ticks = |w: &[u32]| u64::from(w[0]) | u64::from(w[1]) << 32;
+            let sum = |words: &[u32]| -> u64 {
+                words.chunks_exact(4).map(|pass| ticks(&pass[2..]).saturating_sub(ticks(pass))).sum()
+            };
+            let Ok(taken) = look(&buffer, u64::from(16 * passes), sum) else { return };
             self.seconds += taken as f64 * self.period * 1e-9;
             self.free.push(buffer);
         }
@@ -214,12 +217,12 @@ fn request(buffer: &wgpu::Buffer, bytes: u64) -> Receiver<bool> {
     receiver
 }
 
-/// The words of a mapped buffer, which is then unmapped.
-fn read(buffer: &wgpu::Buffer, bytes: u64) -> Result<Vec<u32>, GpuError> {
-    let words = match buffer.get_mapped_range(0..bytes) {
-        Ok(view) => bytemuck::pod_collect_to_vec(&view[..]),
+/// Shows the words of a mapped buffer, which is then unmapped.
+fn look<R>(buffer: &wgpu::Buffer, bytes: u64, read: impl FnOnce(&[u32]) -> R) -> Result<R, GpuError> {
+    let result = match buffer.get_mapped_range(0..bytes) {
+        Ok(view) => read(bytemuck::cast_slice(&view)),
         Err(error) => return Err(lost(&error.to_string())),
     };
     buffer.unmap();
-    Ok(words)
+    Ok(result)
 }

@@ -2,7 +2,7 @@
 
 use super::error::GpuError;
 use super::layout::{
-    Batch, HEADER, LIST, Member, RECORDED_INNER, RECORDED_OUTER, SCALARS, Status, VECTORS, WALL_FIELDS,
+    Batch, HEADER, LIST, Member, RECORDED_INNER, RECORDED_OUTER, SCALARS, SLICES, Status, VECTORS, WALL_FIELDS,
 };
 use crate::sim::layout::LANES;
 use crate::sim::{Plan, StepRow};
@@ -110,7 +110,7 @@ impl Sizes {
             ("vectors", each(2 * u64::from(VECTORS) * capacity)),
             ("extents", each(4 * capacity / LANES as u64)),
             ("near", each(2 * capacity)),
-            ("lists", each(u64::from(LIST) * capacity)),
+            ("lists", each(u64::from(SLICES * LIST) * capacity / LANES as u64)),
             ("wall", each(u64::from(WALL_FIELDS) * outer)),
             ("record", self.record_bytes()),
         ]
