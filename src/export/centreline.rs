@@ -135,7 +135,8 @@ impl Extent {
         let origin = points.first().copied().unwrap_or_default();
         let (mut area, mut perimeter, mut moment) = (0.0, 0.0, [0.0; 2]);
         for (a, b) in points.iter().zip(points.iter().cycle().skip(1)) {
-            perimeter += (b[0] - a[0]).hypot(b[1] - a[1]);
+            // `hypot` rounds otherwise in other C libraries.
+            perimeter += ((b[0] - a[0]).powi(2) + (b[1] - a[1]).powi(2)).sqrt();
             let (a, b) = ([a[0] - origin[0], a[1] - origin[1]], [b[0] - origin[0], b[1] - origin[1]]);
             let cross = a[0] * b[1] - a[1] * b[0];
             area += cross / 2.0;

@@ -187,6 +187,7 @@ fn report(rows: &[Comparison], failures: Vec<String>, runs: usize) -> Report {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::args::GpuUse;
 
     #[test]
     fn the_last_line_of_a_peer_is_its_result() {
@@ -197,5 +198,39 @@ mod tests {
         assert_eq!((found.device.as_str(), found.seconds, found.burn_seconds), ("cpu x2 (omp)", 1.5, 0.25));
         assert!(told(path, "").unwrap_err().to_string().contains("peer_numba.py printed no result"));
         assert!(told(path, &line.replace("1.5", "0").replace("0.25", "0")).is_err());
+    }
+
+    /// Peers written for the shell, in place of Python.
+    #[cfg(unix)]
+    fn peers(dir: &Path, numba: &str) -> Peers {
+        std::fs::write(dir.join("peer_numba.py"), numba).unwrap();
+        Peers { dir: dir.to_owned(), python: "sh".into() }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_peer_that_fails_is_named_with_what_it_said_last() {
+        let dir = tempfile::tempdir().unwrap();
+        let plan = Plan::new(&ModelSpec::resolve(preset("paper").unwrap(), &json!({})).unwrap(), SEED);
+        let run = |numba: &str| peers(dir.path(), numba).run("numba", &plan, Place::Cpu { threads: 2 });
+        let line = r#"{"device": "cpu", "seconds": 1, "burn_seconds": 0.5}"#;
+        let told = run(&format!("[ \"$NUMBA_NUM_THREADS $1 $2\" = '2 --steps 2000' ] && echo '{line}'")).unwrap();
+        assert_eq!(told.seconds, 1.0);
+        let error = run("echo first >&2; echo no numba >&2; exit 3").unwrap_err().to_string();
+        assert!(error.contains("peer_numba.py failed (exit status: 3): no numba"), "{error}");
+        let error = run("exit 1").unwrap_err().to_string();
+        assert!(error.contains("it printed nothing"), "{error}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn without_any_peer_the_benchmark_fails_and_names_all() {
+        let dir = tempfile::tempdir().unwrap();
+        let peers = peers(dir.path(), "exit 1");
+        let off = GpuArgs { gpu: GpuUse::Off, allow_software_adapter: false };
+        let error = run(true, &peers, off).err().unwrap().to_string();
+        for wanted in ["no peer could be compared", "peer_numba.py failed", "there is no", "peer_warp.py"] {
+            assert!(error.contains(wanted), "{error}");
+        }
     }
 }

@@ -34,8 +34,8 @@ pub(super) struct Meetings {
     met: u64,
     meetings: Tally,
     duplicates: Tally,
-    /// The last hierarchy, whose memory the next one uses.
-    memory: Bvh,
+    /// The last hierarchy and the vertices of its blocks, whose memory the next ones use.
+    memory: (Bvh, Vec<Vertices>),
 }
 
 pub(super) fn examine<C: Coordinate>(
@@ -119,17 +119,18 @@ impl Meetings {
             return;
         }
         let count = order.0.as_ref().map_or(search.surface.triangles.len(), Vec::len);
+        let (bvh, vertices) = std::mem::take(&mut self.memory);
         let bvh = Bvh::of_hulls(
-            std::mem::take(&mut self.memory),
+            bvh,
             count,
             #[inline(always)]
             |items, of| search.points(&order, items, of),
         );
-        let vertices = order.vertices(search.surface.triangles, count);
+        let vertices = order.vertices(vertices, search.surface.triangles, count);
         let window = WindowSearch { search, fresh, order, vertices, bvh };
         let parts = fresh.div_ceil(window.bvh.part_len());
         self.add(search.surface, parts, |part, most| window.part(part, most));
-        self.memory = window.bvh;
+        self.memory = (window.bvh, window.vertices);
     }
 
     /// Adds what tasks find. Each may stop when it has found more than `most`, its second argument; when one does, results of later
@@ -338,18 +339,18 @@ impl Order {
         self.0.as_ref().map_or(item, |order| order[item] as usize)
     }
 
-    /// The vertices of each eight of the first `count` triangles.
-    fn vertices(&self, triangles: &[[u32; 3]], count: usize) -> Vec<Vertices> {
-        let block = |first: usize| {
-            let mut block = [[0; WIDTH]; 3];
+    /// The vertices of each eight of the first `count` triangles, in the memory of others.
+    fn vertices(&self, mut memory: Vec<Vertices>, triangles: &[[u32; 3]], count: usize) -> Vec<Vertices> {
+        memory.resize(count.div_ceil(WIDTH), [[0; WIDTH]; 3]);
+        memory.par_iter_mut().enumerate().with_min_len(STRETCH).for_each(|(number, block)| {
+            let first = number * WIDTH;
             for (lane, i) in (first..count.min(first + WIDTH)).enumerate() {
                 for (corner, vertex) in block.iter_mut().zip(triangles[self.triangle(i)]) {
                     corner[lane] = vertex;
                 }
             }
-            block
-        };
-        (0..count.div_ceil(WIDTH)).into_par_iter().with_min_len(STRETCH).map(|b| block(b * WIDTH)).collect()
+        });
+        memory
     }
 
     /// Keeps the given order except in runs of stretches that are not coherent; the first `fresh` triangles stay the first.

@@ -276,19 +276,19 @@ impl Fan {
         turns: &[Turns],
         found: &mut Found,
     ) -> u64 {
-        self.spokes.clear();
-        let mut all = Turns::ANY;
-        for &t in star {
+        let spoke = |&t: &u32| {
             let [a, b, c] = surface.triangles[t as usize];
-            all = all.and(turns[t as usize]);
-            self.spokes.push(if a == vertex {
+            if a == vertex {
                 [b, c]
             } else if b == vertex {
                 [c, a]
             } else {
                 [a, b]
-            });
-        }
+            }
+        };
+        self.spokes.clear();
+        self.spokes.extend(star.iter().map(spoke));
+        let all = star.iter().fold(Turns::ANY, |all, &t| all.and(turns[t as usize]));
         // In a cycle of three and more triangles no two have the same vertices.
         let is_cycle = self.is_cycle();
         if !is_cycle || star.len() == 2 {
