@@ -105,7 +105,7 @@ fn look_at_member(member: u32) -> Look {
     if built != NONE {
         own = SKIN - 0.01 - widened(member, now.row, built) - moved;
     }
-    // The stages of this step move particles about as far as those of the last one.
+    // The stages of this step move particles, the block's own and others, about as far as those of the last one.
     let strayed = sqrt(bitcast<f32>(atomicLoad(&states[member].strayed[(now.row + 1u) % 2u])));
     if EVALUATION == 0u && !(built != NONE && own - moved >= 2.0 * strayed + SPARE) {
         // Their state after the build.

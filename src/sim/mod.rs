@@ -41,8 +41,8 @@ pub struct Statistics {
     pub moves_shortened: u64,
     /// Times that neighbour lists were built.
     pub list_builds: u64,
-    /// On a GPU: how often a block of particles visited all others in an evaluation, because one of its lists was outdated
-    /// or too long. The CPU rebuilds its lists instead.
+    /// On a GPU: how often a block of particles visited all segments in an evaluation, because its list was outdated or too
+    /// long. The CPU rebuilds its lists instead.
     pub full_searches: u64,
 }
 
