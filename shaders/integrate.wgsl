@@ -348,9 +348,9 @@ fn with_listed(member: u32, terms: PairTerms, sum: PairSum, reader: Reader, begi
 fn own_segments(member: u32, n: u32, terms: PairTerms, first: u32, slice: u32, part: u32) -> PairSum {
     var sum = PairSum(vec2<f32>(0.0), 0.0);
     let count = select(0u, min(LANES, n - first), first + part < n);
-    // Segment k of these ends at particle k of the block.
-    for (var k = slice; k <= count; k += SLICES) {
-        if k != part && k != part + 1u && count > 0u {
+    // Segment k of these ends at particle k of the block. In a loop of one block the first and the last are the same one.
+    for (var k = select(slice, slice + SLICES, slice == 0u && n <= LANES); k <= count; k += SLICES) {
+        if k % n != part && k != part + 1u && count > 0u {
             let force = pair_force(terms, segment_between(chain[k], chain[k + 1u]));
             if is_close(force.z) {
                 atomicMax(&near[near_slot(member, now.row, (first + n - 1u + k) % n)], bitcast<u32>(force.z));

@@ -9,7 +9,7 @@ const SLICES: u32 = 8u;
 const BLOCK_THREADS: u32 = 128u;
 // Threads of a workgroup that compute one particle each.
 const THREADS: u32 = 64u;
-// Threads of a workgroup that computes a whole loop.
+// Threads of a workgroup that grows a whole loop.
 const LOOP_THREADS: u32 = 256u;
 // Segments of a slice that the list of a block can hold; a block that needs more visits all segments.
 const LIST: u32 = 64u;
@@ -127,7 +127,7 @@ struct Status {
     weight: u32,
     // Id of the first particle that it added.
     first_id: u32,
-    // Blocks that visited all others, counted at each evaluation.
+    // Blocks that visited all segments, counted at each evaluation.
     full_searches: atomic<u32>,
 }
 

@@ -7,7 +7,7 @@
 use crate::common::{device, no_vulkan, plan};
 use oviduct::sim::cpu::CpuSimulation;
 use oviduct::sim::gpu::{Checkpoint, advance};
-use oviduct::sim::{InnerLoop, Plan, Simulator, StepRow};
+use oviduct::sim::{InnerLoop, LANES, Plan, Simulator, StepRow};
 use oviduct::spec::{Integrator, Search};
 use serde_json::{Value, json};
 
@@ -147,6 +147,21 @@ fn pair_forces_match_where_there_are_more_blocks_than_threads() {
     only(&mut plan, &mut start, |row, bare| bare.repulsion = row.repulsion);
     let (cpu, gpu) = both(&plan, &start);
     assert_velocities(&cpu.inner, &gpu.inner, 2e-5);
+}
+
+/// The segment before the first particle of the block is also the one after its last.
+#[test]
+fn pair_forces_match_in_a_loop_of_one_block() {
+    if no_vulkan() {
+        return;
+    }
+    let mut plan = plan(&json!({ "particles": { "total": 28, "outer": 12 } }), 4);
+    let mut start = CpuSimulation::new(plan.clone(), 1).checkpoint();
+    assert_eq!(start.inner.len(), LANES);
+    only(&mut plan, &mut start, |row, bare| bare.repulsion = row.repulsion);
+    let (cpu, gpu) = both(&plan, &start);
+    assert_velocities(&cpu.inner, &gpu.inner, 2e-5);
+    assert_close("clearance", &cpu.clearance, &gpu.clearance, 1e-4);
 }
 
 #[test]

@@ -9,7 +9,7 @@ pub const SLICES: u32 = 8;
 pub const BLOCK_THREADS: u32 = 128;
 /// Threads of a workgroup that compute one particle each.
 pub const THREADS: u32 = 64;
-/// Threads of a workgroup that computes a whole loop.
+/// Threads of a workgroup that grows a whole loop.
 pub const LOOP_THREADS: u32 = 256;
 /// Segments of a slice that the neighbour list of a block can hold; a block that needs more visits all segments.
 pub const LIST: u32 = 64;
@@ -124,7 +124,7 @@ pub struct Status {
     pub weight: u32,
     /// Id of the first particle that it added.
     pub first_id: u32,
-    /// Blocks that visited all others, counted at each evaluation.
+    /// Blocks that visited all segments, counted at each evaluation.
     pub full_searches: u32,
 }
 
