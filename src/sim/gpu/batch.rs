@@ -16,7 +16,6 @@ use crate::clock::Stopwatch;
 use crate::model::Section;
 use crate::sim::cpu::CpuSimulation;
 use crate::sim::{Checkpoint, Plan, SimError, Statistics};
-use rayon::prelude::*;
 use std::collections::VecDeque;
 use std::mem::{offset_of, size_of};
 use std::sync::atomic::Ordering;
@@ -68,8 +67,7 @@ pub trait BatchSink {
 /// must then be run elsewhere from their beginning. The memory of the batch is freed in every case.
 pub fn run_batch(device: &GpuDevice, plans: &[Plan], sink: &mut dyn BatchSink) -> Result<BatchReport, GpuError> {
     device.fits(&plans.iter().collect::<Vec<_>>())?;
-    let starts: Vec<Checkpoint> =
-        plans.par_iter().map(|plan| CpuSimulation::new(plan.clone(), 1).checkpoint()).collect();
+    let starts = device.each(plans, |_, plan| CpuSimulation::new(plan.clone(), 1).checkpoint());
     let last = i64::from(plans[0].steps);
     let course = Course::new(plans, &starts, last, false);
     run(device, plans, &starts, course, None, sink)
@@ -259,10 +257,11 @@ impl<'a> Run<'a> {
                 self.ring.collect();
                 let begun = self.watch.seconds();
                 for _ in 0..chunk.records {
-                    let (plans, running) = (self.plans, &self.running);
-                    let (time, bytes, arrivals) = self
-                        .ring
-                        .take(|record| (record.time, 4 * record.words.len() as u64, record.arrivals(plans, running)))?;
+                    let (device, plans, running) = (self.device, self.plans, &self.running);
+                    let (time, bytes, arrivals) = self.ring.take(|record| {
+                        let arrivals = device.each(plans, |m, plan| running[m].then(|| record.arrival(m, plan)));
+                        (record.time, 4 * record.words.len() as u64, arrivals)
+                    })?;
                     self.report.bytes_back += bytes;
                     self.deliver(time, arrivals, sink);
                 }

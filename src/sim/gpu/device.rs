@@ -6,13 +6,18 @@ use super::pace::FIRST_STEPS;
 use super::pipelines::{IMMEDIATES, Pipelines, STORAGE_BUFFERS};
 use super::sizes::Sizes;
 use crate::sim::Plan;
+use rayon::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicI64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::available_parallelism;
 use std::time::Duration;
 
 /// Most members of a batch; more would not raise the throughput.
 const MAX_BATCH: usize = 256;
+/// Most threads that prepare and read batches.
+const THREADS: usize = 4;
 /// Polls that panic one after another until the device counts as lost.
 const POLLS: usize = 3;
 /// Longest wait at the end of a batch for its submissions.
@@ -25,6 +30,8 @@ pub struct GpuDevice {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
     pub(super) pipelines: Arc<Pipelines>,
+    /// Threads that prepare and read batches: others may be busy with surfaces for seconds, while the device would wait.
+    threads: Arc<ThreadPool>,
     /// Steps of a submission of about 50 ms, by the last batch.
     pub(super) steps: Arc<AtomicI64>,
     health: Arc<Health>,
@@ -88,11 +95,17 @@ impl GpuDevice {
         let refused = Arc::clone(&health);
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| refused.note(from_wgpu(&error))));
         let pipelines = attempt(&device, Pipelines::new).map_err(|e| not_opened(e.to_string()))?;
+        let threads = ThreadPoolBuilder::new()
+            .num_threads(available_parallelism().map_or(1, usize::from).min(THREADS))
+            .thread_name(|i| format!("gpu-{i}"))
+            .build()
+            .map_err(|e| not_opened(e.to_string()))?;
         Ok(Self {
             adapter: Arc::new(adapter.clone()),
             device,
             queue,
             pipelines: Arc::new(pipelines),
+            threads: Arc::new(threads),
             steps: Arc::new(AtomicI64::new(FIRST_STEPS)),
             health,
             options: *options,
@@ -197,6 +210,15 @@ impl GpuDevice {
         match self.options.memory_bytes {
             Some(most) if self.memory_in_use().unwrap_or(0) + bytes > most => Err(GpuError::OutOfMemory),
             _ => Ok(()),
+        }
+    }
+
+    /// Does something for each member of a batch, in parallel; for a single one here, as a thread of another pool that waits
+    /// takes up other work, such as a whole surface.
+    pub(super) fn each<T: Send>(&self, plans: &[Plan], of: impl Fn(usize, &Plan) -> T + Sync) -> Vec<T> {
+        match plans {
+            [plan] => vec![of(0, plan)],
+            _ => self.threads.install(|| plans.par_iter().enumerate().map(|(i, plan)| of(i, plan)).collect()),
         }
     }
 

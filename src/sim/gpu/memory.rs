@@ -10,7 +10,6 @@ use super::sizes::Sizes;
 use crate::sim::cpu::coefficients;
 use crate::sim::maths::fraction;
 use crate::sim::{Checkpoint, Plan, StepRow};
-use rayon::prelude::*;
 use std::f64::consts::TAU;
 use std::mem::size_of;
 
@@ -75,17 +74,17 @@ impl Memory {
         plans: &[Plan],
         starts: &[Checkpoint],
     ) -> Result<(), GpuError> {
-        device.attempt(|_| self.write(&device.queue, sizes, plans, starts))
+        device.attempt(|_| self.write(device, sizes, plans, starts))
     }
 
-    fn write(&self, queue: &wgpu::Queue, sizes: &Sizes, plans: &[Plan], starts: &[Checkpoint]) {
+    fn write(&self, device: &GpuDevice, sizes: &Sizes, plans: &[Plan], starts: &[Checkpoint]) {
         let buffers = &self.buffers;
         let write = |buffer: &wgpu::Buffer, word: u64, data: &[u32]| {
-            queue.write_buffer(buffer, 4 * word, bytemuck::cast_slice(data));
+            device.queue.write_buffer(buffer, 4 * word, bytemuck::cast_slice(data));
         };
         write(&buffers[11], 0, bytemuck::cast_slice(&[sizes.batch]));
         // The device is idle meanwhile.
-        let tables: Vec<Vec<f32>> = plans.par_iter().map(|plan| tables(plan, &sizes.batch)).collect();
+        let tables = device.each(plans, |_, plan| tables(plan, &sizes.batch));
         for (m, ((plan, start), tables)) in plans.iter().zip(starts).zip(&tables).enumerate() {
             let m = m as u64;
             let at = |words: u32| m * u64::from(words);

@@ -3,7 +3,6 @@
 use super::layout::{HEADER, NONE, RECORDED_INNER, RECORDED_OUTER};
 use crate::model::Section;
 use crate::sim::{Checkpoint, InnerLoop, OuterLoop, Plan, SimError, Statistics};
-use rayon::prelude::*;
 
 /// A record of all members at one step.
 #[derive(Debug)]
@@ -35,10 +34,15 @@ struct Entry<'a> {
 }
 
 impl<'a> Record<'a> {
-    /// Copies the parts of the members for which `wanted`, in parallel.
-    pub(super) fn arrivals(&self, plans: &[Plan], wanted: &[bool]) -> Vec<Option<Result<Arrival, SimError>>> {
-        let copy = |(member, plan): (usize, &Plan)| wanted[member].then(|| self.member(member).arrival(plan));
-        plans.par_iter().enumerate().map(copy).collect()
+    /// Copies the part of a member; the error is that of one with a position that is not finite.
+    pub(super) fn arrival(&self, member: usize, plan: &Plan) -> Result<Arrival, SimError> {
+        let entry = self.member(member);
+        if let Some(error) = entry.fault(plan) {
+            return Err(error);
+        }
+        let checkpoint = entry.checkpoint();
+        let section = checkpoint.section(plan);
+        Ok(Arrival { particles: entry.particles(), section, checkpoint, statistics: entry.statistics(plan) })
     }
 
     fn member(&self, member: usize) -> Entry<'a> {
@@ -52,15 +56,6 @@ impl<'a> Record<'a> {
 }
 
 impl Entry<'_> {
-    fn arrival(&self, plan: &Plan) -> Result<Arrival, SimError> {
-        if let Some(error) = self.fault(plan) {
-            return Err(error);
-        }
-        let checkpoint = self.checkpoint();
-        let section = checkpoint.section(plan);
-        Ok(Arrival { particles: self.particles(), section, checkpoint, statistics: self.statistics(plan) })
-    }
-
     /// Particles of both loops.
     fn particles(&self) -> u32 {
         self.header[0] + self.header[1]
