@@ -77,6 +77,15 @@ impl Vectors {
     }
 }
 
+/// Has the processor bring `place` into its caches, where it has an instruction for this.
+#[inline(always)]
+pub(crate) fn prefetch<T>(place: &T) {
+    #[cfg(target_arch = "x86_64")]
+    safe_arch::prefetch_t0(place);
+    #[cfg(not(target_arch = "x86_64"))]
+    let _ = place;
+}
+
 /// Takes an `FnMut`: the adapter that makes an `FnOnce` of it would not be inlined.
 struct Body<F>(F);
 

@@ -1,7 +1,7 @@
 //! The lists of a part: which segments the particles of a group may interact with.
 
 use super::grid::{Bounds, Grid, NOTHING, apart, around};
-use crate::sim::cpu::chain::{BLOCK, Chain};
+use crate::sim::cpu::chain::{BLOCK, Block, Chain};
 use crate::sim::cpu::pairs::{CLEARANCE_CAP, FAR, MOST};
 use crate::sim::layout::StepRow;
 use crate::sim::maths::max;
@@ -16,6 +16,10 @@ const LEAST_RANGE: f32 = 0.25;
 const CELL: usize = 8 * BLOCK;
 /// Cells in a tract.
 const TRACT: usize = 16;
+/// Particles from which on the segments of a loop may not fit the second cache (24 bytes each), and groups after which a block of
+/// segments may have left it.
+const LARGE: usize = 16_384;
+const FORGOTTEN: u32 = 8;
 
 /// The lists of the groups of a part.
 #[derive(Clone, Debug, Default)]
@@ -24,6 +28,10 @@ pub(in crate::sim::cpu) struct Groups {
     /// all segments are visited.
     spans: Vec<[u32; 3]>,
     list: Vec<u32>,
+    /// Of a large loop, the blocks of segments that are listed for a group and were not for the ones just before it, and where those of
+    /// each group begin and end.
+    fresh: Vec<u32>,
+    fresh_ends: Vec<u32>,
     /// Groups whose lists hold for the present evaluation only, with the spans of their other ones, and where those end.
     mended: Vec<(usize, [u32; 3])>,
     end: usize,
@@ -58,6 +66,32 @@ impl Groups {
         }
         if let Some(last) = own.last {
             visit(last, true);
+        }
+    }
+
+    /// Notes the fresh blocks of the last group. `listed`: the number, from 1 on, of the last group that each block was listed for, or 0.
+    fn note_fresh(&mut self, listed: &mut [u32]) {
+        let number = self.spans.len() as u32;
+        let [first, _, end] = self.spans[number as usize - 1];
+        for segments in
+            self.list[first as usize..end as usize].chunk_by(|a, b| *a as usize / BLOCK == *b as usize / BLOCK)
+        {
+            let block = segments[0] / BLOCK as u32;
+            let last = std::mem::replace(&mut listed[block as usize], number);
+            if last == 0 || last + FORGOTTEN < number {
+                self.fresh.push(block);
+            }
+        }
+        self.fresh_ends.push(self.fresh.len() as u32);
+    }
+
+    /// Prefetches what the list of a group needs first.
+    #[inline(never)]
+    pub(in crate::sim::cpu) fn prefetch(&self, group: usize, blocks: &[Block]) {
+        if let Some(&[start, end]) = self.fresh_ends.get(group..group + 2) {
+            for &b in &self.fresh[start as usize..end as usize] {
+                blocks[b as usize].prefetch();
+            }
         }
     }
 
@@ -155,19 +189,25 @@ impl Tables {
             y[j] = ay[j] + 0.5 * dy;
             margin[j] = skin + 0.5 * SLOPE * (dx * dx + dy * dy).sqrt();
         }
-        let boxed = |first: usize, size: usize| {
-            (first..(first + size).min(n))
-                .fold((NOTHING, 0.0f32), |(b, m), j| (around(b, [x[j], y[j]]), max(m, margin[j])))
-        };
         self.blocks.clear();
-        self.blocks.extend((0..n).step_by(BLOCK).map(|first| {
-            let (b, margin) = boxed(first, BLOCK);
-            let (width, height) = (b[2] - b[0], b[3] - b[1]);
-            let radius = 0.5 * (width * width + height * height).sqrt();
-            Round { x: 0.5 * (b[0] + b[2]), y: 0.5 * (b[1] + b[3]), margin: margin + SLOPE * radius }
-        }));
         self.cells.clear();
-        self.cells.extend((0..n).step_by(CELL).map(|first| boxed(first, CELL)));
+        for first in (0..n).step_by(CELL) {
+            let segments = first..(first + CELL).min(n);
+            let mut cell = (NOTHING, 0.0f32);
+            for first in segments.clone().step_by(BLOCK) {
+                let (mut b, mut widest) = (NOTHING, 0.0f32);
+                for j in first..(first + BLOCK).min(segments.end) {
+                    b = around(b, [x[j], y[j]]);
+                    widest = max(widest, margin[j]);
+                }
+                let (width, height) = (b[2] - b[0], b[3] - b[1]);
+                let radius = 0.5 * (width * width + height * height).sqrt();
+                let margin = widest + SLOPE * radius;
+                self.blocks.push(Round { x: 0.5 * (b[0] + b[2]), y: 0.5 * (b[1] + b[3]), margin });
+                cell = (around(around(cell.0, [b[0], b[1]]), [b[2], b[3]]), max(cell.1, widest));
+            }
+            self.cells.push(cell);
+        }
         self.tracts.clear();
         self.tracts.extend(self.cells.chunks(TRACT).map(|cells| {
             cells.iter().fold((NOTHING, 0.0f32), |(b, m), (cell, margin)| {
@@ -252,6 +292,13 @@ impl Lists<'_> {
         groups.spans.clear();
         groups.list.clear();
         groups.mended.clear();
+        groups.fresh.clear();
+        groups.fresh_ends.clear();
+        let mut listed = Vec::new();
+        if self.chain.len() >= LARGE {
+            groups.fresh_ends.push(0);
+            listed.resize(self.chain.len().div_ceil(BLOCK), 0);
+        }
         let scale = |some: &Range<usize>| &scale[some.start - particles.start..some.end - particles.start];
         let mut cells: Vec<u32> = Vec::new();
         for first in particles.clone().step_by(CELL) {
@@ -261,6 +308,9 @@ impl Lists<'_> {
                 let group = first..(first + S::F32_LANES).min(run.end);
                 let span = self.list(&self.seen(simd, &group, scale(&group)), &group, &cells, &mut groups.list);
                 groups.spans.push(span);
+                if !listed.is_empty() {
+                    groups.note_fresh(&mut listed);
+                }
             }
         }
         groups.end = groups.list.len();
