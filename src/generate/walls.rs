@@ -184,7 +184,9 @@ impl Walls {
         match &mut self.form {
             Form::Streamed(lofter, stream) => {
                 if stream.accept(sections) {
-                    stream.process(&lofter.take())?;
+                    let part = lofter.take();
+                    stream.process(&part)?;
+                    lofter.reuse(part);
                 }
             }
             _ => self.sections.extend(sections),

@@ -42,6 +42,8 @@ pub struct Lofter {
     below: Option<Below>,
     /// What is finished and has not been taken.
     finished: Part,
+    /// Memory for the next part.
+    spare: Part,
     /// Most vertices that the surface may have.
     most: usize,
 }
@@ -139,6 +141,7 @@ impl Lofter {
             section: first,
             below: None,
             finished: Part { positions, retired_z: z, ..Part::default() },
+            spare: Part::default(),
             most: u32::MAX as usize,
         })
     }
@@ -193,14 +196,21 @@ impl Lofter {
             Some(below) => (below.vertices[0], below.z),
             None => (0, self.front.z),
         };
+        let Part { mut positions, mut patches, .. } = std::mem::take(&mut self.spare);
         // The next part is probably as large.
-        let next = Part {
-            first_vertex: self.finished.end(),
-            positions: Vec::with_capacity(self.finished.positions.len()),
-            patches: self.finished.patches.each_ref().map(|patch| Vec::with_capacity(patch.len())),
-            ..Part::default()
-        };
+        positions.reserve(self.finished.positions.len());
+        for (patch, finished) in patches.iter_mut().zip(&self.finished.patches) {
+            patch.reserve(finished.len());
+        }
+        let next = Part { first_vertex: self.finished.end(), positions, patches, ..Part::default() };
         Part { retired_vertices, retired_z, ..std::mem::replace(&mut self.finished, next) }
+    }
+
+    /// Takes back a part that is done with, whose memory a next one uses.
+    pub fn reuse(&mut self, mut part: Part) {
+        part.positions.clear();
+        part.patches.iter_mut().for_each(Vec::clear);
+        self.spare = part;
     }
 
     /// Closes the ends, and gives what has not been taken.

@@ -59,12 +59,17 @@ fn all_contacts(slab: &Slab, blocks: &Blocks) -> Vec<(usize, usize)> {
 fn contacts_of(slab: &Slab, blocks: &Blocks, changed: &[usize]) -> Vec<(usize, usize)> {
     let mut contacts = Vec::new();
     for &i in changed {
-        if folded(slab, i) {
+        let parted = slab.is_parted_from_next(i);
+        if !parted && folded(slab, i) {
             contacts.push((i, i));
         }
         blocks.query(&blocks.rect(i), |j| {
             let once = j > i || changed.binary_search(&j).is_err();
-            if j != i && once && cells_meet(slab, i, j) {
+            if j == i || !once {
+                return;
+            }
+            let clear = (slab.lower.next(i) == j && parted) || (slab.lower.next(j) == i && slab.is_parted_from_next(j));
+            if !clear && cells_meet(slab, i, j) {
                 contacts.push((i, j));
             }
         });

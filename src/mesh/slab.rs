@@ -184,8 +184,7 @@ impl Slab {
     /// the next cell separates the two. Then they meet in that edge only, and neither is folded.
     ///
     /// A plane through that edge whose trace in both rims has the normal d separates them if d has a positive component along
-    /// the lower and the upper edges of both cells; d is the sum of these edges. The margin exceeds the rounding error of the
-    /// differences and of the sum of two products.
+    /// the lower and the upper edges of both cells; d is the sum of these edges.
     pub(super) fn parted_from_next(&self) -> Vec<bool> {
         let edges: Vec<[[f64; 2]; 2]> = (0..self.len())
             .map(|cell| {
@@ -193,18 +192,27 @@ impl Slab {
                 [&self.lower, &self.upper].map(|rim| difference(rim.points[cell], rim.points[next]))
             })
             .collect();
-        let sum = |[e, f]: [[f64; 2]; 2]| [e[0] + f[0], e[1] + f[1]];
         (0..self.len())
             .map(|cell| {
                 let (here, next) = (edges[cell], edges[self.lower.next(cell)]);
                 let d = sum([sum(here), sum(next)]);
-                let along = |e: [f64; 2]| {
-                    let (x, y) = (d[0] * e[0], d[1] * e[1]);
-                    x + y > 1e-14 * (x.abs() + y.abs())
-                };
-                along(here[0]) & along(here[1]) & along(next[0]) & along(next[1])
+                is_along(d, here[0]) & is_along(d, here[1]) & is_along(d, next[0]) & is_along(d, next[1])
             })
             .collect()
+    }
+
+    /// The same for one cell of a slab that may be refined: all upper edges then count.
+    pub(super) fn is_parted_from_next(&self, cell: usize) -> bool {
+        let next = self.lower.next(cell);
+        let lower = |cell: usize| difference(self.lower.points[cell], self.lower.points[self.lower.next(cell)]);
+        let upper = |cell: usize, from: usize, to: usize| {
+            difference(self.upper.points[self.chain(cell, from)], self.upper.points[self.chain(cell, to)])
+        };
+        let across = |cell: usize| sum([lower(cell), upper(cell, 0, self.edges(cell))]);
+        let d = sum([across(cell), across(next)]);
+        [cell, next]
+            .into_iter()
+            .all(|cell| is_along(d, lower(cell)) && (0..self.edges(cell)).all(|k| is_along(d, upper(cell, k, k + 1))))
     }
 
     /// Whether a line separates the projections of two cells; then they do not meet. The projection is along
@@ -264,6 +272,19 @@ impl Slab {
         let margin = 1e-14 * size;
         low_i - high_j > margin || low_j - high_i > margin
     }
+}
+
+#[inline]
+fn sum([e, f]: [[f64; 2]; 2]) -> [f64; 2] {
+    [e[0] + f[0], e[1] + f[1]]
+}
+
+/// Whether an edge has a positive component along `d`. The margin exceeds the rounding error of the differences and of the sum of
+/// two products.
+#[inline]
+fn is_along(d: [f64; 2], edge: [f64; 2]) -> bool {
+    let (x, y) = (d[0] * edge[0], d[1] * edge[1]);
+    x + y > 1e-14 * (x.abs() + y.abs())
 }
 
 /// From `a` to `b`.

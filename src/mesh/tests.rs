@@ -356,23 +356,31 @@ fn random_motions_free_of_contact_are_always_lofted() {
     assert!(flipped > 0 && added > 0, "{flipped} flips, {added} sections");
 }
 
+/// Two wandering rings with short edges, five points each, that begin at `drift`.
+fn wandering(dice: &mut Dice, drift: f32) -> Rim {
+    let mut at = [drift, 0.0f32];
+    let points = (0..10).map(|_| {
+        at = at.map(|x| x + (dice.below(7) as f32) - 2.5);
+        at
+    });
+    Rim { points: points.collect(), inner: 5 }
+}
+
+/// Whether triangles of two cells, or of one, meet by the exact test.
+fn cells_meet(slab: &Slab, i: usize, j: usize) -> bool {
+    (0..=slab.edges(i)).any(|k| {
+        let first = slab.corners(i, k, slab.diagonals[i]);
+        (0..=slab.edges(j)).any(|l| (i, k) != (j, l) && in_contact(&first, &slab.corners(j, l, slab.diagonals[j])))
+    })
+}
+
 /// On wildly folded slabs, cells that the quick tests clear must not meet by the exact test of all triangles.
 #[test]
 fn quick_tests_never_clear_a_contact() {
     let mut dice = Dice(11);
     let (mut cleared, mut met) = (0, 0);
     for _ in 0..300 {
-        // Two wandering rings with short edges, moved together and apart.
-        let mut rim = |drift: f32| {
-            let mut at = [drift, 0.0f32];
-            let mut points = Vec::new();
-            for _ in 0..10 {
-                at = at.map(|x| x + (dice.below(7) as f32) - 2.5);
-                points.push(at);
-            }
-            Rim { points, inner: 5 }
-        };
-        let mut slab = Slab::new(rim(0.0), rim(4.0));
+        let mut slab = Slab::new(wandering(&mut dice, 0.0), wandering(&mut dice, 4.0));
         for diagonal in &mut slab.diagonals {
             if dice.below(2) == 0 {
                 *diagonal = diagonal.other();
@@ -387,12 +395,7 @@ fn quick_tests_never_clear_a_contact() {
                     assert!(!(clear && neighbours));
                     continue;
                 }
-                let meet = |i: usize, j: usize| {
-                    (0..2).any(|k| {
-                        let s = slab.corners(i, k, slab.diagonals[i]);
-                        (0..2).any(|l| (i, k) != (j, l) && in_contact(&s, &slab.corners(j, l, slab.diagonals[j])))
-                    })
-                };
+                let meet = |i, j| cells_meet(&slab, i, j);
                 if clear {
                     cleared += 1;
                     assert!(!meet(i, j), "{i} {j} {slab:?}");
@@ -404,4 +407,45 @@ fn quick_tests_never_clear_a_contact() {
         }
     }
     assert!(cleared > 1000 && met > 1000, "{cleared} {met}");
+}
+
+/// The same for neighbours in slabs with new vertices at any places in the upper rim.
+#[test]
+fn the_quick_test_of_refined_cells_never_clears_a_contact() {
+    let mut dice = Dice(12);
+    let (mut cleared, mut met) = (0, 0);
+    for _ in 0..2000 {
+        let mut slab = Slab::new(wandering(&mut dice, 0.0), wandering(&mut dice, 4.0));
+        for diagonal in &mut slab.diagonals {
+            if dice.below(2) == 0 {
+                *diagonal = diagonal.other();
+            }
+        }
+        let (mut upper, mut new_after) = (Rim::default(), Vec::new());
+        for (i, &p) in slab.upper.points.iter().enumerate() {
+            upper.points.push(p);
+            new_after.push(dice.below(3) as u32);
+            let end = slab.upper.points[slab.upper.next(i)];
+            for k in 1..=*new_after.last().unwrap() {
+                let along = k as f32 / (new_after[i] + 1) as f32;
+                let off = dice.below(5) as f32 - 2.0;
+                upper.points.push([0, 1].map(|axis| p[axis] + along * (end[axis] - p[axis]) + off));
+            }
+            if i < slab.upper.inner {
+                upper.inner = upper.len();
+            }
+        }
+        let (slab, _) = slab.refined(upper, &new_after);
+        for i in 0..slab.len() {
+            let next = slab.lower.next(i);
+            let meet = [(i, next), (i, i), (next, next)].map(|(i, j)| cells_meet(&slab, i, j));
+            if slab.is_parted_from_next(i) {
+                cleared += 1;
+                assert!(!slab.degenerate(i) && !slab.degenerate(next) && meet == [false; 3], "{i} {slab:?}");
+            } else {
+                met += usize::from(meet[0]);
+            }
+        }
+    }
+    assert!(cleared > 300 && met > 300, "{cleared} {met}");
 }

@@ -24,7 +24,7 @@ use collide::Meetings;
 use components::Totals;
 use rayon::prelude::*;
 use sections::Contours;
-use shape::Shape;
+use shape::{Shape, Turns};
 use surface::{Coordinate, Surface, Tally};
 use topology::{Connectivity, Faults};
 use types::{Failures, METRE_UM};
@@ -134,7 +134,8 @@ fn surface<C: Coordinate>(
     let surface = Surface { positions, triangles, unit_um, numbers: None };
     let connectivity = Connectivity::of(&surface);
     let mut shape = Shape::new();
-    let turns = shape.add(&surface, surface.corners(0)[0], |t| connectivity.body_of(t));
+    let mut turns = vec![Turns::ANY; surface.triangles.len()];
+    shape.add(&surface, surface.corners(0)[0], |t| connectivity.body_of(t), &mut turns);
     let topology = topology::examine(&surface, connectivity, &turns, &mut failures);
     let mut degenerate = Tally::default();
     shape::tally(&surface, &shape.degenerate, &mut degenerate);

@@ -91,15 +91,15 @@ impl Shape {
     }
 
     /// Adds the triangles of a surface; `body_of` tells the component of each. Volumes are measured from `origin`: relative to
-    /// a vertex of the surface they lose no digits to its distance from the origin of the coordinates. Returns how each triangle
-    /// turns.
+    /// a vertex of the surface they lose no digits to its distance from the origin of the coordinates. `turns` becomes how each
+    /// triangle turns.
     pub(super) fn add<C: Coordinate>(
         &mut self,
         surface: &Surface<'_, C>,
         origin: [f64; 3],
         body_of: impl Fn([u32; 3]) -> usize + Sync,
-    ) -> Vec<Turns> {
-        let mut turns = vec![Turns::ANY; surface.triangles.len()];
+        turns: &mut [Turns],
+    ) {
         let part = |(run, turns): (usize, &mut [Turns])| {
             Vectors::best().run(
                 #[inline(always)]
@@ -125,7 +125,6 @@ impl Shape {
             }
             self.degenerate.extend(part.degenerate);
         }
-        turns
     }
 }
 

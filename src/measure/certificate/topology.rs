@@ -123,7 +123,7 @@ impl Copies {
 impl Connectivity {
     pub(super) fn of<C: Coordinate>(surface: &Surface<'_, C>) -> Self {
         let vertices = 0..surface.positions.len() as u32;
-        let stars = Stars::of(surface, vertices.clone());
+        let stars = Stars::of(Stars::default(), surface, vertices.clone());
         let least = components(vertices.collect(), surface.triangles);
         let (label, mut bodies) = number(&least, |v| !stars.at(v).is_empty());
         for t in surface.triangles {
@@ -178,7 +178,8 @@ pub(super) fn examine<C: Coordinate>(
 
 /// The same for a surface whose measures are not wanted.
 pub(super) fn examine_alone<C: Coordinate>(surface: &Surface<'_, C>, failures: &mut Failures) -> Topology {
-    let turns = Shape::new().add(surface, [0.0; 3], |_| 0);
+    let mut turns = vec![Turns::ANY; surface.triangles.len()];
+    Shape::new().add(surface, [0.0; 3], |_| 0, &mut turns);
     examine(surface, Connectivity::of(surface), &turns, failures)
 }
 
@@ -207,6 +208,7 @@ pub(super) fn fans<C: Coordinate>(
 }
 
 /// The triangles at each of some successive vertices.
+#[derive(Default)]
 pub(super) struct Stars {
     first: u32,
     /// Where the list of each vertex begins; one more at the end.
@@ -215,9 +217,12 @@ pub(super) struct Stars {
 }
 
 impl Stars {
-    pub(super) fn of<C>(surface: &Surface<'_, C>, vertices: Range<u32>) -> Self {
+    /// Those at these vertices, in the memory of others.
+    pub(super) fn of<C>(memory: Self, surface: &Surface<'_, C>, vertices: Range<u32>) -> Self {
+        let Self { mut begin, mut triangles, .. } = memory;
         let (first, count) = (vertices.start, vertices.len());
-        let mut begin = vec![0u32; count + 1];
+        begin.clear();
+        begin.resize(count + 1, 0);
         // The position of a lesser vertex wraps around to one beyond the last.
         let at = |v: u32| Some(v.wrapping_sub(first) as usize).filter(|&i| i < count);
         for i in surface.triangles.iter().flatten().filter_map(|&v| at(v)) {
@@ -229,7 +234,7 @@ impl Stars {
             *b = sum;
         }
         // Each list is filled from its end, which leaves `begin` at the beginnings and the lists in order.
-        let mut triangles = vec![0u32; sum as usize];
+        triangles.resize(sum as usize, 0);
         for (t, corners) in surface.triangles.iter().enumerate().rev() {
             for i in corners.iter().filter_map(|&v| at(v)) {
                 let slot = &mut begin[i];

@@ -46,6 +46,8 @@ pub struct StreamCertifier {
     degenerate: Tally,
     /// Those in the window.
     copies: Copies,
+    /// The last ones, whose memory the next ones use.
+    stars: Stars,
     meetings: Meetings,
     /// Where volumes are measured from: the first corner.
     origin: Option<[f64; 3]>,
@@ -68,6 +70,7 @@ impl StreamCertifier {
             shape: Shape::new(),
             degenerate: Tally::default(),
             copies: Copies::default(),
+            stars: Stars::default(),
             meetings: Meetings::default(),
             origin: None,
             first: None,
@@ -126,17 +129,16 @@ impl StreamCertifier {
 
     /// Measures the triangles of the window from number `new` of those that wait on.
     fn measure(&mut self, new: usize) {
-        let surface = self.window.waiting(new, self.unit_um);
+        let (surface, turns) = self.window.waiting(new, self.unit_um);
         self.parts.join(surface.positions.len(), surface.triangles);
         if surface.triangles.is_empty() {
             return;
         }
         let origin = *self.origin.get_or_insert_with(|| surface.corners(0)[0]);
         let known = self.shape.degenerate.len();
-        let turns = self.shape.add(&surface, origin, |t| self.parts.part_of(t[0]));
+        self.shape.add(&surface, origin, |t| self.parts.part_of(t[0]), turns);
         self.parts.add_volumes(&mut self.shape.volumes);
         shape::tally(&surface, &self.shape.degenerate[known..], &mut self.degenerate);
-        self.window.add_turns(&turns);
     }
 
     /// Judges what is final when the vertices below `vertices` have retired, and forgets what no later triangle can reach.
@@ -144,7 +146,7 @@ impl StreamCertifier {
         let retiring = self.window.retire(vertices, z);
         let fresh = self.window.settle();
         let surface = self.window.settled(self.unit_um);
-        let stars = Stars::of(&surface, retiring.clone());
+        let stars = Stars::of(std::mem::take(&mut self.stars), &surface, retiring.clone());
         let found = fans(&surface, &stars, self.parts.labels(), self.window.settled_turns());
         self.parts.add_edges(&found);
         for vertex in retiring.filter(|&v| !stars.at(v).is_empty()) {
@@ -159,6 +161,7 @@ impl StreamCertifier {
         let known =
             Known { degenerate: &self.shape.degenerate, copies: &self.copies, stars: &stars, crowded: &crowded };
         self.meetings.search(&surface, fresh, &known);
+        self.stars = stars;
         self.parts.forget(self.window.forget());
         if !(self.copies.is_empty() && self.shape.degenerate.is_empty()) {
             let kept = self.window.numbers();

@@ -13,6 +13,8 @@ pub(super) struct Parts {
     /// What is known of each part, and its volume. A vertex without triangles is a part by itself.
     parts: Vec<(Body, f64)>,
     complete: Totals,
+    /// Of the last call of [`Parts::join`], whose memory the next one uses.
+    least: Vec<u32>,
 }
 
 impl Parts {
@@ -32,7 +34,9 @@ impl Parts {
             *first = vertex.min(*first);
             *first
         });
-        let mut parent: Vec<u32> = known.collect();
+        let mut parent = std::mem::take(&mut self.least);
+        parent.clear();
+        parent.extend(known);
         parent.extend(parent.len() as u32..vertices as u32);
         let least = components(parent, triangles);
         let before = std::mem::take(&mut self.parts);
@@ -55,6 +59,7 @@ impl Parts {
                 None => self.complete(body, volume),
             }
         }
+        self.least = least;
         for t in triangles {
             let part = self.part_of(t[0]);
             self.parts[part].0.triangles += 1;

@@ -48,10 +48,15 @@ impl Batch {
     fn lower(&mut self, by: u32) {
         self.triangles.iter_mut().flatten().for_each(|v| *v -= by);
     }
+}
 
-    fn surface<'a>(&'a self, positions: &'a [[f32; 3]], first: usize, unit_um: f64) -> Surface<'a, f32> {
-        Surface { positions, triangles: &self.triangles[first..], unit_um, numbers: Some(&self.numbers[first..]) }
-    }
+fn surface<'a>(
+    positions: &'a [[f32; 3]],
+    triangles: &'a [[u32; 3]],
+    numbers: &'a [u32],
+    unit_um: f64,
+) -> Surface<'a, f32> {
+    Surface { positions, triangles, unit_um, numbers: Some(numbers) }
 }
 
 /// Whether all positions lie at `z` or above.
@@ -89,8 +94,7 @@ impl Window {
         self.first
     }
 
-    /// Adds a chunk whose triangles are numbered from `first` on; returns where they begin among those that wait. How they turn
-    /// is to be added next.
+    /// Adds a chunk whose triangles are numbered from `first` on; returns where they begin among those that wait.
     pub(super) fn add(&mut self, chunk: &Chunk<'_>, first: u32) -> usize {
         let new = self.waiting.triangles.len();
         self.positions.extend(chunk.positions);
@@ -98,21 +102,18 @@ impl Window {
             self.waiting.triangles.extend(triangles.iter().map(|t| t.map(|v| v - self.first)));
         }
         self.waiting.numbers.extend(first..first + chunk.count() as u32);
+        self.waiting.turns.resize(self.waiting.triangles.len(), Turns::ANY);
         new
     }
 
-    /// Adds how the triangles of the last chunk turn.
-    pub(super) fn add_turns(&mut self, turns: &[Turns]) {
-        self.waiting.turns.extend_from_slice(turns);
-    }
-
-    /// The triangles that wait, from one on.
-    pub(super) fn waiting(&self, from: usize, unit_um: f64) -> Surface<'_, f32> {
-        self.waiting.surface(&self.positions, from, unit_um)
+    /// The triangles that wait, from one on, and how they turn.
+    pub(super) fn waiting(&mut self, from: usize, unit_um: f64) -> (Surface<'_, f32>, &mut [Turns]) {
+        let Batch { triangles, numbers, turns } = &mut self.waiting;
+        (surface(&self.positions, &triangles[from..], &numbers[from..], unit_um), &mut turns[from..])
     }
 
     pub(super) fn settled(&self, unit_um: f64) -> Surface<'_, f32> {
-        self.settled.surface(&self.positions, 0, unit_um)
+        surface(&self.positions, &self.settled.triangles, &self.settled.numbers, unit_um)
     }
 
     /// How those that are settled turn.
