@@ -7,7 +7,7 @@
 //! Invariant: the bounds of two items with a common point overlap. Bounds are stored in f32, rounded to nearest; rounding
 //! is monotone, so that overlapping bounds still overlap, and no outward rounding is needed.
 
-use super::descent::{self, lanes, not_negative, pairs_below, zeros};
+use super::descent::{self, lanes, not_negative, pairs_below};
 use crate::vectorize::Vectors;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -25,24 +25,6 @@ const RUN: usize = 256;
 
 /// Items of a block and children of a node.
 pub const WIDTH: usize = descent::WIDTH;
-
-/// Numbers of eight items, in rows: `[row][item]`.
-pub type Rows<const N: usize> = [[u32; WIDTH]; N];
-
-/// Bit `l` is set if one of the numbers of item `l` is among `others`.
-#[inline(always)]
-#[must_use]
-pub fn sharing<const N: usize>(rows: &Rows<N>, others: [u32; N]) -> u32 {
-    let mut differ = [!0u32; WIDTH];
-    for row in rows {
-        for other in others {
-            for lane in 0..WIDTH {
-                differ[lane] &= if row[lane] == other { 0 } else { !0 };
-            }
-        }
-    }
-    zeros(differ)
-}
 
 /// How far an item extends along the five directions to one side, then to the other, negative coordinates first negated.
 #[derive(Clone, Copy, Debug, PartialEq)]

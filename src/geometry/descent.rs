@@ -35,13 +35,6 @@ pub(super) fn not_negative(numbers: &[f32; WIDTH]) -> u32 {
     mask(0) | mask(4) << 4
 }
 
-/// The bits of the numbers that are 0, if all others have all bits set.
-#[inline(always)]
-pub(super) fn zeros(numbers: [u32; WIDTH]) -> u32 {
-    const MINUS_ONE: u32 = (-1.0f32).to_bits();
-    not_negative(&numbers.map(|number| f32::from_bits(number & MINUS_ONE)))
-}
-
 /// Calls `visit(i, block, others)` for every item `i` and block of items that overlap it: bit `l` of `others` is set for item `l` of
 /// the block if it comes after `i`. They are searched for below pairs of blocks `(level, first, second)`, of which the second is not
 /// before the first. `levels[0]` has the blocks of items, each further level those of the one before.

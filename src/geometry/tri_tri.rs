@@ -142,12 +142,10 @@ pub fn segments_meet(a: P2, b: P2, c: P2, d: P2) -> bool {
             (abc > 0.0 && abd > 0.0) || (abc < 0.0 && abd < 0.0)
         }
     };
-    if parts(a, b, c, d) || parts(c, d, a, b) {
-        return false;
-    }
-    // If neither line separates the ends of the other segment, only collinear segments can be disjoint.
+    // Boxes decide first, as most segments are far apart. If neither line separates the ends of the other segment, only collinear
+    // segments can be disjoint, and their boxes are.
     let overlap = |i: usize| a[i].min(b[i]) <= c[i].max(d[i]) && c[i].min(d[i]) <= a[i].max(b[i]);
-    overlap(0) && overlap(1)
+    overlap(0) && overlap(1) && !parts(a, b, c, d) && !parts(c, d, a, b)
 }
 
 fn meets_segment_2d(t: [P2; 3], p: P2, q: P2) -> bool {

@@ -11,7 +11,7 @@
 use super::surface::{Coordinate, Corners, Surface, Tally, few};
 use super::topology::{Copies, Stars, Topology};
 use super::types::{FailureKind, Failures, PLACES};
-use crate::geometry::bvh::{Bounds, Bvh, Rows, WIDTH, morton, sharing};
+use crate::geometry::bvh::{Bounds, Bvh, WIDTH, morton};
 use crate::geometry::coarse::{Coarse, Window};
 use crate::geometry::tri_tri::{Triangle, meet, meet_in_mesh};
 use rayon::prelude::*;
@@ -314,8 +314,22 @@ impl<C: Coordinate> WindowSearch<'_, C> {
     }
 }
 
-/// The vertices of eight triangles.
-type Vertices = Rows<3>;
+/// The vertices of eight triangles: `[corner][triangle]`.
+type Vertices = [[u32; WIDTH]; 3];
+
+/// Bit `l` is set if triangle `l` of the block has a vertex in common with another one.
+#[inline(always)]
+fn sharing(block: &Vertices, triangle: [u32; 3]) -> u32 {
+    let mut shared = [0u32; WIDTH];
+    for corners in block {
+        for vertex in triangle {
+            for lane in 0..WIDTH {
+                shared[lane] |= if corners[lane] == vertex { !0 } else { 0 };
+            }
+        }
+    }
+    (0..WIDTH).fold(0, |bits, lane| bits | (shared[lane] & (1 << lane)))
+}
 
 /// The order of the triangles in the hierarchy.
 struct Order(Option<Vec<u32>>);

@@ -72,6 +72,11 @@ impl Totals {
 /// component that is not greater: itself, as long as no triangles are known.
 pub(super) fn components(mut parent: Vec<u32>, triangles: &[[u32; 3]]) -> Vec<u32> {
     for t in triangles {
+        // Mostly all three are known to be in one component.
+        let [a, b, c] = t.map(|v| parent[v as usize]);
+        if a == b && b == c {
+            continue;
+        }
         let mut least = root(&mut parent, t[0]);
         for &v in &t[1..] {
             let other = root(&mut parent, v);
