@@ -18,7 +18,7 @@ const CELL: usize = 8 * BLOCK;
 const TRACT: usize = 16;
 /// Particles from which on the segments of a loop may not fit the second cache (24 bytes each), and groups after which a block of
 /// segments may have left it.
-const LARGE: usize = 16_384;
+const LARGE: usize = if cfg!(test) { 1 << 9 } else { 1 << 14 };
 const FORGOTTEN: u32 = 8;
 
 /// The lists of the groups of a part.
@@ -416,5 +416,31 @@ impl Lists<'_> {
         }
         let of = |numbers: [f32; MOST]| Lanes::of(simd, &numbers);
         Seen { simd, x: of(x), y: of(y), mean: of(mean), side_x: of(side_x), side_y: of(side_y) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_are_fresh_where_they_were_not_listed_lately() {
+        const B: u32 = BLOCK as u32;
+        let (mut groups, mut listed) = (Groups::default(), vec![0; 4]);
+        let mut fresh_of = |list: &[u32]| {
+            let first = groups.list.len() as u32;
+            groups.list.extend_from_slice(list);
+            groups.spans.push([first, first, groups.list.len() as u32]);
+            let before = groups.fresh.len();
+            groups.note_fresh(&mut listed);
+            assert_eq!(groups.fresh_ends.last(), Some(&(groups.fresh.len() as u32)));
+            groups.fresh[before..].to_vec()
+        };
+        assert_eq!(fresh_of(&[0, 1, B - 1, 3 * B, 3 * B + 1]), [0, 3]);
+        assert_eq!(fresh_of(&[B, 3 * B]), [1]);
+        for _ in 1..FORGOTTEN {
+            assert_eq!(fresh_of(&[]), [0; 0]);
+        }
+        assert_eq!(fresh_of(&[0, B, 2 * B, 3 * B]), [0, 2], "only the first was not listed for so many groups");
     }
 }
