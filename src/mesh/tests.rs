@@ -366,6 +366,17 @@ fn wandering(dice: &mut Dice, drift: f32) -> Rim {
     Rim { points: points.collect(), inner: 5 }
 }
 
+/// A wildly folded slab between two of them, with diagonals at random.
+fn wild_slab(dice: &mut Dice) -> Slab {
+    let mut slab = Slab::new(wandering(dice, 0.0), wandering(dice, 4.0));
+    for diagonal in &mut slab.diagonals {
+        if dice.below(2) == 0 {
+            *diagonal = diagonal.other();
+        }
+    }
+    slab
+}
+
 /// Whether triangles of two cells, or of one, meet by the exact test.
 fn cells_meet(slab: &Slab, i: usize, j: usize) -> bool {
     (0..=slab.edges(i)).any(|k| {
@@ -380,12 +391,7 @@ fn quick_tests_never_clear_a_contact() {
     let mut dice = Dice(11);
     let (mut cleared, mut met) = (0, 0);
     for _ in 0..300 {
-        let mut slab = Slab::new(wandering(&mut dice, 0.0), wandering(&mut dice, 4.0));
-        for diagonal in &mut slab.diagonals {
-            if dice.below(2) == 0 {
-                *diagonal = diagonal.other();
-            }
-        }
+        let slab = wild_slab(&mut dice);
         let parted = slab.parted_from_next();
         for (i, &parted) in parted.iter().enumerate() {
             for j in 0..slab.len() {
@@ -415,12 +421,7 @@ fn the_quick_test_of_refined_cells_never_clears_a_contact() {
     let mut dice = Dice(12);
     let (mut cleared, mut met) = (0, 0);
     for _ in 0..2000 {
-        let mut slab = Slab::new(wandering(&mut dice, 0.0), wandering(&mut dice, 4.0));
-        for diagonal in &mut slab.diagonals {
-            if dice.below(2) == 0 {
-                *diagonal = diagonal.other();
-            }
-        }
+        let slab = wild_slab(&mut dice);
         let (mut upper, mut new_after) = (Rim::default(), Vec::new());
         for (i, &p) in slab.upper.points.iter().enumerate() {
             upper.points.push(p);
