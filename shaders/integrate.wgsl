@@ -3,12 +3,14 @@
 //
 // A dispatch is one evaluation of all forces; the first of a step rebuilds neighbour lists that are no longer valid.
 // A workgroup computes a block of 16 particles with 8 threads per particle, one for each slice: segment j is in slice j mod 8. The
-// segments on the block's list are copied to shared memory, some at a time; each thread visits those of its slice, ascending, after
-// those of the block itself. So sums depend neither on the list nor on when it was built. Then threads of other subgroups compute
+// segments on the block's list are copied to shared memory, 16 of each slice at a time; each thread visits those of its slice, ascending,
+// after those of the block itself. So sums depend neither on the list nor on when it was built. Then threads of other subgroups compute
 // the local forces and the sway, and one thread per particle adds everything and moves the particle to the next stage, in a buffer
 // that this dispatch does not read. A block whose list is invalid, or was too long, visits all segments, with the same sums.
 //
-// How many workgroups a multiprocessor holds depends on their shared memory, so arrays serve more than one purpose.
+// How many workgroups a multiprocessor holds depends on their shared memory, so arrays serve more than one purpose. An evaluation of few
+// workgroups takes as long as its longest chain of reads that wait for each other: the state of the member; the list, the rows and the
+// chain; the listed segments; velocities and fields. WebGPU bounds every loop by a counter of 64 bits, so short loops are written out.
 //
 // The step of the outer loop runs in the dispatch of the first evaluation of the next step, in a workgroup of its own: no
 // stage of the inner loop reads the wall, and the first evaluation changes nothing that the wall reads (`reach`, rows,
@@ -27,27 +29,28 @@ const GREATEST_MOVE: f32 = 5.0;
 // Coordinate of segments that fill the rest of a slice, µm: beyond all ranges, so that they add zeros.
 const DISTANT: f32 = 1e15;
 
-// Segments of a slice in shared memory.
-const SHELF: u32 = 24u;
 // Parts of an evaluation that threads of different subgroups compute are this many slices apart.
 const APART: u32 = SLICES / 4u;
 
+// Four segments, and the inverses of their squared lengths.
+struct Four {
+    lines: array<vec4<f32>, 4>,
+    inverses: vec4<f32>,
+}
+
 // Positions of the particle before the block, its own, and the one after it.
 var<workgroup> chain: array<vec2<f32>, LANES + 2>;
-// Segments of each slice, some at a time; then the partial sum of a force and the greatest 1/d by slice and particle.
-var<workgroup> lines: array<vec4<f32>, SLICES * SHELF>;
-var<workgroup> inverses: array<f32, SLICES * SHELF>;
-// For each particle: squared displacement since the lists were built, and since the step began; squared elliptic radius, whether
-// its move was shortened.
-var<workgroup> far: array<f32, LANES>;
-var<workgroup> strayed: array<f32, LANES>;
-var<workgroup> wide: array<f32, LANES>;
-var<workgroup> shortened: array<u32, LANES>;
-// Whether each particle moved too far for the list of its block.
-var<workgroup> astray: array<u32, LANES>;
-// Local forces and sway of each particle.
-var<workgroup> local_sum: array<vec2<f32>, LANES>;
-var<workgroup> sway_sum: array<vec2<f32>, LANES>;
+// Segments of each slice, 16 at a time. Then `lines` hold what each thread has summed, `inverses` the local force and the sway of
+// each particle.
+var<workgroup> shelf: array<Four, BLOCK_THREADS / 4>;
+// Bits of the greatest squared displacement of a particle since the lists were built, and since the step began.
+var<workgroup> far: atomic<u32>;
+var<workgroup> strayed: atomic<u32>;
+// Bits of the greatest squared elliptic radius, and how many moves were shortened.
+var<workgroup> wide: atomic<u32>;
+var<workgroup> shortened: atomic<u32>;
+// Whether a particle moved too far for the list of its block.
+var<workgroup> astray: atomic<u32>;
 // Where each particle is at the end of the step.
 var<workgroup> spots: array<vec2<f32>, LANES>;
 
@@ -80,53 +83,61 @@ fn moved_slot(evaluation: u32) -> u32 {
     return evaluation % 4u;
 }
 
-// The state of a member at this evaluation. All threads read it, so that none waits for another.
-struct Look {
-    // Its particles, or 0 if it is not computed.
-    count: u32,
-    // The greatest displacement of a particle since the lists were built, µm.
+// The greatest displacement of a particle of the member since its lists were built, and by how much the particles of a block may
+// have moved if its list is valid, µm: both displacements and the growth of the ranges together are within the skin.
+struct Motion {
     moved: f32,
-    // A list is valid if the particles of its block moved by no more than this: both displacements and the growth of the
-    // ranges together are within the skin.
-    own: f32,
-    // Whether the lists are to be built first. All workgroups decide alike: the state read at the first evaluation changes
-    // in later dispatches only.
-    stale: bool,
+    allowed: f32,
 }
 
-fn look_at_member(member: u32) -> Look {
-    let n = select(0u, states[member].inner, runs_on(member));
+fn motion_of(member: u32) -> Motion {
     var built = states[member].built_next;
     if EVALUATION == 0u {
         built = states[member].built;
     }
     let moved = sqrt(bitcast<f32>(atomicLoad(&states[member].moved[moved_slot(EVALUATION)])));
-    var own = -1.0;
-    if built != NONE {
-        own = SKIN - 0.01 - widened(member, now.row, built) - moved;
-    }
+    let allowed = SKIN - 0.01 - widened(member, now.row, built) - moved;
+    return Motion(select(moved, 0.0, built == NONE), select(allowed, -1.0, built == NONE));
+}
+
+// Whether the lists of a member are to be built first. All workgroups decide alike: what is read here changes in later dispatches
+// only.
+fn is_stale(member: u32) -> bool {
+    let motion = motion_of(member);
     // The stages of this step move particles, the block's own and others, about as far as those of the last one.
     let strayed = sqrt(bitcast<f32>(atomicLoad(&states[member].strayed[(now.row + 1u) % 2u])));
-    if EVALUATION == 0u && !(built != NONE && own - moved >= 2.0 * strayed + SPARE) {
-        // Their state after the build.
-        return Look(n, 0.0, SKIN - 0.01, true);
-    }
-    return Look(n, select(0.0, moved, built != NONE), own, false);
+    return !(motion.allowed - motion.moved >= 2.0 * strayed + SPARE);
 }
 
 // Whether particle i moved too far for the list of its block.
-fn is_astray(member: u32, look: Look, i: u32) -> bool {
+fn is_astray(member: u32, allowed: f32, i: u32) -> bool {
     let d = source(member, i) - vector(member, BUILT, i);
-    return sqrt(d.x * d.x + d.y * d.y) > look.own;
+    return sqrt(d.x * d.x + d.y * d.y) > allowed;
+}
+
+// Stores what a thread has summed.
+fn put_sum(thread: u32, sum: vec4<f32>) {
+    shelf[thread / 4u].lines[thread % 4u] = sum;
+}
+
+fn sum_of(thread: u32) -> vec4<f32> {
+    return shelf[thread / 4u].lines[thread % 4u];
 }
 
 // The sum of the slices of a particle.
 fn reduced(part: u32) -> vec2<f32> {
-    var sum = lines[part].xy;
-    for (var s = 1u; s < SLICES; s++) {
-        sum += lines[s * LANES + part].xy;
+    let lower = sum_of(part).xy + sum_of(part + LANES).xy + sum_of(part + 2u * LANES).xy + sum_of(part + 3u * LANES).xy;
+    return lower + sum_of(part + 4u * LANES).xy + sum_of(part + 5u * LANES).xy + sum_of(part + 6u * LANES).xy
+        + sum_of(part + 7u * LANES).xy;
+}
+
+// The greatest 1/d of a particle.
+fn nearest(part: u32) -> f32 {
+    var greatest = 0.0;
+    for (var s = 0u; s < SLICES; s += 2u) {
+        greatest = max(greatest, max(sum_of(s * LANES + part).z, sum_of((s + 1u) * LANES + part).z));
     }
-    return sum;
+    return greatest;
 }
 
 @compute @workgroup_size(BLOCK_THREADS)
@@ -137,11 +148,10 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
         return;
     }
     let block = group.x - now.outer;
-    let look = look_at_member(member);
-    let n = look.count;
+    let n = select(0u, states[member].inner, runs_on(member));
     if EVALUATION == 0u {
         if thread == 0u {
-            stale = u32(look.stale && block * LANES < n);
+            stale = u32(block * LANES < n && is_stale(member));
         }
         if workgroupUniformLoad(&stale) != 0u {
             build_lists(member, n, block, thread);
@@ -155,19 +165,23 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     let team = thread / LANES;
     let part = thread % LANES;
     let i = block * LANES + part;
-    gather(member, n, row, look, block, thread);
+    gather(member, n, row, block, thread);
     // What does not depend on these sums, by a part of one subgroup each; then one thread per particle.
     var own: Own;
     if i < n {
         if thread < LANES {
             own = own_of(member, n, i);
         } else if team == APART {
-            local_sum[part] = local_forces(member, n, row, i, part);
+            let force = local_forces(member, n, row, i, part);
+            shelf[part].inverses.x = force.x;
+            shelf[part].inverses.y = force.y;
         } else if team == 2u * APART && rows[row].sway != 0.0 {
             if EVALUATION == 0u {
                 set_vector(member, SWAY, i, sway(member, now.row, position(member, i)));
             }
-            sway_sum[part] = vector(member, SWAY, i);
+            let force = vector(member, SWAY, i);
+            shelf[part].inverses.z = force.x;
+            shelf[part].inverses.w = force.y;
         } else if EVALUATION == 0u && team == 3u * APART {
             // Clears the entry of segment i for the next step; that of the previous step is not read any more.
             atomicStore(&near[near_slot(member, now.row + 1u, i)], 0u);
@@ -175,17 +189,12 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     }
     workgroupBarrier();
     if thread < LANES {
-        clear_summary(thread);
         if i < n {
             advance(member, row, own, i, thread);
         }
     } else if EVALUATION == 0u && team == APART && i < n {
-        var greatest = 0.0;
-        for (var s = 0u; s < SLICES; s++) {
-            greatest = max(greatest, lines[s * LANES + part].z);
-        }
         // The clearance of the vertex; those of its segments need all workgroups.
-        store(member, CLEARANCE, i, greatest);
+        store(member, CLEARANCE, i, nearest(part));
     }
     workgroupBarrier();
     if thread == 0u && block == 0u && n > 0u {
@@ -212,8 +221,11 @@ fn guard(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     let block = group.x;
     let n = select(0u, states[member].inner, runs_on(member));
     let i = block * LANES + thread;
+    if thread == 0u {
+        clear_summary();
+    }
+    workgroupBarrier();
     if thread < LANES {
-        clear_summary(thread);
         if i < n {
             let own = own_of(member, n, i);
             let free = clearance(member, n, i);
@@ -230,13 +242,14 @@ fn guard(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     }
 }
 
-// Segment j at this evaluation.
-fn segment_of(member: u32, n: u32, j: u32) -> Segment {
-    return segment_between(source(member, j), source(member, select(j + 1u, 0u, j + 1u == n)));
+// Both ends of segment j at this evaluation, of any segment if there is none of this number.
+fn ends_of(member: u32, n: u32, j: u32) -> vec4<f32> {
+    let begin = min(j, n - 1u);
+    return vec4<f32>(source(member, begin), source(member, select(begin + 1u, 0u, begin + 1u == n)));
 }
 
 // Sums the forces of a slice on a particle; at the first evaluation also the clearance.
-fn gather(member: u32, n: u32, row: u32, look: Look, block: u32, thread: u32) {
+fn gather(member: u32, n: u32, row: u32, block: u32, thread: u32) {
     let first = block * LANES;
     if first >= n {
         return;
@@ -244,60 +257,80 @@ fn gather(member: u32, n: u32, row: u32, look: Look, block: u32, thread: u32) {
     let slice = thread / LANES;
     let part = thread % LANES;
     let i = first + part;
-    if thread < LANES + 2u {
-        chain[thread] = source(member, (first + n - 1u + thread) % n);
-    }
-    var reader = Reader(false, slice, list_slot(member, block, slice));
+    // All of these are read before any is used, so that none waits for another: the place of a link of the chain, from the particle
+    // before the block to the one after it; the number of listed segments, and one of them, whether there are so many or not.
+    let along = first + min(thread, LANES + 1u);
+    let place = select(along - 1u, n - 1u, along == 0u);
+    let link = source(member, select(place, place - n, place >= n));
+    let list = list_slot(member, block, slice);
+    let listed = lists[list + part];
     var count = scalars[slot(member, COUNT, first + slice)];
     // Of the slice with the most segments.
     var most = scalars[slot(member, COUNT, first + SLICES)];
-    reader.all = most > LIST;
-    if look.moved > look.own {
-        if thread < LANES {
-            astray[thread] = u32(i < n && is_astray(member, look, i));
+    var terms = pair_terms(row, load(member, current(SCALE), min(i, n - 1u)));
+    var motion: Motion;
+    if EVALUATION != 0u {
+        motion = motion_of(member);
+    }
+    if thread == 0u {
+        clear_summary();
+        atomicStore(&astray, 0u);
+    }
+    var all = most > LIST;
+    // At the first evaluation, the lists have just been built or found valid.
+    if EVALUATION != 0u && motion.moved > motion.allowed {
+        workgroupBarrier();
+        if thread < LANES && i < n && is_astray(member, motion.allowed, i) {
+            atomicStore(&astray, 1u);
         }
         workgroupBarrier();
-        for (var l = 0u; l < LANES; l++) {
-            reader.all |= astray[l] != 0u;
-        }
+        all |= atomicLoad(&astray) != 0u;
     }
-    if reader.all {
+    if all {
         most = (n + SLICES - 1u) / SLICES;
         count = (n + SLICES - 1u - slice) / SLICES;
     }
-    var terms: PairTerms;
-    var sum = PairSum(vec2<f32>(0.0), 0.0);
-    for (var begin = 0u; begin < max(most, 1u); begin += SHELF) {
-        workgroupBarrier();
-        for (var k = part; k < min(SHELF, count - min(begin, count)); k += LANES) {
-            let j = segment_number(reader, begin + k);
-            var segment = Segment(vec4<f32>(DISTANT, DISTANT, 0.0, 0.0), 0.0);
-            if !reader.all || !is_own(n, first, j) {
-                segment = segment_of(member, n, j);
-            }
-            lines[slice * SHELF + k] = segment.line;
-            inverses[slice * SHELF + k] = segment.inverse;
-        }
-        workgroupBarrier();
-        if begin == 0u {
-            let normal = normal_of(chain[part], chain[part + 2u]);
-            terms = pair_terms(row, chain[part + 1u], normal, load(member, current(SCALE), min(i, n - 1u)));
-            sum = own_segments(member, n, terms, first, slice, part);
-        }
-        let end = select(0u, min(SHELF, count - min(begin, count)), i < n);
-        var k = 0u;
-        // Two at a time, so that the arithmetic of one hides the latency of the other.
-        for (; k + 1u < end; k += 2u) {
-            sum = with_listed(member, terms, sum, reader, begin, k);
-            sum = with_listed(member, terms, sum, reader, begin, k + 1u);
-        }
-        if k < end {
-            sum = with_listed(member, terms, sum, reader, begin, k);
-        }
+    let reader = Reader(all, slice, list);
+    var j = select(listed, slice + part * SLICES, all);
+    var ends = ends_of(member, n, j);
+    if thread < LANES + 2u {
+        chain[thread] = link;
     }
+    // While the first segments are read, those of the block.
     workgroupBarrier();
-    lines[thread] = vec4<f32>(sum.force, sum.greatest, 0.0);
-    if reader.all && thread == 0u {
+    // A lane without a particle is beyond all ranges.
+    terms.p = select(vec2<f32>(-DISTANT), chain[part + 1u], i < n);
+    terms.side = -terms.half * normal_of(chain[part], chain[part + 2u]);
+    var sum = own_segments(member, n, terms, first, slice, part);
+    for (var begin = 0u; begin < most; begin += LANES) {
+        var segment = Segment(vec4<f32>(DISTANT, DISTANT, 0.0, 0.0), 0.0);
+        if begin + part < count && !(all && is_own(n, first, j)) {
+            segment = segment_between(ends.xy, ends.zw);
+        }
+        shelf[thread / 4u].lines[thread % 4u] = segment.line;
+        shelf[thread / 4u].inverses[thread % 4u] = segment.inverse;
+        workgroupBarrier();
+        if begin + LANES < most {
+            j = segment_number(reader, begin + LANES + part);
+            ends = ends_of(member, n, j);
+        }
+        // Those behind the last one add zeros.
+        if begin < count {
+            sum = with_four(member, terms, sum, reader, begin, 0u);
+        }
+        if begin + 4u < count {
+            sum = with_four(member, terms, sum, reader, begin, 4u);
+        }
+        if begin + 8u < count {
+            sum = with_four(member, terms, sum, reader, begin, 8u);
+        }
+        if begin + 12u < count {
+            sum = with_four(member, terms, sum, reader, begin, 12u);
+        }
+        workgroupBarrier();
+    }
+    put_sum(thread, vec4<f32>(sum.force, sum.greatest, 0.0));
+    if all && thread == 0u {
         atomicAdd(&states[member].full_searches, 1u);
     }
 }
@@ -334,31 +367,46 @@ fn is_close(inverse: f32) -> bool {
     return EVALUATION == 0u && inverse > 1.0 / CLEARANCE_CAP;
 }
 
-// The sum with the force of a segment in shared memory.
-fn with_listed(member: u32, terms: PairTerms, sum: PairSum, reader: Reader, begin: u32, k: u32) -> PairSum {
-    let at = reader.slice * SHELF + k;
-    let force = pair_force(terms, Segment(lines[at], inverses[at]));
+// The sum with the forces of entries k to k + 3 on the shelf: the arithmetic of one hides the latency of another.
+fn with_four(member: u32, terms: PairTerms, sum: PairSum, reader: Reader, begin: u32, k: u32) -> PairSum {
+    let at = (reader.slice * LANES + k) / 4u;
+    let inverses = shelf[at].inverses;
+    let one = with_listed(member, terms, sum, reader, begin + k, Segment(shelf[at].lines[0], inverses.x));
+    let two = with_listed(member, terms, one, reader, begin + k + 1u, Segment(shelf[at].lines[1], inverses.y));
+    let three = with_listed(member, terms, two, reader, begin + k + 2u, Segment(shelf[at].lines[2], inverses.z));
+    return with_listed(member, terms, three, reader, begin + k + 3u, Segment(shelf[at].lines[3], inverses.w));
+}
+
+// The sum with the force of entry k of a slice.
+fn with_listed(member: u32, terms: PairTerms, sum: PairSum, reader: Reader, k: u32, segment: Segment) -> PairSum {
+    let force = pair_force(terms, segment);
     if is_close(force.z) {
-        atomicMax(&near[near_slot(member, now.row, segment_number(reader, begin + k))], bitcast<u32>(force.z));
+        atomicMax(&near[near_slot(member, now.row, segment_number(reader, k))], bitcast<u32>(force.z));
     }
     return added(sum, force);
 }
 
 // The sum of the segments of the block and of the one before it, other than those that end at the particle.
 fn own_segments(member: u32, n: u32, terms: PairTerms, first: u32, slice: u32, part: u32) -> PairSum {
-    var sum = PairSum(vec2<f32>(0.0), 0.0);
-    let count = select(0u, min(LANES, n - first), first + part < n);
-    // Segment k of these ends at particle k of the block. In a loop of one block the first and the last are the same one.
-    for (var k = select(slice, slice + SLICES, slice == 0u && n <= LANES); k <= count; k += SLICES) {
-        if k % n != part && k != part + 1u && count > 0u {
-            let force = pair_force(terms, segment_between(chain[k], chain[k + 1u]));
-            if is_close(force.z) {
-                atomicMax(&near[near_slot(member, now.row, (first + n - 1u + k) % n)], bitcast<u32>(force.z));
-            }
-            sum = added(sum, force);
-        }
+    var sum = with_own(member, n, terms, PairSum(vec2<f32>(0.0), 0.0), first, slice, part);
+    sum = with_own(member, n, terms, sum, first, slice + SLICES, part);
+    if slice == 0u {
+        sum = with_own(member, n, terms, sum, first, 2u * SLICES, part);
     }
     return sum;
+}
+
+// Segment k of these ends at particle k of the block. In a loop of one block the first and the last are the same one.
+fn with_own(member: u32, n: u32, terms: PairTerms, sum: PairSum, first: u32, k: u32, part: u32) -> PairSum {
+    let is_one = n <= LANES;
+    if first + k > n || k == part || k == part + 1u || (is_one && (k == 0u || (k == n && part == 0u))) {
+        return sum;
+    }
+    let force = pair_force(terms, segment_between(chain[k], chain[k + 1u]));
+    if is_close(force.z) {
+        atomicMax(&near[near_slot(member, now.row, select(first + k - 1u, n - 1u, first + k == 0u))], bitcast<u32>(force.z));
+    }
+    return added(sum, force);
 }
 
 // Forces on particle i from its neighbours in the chain and from the region.
@@ -430,9 +478,9 @@ fn within(displacement: vec2<f32>, limit: f32) -> vec2<f32> {
 
 // Moves particle i to the next stage, at most as far as it can move in a step.
 fn advance(member: u32, row: u32, own: Own, i: u32, thread: u32) {
-    var a = reduced(thread) + local_sum[thread];
+    var a = reduced(thread) + shelf[thread].inverses.xy;
     if rows[row].sway != 0.0 {
-        a += sway_sum[thread];
+        a += shelf[thread].inverses.zw;
     }
     if EULER {
         set_vector(member, SUM, i, own.here + a);
@@ -451,7 +499,7 @@ fn advance(member: u32, row: u32, own: Own, i: u32, thread: u32) {
     let to = STAGE + 2u * (EVALUATION % 2u);
     let p = own.position + within(h * own.here, GREATEST_MOVE);
     let stray = p - own.position;
-    strayed[thread] = stray.x * stray.x + stray.y * stray.y;
+    atomicMax(&strayed, bitcast<u32>(stray.x * stray.x + stray.y * stray.y));
     let v = own.velocity + h * a;
     set_vector(member, to, i, p);
     set_vector(member, to + 1u, i, v);
@@ -463,7 +511,7 @@ fn advance(member: u32, row: u32, own: Own, i: u32, thread: u32) {
         set_vector(member, MIDDLE, i, select(a, own.middle + a, EVALUATION == 2u));
     }
     let d = p - own.built;
-    far[thread] = d.x * d.x + d.y * d.y;
+    atomicMax(&far, bitcast<u32>(d.x * d.x + d.y * d.y));
 }
 
 // Combines the clearances of vertex and segments at the first evaluation into that of particle i.
@@ -490,58 +538,48 @@ fn conclude(member: u32, row: u32, own: Own, free: f32, i: u32, thread: u32, sum
         atomicMin(&states[member].broken, now.row);
     }
     let d = p - own.built;
-    far[thread] = d.x * d.x + d.y * d.y;
+    atomicMax(&far, bitcast<u32>(d.x * d.x + d.y * d.y));
     // The wall uses the squash of the step that begins.
     let flat_y = p.y / rows[row_index(member, now.row + 1u)].squash;
-    wide[thread] = p.x * p.x + flat_y * flat_y;
-    shortened[thread] = u32(cut);
+    atomicMax(&wide, bitcast<u32>(p.x * p.x + flat_y * flat_y));
+    if cut {
+        atomicAdd(&shortened, 1u);
+    }
     spots[thread] = p;
 }
 
-fn clear_summary(thread: u32) {
-    far[thread] = 0.0;
-    strayed[thread] = 0.0;
-    wide[thread] = 0.0;
-    shortened[thread] = 0u;
+fn clear_summary() {
+    atomicStore(&far, 0u);
+    atomicStore(&strayed, 0u);
+    atomicStore(&wide, 0u);
+    atomicStore(&shortened, 0u);
 }
 
 // Writes the maxima and the extent of a block with threads of different subgroups.
 fn summarize(member: u32, n: u32, block: u32, thread: u32) {
     let last = EULER || EVALUATION == 3u;
     if thread == 0u {
-        var moved = 0.0;
-        for (var l = 0u; l < LANES; l++) {
-            moved = max(moved, far[l]);
+        atomicMax(&states[member].moved[moved_slot(EVALUATION + 1u)], atomicLoad(&far));
+        if !last {
+            atomicMax(&states[member].strayed[now.row % 2u], atomicLoad(&strayed));
         }
-        atomicMax(&states[member].moved[moved_slot(EVALUATION + 1u)], bitcast<u32>(moved));
     }
     if last && thread == APART * LANES {
-        var reach = 0.0;
-        for (var l = 0u; l < LANES; l++) {
-            reach = max(reach, wide[l]);
-        }
-        atomicMax(&states[member].reach, bitcast<u32>(reach));
-    }
-    if !last && thread == APART * LANES {
-        var greatest = 0.0;
-        for (var l = 0u; l < LANES; l++) {
-            greatest = max(greatest, strayed[l]);
-        }
-        atomicMax(&states[member].strayed[now.row % 2u], bitcast<u32>(greatest));
-    }
-    if last && thread == 2u * APART * LANES {
-        var cuts = 0u;
-        for (var l = 0u; l < LANES; l++) {
-            cuts += shortened[l];
-        }
+        atomicMax(&states[member].reach, atomicLoad(&wide));
+        let cuts = atomicLoad(&shortened);
         if cuts > 0u {
             atomicAdd(&states[member].shortened, cuts);
         }
     }
-    if last && thread == 3u * APART * LANES {
+    if last && thread == 2u * APART * LANES {
+        let end = min(LANES, n - block * LANES) - 1u;
         var extent = vec4<f32>(spots[0], spots[0]);
-        for (var l = 1u; l < min(LANES, n - block * LANES); l++) {
-            extent = vec4<f32>(min(extent.xy, spots[l]), max(extent.zw, spots[l]));
+        for (var l = 0u; l <= end; l += 4u) {
+            let a = vec4<f32>(spots[l], spots[min(l + 1u, end)]);
+            let b = vec4<f32>(spots[min(l + 2u, end)], spots[min(l + 3u, end)]);
+            let low = min(a, b);
+            let high = max(a, b);
+            extent = vec4<f32>(min(extent.xy, min(low.xy, low.zw)), max(extent.zw, max(high.xy, high.zw)));
         }
         extents[extent_slot(member, block)] = extent;
     }

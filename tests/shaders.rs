@@ -194,8 +194,8 @@ const OWN_SCALARS: [&str; 5] = ["CLEARANCE", "COUNT", "WINNER", "BEFORE", "LIGHT
 const OWN_VECTORS: [(&str, u32); 6] =
     [("STAGE", 4), ("SUM", 1), ("FIRST", 1), ("MIDDLE", 1), ("BUILT", 1), ("SWAY", 1)];
 const OWN_OUTER_FIELDS: [(&str, u32); 3] = [("WALL_PULL_X", 1), ("WALL_PULL_Y", 1), ("WALL_OLD", 5)];
-/// … a part of the skin, a coordinate beyond all ranges, sizes in shared memory, and how work is divided among threads.
-const OWN: [&str; 6] = ["SPARE", "DISTANT", "SHELF", "WORDS", "SLICE_MASK", "APART"];
+/// … a part of the skin, a coordinate beyond all ranges, words in shared memory, and how work is divided among threads.
+const OWN: [&str; 5] = ["SPARE", "DISTANT", "WORDS", "SLICE_MASK", "APART"];
 
 /// Random streams used by shaders.
 const STREAMS: [(&str, Stream); 2] = [("STREAM_CONTORTION", Stream::Contortion), ("STREAM_GROWTH", Stream::Growth)];
@@ -273,9 +273,21 @@ fn no_constant_and_no_structure_is_left_out() {
             let name = constant.name.as_deref().unwrap_or_default();
             assert!(compared.contains(name), "{name} of {} is compared with nothing", shader.name);
         }
-        // Structures of shaders only: arguments and results of functions.
-        let known =
-            ["StepRow", "Batch", "Member", "Status", "Now", "Segment", "PairTerms", "PairSum", "Reader", "Look", "Own"];
+        // Structures of shaders only: arguments and results of functions, and what is in shared memory.
+        let known = [
+            "StepRow",
+            "Batch",
+            "Member",
+            "Status",
+            "Now",
+            "Segment",
+            "Four",
+            "PairTerms",
+            "PairSum",
+            "Reader",
+            "Motion",
+            "Own",
+        ];
         for (_, found) in module.types.iter().filter(|(_, t)| matches!(t.inner, TypeInner::Struct { .. })) {
             let name = found.name.as_deref().unwrap_or_default();
             assert!(known.contains(&name), "{name} of {} is compared with nothing", shader.name);

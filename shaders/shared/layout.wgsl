@@ -262,7 +262,10 @@ fn row_index(member: u32, row: u32) -> u32 {
 
 // Whether a member is computed: not stopped by the host, and all its positions finite.
 fn runs_on(member: u32) -> bool {
-    return states[member].halted == 0u && atomicLoad(&states[member].broken) == NONE;
+    // Neither read waits for the other.
+    let halted = states[member].halted;
+    let broken = atomicLoad(&states[member].broken);
+    return (halted == 0u) & (broken == NONE);
 }
 
 // Range of the self-intersection force without the thickness field.

@@ -15,14 +15,10 @@ const SLICE_MASK: u32 = 0xFFFFu / ((1u << SLICES) - 1u);
 
 // Whether the lists of a member are to be built; all workgroups decide alike.
 var<workgroup> stale: u32;
-// Positions of the particles of the block, and the squares of their ranges with the skin; negative if there is none.
-var<workgroup> seekers: array<vec3<f32>, LANES>;
 // Of the blocks that the threads test: one bit for each that is near …
 var<workgroup> near_blocks: array<atomic<u32>, WORDS>;
-// … those, ascending …
-var<workgroup> candidates: array<u32, BLOCK_THREADS>;
-// … and one bit for each segment of theirs that is near.
-var<workgroup> near_segments: array<atomic<u32>, BLOCK_THREADS>;
+// … and those, ascending: which of them in the upper half, one bit for each segment that is near in the lower half.
+var<workgroup> candidates: array<atomic<u32>, BLOCK_THREADS>;
 // The most segments of a slice.
 var<workgroup> most_listed: atomic<u32>;
 
@@ -59,16 +55,29 @@ fn is_own(n: u32, first: u32, j: u32) -> bool {
     return (j >= first && j < first + LANES) || j == select(first - 1u, n - 1u, first == 0u);
 }
 
+// Position of particle k of the block, and the square of its range with the skin, negative if there is no such particle: on the shelf
+// of integrate.wgsl.
+fn seeker(k: u32) -> vec3<f32> {
+    return shelf[k].inverses.xyz;
+}
+
+// Whether particle k of the block is near a segment that begins at a.
+fn is_seeker_near(k: u32, a: vec2<f32>, d: vec2<f32>, inverse: f32) -> bool {
+    let own = seeker(k);
+    let r = own.xy - a;
+    let q = r - clamp((r.x * d.x + r.y * d.y) * inverse, 0.0, 1.0) * d;
+    return q.x * q.x + q.y * q.y <= own.z;
+}
+
 // Whether one of the block's particles is near segment j.
 fn is_sought(member: u32, n: u32, j: u32) -> bool {
     let a = position(member, j);
     let segment = segment_between(a, position(member, select(j + 1u, 0u, j + 1u == n)));
     let d = segment.line.zw;
     var sought = false;
-    for (var k = 0u; k < LANES; k++) {
-        let r = seekers[k].xy - a;
-        let q = r - clamp((r.x * d.x + r.y * d.y) * segment.inverse, 0.0, 1.0) * d;
-        sought |= q.x * q.x + q.y * q.y <= seekers[k].z;
+    for (var k = 0u; k < LANES; k += 4u) {
+        sought |= is_seeker_near(k, a, d, segment.inverse) | is_seeker_near(k + 1u, a, d, segment.inverse)
+            | is_seeker_near(k + 2u, a, d, segment.inverse) | is_seeker_near(k + 3u, a, d, segment.inverse);
     }
     return sought;
 }
@@ -83,27 +92,30 @@ fn build_lists(member: u32, n: u32, block: u32, thread: u32) {
     let first = block * LANES;
     let blocks = (n + LANES - 1u) / LANES;
     if thread < LANES {
-        var seeker = vec3<f32>(0.0, 0.0, -1.0);
+        var own = vec4<f32>(0.0, 0.0, -1.0, 0.0);
         if first + thread < n {
             let row = row_index(member, now.row);
             let p = position(member, first + thread);
             let scale = load(member, current(SCALE), first + thread);
             let range = max(range_max(row) * scale, least_sight(row)) + SKIN;
-            seeker = vec3<f32>(p, range * range);
+            own = vec4<f32>(p, range * range, 0.0);
             set_vector(member, BUILT, first + thread, p);
         }
-        seekers[thread] = seeker;
+        shelf[thread].inverses = own;
     }
     if thread == 0u {
         atomicStore(&most_listed, 0u);
     }
     workgroupBarrier();
-    var box = vec4<f32>(seekers[0].xy, seekers[0].xy);
-    var square = seekers[0].z;
-    for (var k = 1u; k < min(LANES, n - first); k++) {
-        let p = seekers[k].xy;
-        box = vec4<f32>(min(box.xy, p), max(box.zw, p));
-        square = max(square, seekers[k].z);
+    var box = vec4<f32>(seeker(0u).xy, seeker(0u).xy);
+    var square = seeker(0u).z;
+    let end = min(LANES, n - first) - 1u;
+    for (var k = 1u; k <= end; k += 3u) {
+        let p = seeker(k);
+        let q = seeker(min(k + 1u, end));
+        let r = seeker(min(k + 2u, end));
+        box = vec4<f32>(min(min(box.xy, p.xy), min(q.xy, r.xy)), max(max(box.zw, p.xy), max(q.xy, r.xy)));
+        square = max(max(square, p.z), max(q.z, r.z));
     }
     let list = list_slot(member, block, slice);
     var count = 0u;
@@ -131,14 +143,13 @@ fn build_lists(member: u32, n: u32, block: u32, thread: u32) {
             all += countOneBits(bits);
         }
         if is_near {
-            candidates[before] = tile + thread;
+            atomicStore(&candidates[before], thread << LANES);
         }
-        atomicStore(&near_segments[thread], 0u);
         workgroupBarrier();
         for (var c = team; c < all; c += SLICES) {
-            let j = candidates[c] * LANES + lane;
+            let j = (tile + (atomicLoad(&candidates[c]) >> LANES)) * LANES + lane;
             if j < n && !is_own(n, first, j) && is_sought(member, n, j) {
-                atomicOr(&near_segments[c], 1u << lane);
+                atomicOr(&candidates[c], 1u << lane);
             }
         }
         workgroupBarrier();
@@ -146,16 +157,16 @@ fn build_lists(member: u32, n: u32, block: u32, thread: u32) {
         var next = 0u;
         for (var c = team; c < all; c += SLICES) {
             for (; next < c; next++) {
-                count += countOneBits(atomicLoad(&near_segments[next]) & (SLICE_MASK << slice));
+                count += countOneBits(atomicLoad(&candidates[next]) & (SLICE_MASK << slice));
             }
-            let bits = atomicLoad(&near_segments[c]);
+            let bits = atomicLoad(&candidates[c]);
             let at = count + countOneBits(bits & (SLICE_MASK << slice) & ((1u << lane) - 1u));
             if (bits & (1u << lane)) != 0u && at < LIST {
-                lists[list + at] = candidates[c] * LANES + lane;
+                lists[list + at] = (tile + (bits >> LANES)) * LANES + lane;
             }
         }
         for (; next < all; next++) {
-            count += countOneBits(atomicLoad(&near_segments[next]) & (SLICE_MASK << slice));
+            count += countOneBits(atomicLoad(&candidates[next]) & (SLICE_MASK << slice));
         }
         workgroupBarrier();
     }

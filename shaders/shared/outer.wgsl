@@ -1,6 +1,6 @@
 // The outer loop: spring, containment to its own lobed ellipse, friction; twin of src/sim/cpu/outer.rs.
 //
-// One workgroup per member, which keeps its sums in `inverses` and `lines` of integrate.wgsl. The inner loop never reads the
+// One workgroup per member, which keeps its sums on the shelf of integrate.wgsl. The inner loop never reads the
 // outer one, so a step of the wall may run beside the first evaluation of the next step.
 
 // Greatest move in a step along each axis, µm, unless the inner loop forces a greater one.
@@ -108,7 +108,6 @@ fn step_outer(member: u32, at: u32, thread: u32) {
     for (var i = thread; i < n; i += BLOCK_THREADS) {
         partial += length(wall2(member, WALL_X, (i + 1u) % n) - wall2(member, WALL_X, i));
     }
-    inverses[thread] = partial;
     // Edges may leave a region that is not convex, so that particles alone do not tell how far the inner loop reaches.
     var reach = 0.0;
     if is_shaped(member) && n > 0u {
@@ -120,16 +119,17 @@ fn step_outer(member: u32, at: u32, thread: u32) {
             reach = max(reach, region_extent(member, next_row, wall_depth(next_row), a, b).y);
         }
     }
-    lines[thread].x = reach;
+    put_sum(thread, vec4<f32>(partial, reach, 0.0, 0.0));
     if thread == 0u {
         wall_burden = sqrt(bitcast<f32>(atomicExchange(&states[member].reach, 0u)));
     }
     workgroupBarrier();
     var perimeter = 0.0;
     var burden = select(wall_burden, 0.0, is_shaped(member));
-    for (var t = 0u; t < BLOCK_THREADS; t++) {
-        perimeter += inverses[t];
-        burden = max(burden, lines[t].x);
+    for (var t = 0u; t < BLOCK_THREADS; t += 4u) {
+        let part = shelf[t / 4u].lines;
+        perimeter = perimeter + part[0].x + part[1].x + part[2].x + part[3].x;
+        burden = max(burden, max(max(part[0].y, part[1].y), max(part[2].y, part[3].y)));
     }
     burden += rows[next_row].margin;
     let rest = TAUT * perimeter / f32(n);

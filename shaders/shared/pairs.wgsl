@@ -14,22 +14,25 @@ fn segment_between(a: vec2<f32>, b: vec2<f32>) -> Segment {
     return Segment(vec4<f32>(a, d), 1.0 / (d.x * d.x + d.y * d.y + TINY));
 }
 
-// Inputs of the force on one particle besides the segments.
+// Inputs of the force on one particle besides the segments. The range is the mean with half of the difference across the lumen, without
+// it through tissue.
 struct PairTerms {
     p: vec2<f32>,
     mean: f32,
+    half: f32,
     side: vec2<f32>,
     repulsion: f32,
     barrier: f32,
     barrier_reach: f32,
 }
 
-fn pair_terms(row: u32, p: vec2<f32>, normal: vec2<f32>, scale: f32) -> PairTerms {
-    let half_range = scale * rows[row].range_half;
+// Those that are known before the positions.
+fn pair_terms(row: u32, scale: f32) -> PairTerms {
     return PairTerms(
-        p,
+        vec2<f32>(0.0),
         scale * rows[row].range_mean,
-        -half_range * normal,
+        scale * rows[row].range_half,
+        vec2<f32>(0.0),
         rows[row].repulsion,
         rows[row].barrier,
         rows[row].barrier * rows[row].barrier_distance,
