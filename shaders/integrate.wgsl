@@ -46,7 +46,7 @@ var<workgroup> shelf: array<Four, BLOCK_THREADS / 4>;
 // Bits of the greatest squared displacement of a particle since the lists were built, and since the step began.
 var<workgroup> far: atomic<u32>;
 var<workgroup> strayed: atomic<u32>;
-// Bits of the greatest squared elliptic radius, and how many moves were shortened.
+// Bits of the greatest squared elliptic radius, or gauge if the region is not the ellipse; how many moves were shortened.
 var<workgroup> wide: atomic<u32>;
 var<workgroup> shortened: atomic<u32>;
 // Whether a particle moved too far for the list of its block.
@@ -197,6 +197,10 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
         store(member, CLEARANCE, i, nearest(part));
     }
     workgroupBarrier();
+    if EVALUATION == 3u {
+        measure_edges(member, n, block, thread);
+        workgroupBarrier();
+    }
     if thread == 0u && block == 0u && n > 0u {
         // The slot of the previous evaluation is not read any more.
         if !EULER {
@@ -233,6 +237,8 @@ fn guard(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
             conclude(member, row_index(member, now.row), own, free, i, thread, own.sum, own.sum);
         }
     }
+    workgroupBarrier();
+    measure_edges(member, n, block, thread);
     workgroupBarrier();
     if i == 0u && n > 0u {
         states[member].built = states[member].built_next;
@@ -541,11 +547,26 @@ fn conclude(member: u32, row: u32, own: Own, free: f32, i: u32, thread: u32, sum
     atomicMax(&far, bitcast<u32>(d.x * d.x + d.y * d.y));
     // The wall uses the squash of the step that begins.
     let flat_y = p.y / rows[row_index(member, now.row + 1u)].squash;
-    atomicMax(&wide, bitcast<u32>(p.x * p.x + flat_y * flat_y));
+    if !is_shaped(member) {
+        atomicMax(&wide, bitcast<u32>(p.x * p.x + flat_y * flat_y));
+    }
     if cut {
         atomicAdd(&shortened, 1u);
     }
     spots[thread] = p;
+}
+
+// How far edges of the block reach at the end of a step, if the region is not the ellipse: they may leave one that is not convex, so
+// that particles alone do not tell. `step_outer` measures the edges from block to block.
+fn measure_edges(member: u32, n: u32, block: u32, thread: u32) {
+    let part = thread % LANES;
+    if thread / LANES != 3u * APART || part + 1u == LANES || block * LANES + part + 1u >= n || !is_shaped(member) {
+        return;
+    }
+    let row = row_index(member, now.row + 1u);
+    let flatten = vec2<f32>(1.0, 1.0 / rows[row].squash);
+    let gauges = region_extent(member, row, wall_depth(row), spots[part] * flatten, spots[part + 1u] * flatten);
+    atomicMax(&wide, bitcast<u32>(gauges.y));
 }
 
 fn clear_summary() {

@@ -114,7 +114,7 @@ struct Status {
     moved: array<atomic<u32>, 4>,
     // Bits of the greatest squared distance of a stage from the start of its step, in even and in odd rows.
     strayed: array<atomic<u32>, 2>,
-    // Bits of the greatest squared elliptic radius of the inner loop.
+    // Bits of the greatest squared elliptic radius of the inner loop, or the greatest gauge if the region is not the ellipse.
     reach: atomic<u32>,
     // Bits of the greatest range scale, at least 1.
     widest: atomic<u32>,

@@ -108,12 +108,13 @@ fn step_outer(member: u32, at: u32, thread: u32) {
     for (var i = thread; i < n; i += BLOCK_THREADS) {
         partial += length(wall2(member, WALL_X, (i + 1u) % n) - wall2(member, WALL_X, i));
     }
-    // Edges may leave a region that is not convex, so that particles alone do not tell how far the inner loop reaches.
+    // If the region is not the ellipse, the edges from block to block; the others have been measured.
     var reach = 0.0;
     if is_shaped(member) && n > 0u {
         let inner = states[member].inner;
         let flatten = vec2<f32>(1.0, 1.0 / rows[next_row].squash);
-        for (var i = thread; i < inner; i += BLOCK_THREADS) {
+        for (var first = LANES * thread; first < inner; first += LANES * BLOCK_THREADS) {
+            let i = min(first + LANES, inner) - 1u;
             let a = position(member, i) * flatten;
             let b = position(member, (i + 1u) % inner) * flatten;
             reach = max(reach, region_extent(member, next_row, wall_depth(next_row), a, b).y);
@@ -121,11 +122,12 @@ fn step_outer(member: u32, at: u32, thread: u32) {
     }
     put_sum(thread, vec4<f32>(partial, reach, 0.0, 0.0));
     if thread == 0u {
-        wall_burden = sqrt(bitcast<f32>(atomicExchange(&states[member].reach, 0u)));
+        let measured = bitcast<f32>(atomicExchange(&states[member].reach, 0u));
+        wall_burden = select(sqrt(measured), measured, is_shaped(member));
     }
     workgroupBarrier();
     var perimeter = 0.0;
-    var burden = select(wall_burden, 0.0, is_shaped(member));
+    var burden = wall_burden;
     for (var t = 0u; t < BLOCK_THREADS; t += 4u) {
         let part = shelf[t / 4u].lines;
         perimeter = perimeter + part[0].x + part[1].x + part[2].x + part[3].x;

@@ -108,7 +108,7 @@ pub struct Status {
     pub moved: [u32; 4],
     /// Bits of the greatest squared distance of a stage from the start of its step, in even and in odd rows.
     pub strayed: [u32; 2],
-    /// Bits of the greatest squared elliptic radius.
+    /// Bits of the greatest squared elliptic radius, or the greatest gauge if the region is not the ellipse.
     pub reach: u32,
     /// Bits of the greatest range scale, at least 1.
     pub widest: u32,
