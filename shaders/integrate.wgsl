@@ -325,13 +325,13 @@ fn gather(member: u32, n: u32, row: u32, block: u32, thread: u32) {
             sum = with_four(member, terms, sum, reader, begin, 0u);
         }
         if begin + 4u < count {
-            sum = with_four(member, terms, sum, reader, begin, 4u);
+            sum = with_four(member, terms, sum, reader, begin + 4u, 4u);
         }
         if begin + 8u < count {
-            sum = with_four(member, terms, sum, reader, begin, 8u);
+            sum = with_four(member, terms, sum, reader, begin + 8u, 8u);
         }
         if begin + 12u < count {
-            sum = with_four(member, terms, sum, reader, begin, 12u);
+            sum = with_four(member, terms, sum, reader, begin + 12u, 12u);
         }
         workgroupBarrier();
     }
@@ -373,23 +373,30 @@ fn is_close(inverse: f32) -> bool {
     return EVALUATION == 0u && inverse > 1.0 / CLEARANCE_CAP;
 }
 
-// The sum with the forces of entries k to k + 3 on the shelf: the arithmetic of one hides the latency of another.
-fn with_four(member: u32, terms: PairTerms, sum: PairSum, reader: Reader, begin: u32, k: u32) -> PairSum {
-    let at = (reader.slice * LANES + k) / 4u;
-    let inverses = shelf[at].inverses;
-    let one = with_listed(member, terms, sum, reader, begin + k, Segment(shelf[at].lines[0], inverses.x));
-    let two = with_listed(member, terms, one, reader, begin + k + 1u, Segment(shelf[at].lines[1], inverses.y));
-    let three = with_listed(member, terms, two, reader, begin + k + 2u, Segment(shelf[at].lines[2], inverses.z));
-    return with_listed(member, terms, three, reader, begin + k + 3u, Segment(shelf[at].lines[3], inverses.w));
+// Notes 1/d of segment j.
+fn note_near(member: u32, j: u32, inverse: f32) {
+    if is_close(inverse) {
+        atomicMax(&near[near_slot(member, now.row, j)], bitcast<u32>(inverse));
+    }
 }
 
-// The sum with the force of entry k of a slice.
-fn with_listed(member: u32, terms: PairTerms, sum: PairSum, reader: Reader, k: u32, segment: Segment) -> PairSum {
-    let force = pair_force(terms, segment);
-    if is_close(force.z) {
-        atomicMax(&near[near_slot(member, now.row, segment_number(reader, k))], bitcast<u32>(force.z));
+// The sum with the forces of entries k to k + 3 of a slice, number `at` and following on the shelf. The arithmetic of one hides the
+// latency of another.
+fn with_four(member: u32, terms: PairTerms, sum: PairSum, reader: Reader, k: u32, at: u32) -> PairSum {
+    let place = (reader.slice * LANES + at) / 4u;
+    let inverses = shelf[place].inverses;
+    let a = pair_force(terms, Segment(shelf[place].lines[0], inverses.x));
+    let b = pair_force(terms, Segment(shelf[place].lines[1], inverses.y));
+    let c = pair_force(terms, Segment(shelf[place].lines[2], inverses.z));
+    let d = pair_force(terms, Segment(shelf[place].lines[3], inverses.w));
+    // Seldom is any of them.
+    if is_close(max(max(a.z, b.z), max(c.z, d.z))) {
+        note_near(member, segment_number(reader, k), a.z);
+        note_near(member, segment_number(reader, k + 1u), b.z);
+        note_near(member, segment_number(reader, k + 2u), c.z);
+        note_near(member, segment_number(reader, k + 3u), d.z);
     }
-    return added(sum, force);
+    return added(added(added(added(sum, a), b), c), d);
 }
 
 // The sum of the segments of the block and of the one before it, other than those that end at the particle.
@@ -409,9 +416,7 @@ fn with_own(member: u32, n: u32, terms: PairTerms, sum: PairSum, first: u32, k: 
         return sum;
     }
     let force = pair_force(terms, segment_between(chain[k], chain[k + 1u]));
-    if is_close(force.z) {
-        atomicMax(&near[near_slot(member, now.row, select(first + k - 1u, n - 1u, first + k == 0u))], bitcast<u32>(force.z));
-    }
+    note_near(member, select(first + k - 1u, n - 1u, first + k == 0u), force.z);
     return added(sum, force);
 }
 
