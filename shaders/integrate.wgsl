@@ -175,13 +175,16 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
             let force = local_forces(member, n, row, i, part);
             shelf[part].inverses.x = force.x;
             shelf[part].inverses.y = force.y;
-        } else if team == 2u * APART && rows[row].sway != 0.0 {
-            if EVALUATION == 0u {
-                set_vector(member, SWAY, i, sway(member, now.row, position(member, i)));
+        } else if team == 2u * APART {
+            // A condition of its own, or the subgroup with the local forces reads the row first.
+            if rows[row].sway != 0.0 {
+                if EVALUATION == 0u {
+                    set_vector(member, SWAY, i, sway(member, now.row, position(member, i)));
+                }
+                let force = vector(member, SWAY, i);
+                shelf[part].inverses.z = force.x;
+                shelf[part].inverses.w = force.y;
             }
-            let force = vector(member, SWAY, i);
-            shelf[part].inverses.z = force.x;
-            shelf[part].inverses.w = force.y;
         } else if EVALUATION == 0u && team == 3u * APART {
             // Clears the entry of segment i for the next step; that of the previous step is not read any more.
             atomicStore(&near[near_slot(member, now.row + 1u, i)], 0u);
@@ -264,12 +267,13 @@ fn gather(member: u32, n: u32, row: u32, block: u32, thread: u32) {
     let part = thread % LANES;
     let i = first + part;
     // All of these are read before any is used, so that none waits for another: the place of a link of the chain, from the particle
-    // before the block to the one after it; the number of listed segments, and one of them, whether there are so many or not.
+    // before the block to the one after it; the number of listed segments, and two of them, whether there are so many or not.
     let along = first + min(thread, LANES + 1u);
     let place = select(along - 1u, n - 1u, along == 0u);
     let link = source(member, select(place, place - n, place >= n));
     let list = list_slot(member, block, slice);
     let listed = lists[list + part];
+    var upcoming = lists[list + LANES + part];
     var count = scalars[slot(member, COUNT, first + slice)];
     // Of the slice with the most segments.
     var most = scalars[slot(member, COUNT, first + SLICES)];
@@ -317,8 +321,9 @@ fn gather(member: u32, n: u32, row: u32, block: u32, thread: u32) {
         shelf[thread / 4u].inverses[thread % 4u] = segment.inverse;
         workgroupBarrier();
         if begin + LANES < most {
-            j = segment_number(reader, begin + LANES + part);
+            j = select(upcoming, (begin + LANES + part) * SLICES + slice, all);
             ends = ends_of(member, n, j);
+            upcoming = lists[list + min(begin + 2u * LANES, LIST - LANES) + part];
         }
         // Those behind the last one add zeros.
         if begin < count {

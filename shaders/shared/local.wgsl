@@ -31,28 +31,37 @@ fn local_force(
     direction: vec2<f32>,
     sign: f32,
 ) -> vec2<f32> {
+    // Read before the region is asked for its shape.
+    let squash = rows[row].squash;
+    let r_in = rows[row].r_in;
+    let containment = rows[row].containment;
+    let ramp = rows[row].ramp;
+    let regulatory = rows[row].regulatory;
+    let softening = rows[row].softening;
+    let friction = rows[row].friction;
     let second = before - 2.0 * p + after;
     let bend = rows[row].bending * (second.x * normal.x + second.y * normal.y);
+    let lean = sign * modifier;
     let radius = sqrt(p.x * p.x + p.y * p.y + 1e-6);
-    let flat_y = p.y / rows[row].squash;
+    let flat_y = p.y / squash;
     var gauge = sqrt(p.x * p.x + flat_y * flat_y);
-    var r_anchor = rows[row].r_in;
+    var r_anchor = r_in;
     if is_shaped(member) {
         gauge = region_gauge(member, row, rows[row].fold, vec2<f32>(p.x, flat_y));
         r_anchor *= region_boundary(member, row, rows[row].fold, direction);
     }
-    let inward = rows[row].containment * clamp((gauge - rows[row].r_in) / rows[row].ramp, 0.0, 1.0) / radius;
-    let anchor = r_anchor * vec2<f32>(direction.x, rows[row].squash * direction.y) - p;
+    let inward = containment * clamp((gauge - r_in) / ramp, 0.0, 1.0) / radius;
+    let anchor = r_anchor * vec2<f32>(direction.x, squash * direction.y) - p;
     let far = sqrt(anchor.x * anchor.x + anchor.y * anchor.y);
-    let tether = rows[row].regulatory / max(far, rows[row].softening);
-    var force = pull - rows[row].friction * v + bend * normal - inward * p + tether * anchor;
-    if sign != 0.0 {
+    let tether = regulatory / max(far, softening);
+    var force = pull - friction * v + bend * normal - inward * p + tether * anchor;
+    if lean != 0.0 {
         let a = before - p;
         let b = after - p;
         let lengths = sqrt(a.x * a.x + a.y * a.y) * sqrt(b.x * b.x + b.y * b.y);
         let cosine = (a.x * b.x + a.y * b.y) / max(lengths, 1e-12);
         let straightness = acos(clamp(cosine, -1.0, 1.0)) * 0.31830988618;
-        force += sign * modifier * straightness * normal;
+        force += lean * straightness * normal;
     }
     return force;
 }
