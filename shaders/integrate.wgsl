@@ -51,7 +51,7 @@ var<workgroup> wide: atomic<u32>;
 var<workgroup> shortened: atomic<u32>;
 // Whether a particle moved too far for the list of its block.
 var<workgroup> astray: atomic<u32>;
-// Where each particle is at the end of the step.
+// Where each particle is at the end of the step; sums of the outer loop.
 var<workgroup> spots: array<vec2<f32>, LANES>;
 
 // Positions of this evaluation.
@@ -83,30 +83,33 @@ fn moved_slot(evaluation: u32) -> u32 {
     return evaluation % 4u;
 }
 
-// The greatest displacement of a particle of the member since its lists were built, and by how much the particles of a block may
-// have moved if its list is valid, µm: both displacements and the growth of the ranges together are within the skin.
+// What decides whether lists are valid, µm. All threads read the same: it changes in later dispatches only.
 struct Motion {
+    // The greatest displacement of a particle of the member since its lists were built.
     moved: f32,
+    // By how much the particles of a block may have moved if its list is valid: both displacements and the growth of the ranges
+    // together are within the skin. Negative if there are no lists.
     allowed: f32,
+    // The greatest distance of a stage of the last step from its start.
+    strayed: f32,
 }
 
 fn motion_of(member: u32) -> Motion {
     var built = states[member].built_next;
+    var strayed = 0.0;
     if EVALUATION == 0u {
         built = states[member].built;
+        strayed = sqrt(bitcast<f32>(atomicLoad(&states[member].strayed[(now.row + 1u) % 2u])));
     }
     let moved = sqrt(bitcast<f32>(atomicLoad(&states[member].moved[moved_slot(EVALUATION)])));
     let allowed = SKIN - 0.01 - widened(member, now.row, built) - moved;
-    return Motion(select(moved, 0.0, built == NONE), select(allowed, -1.0, built == NONE));
+    return Motion(select(moved, 0.0, built == NONE), select(allowed, -1.0, built == NONE), strayed);
 }
 
-// Whether the lists of a member are to be built first. All workgroups decide alike: what is read here changes in later dispatches
-// only.
-fn is_stale(member: u32) -> bool {
-    let motion = motion_of(member);
-    // The stages of this step move particles, the block's own and others, about as far as those of the last one.
-    let strayed = sqrt(bitcast<f32>(atomicLoad(&states[member].strayed[(now.row + 1u) % 2u])));
-    return !(motion.allowed - motion.moved >= 2.0 * strayed + SPARE);
+// Whether lists are to be built before this step. Its stages move particles, the block's own and others, about as far as those of the
+// last one.
+fn is_stale(motion: Motion) -> bool {
+    return !(motion.allowed - motion.moved >= 2.0 * motion.strayed + SPARE);
 }
 
 // Whether particle i moved too far for the list of its block.
@@ -149,18 +152,6 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     }
     let block = group.x - now.outer;
     let n = select(0u, states[member].inner, runs_on(member));
-    if EVALUATION == 0u {
-        if thread == 0u {
-            stale = u32(block * LANES < n && is_stale(member));
-        }
-        if workgroupUniformLoad(&stale) != 0u {
-            build_lists(member, n, block, thread);
-            if thread == 0u && block == 0u {
-                states[member].built_next = now.row;
-                states[member].builds += 1u;
-            }
-        }
-    }
     let row = row_index(member, now.row);
     let team = thread / LANES;
     let part = thread % LANES;
@@ -272,22 +263,29 @@ fn gather(member: u32, n: u32, row: u32, block: u32, thread: u32) {
     let place = select(along - 1u, n - 1u, along == 0u);
     let link = source(member, select(place, place - n, place >= n));
     let list = list_slot(member, block, slice);
-    let listed = lists[list + part];
+    var listed = lists[list + part];
     var upcoming = lists[list + LANES + part];
     var count = scalars[slot(member, COUNT, first + slice)];
     // Of the slice with the most segments.
     var most = scalars[slot(member, COUNT, first + SLICES)];
     var terms = pair_terms(row, load(member, current(SCALE), min(i, n - 1u)));
-    var motion: Motion;
-    if EVALUATION != 0u {
-        motion = motion_of(member);
-    }
+    let motion = motion_of(member);
     if thread == 0u {
         clear_summary();
         atomicStore(&astray, 0u);
     }
+    if EVALUATION == 0u && is_stale(motion) {
+        build_lists(member, n, block, thread);
+        if thread == 0u && block == 0u {
+            states[member].built_next = now.row;
+            states[member].builds += 1u;
+        }
+        listed = lists[list + part];
+        upcoming = lists[list + LANES + part];
+        count = scalars[slot(member, COUNT, first + slice)];
+        most = scalars[slot(member, COUNT, first + SLICES)];
+    }
     var all = most > LIST;
-    // At the first evaluation, the lists have just been built or found valid.
     if EVALUATION != 0u && motion.moved > motion.allowed {
         workgroupBarrier();
         if thread < LANES && i < n && is_astray(member, motion.allowed, i) {

@@ -13,8 +13,6 @@ const WORDS: u32 = BLOCK_THREADS / 32u;
 // One bit for each lane of slice 0.
 const SLICE_MASK: u32 = 0xFFFFu / ((1u << SLICES) - 1u);
 
-// Whether the lists of a member are to be built; all workgroups decide alike.
-var<workgroup> stale: u32;
 // Of the blocks that the threads test: one bit for each that is near …
 var<workgroup> near_blocks: array<atomic<u32>, WORDS>;
 // … and those, ascending: which of them in the upper half, one bit for each segment that is near in the lower half.

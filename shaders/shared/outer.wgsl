@@ -1,6 +1,6 @@
 // The outer loop: spring, containment to its own lobed ellipse, friction; twin of src/sim/cpu/outer.rs.
 //
-// One workgroup per member, which keeps its sums on the shelf of integrate.wgsl. The inner loop never reads the
+// One workgroup per member, which keeps its sums in shared memory of integrate.wgsl. The inner loop never reads the
 // outer one, so a step of the wall may run beside the first evaluation of the next step.
 
 // Greatest move in a step along each axis, µm, unless the inner loop forces a greater one.
@@ -126,12 +126,20 @@ fn step_outer(member: u32, at: u32, thread: u32) {
         wall_burden = select(sqrt(measured), measured, is_shaped(member));
     }
     workgroupBarrier();
+    // First by eights, then all of these.
+    if thread < LANES {
+        let one = shelf[2u * thread].lines;
+        let two = shelf[2u * thread + 1u].lines;
+        let sum = one[0].x + one[1].x + one[2].x + one[3].x + two[0].x + two[1].x + two[2].x + two[3].x;
+        let lower = max(max(one[0].y, one[1].y), max(one[2].y, one[3].y));
+        spots[thread] = vec2<f32>(sum, max(lower, max(max(two[0].y, two[1].y), max(two[2].y, two[3].y))));
+    }
+    workgroupBarrier();
     var perimeter = 0.0;
     var burden = wall_burden;
-    for (var t = 0u; t < BLOCK_THREADS; t += 4u) {
-        let part = shelf[t / 4u].lines;
-        perimeter = perimeter + part[0].x + part[1].x + part[2].x + part[3].x;
-        burden = max(burden, max(max(part[0].y, part[1].y), max(part[2].y, part[3].y)));
+    for (var t = 0u; t < LANES; t += 4u) {
+        perimeter = perimeter + spots[t].x + spots[t + 1u].x + spots[t + 2u].x + spots[t + 3u].x;
+        burden = max(burden, max(max(spots[t].y, spots[t + 1u].y), max(spots[t + 2u].y, spots[t + 3u].y)));
     }
     burden += rows[next_row].margin;
     let rest = TAUT * perimeter / f32(n);
