@@ -2,11 +2,9 @@
 // src/sim/cpu/integrate.rs.
 //
 // A dispatch is one evaluation of all forces; the first of a step rebuilds neighbour lists that are no longer valid.
-// A workgroup computes a block of 16 particles with 8 threads per particle, one for each slice: segment j is in slice j mod 8. The
-// segments on the block's list are copied to shared memory, 16 of each slice at a time; each thread visits those of its slice, ascending,
-// after those of the block itself. So sums depend neither on the list nor on when it was built. Then threads of other subgroups compute
-// the local forces and the sway, and one thread per particle adds everything and moves the particle to the next stage, in a buffer
-// that this dispatch does not read. A block whose list is invalid, or was too long, visits all segments, with the same sums.
+// A workgroup computes a block of 16 particles with 8 threads per particle, which sum the forces of segments (gather.wgsl). Then threads of
+// different subgroups compute the local forces and the sway, and one thread per particle adds everything and moves the particle to the
+// next stage, in a buffer that this dispatch does not read.
 //
 // How many workgroups a multiprocessor holds depends on their shared memory, so arrays serve more than one purpose. An evaluation of few
 // workgroups takes as long as its longest chain of reads that wait for each other: the state of the member; the list, the rows and the
@@ -26,31 +24,15 @@ const SHARE: f32 = 0.45;
 // Least and greatest limit of a move, µm.
 const LEAST_MOVE: f32 = 1e-5;
 const GREATEST_MOVE: f32 = 5.0;
-// Coordinate of segments that fill the rest of a slice, µm: beyond all ranges, so that they add zeros.
-const DISTANT: f32 = 1e15;
-
 // Parts of an evaluation that threads of different subgroups compute are this many slices apart.
 const APART: u32 = SLICES / 4u;
 
-// Four segments, and the inverses of their squared lengths.
-struct Four {
-    lines: array<vec4<f32>, 4>,
-    inverses: vec4<f32>,
-}
-
-// Positions of the particle before the block, its own, and the one after it.
-var<workgroup> chain: array<vec2<f32>, LANES + 2>;
-// Segments of each slice, 16 at a time. Then `lines` hold what each thread has summed, `inverses` the local force and the sway of
-// each particle.
-var<workgroup> shelf: array<Four, BLOCK_THREADS / 4>;
 // Bits of the greatest squared displacement of a particle since the lists were built, and since the step began.
 var<workgroup> far: atomic<u32>;
 var<workgroup> strayed: atomic<u32>;
 // Bits of the greatest squared elliptic radius, or gauge if the region is not the ellipse; how many moves were shortened.
 var<workgroup> wide: atomic<u32>;
 var<workgroup> shortened: atomic<u32>;
-// Whether a particle moved too far for the list of its block.
-var<workgroup> astray: atomic<u32>;
 // Where each particle is at the end of the step; sums of the outer loop.
 var<workgroup> spots: array<vec2<f32>, LANES>;
 
@@ -68,79 +50,6 @@ fn source_velocity(member: u32, i: u32) -> vec2<f32> {
         return vector(member, current_vector(VELOCITY), i);
     }
     return vector(member, STAGE + 2u * ((EVALUATION + 1u) % 2u) + 1u, i);
-}
-
-// Index of the greatest 1/d of a segment: rows alternate, so that one is cleared while the other is used.
-fn near_slot(member: u32, row: u32, i: u32) -> u32 {
-    return (2u * member + row % 2u) * batch.capacity + i;
-}
-
-// Slot of the displacement at an evaluation. Euler, with one evaluation per step, alternates.
-fn moved_slot(evaluation: u32) -> u32 {
-    if EULER {
-        return (now.row + evaluation) % 2u;
-    }
-    return evaluation % 4u;
-}
-
-// What decides whether lists are valid, µm. All threads read the same: it changes in later dispatches only.
-struct Motion {
-    // The greatest displacement of a particle of the member since its lists were built.
-    moved: f32,
-    // By how much the particles of a block may have moved if its list is valid: both displacements and the growth of the ranges
-    // together are within the skin. Negative if there are no lists.
-    allowed: f32,
-    // The greatest distance of a stage of the last step from its start.
-    strayed: f32,
-}
-
-fn motion_of(member: u32) -> Motion {
-    var built = states[member].built_next;
-    var strayed = 0.0;
-    if EVALUATION == 0u {
-        built = states[member].built;
-        strayed = sqrt(bitcast<f32>(atomicLoad(&states[member].strayed[(now.row + 1u) % 2u])));
-    }
-    let moved = sqrt(bitcast<f32>(atomicLoad(&states[member].moved[moved_slot(EVALUATION)])));
-    let allowed = SKIN - 0.01 - widened(member, now.row, built) - moved;
-    return Motion(select(moved, 0.0, built == NONE), select(allowed, -1.0, built == NONE), strayed);
-}
-
-// Whether lists are to be built before this step. Its stages move particles, the block's own and others, about as far as those of the
-// last one.
-fn is_stale(motion: Motion) -> bool {
-    return !(motion.allowed - motion.moved >= 2.0 * motion.strayed + SPARE);
-}
-
-// Whether particle i moved too far for the list of its block.
-fn is_astray(member: u32, allowed: f32, i: u32) -> bool {
-    let d = source(member, i) - vector(member, BUILT, i);
-    return sqrt(d.x * d.x + d.y * d.y) > allowed;
-}
-
-// Stores what a thread has summed.
-fn put_sum(thread: u32, sum: vec4<f32>) {
-    shelf[thread / 4u].lines[thread % 4u] = sum;
-}
-
-fn sum_of(thread: u32) -> vec4<f32> {
-    return shelf[thread / 4u].lines[thread % 4u];
-}
-
-// The sum of the slices of a particle.
-fn reduced(part: u32) -> vec2<f32> {
-    let lower = sum_of(part).xy + sum_of(part + LANES).xy + sum_of(part + 2u * LANES).xy + sum_of(part + 3u * LANES).xy;
-    return lower + sum_of(part + 4u * LANES).xy + sum_of(part + 5u * LANES).xy + sum_of(part + 6u * LANES).xy
-        + sum_of(part + 7u * LANES).xy;
-}
-
-// The greatest 1/d of a particle.
-fn nearest(part: u32) -> f32 {
-    var greatest = 0.0;
-    for (var s = 0u; s < SLICES; s += 2u) {
-        greatest = max(greatest, max(sum_of(s * LANES + part).z, sum_of((s + 1u) * LANES + part).z));
-    }
-    return greatest;
 }
 
 @compute @workgroup_size(BLOCK_THREADS)
@@ -164,8 +73,8 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
             own = own_of(member, n, i);
         } else if team == APART {
             let force = local_forces(member, n, row, i, part);
-            shelf[part].inverses.x = force.x;
-            shelf[part].inverses.y = force.y;
+            quads[part].inverses.x = force.x;
+            quads[part].inverses.y = force.y;
         } else if team == 2u * APART {
             // A condition of its own, or the subgroup with the local forces reads the row first.
             if rows[row].sway != 0.0 {
@@ -173,8 +82,8 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
                     set_vector(member, SWAY, i, sway(member, now.row, position(member, i)));
                 }
                 let force = vector(member, SWAY, i);
-                shelf[part].inverses.z = force.x;
-                shelf[part].inverses.w = force.y;
+                quads[part].inverses.z = force.x;
+                quads[part].inverses.w = force.y;
             }
         } else if EVALUATION == 0u && team == 3u * APART {
             // Clears the entry of segment i for the next step; that of the previous step is not read any more.
@@ -240,187 +149,6 @@ fn guard(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     if block * LANES < n {
         summarize(member, n, block, thread);
     }
-}
-
-// Both ends of segment j at this evaluation, of any segment if there is none of this number.
-fn ends_of(member: u32, n: u32, j: u32) -> vec4<f32> {
-    let begin = min(j, n - 1u);
-    return vec4<f32>(source(member, begin), source(member, select(begin + 1u, 0u, begin + 1u == n)));
-}
-
-// Sums the forces of a slice on a particle; at the first evaluation also the clearance.
-fn gather(member: u32, n: u32, row: u32, block: u32, thread: u32) {
-    let first = block * LANES;
-    if first >= n {
-        return;
-    }
-    let slice = thread / LANES;
-    let part = thread % LANES;
-    let i = first + part;
-    // All of these are read before any is used, so that none waits for another: the place of a link of the chain, from the particle
-    // before the block to the one after it; the number of listed segments, and two of them, whether there are so many or not.
-    let along = first + min(thread, LANES + 1u);
-    let place = select(along - 1u, n - 1u, along == 0u);
-    let link = source(member, select(place, place - n, place >= n));
-    let list = list_slot(member, block, slice);
-    var listed = lists[list + part];
-    var upcoming = lists[list + LANES + part];
-    var count = scalars[slot(member, COUNT, first + slice)];
-    // Of the slice with the most segments.
-    var most = scalars[slot(member, COUNT, first + SLICES)];
-    var terms = pair_terms(row, load(member, current(SCALE), min(i, n - 1u)));
-    let motion = motion_of(member);
-    if thread == 0u {
-        clear_summary();
-        atomicStore(&astray, 0u);
-    }
-    if EVALUATION == 0u && is_stale(motion) {
-        build_lists(member, n, block, thread);
-        if thread == 0u && block == 0u {
-            states[member].built_next = now.row;
-            states[member].builds += 1u;
-        }
-        listed = lists[list + part];
-        upcoming = lists[list + LANES + part];
-        count = scalars[slot(member, COUNT, first + slice)];
-        most = scalars[slot(member, COUNT, first + SLICES)];
-    }
-    var all = most > LIST;
-    if EVALUATION != 0u && motion.moved > motion.allowed {
-        workgroupBarrier();
-        if thread < LANES && i < n && is_astray(member, motion.allowed, i) {
-            atomicStore(&astray, 1u);
-        }
-        workgroupBarrier();
-        all |= atomicLoad(&astray) != 0u;
-    }
-    if all {
-        most = (n + SLICES - 1u) / SLICES;
-        count = (n + SLICES - 1u - slice) / SLICES;
-    }
-    let reader = Reader(all, slice, list);
-    var j = select(listed, slice + part * SLICES, all);
-    var ends = ends_of(member, n, j);
-    if thread < LANES + 2u {
-        chain[thread] = link;
-    }
-    // While the first segments are read, those of the block.
-    workgroupBarrier();
-    // A lane without a particle is beyond all ranges.
-    terms.p = select(vec2<f32>(-DISTANT), chain[part + 1u], i < n);
-    terms.side = -terms.half * normal_of(chain[part], chain[part + 2u]);
-    var sum = own_segments(member, n, terms, first, slice, part);
-    for (var begin = 0u; begin < most; begin += LANES) {
-        var segment = Segment(vec4<f32>(DISTANT, DISTANT, 0.0, 0.0), 0.0);
-        if begin + part < count && !(all && is_own(n, first, j)) {
-            segment = segment_between(ends.xy, ends.zw);
-        }
-        shelf[thread / 4u].lines[thread % 4u] = segment.line;
-        shelf[thread / 4u].inverses[thread % 4u] = segment.inverse;
-        workgroupBarrier();
-        if begin + LANES < most {
-            j = select(upcoming, (begin + LANES + part) * SLICES + slice, all);
-            ends = ends_of(member, n, j);
-            upcoming = lists[list + min(begin + 2u * LANES, LIST - LANES) + part];
-        }
-        // Those behind the last one add zeros.
-        if begin < count {
-            sum = with_four(member, terms, sum, reader, begin, 0u);
-        }
-        if begin + 4u < count {
-            sum = with_four(member, terms, sum, reader, begin + 4u, 4u);
-        }
-        if begin + 8u < count {
-            sum = with_four(member, terms, sum, reader, begin + 8u, 8u);
-        }
-        if begin + 12u < count {
-            sum = with_four(member, terms, sum, reader, begin + 12u, 12u);
-        }
-        workgroupBarrier();
-    }
-    put_sum(thread, vec4<f32>(sum.force, sum.greatest, 0.0));
-    if all && thread == 0u {
-        atomicAdd(&states[member].full_searches, 1u);
-    }
-}
-
-// Which segments of a slice a block visits: all, or those on its list.
-struct Reader {
-    all: bool,
-    slice: u32,
-    list: u32,
-}
-
-fn segment_number(reader: Reader, k: u32) -> u32 {
-    if reader.all {
-        return k * SLICES + reader.slice;
-    }
-    return lists[reader.list + k];
-}
-
-// Force of the segments so far, and the greatest 1/d.
-struct PairSum {
-    force: vec2<f32>,
-    greatest: f32,
-}
-
-fn added(sum: PairSum, force: vec3<f32>) -> PairSum {
-    if EVALUATION != 0u {
-        return PairSum(sum.force + force.xy, 0.0);
-    }
-    return PairSum(sum.force + force.xy, max(sum.greatest, force.z));
-}
-
-// Whether the clearance of the ends of a segment depends on a particle this near.
-fn is_close(inverse: f32) -> bool {
-    return EVALUATION == 0u && inverse > 1.0 / CLEARANCE_CAP;
-}
-
-// Notes 1/d of segment j.
-fn note_near(member: u32, j: u32, inverse: f32) {
-    if is_close(inverse) {
-        atomicMax(&near[near_slot(member, now.row, j)], bitcast<u32>(inverse));
-    }
-}
-
-// The sum with the forces of entries k to k + 3 of a slice, number `at` and following on the shelf. The arithmetic of one hides the
-// latency of another.
-fn with_four(member: u32, terms: PairTerms, sum: PairSum, reader: Reader, k: u32, at: u32) -> PairSum {
-    let place = (reader.slice * LANES + at) / 4u;
-    let inverses = shelf[place].inverses;
-    let a = pair_force(terms, Segment(shelf[place].lines[0], inverses.x));
-    let b = pair_force(terms, Segment(shelf[place].lines[1], inverses.y));
-    let c = pair_force(terms, Segment(shelf[place].lines[2], inverses.z));
-    let d = pair_force(terms, Segment(shelf[place].lines[3], inverses.w));
-    // Seldom is any of them.
-    if is_close(max(max(a.z, b.z), max(c.z, d.z))) {
-        note_near(member, segment_number(reader, k), a.z);
-        note_near(member, segment_number(reader, k + 1u), b.z);
-        note_near(member, segment_number(reader, k + 2u), c.z);
-        note_near(member, segment_number(reader, k + 3u), d.z);
-    }
-    return added(added(added(added(sum, a), b), c), d);
-}
-
-// The sum of the segments of the block and of the one before it, other than those that end at the particle.
-fn own_segments(member: u32, n: u32, terms: PairTerms, first: u32, slice: u32, part: u32) -> PairSum {
-    var sum = with_own(member, n, terms, PairSum(vec2<f32>(0.0), 0.0), first, slice, part);
-    sum = with_own(member, n, terms, sum, first, slice + SLICES, part);
-    if slice == 0u {
-        sum = with_own(member, n, terms, sum, first, 2u * SLICES, part);
-    }
-    return sum;
-}
-
-// Segment k of these ends at particle k of the block. In a loop of one block the first and the last are the same one.
-fn with_own(member: u32, n: u32, terms: PairTerms, sum: PairSum, first: u32, k: u32, part: u32) -> PairSum {
-    let is_one = n <= LANES;
-    if first + k > n || k == part || k == part + 1u || (is_one && (k == 0u || (k == n && part == 0u))) {
-        return sum;
-    }
-    let force = pair_force(terms, segment_between(chain[k], chain[k + 1u]));
-    note_near(member, select(first + k - 1u, n - 1u, first + k == 0u), force.z);
-    return added(sum, force);
 }
 
 // Forces on particle i from its neighbours in the chain and from the region.
@@ -492,9 +220,9 @@ fn within(displacement: vec2<f32>, limit: f32) -> vec2<f32> {
 
 // Moves particle i to the next stage, at most as far as it can move in a step.
 fn advance(member: u32, row: u32, own: Own, i: u32, thread: u32) {
-    var a = reduced(thread) + shelf[thread].inverses.xy;
+    var a = reduced(thread) + quads[thread].inverses.xy;
     if rows[row].sway != 0.0 {
-        a += shelf[thread].inverses.zw;
+        a += quads[thread].inverses.zw;
     }
     if EULER {
         set_vector(member, SUM, i, own.here + a);

@@ -281,7 +281,7 @@ fn no_constant_and_no_structure_is_left_out() {
             "Status",
             "Now",
             "Segment",
-            "Four",
+            "SegmentQuad",
             "PairTerms",
             "PairSum",
             "Reader",

@@ -1,8 +1,9 @@
-// How long neighbour lists are valid: counterpart of the constants and of `still_holds` in
-// src/sim/cpu/neighbours.rs.
+// How long neighbour lists are valid: counterpart of the constants and of `used_up` in src/sim/cpu/neighbours.rs.
 
 // Distance by which lists reach beyond the range, µm.
 const SKIN: f32 = 20.0;
+// Part of the skin reserved for moves in the stages of a step that are greater than those of the last step, µm.
+const SPARE: f32 = 1.0;
 // Larger clearances count as this one, µm.
 const CLEARANCE_CAP: f32 = 12.0;
 
@@ -19,4 +20,47 @@ fn widened(member: u32, row: u32, built: u32) -> f32 {
     let wider = max(range_max(now_row) - range_max(built_row), 0.0);
     let widest = bitcast<f32>(atomicLoad(&states[member].widest));
     return max(wider * widest, least_sight(now_row) - least_sight(built_row));
+}
+
+// Slot of the displacement at an evaluation. Euler, with one evaluation per step, alternates.
+fn moved_slot(evaluation: u32) -> u32 {
+    if EULER {
+        return (now.row + evaluation) % 2u;
+    }
+    return evaluation % 4u;
+}
+
+// What decides whether lists are valid, µm. All threads read the same: it changes in later dispatches only.
+struct Motion {
+    // The greatest displacement of a particle of the member since its lists were built.
+    moved: f32,
+    // By how much the particles of a block may have moved if its list is valid: both displacements and the growth of the ranges
+    // together are within the skin. Negative if there are no lists.
+    allowed: f32,
+    // The greatest distance of a stage of the last step from its start.
+    strayed: f32,
+}
+
+fn motion_of(member: u32) -> Motion {
+    var built = states[member].built_next;
+    var strayed = 0.0;
+    if EVALUATION == 0u {
+        built = states[member].built;
+        strayed = sqrt(bitcast<f32>(atomicLoad(&states[member].strayed[(now.row + 1u) % 2u])));
+    }
+    let moved = sqrt(bitcast<f32>(atomicLoad(&states[member].moved[moved_slot(EVALUATION)])));
+    let allowed = SKIN - 0.01 - widened(member, now.row, built) - moved;
+    return Motion(select(moved, 0.0, built == NONE), select(allowed, -1.0, built == NONE), strayed);
+}
+
+// Whether lists are to be built before this step. Its stages move particles, the block's own and others, about as far as those of the
+// last one.
+fn is_stale(motion: Motion) -> bool {
+    return !(motion.allowed - motion.moved >= 2.0 * motion.strayed + SPARE);
+}
+
+// Whether particle i moved too far for the list of its block.
+fn is_astray(member: u32, allowed: f32, i: u32) -> bool {
+    let d = source(member, i) - vector(member, BUILT, i);
+    return sqrt(d.x * d.x + d.y * d.y) > allowed;
 }

@@ -6,8 +6,6 @@
 // valid with a margin, so that the host need not decide. If a list becomes invalid within the step nevertheless, `integrate`
 // detects it, and the block visits all segments.
 
-// Part of the skin reserved for moves in the stages of a step that are greater than those of the last step, µm.
-const SPARE: f32 = 1.0;
 // Words that hold one bit for each thread.
 const WORDS: u32 = BLOCK_THREADS / 32u;
 // One bit for each lane of slice 0.
@@ -53,10 +51,10 @@ fn is_own(n: u32, first: u32, j: u32) -> bool {
     return (j >= first && j < first + LANES) || j == select(first - 1u, n - 1u, first == 0u);
 }
 
-// Position of particle k of the block, and the square of its range with the skin, negative if there is no such particle: on the shelf
-// of integrate.wgsl.
+// Position of particle k of the block, and the square of its range with the skin, negative if there is no such particle: in the shared
+// memory of gather.wgsl.
 fn seeker(k: u32) -> vec3<f32> {
-    return shelf[k].inverses.xyz;
+    return quads[k].inverses.xyz;
 }
 
 // Whether particle k of the block is near a segment that begins at a.
@@ -99,7 +97,7 @@ fn build_lists(member: u32, n: u32, block: u32, thread: u32) {
             own = vec4<f32>(p, range * range, 0.0);
             set_vector(member, BUILT, first + thread, p);
         }
-        shelf[thread].inverses = own;
+        quads[thread].inverses = own;
     }
     if thread == 0u {
         atomicStore(&most_listed, 0u);

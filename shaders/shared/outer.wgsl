@@ -1,6 +1,6 @@
 // The outer loop: spring, containment to its own lobed ellipse, friction; twin of src/sim/cpu/outer.rs.
 //
-// One workgroup per member, which keeps its sums in shared memory of integrate.wgsl. The inner loop never reads the
+// One workgroup per member, which keeps its sums in the shared memory of gather.wgsl. The inner loop never reads the
 // outer one, so a step of the wall may run beside the first evaluation of the next step.
 
 // Greatest move in a step along each axis, µm, unless the inner loop forces a greater one.
@@ -120,7 +120,7 @@ fn step_outer(member: u32, at: u32, thread: u32) {
             reach = max(reach, region_extent(member, next_row, wall_depth(next_row), a, b).y);
         }
     }
-    put_sum(thread, vec4<f32>(partial, reach, 0.0, 0.0));
+    put_line(thread, vec4<f32>(partial, reach, 0.0, 0.0));
     if thread == 0u {
         let measured = bitcast<f32>(atomicExchange(&states[member].reach, 0u));
         wall_burden = select(sqrt(measured), measured, is_shaped(member));
@@ -128,8 +128,8 @@ fn step_outer(member: u32, at: u32, thread: u32) {
     workgroupBarrier();
     // First by eights, then all of these.
     if thread < LANES {
-        let one = shelf[2u * thread].lines;
-        let two = shelf[2u * thread + 1u].lines;
+        let one = quads[2u * thread].lines;
+        let two = quads[2u * thread + 1u].lines;
         let sum = one[0].x + one[1].x + one[2].x + one[3].x + two[0].x + two[1].x + two[2].x + two[3].x;
         let lower = max(max(one[0].y, one[1].y), max(one[2].y, one[3].y));
         spots[thread] = vec2<f32>(sum, max(lower, max(max(two[0].y, two[1].y), max(two[2].y, two[3].y))));

@@ -18,7 +18,7 @@ fn pcg4d(v: vec4<u32>) -> vec4<u32> {
     return pcg4d_round(w);
 }
 
-// Four random words for (seed, stream, a, b).
+// SegmentQuad random words for (seed, stream, a, b).
 fn random_words(seed: vec2<u32>, stream: u32, a: u32, b: u32) -> vec4<u32> {
     let high = (seed.y * 0x9E3779B9u) ^ (stream * 0x85EBCA6Bu);
     return pcg4d(vec4<u32>(seed.x, high, a, b));

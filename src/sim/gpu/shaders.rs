@@ -39,6 +39,7 @@ pub const INTEGRATE: Shader = Shader {
         shared!("region"),
         shared!("outer"),
         shared!("sway"),
+        shared!("gather"),
         stage!("integrate")
     ),
     entries: &[("integrate", BLOCK_THREADS), ("guard", BLOCK_THREADS)],
