@@ -93,7 +93,7 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     workgroupBarrier();
     if thread < LANES {
         if i < n {
-            advance(member, row, own, i, thread);
+            advance(member, own, i, thread);
         }
     } else if EVALUATION == 0u && team == APART && i < n {
         // The clearance of the vertex; those of its segments need all workgroups.
@@ -137,7 +137,7 @@ fn guard(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
             let own = own_of(member, n, i);
             let free = clearance(member, n, i);
             store(member, CLEARANCE, i, free);
-            conclude(member, row_index(member, now.row), own, free, i, thread, own.sum, own.sum);
+            conclude(member, own, free, i, thread, own.sum, own.sum);
         }
     }
     workgroupBarrier();
@@ -179,12 +179,19 @@ struct Own {
     first: vec2<f32>,
     middle: vec2<f32>,
     built: vec2<f32>,
+    // The rest length after this step.
     rest: f32,
     clearance: f32,
+    // Clearance that the model is to keep, and the squash of the step that begins.
+    kept: f32,
+    squash: f32,
+    is_shaped: bool,
+    sways: bool,
 }
 
 fn own_of(member: u32, n: u32, i: u32) -> Own {
     var own: Own;
+    own.sways = rows[row_index(member, now.row)].sway != 0.0;
     own.position = position(member, i);
     own.built = vector(member, BUILT, i);
     own.here = source_velocity(member, i);
@@ -201,7 +208,12 @@ fn own_of(member: u32, n: u32, i: u32) -> Own {
         own.first = vector(member, FIRST, i);
     }
     if EVALUATION == 3u || EULER {
-        own.rest = load(member, rest_field(), i);
+        let row = row_index(member, now.row);
+        let rest = load(member, rest_field(), i);
+        own.rest = rest + rows[row].relaxation * (rows[row].edge - rest);
+        own.kept = members[member].clearance;
+        own.squash = rows[row_index(member, now.row + 1u)].squash;
+        own.is_shaped = is_shaped(member);
     }
     if EVALUATION == 1u {
         own.clearance = clearance(member, n, i);
@@ -219,9 +231,9 @@ fn within(displacement: vec2<f32>, limit: f32) -> vec2<f32> {
 }
 
 // Moves particle i to the next stage, at most as far as it can move in a step.
-fn advance(member: u32, row: u32, own: Own, i: u32, thread: u32) {
+fn advance(member: u32, own: Own, i: u32, thread: u32) {
     var a = reduced(thread) + quads[thread].inverses.xy;
-    if rows[row].sway != 0.0 {
+    if own.sways {
         a += quads[thread].inverses.zw;
     }
     if EULER {
@@ -230,7 +242,7 @@ fn advance(member: u32, row: u32, own: Own, i: u32, thread: u32) {
     }
     if EVALUATION == 3u {
         let v = own.velocity + (own.first + 2.0 * own.middle + a) * (1.0 / 6.0);
-        conclude(member, row, own, own.clearance, i, thread, own.sum * (1.0 / 6.0), v);
+        conclude(member, own, own.clearance, i, thread, own.sum * (1.0 / 6.0), v);
         return;
     }
     if EVALUATION == 1u {
@@ -265,9 +277,9 @@ fn clearance(member: u32, n: u32, i: u32) -> f32 {
     return 1.0 / max(greatest, 1.0 / CLEARANCE_CAP);
 }
 
-// Moves particle i by `sum`, shortened as its clearance requires, and relaxes its rest length.
-fn conclude(member: u32, row: u32, own: Own, free: f32, i: u32, thread: u32, sum: vec2<f32>, velocity: vec2<f32>) {
-    let room = SHARE * (free - members[member].clearance);
+// Moves particle i by `sum`, shortened as its clearance requires.
+fn conclude(member: u32, own: Own, free: f32, i: u32, thread: u32, sum: vec2<f32>, velocity: vec2<f32>) {
+    let room = SHARE * (free - own.kept);
     let limit = clamp(room, LEAST_MOVE, GREATEST_MOVE);
     let move_length = sqrt(sum.x * sum.x + sum.y * sum.y);
     let cut = move_length > limit;
@@ -275,15 +287,15 @@ fn conclude(member: u32, row: u32, own: Own, free: f32, i: u32, thread: u32, sum
     let p = own.position + factor * sum;
     set_vector(member, current_vector(POSITION), i, p);
     set_vector(member, current_vector(VELOCITY), i, factor * velocity);
-    store(member, next_rest_field(), i, own.rest + rows[row].relaxation * (rows[row].edge - own.rest));
+    store(member, next_rest_field(), i, own.rest);
     if !is_finite(p.x) || !is_finite(p.y) {
         atomicMin(&states[member].broken, now.row);
     }
     let d = p - own.built;
     atomicMax(&far, bitcast<u32>(d.x * d.x + d.y * d.y));
-    // The wall uses the squash of the step that begins.
-    let flat_y = p.y / rows[row_index(member, now.row + 1u)].squash;
-    if !is_shaped(member) {
+    if !own.is_shaped {
+        // The wall uses the squash of the step that begins.
+        let flat_y = p.y / own.squash;
         atomicMax(&wide, bitcast<u32>(p.x * p.x + flat_y * flat_y));
     }
     if cut {
