@@ -1,6 +1,6 @@
 //! The `oviduct` command.
 
-/// glibc keeps the memory of connections that have closed (docs/performance.md, "Allocator").
+/// glibc would keep the memory of closed connections; .cargo/config.toml has measurements.
 #[cfg(not(target_env = "msvc"))]
 #[global_allocator]
 static ALLOCATOR: tikv_jemallocator::Jemalloc = tikv_jemallocator::Jemalloc;

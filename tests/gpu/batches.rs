@@ -26,7 +26,7 @@ pub(crate) fn run(plans: &[Plan]) -> Kept {
     let catches_up = |t: u32| t + plan.burn_in > 0 && (plan.grows_at(i64::from(t)) || plan.records_at(i64::from(t)));
     let alone = (0..=plan.steps).filter(|&t| catches_up(t)).count() as u32;
     let wanted = steps * a_step + 2 * events + records + alone;
-    assert_eq!(report.dispatches, u64::from(wanted), "as docs/performance.md counts them");
+    assert_eq!(report.dispatches, u64::from(wanted), "as docs/gpu.md counts them");
     kept
 }
 
