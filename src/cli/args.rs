@@ -1,6 +1,7 @@
 //! The command line: commands, options, their defaults and help texts.
 //!
-//! Environment variables are not declared here: [`super::config`] gives every long option its `OVIDUCT_…` variable.
+//! Environment variables are not declared here: [`super::config`] gives every long option its
+//! `OVIDUCT_…` variable.
 
 mod database;
 mod figures;
@@ -40,9 +41,10 @@ use std::time::Duration;
 
 /// Grows 3D models of folded tubular organs and serves them over HTTP.
 ///
-/// Without a command, it serves. Every option can also be set by an environment variable (OVIDUCT_ and the option's name
-/// in capitals) or in the file given by --config. The command line overrides variables, and variables override the file.
-/// Exit codes: 0 success, 1 failure, 2 invalid usage or an invalid spec, 130 interrupted.
+/// Without a command, oviduct runs `serve`. Every option can also be set by an environment variable
+/// (OVIDUCT_ followed by the option's name in capitals, with `_` for `-`) or in the file given by
+/// --config. The command line overrides variables, and variables override the file. Exit codes: 0
+/// success, 1 failure, 2 invalid usage or an invalid spec, 130 interrupted.
 #[derive(Debug, Parser)]
 #[command(name = "oviduct", version, arg_required_else_help = false, override_usage = "oviduct [OPTIONS] [COMMAND]")]
 pub(super) struct Cli {
@@ -56,17 +58,19 @@ pub(super) struct Cli {
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Global options")]
 pub(super) struct Global {
-    /// TOML file with options: global options at the top level, those of a command in a table with its name
+    /// TOML file with options: global options at the top level, a command's options in a table with
+    /// the command's name
     #[arg(long, global = true, value_name = "FILE")]
     pub(super) config: Option<PathBuf>,
-    /// Log filter for stderr, such as `info` or `warn,oviduct=debug` [default: info for serve and worker, else warn]
+    /// Log filter for stderr, such as `info` or `warn,oviduct=debug` [default: info for serve and
+    /// worker, warn for other commands]
     #[arg(long, global = true, value_name = "FILTER")]
     pub(super) log: Option<String>,
     /// Log format
     #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text)]
     pub(super) log_format: LogFormat,
-    /// OpenTelemetry collector to send traces to over HTTP, such as http://localhost:4318 [default: none; serve and worker
-    /// use OTEL_EXPORTER_OTLP_ENDPOINT]
+    /// URL of the OpenTelemetry collector that receives traces over HTTP, such as
+    /// http://localhost:4318 [default: none; serve and worker use OTEL_EXPORTER_OTLP_ENDPOINT]
     #[arg(long, global = true, value_name = "URL")]
     pub(super) otlp_endpoint: Option<String>,
 }
@@ -87,31 +91,36 @@ pub(super) enum Command {
     Serve(ServeArgs),
     /// Grow one model in this process, without a service
     Generate(GenerateArgs),
-    /// Start a service with its own database, request one model over HTTP, show its progress and save it to ./demo
+    /// Start a service with its own database, request one model over HTTP, show its progress and
+    /// save it to ./demo
     Demo(DemoArgs),
     /// Request a model from a running service
     Submit(SubmitArgs),
     /// Certify the surface in a glb, gltf, obj, stl, ply or vtp file from any source
     Check(CheckArgs),
-    /// Write the surface in a glb, gltf, obj, stl, ply or vtp file in another of these formats or in another unit
+    /// Convert the surface in a glb, gltf, obj, stl, ply or vtp file to another of these formats or
+    /// to another unit
     Convert(ConvertArgs),
-    /// Draw the surface in glb, gltf, obj, stl, ply, vtp or sections.bin files as PNG pictures
+    /// Draw the surfaces in glb, gltf, obj, stl, ply, vtp or sections.bin files as PNG pictures
     Render(RenderArgs),
-    /// Grow models of several seeds and compare what they measure with published anatomy
+    /// Grow models of several seeds and compare their morphometry with published anatomy
     Compare(CompareArgs),
-    /// Search for parameters whose models have given measures, such as those of micrographs
+    /// Search for parameters whose models reproduce given measures, such as those of micrographs
     Fit(FitArgs),
-    /// Write the report of a model as one HTML page: morphometry beside published anatomy, pictures, certificate, parameters
+    /// Write a model's report as one HTML page: morphometry next to published anatomy, pictures,
+    /// certificate, parameters
     Report(ReportArgs),
-    /// Make Figures 4, 7, 8, 9, 10 and 11 of the paper again, from a model and measurements on this machine
+    /// Reproduce Figures 4, 7, 8, 9, 10 and 11 of the paper with a new model and measurements on
+    /// this machine
     Figures(FiguresArgs),
-    /// Draw a section of a sections.bin file as a stained slide, or as a label image
+    /// Draw a section of a sections.bin file as a stained slide or as a label image
     Section(SectionArgs),
-    /// Cut a surface with a plane: rings told apart as tissue, lumen, islands and pockets; as JSON, a drawing or a stained picture
+    /// Cut a surface with a plane into rings of tissue, lumen, islands and pockets; write them as
+    /// JSON, a drawing or a stained picture
     Cut(CutArgs),
-    /// Measure the section in an image: a mask, or a label image
+    /// Measure the section in an image: a mask or a label image
     Measure(MeasureArgs),
-    /// Send many requests to a running service and report its throughput, latencies and errors
+    /// Send many requests to a running service and report throughput, latencies and errors
     Load(LoadArgs),
     /// Measure how fast this machine grows models
     Bench(BenchArgs),
@@ -121,9 +130,9 @@ pub(super) enum Command {
     Schema,
     /// Print the OpenAPI description of the service
     Openapi,
-    /// Grow models for services on other machines that use the same PostgreSQL database and artifact store
+    /// Grow models for services that use the same PostgreSQL database and artifact store
     Worker(WorkerArgs),
-    /// Make, list, revoke and rotate the keys of clients; a running service takes changes up within a second
+    /// Create, list, revoke and rotate API keys; a running service applies changes within a second
     #[command(subcommand)]
     Keys(Keys),
     /// List the workers of a service; pause, resume or drain them
@@ -136,7 +145,7 @@ pub(super) enum Command {
 }
 
 impl Command {
-    /// Whether it may open a GPU.
+    /// Returns true if the command may open a GPU.
     pub(super) fn may_use_gpu(&self) -> bool {
         let gpu = match self {
             Self::Serve(args) => args.process.gpu.gpu,
@@ -157,46 +166,53 @@ pub(super) struct ServeArgs {
     /// Address to listen on
     #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:8080")]
     pub(super) addr: SocketAddr,
-    /// Without keys, serve anyone at an address other than loopback, instead of making a first admin key
+    /// While there are no API keys, serve everyone without authentication, even on a non-loopback
+    /// address, instead of creating a first admin key
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) insecure_no_auth: bool,
-    /// Requests per second of a key that has no limit of its own, on average [0: no limit]
+    /// Average number of requests per second for API keys without their own limit [0: no limit]
     #[arg(long, value_name = "N", value_parser = units::rate, default_value = "0")]
     pub(super) key_rate: f64,
-    /// Maximum number of queued and running models of an owner whose key has no limit of its own [default: no limit]
+    /// Maximum number of queued and running models per owner, for API keys without their own limit
+    /// [default: no limit]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub(super) key_models: Option<u64>,
-    /// Total size of the files of an owner whose key has no limit of its own, such as 50GB, above which it may not request
-    /// models [default: no limit]
+    /// Maximum total size of an owner's files, such as 50GB, for API keys without their own limit;
+    /// an owner at the limit cannot request models [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
     pub(super) key_bytes: Option<u64>,
-    /// Second address for /healthz, /readyz and /metrics, with connections of its own [default: --addr only]
+    /// Second address for /healthz, /readyz and /metrics, with a separate limit on connections
+    /// [default: --addr only]
     #[arg(long, value_name = "HOST:PORT")]
     pub(super) metrics_addr: Option<SocketAddr>,
-    /// Time after SIGTERM during which requests are still accepted while /readyz answers 503, so that load balancers can
-    /// remove this process first
+    /// Time after SIGTERM during which the service still accepts requests while /readyz responds
+    /// with 503, so that load balancers remove this process first
     #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "0s")]
     pub(super) drain_delay: Duration,
-    /// Let pages of this origin call the service, such as https://lab.example:8443; may be given several times. `*` lets
-    /// those of any origin, which is safe only if the service has keys or nothing to hide [default: no other origin]
+    /// Origin whose pages may call the service, such as https://lab.example:8443; may be repeated.
+    /// `*` allows every origin, which is safe only if the service has API keys or nothing to hide
+    /// [default: no other origin]
     #[arg(long = "cors-origin", value_name = "ORIGIN", value_delimiter = ',')]
     pub(super) cors_origins: Vec<Origin>,
-    /// Number of queued models above which new requests are refused (429)
+    /// Maximum number of queued models; further requests are refused (429)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), default_value_t = 10_000)]
     pub(super) queue_limit: u64,
     /// Maximum number of models in a batch
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 1000)]
     pub(super) batch_limit: u32,
-    /// Queue models with backend `gpu` even while no GPU worker is alive, for GPU workers that are started on demand
+    /// Queue models with backend `gpu` even while no GPU worker is alive; for GPU workers that
+    /// start on demand
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) expect_gpu_workers: bool,
-    /// Redirect downloads to signed S3 URLs (307) instead of passing the bytes through this process
+    /// Redirect downloads to signed S3 URLs (307) instead of streaming the files through this
+    /// process
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) redirect_downloads: bool,
-    /// Delete a model this long after it ended, such as 30d [default: keep forever]
+    /// Delete models this long after their end, such as 30d [default: keep forever]
     #[arg(long, value_name = "AGE", value_parser = units::positive_duration)]
     pub(super) keep: Option<Duration>,
-    /// Total size of all files above which the models that ended first are deleted, such as 500GB [default: no limit]
+    /// Maximum total size of all files, such as 500GB; above it, the models that ended first are
+    /// deleted [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
     pub(super) keep_bytes: Option<u64>,
     #[command(flatten)]
@@ -206,7 +222,7 @@ pub(super) struct ServeArgs {
 }
 
 impl ServeArgs {
-    /// The defaults, changed by `options` as on the command line; no variables and no file are read.
+    /// Returns the defaults, overridden by `options`. Ignores environment variables and files.
     ///
     /// # Errors
     /// If an option is invalid.
@@ -230,63 +246,68 @@ pub(super) struct WorkerArgs {
     pub(super) process: ProcessArgs,
 }
 
-/// Options of a process with workers: `serve` and `worker`.
+/// Options of processes with workers: `serve` and `worker`.
 #[derive(Clone, Debug, Args)]
 pub(super) struct ProcessArgs {
     #[command(flatten)]
     pub(super) database: DatabaseArgs,
-    /// Maximum number of connections to PostgreSQL, not counting one for notifications
+    /// Maximum number of connections to PostgreSQL, not counting the one for notifications
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..), default_value_t = 12)]
     pub(super) database_connections: u32,
     /// Maximum number of connections that read an SQLite database
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 4)]
     pub(super) database_readers: u32,
-    /// Artifact store for finished files: `s3://BUCKET/PREFIX` with the usual AWS_… variables, `file:PATH` or a path
-    /// [default: DATA/artifacts]
+    /// Artifact store for finished files: `s3://BUCKET/PREFIX` with the usual AWS_… variables,
+    /// `file:PATH` or a path [default: DATA/artifacts]
     #[arg(long, value_name = "URL")]
     pub(super) artifacts: Option<String>,
     /// Number of CPU workers; each grows one model at a time [0: none]
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub(super) cpu_workers: u32,
-    /// Threads of each CPU worker. For best throughput run one single-threaded worker per core [default: all cores]
+    /// Threads per CPU worker. For maximum throughput, run one single-threaded worker per core
+    /// [default: all cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) cpu_threads: Option<u32>,
-    /// Niceness of the threads that grow models, on Linux: requests are answered first [0: the same priority]
+    /// Niceness of the worker threads (Linux), so that HTTP requests take precedence [0: no
+    /// precedence]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(0..=19), default_value_t = 10)]
     pub(super) worker_nice: u8,
     #[command(flatten)]
     pub(super) gpu: GpuArgs,
-    /// Maximum number of models that a GPU grows together
+    /// Maximum number of models in a GPU batch, which the GPU simulates together
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 16)]
     pub(super) gpu_batch: u32,
     /// Interval between a worker's heartbeats
     #[arg(long, value_name = "TIME", value_parser = units::positive_duration, default_value = "2s")]
     pub(super) heartbeat: Duration,
-    /// Time without a heartbeat after which a job is given to another worker; at least two heartbeats
+    /// Time without a heartbeat after which another worker may claim the job; at least two
+    /// heartbeats
     #[arg(long, value_name = "TIME", value_parser = units::positive_duration, default_value = "8s")]
     pub(super) lease: Duration,
-    /// Number of attempts after which a job fails
+    /// Fail a job after this many counted attempts; released attempts do not count
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 5)]
     pub(super) max_attempts: u32,
-    /// Interval between checkpoints of a running simulation, from which the next attempt resumes [0: no checkpoints]
+    /// Interval between checkpoints of a running simulation; the next attempt resumes from the last
+    /// one [0: no checkpoints]
     #[arg(long, value_name = "TIME", value_parser = units::duration_or_zero, default_value = "30s")]
     pub(super) checkpoint_every: Duration,
-    /// Maximum time of one attempt; a job that takes longer fails [default: 10 minutes plus 20 times the time predicted for
-    /// one core]
+    /// Maximum duration of an attempt; a job that takes longer fails [default: 10 minutes plus 20
+    /// times the time predicted for one core]
     #[arg(long, value_name = "TIME", value_parser = units::positive_duration)]
     pub(super) job_timeout: Option<Duration>,
-    /// Memory that one job may use, such as 2GB [default: no limit]
+    /// Memory limit of one job, such as 2GB [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
     pub(super) memory_limit: Option<u64>,
-    /// Time after SIGTERM for running jobs and open downloads to finish; then jobs are released to the queue and downloads
-    /// are cut off
+    /// Time for running jobs and open downloads to finish during a shutdown; after it, jobs are
+    /// released to the queue and downloads are cut off
     #[arg(long, value_name = "TIME", value_parser = units::duration, default_value = "30s")]
     pub(super) grace: Duration,
-    /// Maximum number of open connections; further ones wait to be accepted [default: 10000, or three quarters of the
-    /// process's file descriptors if that is less]
+    /// Maximum number of open connections; further ones wait to be accepted [default: 10000, or
+    /// three quarters of the process's file descriptors if that is less]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(16..))]
     pub(super) connections: Option<u32>,
-    /// Time without progress after which a connection is closed whose client does not read its answer
+    /// Time without progress after which a connection is closed because the client does not read
+    /// the response
     #[arg(long, value_name = "TIME", value_parser = units::positive_duration, default_value = "60s")]
     pub(super) write_timeout: Duration,
 }
@@ -301,10 +322,10 @@ pub(super) struct GenerateArgs {
     pub(super) out: PathBuf,
     #[command(flatten)]
     pub(super) gpu: GpuArgs,
-    /// Memory that the model may use, such as 2GB [default: no limit]
+    /// Memory limit of the model, such as 2GB [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
     pub(super) memory_limit: Option<u64>,
-    /// Also write report.html, the report as a page
+    /// Also write report.html, the report as a web page
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) report: bool,
     /// Print one JSON object
@@ -326,7 +347,7 @@ pub(super) struct CompareArgs {
     pub(super) json: bool,
 }
 
-/// The seed of `demo`: that of the pictures in the README.
+/// Seed of `demo`, the same as of the pictures in the README.
 const DEMO_SEED: &str = "7";
 
 /// Options of `demo`.
@@ -335,7 +356,7 @@ const DEMO_SEED: &str = "7";
 pub(super) struct DemoArgs {
     #[command(flatten)]
     pub(super) model: ModelArgs,
-    /// Exit once the model is saved: code 0 if it is certified, 1 if not
+    /// Exit when the model is saved: code 0 if it is certified, 1 if not
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) exit: bool,
 }
@@ -350,19 +371,20 @@ pub(super) struct SubmitArgs {
     /// Label as NAME:VALUE; may be repeated
     #[arg(long, value_name = "NAME:VALUE", value_delimiter = ',')]
     pub(super) label: Vec<String>,
-    /// Priority, -100 to 100; queued models of higher priority are started first
+    /// Priority, -100 to 100; workers claim queued models of higher priority first
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(i64).range(Priority::MIN..=Priority::MAX), default_value_t = 0, allow_hyphen_values = true)]
     pub(super) priority: i64,
     /// Grow the model again even if the service already has it
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) no_reuse: bool,
-    /// Idempotency key: a repeated request with the same key returns the same model [default: random]
+    /// Idempotency key: a repeated request with the same key returns the same model [default:
+    /// random]
     #[arg(long, value_name = "KEY")]
     pub(super) idempotency_key: Option<String>,
     /// Wait until the model ends and show its progress
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(super) wait: bool,
-    /// Directory to save the model's files in; implies --wait
+    /// Directory for the model's files; implies --wait
     #[arg(long, value_name = "DIR")]
     pub(super) out: Option<PathBuf>,
     /// Print the model as JSON
@@ -373,7 +395,7 @@ pub(super) struct SubmitArgs {
 /// Options of `bench`.
 #[derive(Clone, Debug, Args)]
 pub(super) struct BenchArgs {
-    /// What to measure
+    /// Benchmark to run
     #[arg(value_name = "WHAT", value_enum)]
     pub(super) what: Bench,
     /// Take fewer measurements, within half a minute
@@ -388,25 +410,25 @@ pub(super) struct BenchArgs {
     /// With `peers`: the directory of peer_numba.py and peer_warp.py
     #[arg(long, value_name = "DIR")]
     pub(super) peers: Option<PathBuf>,
-    /// With `peers`: a Python interpreter that has their packages
+    /// With `peers`: a Python interpreter with the packages of the peers
     #[arg(long, value_name = "PROGRAM", default_value = "python3")]
     pub(super) python: PathBuf,
     #[command(flatten)]
     pub(super) gpu: GpuArgs,
 }
 
-/// What can be measured.
+/// Benchmarks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum Bench {
     /// The paper's comparison: all pairs and neighbour lists, one core and all cores
     Paper,
     /// Time per step by number of threads and particles
     Scaling,
-    /// The same model grown by peers in Python with numba and Warp, beside ours
+    /// The same model grown by this program and by peers in Python (numba and Warp)
     Peers,
     /// Models per second on the GPU by batch size
     Batch,
-    /// Models per second over HTTP, compared with calling the generator directly
+    /// Models per second over HTTP, compared with direct calls of the generator
     Overhead,
 }
 

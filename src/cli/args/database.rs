@@ -6,10 +6,12 @@ use std::path::PathBuf;
 /// Location of the job store.
 #[derive(Clone, Debug, Args)]
 pub(in crate::cli) struct DatabaseArgs {
-    /// Directory for the database, the artifacts and the scratch directory, unless these are set separately
+    /// Directory for the database, the artifacts and the scratch directory, unless these are set
+    /// separately
     #[arg(long, value_name = "DIR", default_value = "data")]
     pub(in crate::cli) data: PathBuf,
-    /// Database of jobs: `postgres://USER:PASSWORD@HOST/NAME`, `sqlite:PATH` or a path [default: DATA/oviduct.db]
+    /// Database of the job store: `postgres://USER:PASSWORD@HOST/NAME`, `sqlite:PATH` or a path
+    /// [default: DATA/oviduct.db]
     #[arg(long, value_name = "URL")]
     pub(in crate::cli) database: Option<String>,
 }

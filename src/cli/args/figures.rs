@@ -8,7 +8,7 @@ use clap::builder::FalseyValueParser;
 use clap::{Args, ValueEnum};
 use std::path::PathBuf;
 
-/// The seed of the figures in docs/validation.md, and of `bench paper`.
+/// Seed of the figures in docs/validation.md and of `bench paper`.
 const SEED: &str = "1";
 
 /// Options of `figures`.
@@ -24,7 +24,7 @@ pub(in crate::cli) struct FiguresArgs {
     /// Directory for the files; created if it does not exist
     #[arg(long, value_name = "DIR", required = true)]
     pub(in crate::cli) out: PathBuf,
-    /// Figures to make, separated by commas [default: all]
+    /// Figures to draw, separated by commas [default: all]
     #[arg(long, value_name = "LIST", value_enum, value_delimiter = ',')]
     pub(in crate::cli) only: Vec<Number>,
     /// Width of the pictures, pixels
@@ -38,7 +38,7 @@ pub(in crate::cli) struct FiguresArgs {
 }
 
 impl FiguresArgs {
-    /// Whether a figure is asked for.
+    /// Returns true if the figure is to be drawn.
     pub(in crate::cli) fn wants(&self, number: Number) -> bool {
         self.only.is_empty() || self.only.contains(&number)
     }

@@ -8,20 +8,21 @@ use std::path::PathBuf;
 /// Options of `fit`.
 #[derive(Clone, Debug, Args)]
 pub(in crate::cli) struct FitArgs {
-    /// File with targets: CSV with the columns region, quantity, value, low, high, or a JSON array of such objects; `-` reads
-    /// CSV or JSON from stdin
+    /// File with targets: CSV with the columns region, quantity, value, low and high, or a JSON
+    /// array of objects with these members; `-` reads either from stdin
     #[arg(long, value_name = "FILE")]
     pub(in crate::cli) targets: Option<PathBuf>,
-    /// A target, as REGION/QUANTITY=VALUE or REGION/QUANTITY=LOW..HIGH; may be repeated
+    /// Target, as REGION/QUANTITY=VALUE or REGION/QUANTITY=LOW..HIGH; may be repeated
     #[arg(long, value_name = "TARGET")]
     pub(in crate::cli) target: Vec<String>,
-    /// Image of a section, as REGION=FILE, to be traced and measured as targets; may be repeated. A PNG, grey or with a palette
+    /// Image of a section, as REGION=FILE, whose measures become targets: a PNG, grey or with a
+    /// palette; may be repeated
     #[arg(long, value_name = "REGION=FILE", requires = "pixel_um")]
     pub(in crate::cli) image: Vec<String>,
-    /// Side of the pixels of all images, µm
+    /// Side length of a pixel in all images, µm
     #[arg(long, value_name = "UM")]
     pub(in crate::cli) pixel_um: Option<f64>,
-    /// Values of pixels that are tissue [default: all but 0]
+    /// Pixel values that are tissue [default: all except 0]
     #[arg(long, value_name = "LIST", value_delimiter = ',', requires = "image")]
     pub(in crate::cli) tissue: Vec<u8>,
     /// Preset to start from; see `oviduct presets`
@@ -30,32 +31,35 @@ pub(in crate::cli) struct FitArgs {
     /// JSON file with a merge patch on the preset; `-` reads stdin
     #[arg(long, value_name = "FILE")]
     pub(in crate::cli) spec: Option<PathBuf>,
-    /// Value of one parameter of the spec, as JSON or a plain string, such as collision.gap_um=30; may be repeated
+    /// Value of one parameter of the spec, as JSON or a plain string, such as collision.gap_um=30;
+    /// may be repeated
     #[arg(long, value_name = "A.B=V", value_delimiter = ';')]
     pub(in crate::cli) set: Vec<String>,
-    /// Parameter to search for, such as collision.gap_um, collision.gap_um@ampulla or collision.gap_um@ampulla=20..60; may be
-    /// repeated [default: those that the targets depend on, between half and twice their values]
+    /// Parameter to search, such as collision.gap_um, collision.gap_um@ampulla or
+    /// collision.gap_um@ampulla=20..60; may be repeated [default: the parameters that affect the
+    /// targets, between half and twice their values]
     #[arg(long, value_name = "A.B[@END][=FROM..TO]")]
     pub(in crate::cli) vary: Vec<String>,
-    /// Candidates at most
+    /// Maximum number of candidates
     #[arg(long, value_name = "N", default_value_t = crate::fit::EVALUATIONS[1])]
     pub(in crate::cli) evaluations: u32,
-    /// Seeds with which each candidate is measured, four times as many for measures that cost little
+    /// Number of seeds per candidate; inexpensive measures use four times as many
     #[arg(long, value_name = "N", default_value_t = crate::fit::SEEDS[1])]
     pub(in crate::cli) seeds: u32,
-    /// Models of the result that are grown in full, each with another seed
+    /// Number of models of the result that are grown in full, each with a different seed
     #[arg(long, value_name = "N", default_value_t = crate::fit::MODELS[1])]
     pub(in crate::cli) models: u32,
-    /// First of the seeds, and the seed of the search
+    /// First seed of the candidates, and seed of the search
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(in crate::cli) seed: u64,
-    /// Write the fitted spec to this file, for `oviduct generate --spec`
+    /// File for the fitted spec, which `oviduct generate --spec` reads
     #[arg(long, value_name = "FILE")]
     pub(in crate::cli) out: Option<PathBuf>,
-    /// Keep the candidates in this file while the search runs, and continue from it if it exists
+    /// File for the candidates so far; if it exists, the search continues from it
     #[arg(long, value_name = "FILE")]
     pub(in crate::cli) checkpoint: Option<PathBuf>,
-    /// Memory that the models may use, such as 2GB: fewer of them are grown at a time [default: no limit]
+    /// Memory limit of all models together, such as 2GB; it reduces the number of models grown at
+    /// the same time [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
     pub(in crate::cli) memory_limit: Option<u64>,
     /// Print the result as JSON

@@ -3,22 +3,22 @@
 use clap::builder::FalseyValueParser;
 use clap::{Args, ValueEnum};
 
-/// Which GPUs to use.
+/// Selection of GPUs.
 #[derive(Clone, Copy, Debug, Args)]
 pub(in crate::cli) struct GpuArgs {
-    /// Whether to use GPUs
+    /// Use of GPUs
     #[arg(long, value_name = "WHEN", value_enum, default_value_t = GpuUse::Auto)]
     pub(in crate::cli) gpu: GpuUse,
-    /// Also use adapters that compute on the CPU (Mesa's llvmpipe); slow, for tests
+    /// Also use software adapters, which compute on the CPU (Mesa's llvmpipe); slow, for tests
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(in crate::cli) allow_software_adapter: bool,
 }
 
-/// Whether to use GPUs.
+/// Use of GPUs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(in crate::cli) enum GpuUse {
     /// All GPUs of this machine.
     Auto,
-    /// None.
+    /// No GPU.
     Off,
 }

@@ -7,38 +7,43 @@ use clap::builder::FalseyValueParser;
 use clap::{Args, Subcommand};
 use std::time::Duration;
 
-/// What to do with keys.
+/// Actions on API keys.
 #[derive(Clone, Debug, Subcommand)]
 pub(in crate::cli) enum Keys {
-    /// Make a key and print its secret, which is shown only this once
+    /// Create a key and print its secret, which is shown only once
     Add(KeysAddArgs),
     /// List the keys, without their secrets
     List(KeysListArgs),
-    /// End a key
+    /// Revoke a key, so that it stops working
     Revoke(KeysRevokeArgs),
-    /// Replace a key by a new one with the same owner, scopes, limits and end, and print its secret
+    /// Replace a key with a new one that has the same owner, scopes, limits and expiry, and print
+    /// the new secret
     Rotate(KeysRotateArgs),
 }
 
 /// Options of `keys add`.
 #[derive(Clone, Debug, Args)]
 pub(in crate::cli) struct KeysAddArgs {
-    /// Who owns what is requested with it: 1 to 64 letters, digits, `.`, `_`, `-`, `@`. Several keys may share an owner
+    /// Owner of everything that is requested with the key: 1 to 64 letters, digits, `.`, `_`, `-`,
+    /// `@`. Several keys may share an owner
     #[arg(long, value_name = "NAME")]
     pub(in crate::cli) owner: Owner,
-    /// What it allows, separated by commas: read and submit (the owner's own models), admin (everything)
+    /// Scopes of the key, separated by commas: read and submit (the owner's own models), admin
+    /// (everything)
     #[arg(long, value_name = "LIST", value_delimiter = ',', required = true)]
     pub(in crate::cli) scopes: Vec<Scope>,
-    /// Time after which it ends, such as 30d [default: never]
+    /// Time after which the key expires, such as 30d [default: never]
     #[arg(long, value_name = "TIME", value_parser = units::positive_duration)]
     pub(in crate::cli) expires: Option<Duration>,
-    /// Requests per second, on average [default: --key-rate of the service]
+    /// Average number of requests per second [default: --key-rate of the service]
     #[arg(long, value_name = "N", value_parser = units::positive_rate)]
     pub(in crate::cli) rate: Option<f64>,
-    /// Maximum number of queued and running models of its owner [default: --key-models of the service]
+    /// Maximum number of queued and running models of the owner [default: --key-models of the
+    /// service]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub(in crate::cli) models: Option<u64>,
-    /// Total size of the files of its owner above which it may not request models [default: --key-bytes of the service]
+    /// Maximum total size of the owner's files; an owner at the limit cannot request models
+    /// [default: --key-bytes of the service]
     #[arg(long, value_name = "SIZE", value_parser = units::bytes)]
     pub(in crate::cli) bytes: Option<u64>,
     /// Print one JSON object
@@ -61,7 +66,7 @@ pub(in crate::cli) struct KeysListArgs {
 /// Options of `keys revoke`.
 #[derive(Clone, Debug, Args)]
 pub(in crate::cli) struct KeysRevokeArgs {
-    /// The 8 digits after `oviduct_` in the key, as `keys list` shows them
+    /// Prefix of the key: the 8 digits after `oviduct_`, as shown by `keys list`
     #[arg(value_name = "PREFIX")]
     pub(in crate::cli) prefix: String,
     #[command(flatten)]
@@ -71,10 +76,10 @@ pub(in crate::cli) struct KeysRevokeArgs {
 /// Options of `keys rotate`.
 #[derive(Clone, Debug, Args)]
 pub(in crate::cli) struct KeysRotateArgs {
-    /// The 8 digits after `oviduct_` in the key, as `keys list` shows them
+    /// Prefix of the key: the 8 digits after `oviduct_`, as shown by `keys list`
     #[arg(value_name = "PREFIX")]
     pub(in crate::cli) prefix: String,
-    /// Time for which the old key goes on to work, such as 1h [0: none]
+    /// Time for which the old key still works, such as 1h [0: none]
     #[arg(long, value_name = "TIME", value_parser = units::duration_or_zero, default_value = "0")]
     pub(in crate::cli) overlap: Duration,
     /// Print one JSON object

@@ -1,4 +1,5 @@
-//! Options of `serve` that limit requests: the predicted cost of a model, and what clients hold at the same time.
+//! Options of `serve` that limit requests: the predicted cost of a model, request bodies, event
+//! streams, held responses, downloads and pictures.
 
 use crate::cli::exit::Failure;
 use crate::cli::units;
@@ -9,33 +10,34 @@ use std::time::Duration;
 /// Limits of requests.
 #[derive(Clone, Debug, Args)]
 pub(in crate::cli) struct LimitArgs {
-    /// Predicted time of a model on its slowest backend above which it is refused (422)
+    /// Refuse a model (422) whose predicted time on its slowest backend exceeds this
     #[arg(long, value_name = "TIME", value_parser = units::positive_duration, default_value = "10m")]
     max_model_time: Duration,
-    /// Predicted memory of a model above which it is refused (422)
+    /// Refuse a model (422) whose predicted memory exceeds this
     #[arg(long, value_name = "SIZE", value_parser = units::positive_bytes, default_value = "4GiB")]
     max_model_memory: u64,
-    /// Predicted number of vertices of a model above which it is refused (422)
+    /// Refuse a model (422) whose predicted number of vertices exceeds this
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..), default_value_t = 10_000_000)]
     max_model_vertices: u64,
-    /// Predicted size of all files of a model above which it is refused (422)
+    /// Refuse a model (422) whose files are predicted to exceed this total size
     #[arg(long, value_name = "SIZE", value_parser = units::positive_bytes, default_value = "4GiB")]
     max_model_size: u64,
-    /// Size of a request body above which it is refused (413)
+    /// Refuse a request (413) whose body exceeds this size
     #[arg(long, value_name = "SIZE", value_parser = units::positive_bytes, default_value = "1MiB")]
     max_body: u64,
-    /// Maximum number of open event streams (503 above) [default: 4096, or half of --connections if that is less]
+    /// Maximum number of open event streams; further ones are refused (503) [default: 4096, or half
+    /// of --connections if that is less]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     event_streams: Option<u32>,
-    /// Maximum number of answers held by `Prefer: wait`; others are sent at once [default: 256, or a quarter of --connections
-    /// if that is less]
+    /// Maximum number of responses held by `Prefer: wait`; further ones are sent immediately
+    /// [default: 256, or a quarter of --connections if that is less]
     #[arg(long, value_name = "N")]
     held_answers: Option<u32>,
-    /// Maximum number of downloads at the same time (503 above) [default: 10000, or an eighth of the process's file
-    /// descriptors if that is less]
+    /// Maximum number of simultaneous downloads; further ones are refused (503) [default: 10000, or
+    /// an eighth of the process's file descriptors if that is less]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     downloads: Option<u32>,
-    /// Maximum number of pictures of models that are drawn at the same time; each uses all cores
+    /// Maximum number of pictures of models drawn at the same time; each uses all cores
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024), default_value_t = 2)]
     pictures: u32,
 }
@@ -51,16 +53,16 @@ impl LimitArgs {
         }
     }
 
-    /// Longest request body, bytes.
+    /// Maximum size of a request body, bytes.
     pub(in crate::cli) fn body_bytes(&self) -> usize {
         usize::try_from(self.max_body).unwrap_or(usize::MAX)
     }
 
-    /// Most event streams and held answers of a service with this many connections; `streams` and `held` are the defaults.
-    /// They must leave connections for short requests, such as health checks.
+    /// Returns the limits on event streams and on held responses; `streams` and `held` are their
+    /// defaults. Together they must leave connections for short requests, such as health checks.
     ///
     /// # Errors
-    /// [`Failure::Usage`] if they do not.
+    /// [`Failure::Usage`] if they leave no connection.
     pub(in crate::cli) fn holders(
         &self,
         connections: usize,
@@ -81,12 +83,12 @@ impl LimitArgs {
         Ok((streams, held))
     }
 
-    /// Most downloads at the same time.
+    /// Maximum number of simultaneous downloads.
     pub(in crate::cli) fn downloads(&self, default: usize) -> usize {
         self.downloads.map_or(default, |given| given as usize)
     }
 
-    /// Most pictures that are drawn at the same time.
+    /// Maximum number of pictures drawn at the same time.
     pub(in crate::cli) fn pictures(&self) -> usize {
         self.pictures as usize
     }

@@ -6,7 +6,7 @@ use crate::model::{BodyKind, LengthUnit};
 use clap::Args;
 use std::path::PathBuf;
 
-/// The specification of a model, and its seed.
+/// Spec and seed of a model.
 #[derive(Clone, Debug, Args)]
 pub(in crate::cli) struct SpecArgs {
     /// Preset to start from; see `oviduct presets`
@@ -18,12 +18,13 @@ pub(in crate::cli) struct SpecArgs {
     /// JSON file with a merge patch on the preset; `-` reads stdin
     #[arg(long, value_name = "FILE")]
     pub(in crate::cli) spec: Option<PathBuf>,
-    /// Value of one parameter of the spec, as JSON or a plain string, such as collision.gap_um=30; may be repeated
+    /// Value of one parameter of the spec, as JSON or a plain string, such as collision.gap_um=30;
+    /// may be repeated
     #[arg(long, value_name = "A.B=V", value_delimiter = ';')]
     pub(in crate::cli) set: Vec<String>,
 }
 
-/// The model to grow.
+/// Model to grow.
 #[derive(Clone, Debug, Args)]
 pub(in crate::cli) struct ModelArgs {
     #[command(flatten)]
@@ -31,21 +32,23 @@ pub(in crate::cli) struct ModelArgs {
     /// Backend that computes the model: auto, gpu, cpu or cpu-single
     #[arg(long, value_parser = units::named::<Backend>, default_value = "auto")]
     pub(in crate::cli) backend: Backend,
-    /// Formats of the model, separated by commas: glb, gltf, obj, stl, stl-ascii, ply, vtp, centreline, lod, labels.
-    /// sections.bin, report.json and, by `generate`, manifest.json are always written
+    /// Formats of the model, separated by commas: glb, gltf, obj, stl, stl-ascii, ply, vtp,
+    /// centreline, lod, labels. sections.bin, report.json and, by `generate`, manifest.json are
+    /// always written
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = units::named::<Output>, default_value = "glb,lod")]
     outputs: Vec<Output>,
-    /// Bodies whose surfaces are written, separated by commas: tissue (model.*), lumen (lumen.*), regions (both, with their
-    /// common wall once: regions.*)
+    /// Bodies whose surfaces are written, separated by commas: tissue (model.*), lumen (lumen.*),
+    /// regions (both, with one common wall: regions.*)
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = units::named::<BodyKind>, default_value = "tissue")]
     bodies: Vec<BodyKind>,
-    /// Unit of coordinates: m, mm or um [default: m in OBJ, mm in STL, PLY, VTP and the centre line]. glTF is always in metres
+    /// Unit of coordinates: m, mm or um; glTF always uses metres [default: m in OBJ, mm in STL,
+    /// PLY, VTP and the centre line]
     #[arg(long, value_name = "UNIT", value_parser = units::named::<LengthUnit>)]
     units: Option<LengthUnit>,
 }
 
 impl ModelArgs {
-    /// What to write.
+    /// Files to write.
     pub(in crate::cli) fn outputs(&self) -> Outputs {
         Outputs { formats: self.outputs.clone(), bodies: self.bodies.clone(), units: self.units }
     }

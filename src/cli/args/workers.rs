@@ -7,28 +7,29 @@ use clap::{Args, ValueEnum};
 /// Options of `workers`.
 #[derive(Clone, Debug, Args)]
 pub(in crate::cli) struct WorkersArgs {
-    /// What to do
+    /// Action
     #[arg(value_name = "ACTION", value_enum, default_value_t = WorkersAction::List)]
     pub(in crate::cli) action: WorkersAction,
-    /// Name of the worker, as listed [default: all workers, to pause or resume them]
+    /// Name of the worker, as listed; without a name, pause and resume apply to all workers
     #[arg(value_name = "NAME", value_parser = NonEmptyStringValueParser::new())]
     pub(in crate::cli) name: Option<String>,
     #[command(flatten)]
     pub(in crate::cli) service: RemoteArgs,
-    /// Print the answer of the service as JSON
+    /// Print the response of the service as JSON
     #[arg(long, value_parser = FalseyValueParser::new())]
     pub(in crate::cli) json: bool,
 }
 
-/// What to do with workers.
+/// Actions on workers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(in crate::cli) enum WorkersAction {
-    /// List them with their state
+    /// List the workers with their state
     List,
-    /// Start no more models; those that grow go on
+    /// Claim no more jobs; running models continue
     Pause,
-    /// Start models again
+    /// Claim jobs again
     Resume,
-    /// Start no more models and report once the last has ended, before the worker is stopped
+    /// Claim no more jobs, and become `drained` when the last running one has ended, so that the
+    /// worker can be stopped
     Drain,
 }
