@@ -50,6 +50,7 @@ fn links_lead_somewhere() {
 #[test]
 fn a_broken_link_is_found() {
     let readme = Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md");
-    let text = "[a](README.md) [b](docs/queue.md#claim-order) [c](#try-it) [d](no.md) [e](docs/queue.md#no) [f](https://no)";
+    let text =
+        "[a](README.md) [b](docs/queue.md#claim-order) [c](#try-it) [d](no.md) [e](docs/queue.md#no) [f](https://no)";
     assert_eq!(broken(&readme, text), ["no.md", "docs/queue.md#no"]);
 }
