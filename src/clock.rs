@@ -1,10 +1,12 @@
-//! Time as a parameter: the only module that reads a clock.
+//! Wall-clock time as a parameter: the only module that reads it.
 //!
 //! Code that needs the time takes a [`Clock`], so that tests can advance it.
 
+pub use oviduct_engine::clock::Stopwatch;
+
 use jiff::Timestamp;
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// A source of wall-clock time.
 #[derive(Clone, Debug, Default)]
@@ -39,30 +41,5 @@ impl Clock {
             let mut at = at.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
             *at = at.saturating_add(by).unwrap_or(Timestamp::MAX);
         }
-    }
-}
-
-/// Measures elapsed time; never used for decisions that change results.
-#[derive(Clone, Copy, Debug)]
-pub struct Stopwatch(Instant);
-
-impl Stopwatch {
-    /// Starts measuring.
-    #[must_use]
-    pub fn start() -> Self {
-        #[expect(clippy::disallowed_methods, reason = "the one place that reads the monotonic clock")]
-        Self(Instant::now())
-    }
-
-    /// Time since the start.
-    #[must_use]
-    pub fn elapsed(&self) -> Duration {
-        self.0.elapsed()
-    }
-
-    /// Seconds since the start.
-    #[must_use]
-    pub fn seconds(&self) -> f64 {
-        self.elapsed().as_secs_f64()
     }
 }

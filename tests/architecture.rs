@@ -1,61 +1,52 @@
-//! The direction of imports: which module may import which, which may name which crate, and no circles between files.
+//! The rules of ARCHITECTURE.md that neither Cargo nor the compiler checks: directions of imports within
+//! a crate, what only some files may name, and no circles between files.
 //!
-//! The source is scanned as text, without comments, strings and test modules; ARCHITECTURE.md lists the floors.
+//! The source is scanned as text, without comments, strings and test modules.
 
 #[path = "architecture/circles.rs"]
 mod circles;
 #[path = "architecture/source.rs"]
 mod source;
 
-use circles::{Arrows, arrows, circles};
+use circles::{arrows, circles};
 use source::{Source, sources, strip, words};
 use std::collections::BTreeSet;
+use std::path::Path;
 
-/// Modules of the library by floor, lowest first. A module imports from floors below its own.
-const FLOORS: [&[&str]; 6] = [
-    &[
-        "clock",
-        "metrics",
-        "status",
-        "availability",
-        "random",
-        "tls",
-        "trace",
-        "vectorize",
-        "model",
-        "geometry",
-        "tissue",
-    ],
+/// Modules of each crate, lowest first: a module imports only from modules before its own group, and
+/// modules of one group do not import each other. `tests/architecture` reads all crates as one.
+const ORDER: &[&[&str]] = &[
+    // oviduct-base
+    &["clock", "random", "vectorize"],
+    &["model", "geometry"],
+    &["tissue"],
     &["spec"],
     &["sim", "mesh", "measure", "export", "render"],
-    &["generate", "fit", "jobs", "preview", "report"],
+    &["generate", "preview", "report"],
+    &["fit"],
+    // oviduct
+    &["metrics", "status", "tls", "trace"],
+    &["availability"],
+    &["jobs"],
     &["worker", "http"],
     &["cli", "fuzzing"],
 ];
 
-/// Imports within a floor that are intended. Floor 0 is plain data and arithmetic; its modules may import each other.
-const ALLOWED: [(&str, &str); 3] = [("jobs", "generate"), ("jobs", "fit"), ("fit", "generate")];
+/// Imports within a group that are intended.
+const ALLOWED: &[(&str, &str)] = &[("model", "geometry"), ("geometry", "model")];
 
-/// Imports that are forbidden although the target lies on a lower floor.
-const FORBIDDEN: [(&str, &str); 4] = [("jobs", "sim"), ("jobs", "mesh"), ("jobs", "measure"), ("jobs", "export")];
+/// Imports that are forbidden although the target comes earlier.
+const FORBIDDEN: &[(&str, &str)] = &[("jobs", "sim"), ("jobs", "mesh"), ("jobs", "measure"), ("jobs", "export")];
 
-/// Crates that only some places may name.
-const NAMES: [(&str, &[&str]); 11] = [
-    ("cmaes", &["fit/search"]),
-    ("meshopt", &["export/lod", "export/read/level"]),
+/// External crates that only some places may name.
+const NAMES: &[(&str, &[&str])] = &[
     ("spade", &["geometry/triangulate"]),
-    ("tiff", &["export/labels"]),
-    ("quick_xml", &["export/vtp", "export/read/vtp"]),
+    ("wgpu", &["sim/gpu"]),
     ("object_store", &["jobs/artifacts"]),
     ("sqlx", &["jobs/sqlite", "jobs/postgres", "jobs/sql"]),
     ("axum", &["http", "cli"]),
-    ("wgpu", &["sim/gpu", "render"]),
-    ("plotters", &["cli/plot", "report/plots"]),
     ("anyhow", &["cli", "main"]),
 ];
-
-/// Arrows between files that may close a circle, and why each may.
-const EXCUSED: [(&str, &str, &str); 0] = [];
 
 /// Keywords that begin a statement of SQL; only the stores may contain them.
 const SQL: [&str; 6] = ["SELECT ", "INSERT INTO ", "DELETE FROM ", "UPDATE jobs", "CREATE TABLE ", "PRAGMA "];
@@ -99,14 +90,14 @@ fn imports(source: &Source) -> BTreeSet<String> {
         chain = (supers, at + word.len());
         let is_root = word == "crate" || (supers > 0 && supers == source.module_path().len());
         if is_root {
-            found.extend(heads(after).into_iter().filter(|head| floor(head).is_some()).map(str::to_owned));
+            found.extend(heads(after).into_iter().filter(|head| group(head).is_some()).map(str::to_owned));
         }
     }
     found
 }
 
-fn floor(module: &str) -> Option<usize> {
-    FLOORS.iter().position(|floor| floor.contains(&module))
+fn group(module: &str) -> Option<usize> {
+    ORDER.iter().position(|group| group.contains(&module))
 }
 
 /// What is wrong with the imports and names of one file.
@@ -114,104 +105,112 @@ fn faults(source: &Source) -> Vec<String> {
     let mut faults = Vec::new();
     let path = source.module_path();
     let from = path.first().copied().unwrap_or("lib");
-    if from != "lib" && from != "main" {
-        match floor(from) {
-            None => faults.push(format!("src/{}: `{from}` has no floor", source.path)),
-            Some(mine) => {
-                for to in imports(source) {
-                    let pair = (from, to.as_str());
-                    let theirs = floor(&to).expect("imports gives known modules");
-                    let fits = to == from || theirs < mine || mine == 0 && theirs == 0 || ALLOWED.contains(&pair);
-                    if !fits || FORBIDDEN.contains(&pair) {
-                        faults.push(format!("src/{}: `{from}` must not import from `{to}`", source.path));
-                    }
-                }
-            }
+    let is_crate_root = from == "lib" || from == "main";
+    if !is_crate_root && group(from).is_none() {
+        faults.push(format!("{}: `{from}` has no place in ORDER", source.path));
+    }
+    for to in imports(source).iter().filter(|to| !is_crate_root && *to != from) {
+        let pair = (from, to.as_str());
+        if !(group(to) < group(from) || ALLOWED.contains(&pair)) || FORBIDDEN.contains(&pair) {
+            faults.push(format!("{}: `{from}` must not import from `{to}`", source.path));
         }
     }
     for (name, places) in NAMES {
-        let named = words(&source.code).any(|(_, word)| word == name);
+        let named = words(&source.code).any(|(_, word)| word == *name);
         if named && !places.iter().any(|place| source.is_in(place)) {
-            faults.push(format!("src/{}: only {places:?} may name {name}", source.path));
+            faults.push(format!("{}: only {places:?} may name {name}", source.path));
         }
+    }
+    // Arrows between crates are seen only under the names that a `lib.rs` gives them.
+    if !is_crate_root && from != "clock" && words(&source.code).any(|(_, word)| word.starts_with("oviduct_")) {
+        faults.push(format!("{}: only lib.rs may name a crate of the workspace", source.path));
     }
     let strings = strip(&source.text, true);
     if let Some(sql) = SQL.iter().find(|sql| strings.contains(**sql))
         && !["jobs/sqlite", "jobs/postgres", "jobs/sql"].iter().any(|place| source.is_in(place))
     {
-        faults.push(format!("src/{}: only the stores may hold SQL ({sql}…)", source.path));
+        faults.push(format!("{}: only the job stores may contain SQL ({sql}…)", source.path));
     }
     if !source.text.starts_with("//!") {
-        faults.push(format!("src/{}: must open with `//!`: what it is for", source.path));
+        faults.push(format!("{}: must open with `//!`: what it is for", source.path));
     }
     faults
 }
 
 #[test]
-fn arrows_point_down() {
+fn imports_and_names_keep_the_rules() {
     let sources = sources();
-    assert!(sources.len() > 20, "found {} files only", sources.len());
+    assert!(sources.len() > 400, "found {} files only", sources.len());
     let faults: Vec<String> = sources.iter().flat_map(faults).collect();
     assert!(faults.is_empty(), "\n{}\n", faults.join("\n"));
-}
-
-/// The circles that no excuse breaks, one arrow a line.
-fn unexcused(arrows: &Arrows, excuses: &[(&str, &str, &str)]) -> String {
-    let excused = |from: &str, to: &str| excuses.iter().any(|(a, b, _)| (*a, *b) == (from, to));
-    let left = arrows.iter().filter(|((from, to), _)| !excused(from, to));
-    let left: Arrows = left.map(|(arrow, names)| (arrow.clone(), names.clone())).collect();
-    let mut text = String::new();
-    for (i, circle) in circles(&left).iter().enumerate() {
-        text += &format!("circle {}:\n", i + 1);
-        for ((from, to), names) in circle {
-            let names: Vec<&str> = names.iter().map(String::as_str).collect();
-            text += &format!("  src/{from} -> src/{to}: {}\n", names.join(", "));
-        }
-    }
-    text
 }
 
 #[test]
 fn no_files_import_each_other_in_a_circle() {
     let arrows = arrows(&sources());
     assert!(arrows.len() > 200, "found {} arrows only", arrows.len());
-    let circles = unexcused(&arrows, &EXCUSED);
-    assert!(circles.is_empty(), "\n{circles}");
+    let circles = circles(&arrows);
+    assert!(circles.is_empty(), "\n{circles:#?}");
 }
 
+/// Crates that the engine must not depend on, however indirectly: it is a library without a service.
+const SERVICE: [&str; 8] = ["axum", "hyper", "object_store", "opentelemetry", "reqwest", "sqlx", "tokio", "utoipa"];
+
 #[test]
-fn every_excuse_breaks_a_circle() {
-    let circles = circles(&arrows(&sources()));
-    for (from, to, reason) in EXCUSED {
-        let arrow = (from.to_owned(), to.to_owned());
-        assert!(circles.iter().any(|circle| circle.contains_key(&arrow)), "{from} -> {to} needs no excuse: {reason}");
+fn the_engine_does_not_depend_on_the_service() {
+    let cargo = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+    let args = ["tree", "--locked", "--offline", "-p", "oviduct-engine", "-e", "normal", "--prefix", "none"];
+    let output = std::process::Command::new(cargo).args(args).output().expect("cargo runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let tree = String::from_utf8(output.stdout).expect("UTF-8");
+    let names: BTreeSet<&str> = tree.lines().filter_map(|line| line.split(' ').next()).collect();
+    assert!(names.contains("oviduct-base") && names.contains("wgpu"), "{tree}");
+    let found: Vec<_> = SERVICE.iter().filter(|name| names.contains(*name)).collect();
+    assert!(found.is_empty(), "the engine depends on {found:?}");
+}
+
+/// Every member inherits its version, which is part of digests, and its lints; and tests/profile.toml
+/// compiles it with assertions.
+#[test]
+fn every_crate_is_part_of_the_workspace_and_of_the_test_profile() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let read = |path: &Path| -> toml::Table { std::fs::read_to_string(path).expect("there").parse().expect("TOML") };
+    let profile = read(&root.join("tests/profile.toml"));
+    let fuzz = std::fs::read_to_string(root.join("fuzz/Cargo.toml")).expect("there");
+    let mut members = vec![root.to_owned()];
+    members.extend(std::fs::read_dir(root.join("crates")).expect("there").map(|entry| entry.expect("there").path()));
+    assert!(members.len() > 5, "{members:?}");
+    for member in members {
+        let manifest = read(&member.join("Cargo.toml"));
+        let package = &manifest["package"];
+        let name = package["name"].as_str().expect("a name");
+        for key in ["version", "edition", "rust-version", "license", "publish"] {
+            assert_eq!(package[key]["workspace"].as_bool(), Some(true), "{name}: {key}");
+        }
+        assert_eq!(manifest["lints"]["workspace"].as_bool(), Some(true), "{name}: lints");
+        let settings = &profile["profile"]["release"]["package"][name];
+        for key in ["debug-assertions", "overflow-checks"] {
+            assert_eq!(settings[key].as_bool(), Some(true), "tests/profile.toml, {name}: {key}");
+        }
+        assert!(fuzz.contains(&format!("\n{name} = {{")), "fuzz/Cargo.toml has no profile of {name}");
     }
-}
-
-#[test]
-fn every_module_has_a_floor() {
-    let lib = Source::new("lib.rs", include_str!("../src/lib.rs"));
-    let declared: BTreeSet<&str> =
-        lib.code.lines().filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(';')).collect();
-    let placed: BTreeSet<&str> = FLOORS.iter().flat_map(|floor| floor.iter().copied()).collect();
-    let homeless: Vec<_> = declared.difference(&placed).collect();
-    assert!(declared.len() > 10 && homeless.is_empty(), "no floor for {homeless:?}");
+    assert_eq!(oviduct::ENGINE_VERSION, env!("CARGO_PKG_VERSION"));
 }
 
 #[test]
 fn the_scanner_sees_what_it_should() {
     let bad = |path: &str, text: &str| faults(&Source::new(path, &format!("//! X.\n{text}"))).len();
     for (path, text) in [
-        ("sim/a.rs", "use crate::{\n  model::{Ring, Section},\n  mesh::loft,\n};"),
-        ("sim/a.rs", "use crate::jobs::Job;"),
-        ("sim/mod.rs", "fn f() { crate::http::g() }"),
-        ("sim/mod.rs", "use super::mesh;"),
-        ("sim/cpu/a.rs", "use super::super::super::mesh::loft;"),
+        ("mesh/a.rs", "use crate::{\n  model::{Ring, Section},\n  measure::certificate,\n};"),
+        ("mesh/mod.rs", "fn f() { crate::measure::g() }"),
+        ("mesh/mod.rs", "use super::measure;"),
+        ("mesh/cpu/a.rs", "use super::super::super::measure::loft;"),
         ("jobs/a.rs", "use crate::sim::State;"),
         ("jobs/a.rs", "use crate::http::Problem;"),
         ("http/a.rs", "use crate::worker::WorkerPool;"),
-        ("generate/a.rs", "use crate::jobs::Store;"),
-        ("geometry/a.rs", "use spade::Triangulation;"),
+        ("generate/a.rs", "use crate::fit::Fit;"),
+        ("render/a.rs", "fn f(d: &wgpu::Device) {}"),
+        ("jobs/a.rs", "use oviduct_sim::sim::State;"),
         ("worker/a.rs", "use object_store::path::Path;"),
         ("worker/a.rs", "let q = \"SELECT 1\";"),
         ("worker/a.rs", "fn f() -> axum::Router {}"),
@@ -221,11 +220,11 @@ fn the_scanner_sees_what_it_should() {
     }
     for (path, text) in [
         ("sim/a.rs", "use crate::{model::Ring, spec::{self, Schedule}, random};"),
-        ("sim/a.rs", "// use crate::jobs::Job;\nlet s = \"crate::jobs \\\" use crate::jobs::x\";"),
-        ("sim/a.rs", "#[cfg(test)]\nmod tests {\n use crate::jobs::Job;\n}"),
-        ("sim/a/tests.rs", "use crate::jobs::Job;"),
-        ("sim/cpu/a.rs", "use super::super::mesh_of_the_simulation;"),
-        ("sim/cpu/a.rs", "use super::mesh; let c = '\"'; let d = '\"';"),
+        ("mesh/a.rs", "// use crate::measure::A;\nlet s = \"crate::measure \\\" use crate::measure::x\";"),
+        ("mesh/a.rs", "#[cfg(test)]\nmod tests {\n use crate::measure::A;\n}"),
+        ("mesh/a/tests.rs", "use crate::measure::A;"),
+        ("mesh/cpu/a.rs", "use super::super::measure_of_the_mesh;"),
+        ("mesh/cpu/a.rs", "use super::measure; let c = '\"'; let d = '\"';"),
         ("jobs/a.rs", "use crate::generate::Backend;"),
         ("jobs/sqlite/a.rs", "use sqlx::Row; let q = r#\"SELECT 1\"#;"),
         ("geometry/triangulate.rs", "use spade::Triangulation;"),
@@ -308,20 +307,4 @@ fn the_scanner_sees_circles_however_the_path_is_written() {
     };
     assert_eq!(three("c"), [3], "three files");
     assert_eq!(three("d"), [0; 0], "no such file");
-}
-
-#[test]
-fn an_excuse_breaks_only_the_circle_that_it_names() {
-    let source = |path, text| Source::new(path, text);
-    let sources = [
-        source("lib.rs", "mod a; mod b; mod c; mod d;"),
-        source("a.rs", "use crate::b::B; struct A;"),
-        source("b.rs", "use crate::a::A; struct B;"),
-        source("c.rs", "use crate::d::D; struct C;"),
-        source("d.rs", "use crate::c::C; struct D;"),
-    ];
-    let arrows = arrows(&sources);
-    assert_eq!(unexcused(&arrows, &[]).matches("circle").count(), 2);
-    let left = unexcused(&arrows, &[("a.rs", "b.rs", "a test")]);
-    assert_eq!(left, "circle 1:\n  src/c.rs -> src/d.rs: D\n  src/d.rs -> src/c.rs: C\n");
 }

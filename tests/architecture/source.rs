@@ -1,6 +1,6 @@
 //! Source files as text: comments, strings and code that only tests compile are removed.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 pub(crate) struct Source {
     /// Path below `src`, with `/`.
@@ -30,29 +30,31 @@ impl Source {
     }
 }
 
-/// All files below `src`, sorted by path.
+/// All files below `src` and `crates/*/src`, sorted by path; of the `lib.rs`, which only declare and
+/// re-export modules, that of the root package.
 pub(crate) fn sources() -> Vec<Source> {
-    fn walk(dir: &Path, found: &mut Vec<PathBuf>) {
-        for entry in std::fs::read_dir(dir).expect("src can be read") {
-            let path = entry.expect("src can be read").path();
+    fn walk(root: &Path, dir: &Path, found: &mut Vec<Source>) {
+        for entry in std::fs::read_dir(dir).expect("a folder of sources can be read") {
+            let path = entry.expect("a folder of sources can be read").path();
             if path.is_dir() {
-                walk(&path, found);
+                walk(root, &path, found);
             } else if path.extension().is_some_and(|e| e == "rs") {
-                found.push(path);
+                let short = path.strip_prefix(root).expect("below src").to_str().expect("UTF-8").replace('\\', "/");
+                found.push(Source::new(&short, &std::fs::read_to_string(&path).expect("UTF-8")));
             }
         }
     }
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let mut paths = Vec::new();
-    walk(&root, &mut paths);
-    paths.sort();
-    paths
-        .iter()
-        .map(|path| {
-            let short = path.strip_prefix(&root).expect("below src").to_str().expect("UTF-8").replace('\\', "/");
-            Source::new(&short, &std::fs::read_to_string(path).expect("src can be read"))
-        })
-        .collect()
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(root.join("crates")).expect("crates can be read") {
+        let src = entry.expect("crates can be read").path().join("src");
+        walk(&src, &src, &mut found);
+    }
+    found.retain(|source| source.path != "lib.rs");
+    let src = root.join("src");
+    walk(&src, &src, &mut found);
+    found.sort_by(|a, b| a.path.cmp(&b.path));
+    found
 }
 
 /// Removes comments and the contents of strings and character literals; with `keep_strings`, keeps the strings alone.

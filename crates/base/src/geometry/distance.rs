@@ -1,0 +1,167 @@
+//! Distances of points from triangles, and the largest distance of many points from a surface.
+
+use super::bvh::{Bounds, Bvh, Search, WIDTH};
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Items whose samples are measured by one task.
+const CHUNK: usize = 1024;
+
+/// Triangles with a hierarchy; `corners(i)` are those of triangle `i`.
+///
+/// Triangles that follow each other should be close to each other.
+pub struct Triangles<F> {
+    corners: F,
+    len: usize,
+    /// Of blocks of eight triangles, as that of the triangles would take more memory than these.
+    bvh: Bvh,
+}
+
+impl<F: Fn(usize) -> [[f64; 3]; 3] + Sync> Triangles<F> {
+    /// Builds the hierarchy of `len` triangles.
+    pub fn new(len: usize, corners: F) -> Self {
+        let of_block = |block: usize| {
+            let own = block * WIDTH..len.min((block + 1) * WIDTH);
+            own.fold(Bounds::EMPTY, |all, i| all.with(&Bounds::of(corners(i))))
+        };
+        let bvh = Bvh::build(len.div_ceil(WIDTH), of_block);
+        Self { corners, len, bvh }
+    }
+
+    /// Squared distance of a point from the triangles of a block.
+    fn squared_distance(&self, point: [f64; 3], block: usize) -> f64 {
+        let own = block * WIDTH..self.len.min((block + 1) * WIDTH);
+        own.map(|i| squared_distance(point, (self.corners)(i))).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The largest distance of any sample from the nearest triangle; infinite if there are none. `samples(i, visit)` calls
+    /// `visit` with the samples of item `i`, of `items`.
+    ///
+    /// Exact, and the same for any number of threads. A sample matters only if it is farther away than any before: for most it
+    /// is enough that some triangle is within the largest distance so far. The first ones tried are those of the sample before,
+    /// so samples that follow each other should be close to each other.
+    pub fn farthest(&self, items: usize, samples: impl Fn(usize, &mut dyn FnMut([f64; 3])) + Sync) -> f64 {
+        // Of positive numbers, the greater one has the greater bits.
+        let largest = AtomicU64::new(0f64.to_bits());
+        (0..items.div_ceil(CHUNK)).into_par_iter().for_each(|chunk| {
+            let mut hint = None;
+            for item in chunk * CHUNK..items.min((chunk + 1) * CHUNK) {
+                samples(item, &mut |point| {
+                    let squared_distance = |block| self.squared_distance(point, block);
+                    let enough = f64::from_bits(largest.load(Ordering::Relaxed));
+                    if hint.is_some_and(|block| squared_distance(block) <= enough) {
+                        return;
+                    }
+                    let mut search = Search { squared_distance, enough, best: enough, item: None };
+                    self.bvh.nearest(point, hint, &mut search);
+                    if search.item.is_none() {
+                        search.best = f64::INFINITY;
+                        self.bvh.nearest(point, None, &mut search);
+                        largest.fetch_max(search.best.to_bits(), Ordering::Relaxed);
+                    }
+                    hint = search.item;
+                });
+            }
+        });
+        f64::from_bits(largest.into_inner()).sqrt()
+    }
+}
+
+/// Squared distance of a point from a triangle, which may be degenerate (Ericson, Real-Time Collision Detection, 5.1.5).
+#[must_use]
+#[inline]
+pub fn squared_distance(p: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> f64 {
+    let (ab, ac, ap) = (minus(b, a), minus(c, a), minus(p, a));
+    let (d1, d2) = (dot(ab, ap), dot(ac, ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return dot(ap, ap);
+    }
+    let bp = minus(p, b);
+    let (d3, d4) = (dot(ab, bp), dot(ac, bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return dot(bp, bp);
+    }
+    let cp = minus(p, c);
+    let (d5, d6) = (dot(ab, cp), dot(ac, cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return dot(cp, cp);
+    }
+    let from = |start: [f64; 3], along: [f64; 3], by: f64| {
+        let rest = [start[0] - along[0] * by, start[1] - along[1] * by, start[2] - along[2] * by];
+        dot(rest, rest)
+    };
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        return from(ap, ab, d1 / (d1 - d3));
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        return from(ap, ac, d2 / (d2 - d6));
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 >= d3 && d5 >= d6 {
+        return from(bp, minus(c, b), (d4 - d3) / ((d4 - d3) + (d5 - d6)));
+    }
+    let (v, w) = (vb / (va + vb + vc), vc / (va + vb + vc));
+    from([ap[0] - ab[0] * v, ap[1] - ab[1] * v, ap[2] - ab[2] * v], ac, w)
+}
+
+fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    type Triangle = [[f64; 3]; 3];
+
+    /// Least squared distance from the points of a raster of barycentric coordinates: an upper bound.
+    fn sampled(p: [f64; 3], [a, b, c]: Triangle) -> f64 {
+        const N: u32 = 40;
+        let mut least = f64::INFINITY;
+        for i in 0..=N {
+            for j in 0..=N - i {
+                let (v, w) = (f64::from(i) / f64::from(N), f64::from(j) / f64::from(N));
+                let q: [f64; 3] = std::array::from_fn(|k| a[k] + (b[k] - a[k]) * v + (c[k] - a[k]) * w);
+                least = least.min(dot(minus(p, q), minus(p, q)));
+            }
+        }
+        least
+    }
+
+    fn coordinates() -> impl Strategy<Value = [f64; 3]> {
+        prop::array::uniform3((-20i8..20).prop_map(|x| f64::from(x) * 0.3))
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(300))]
+
+        #[test]
+        fn the_distance_is_that_of_the_nearest_point(p in coordinates(), t in prop::array::uniform3(coordinates())) {
+            let (found, bound) = (squared_distance(p, t).sqrt(), sampled(p, t).sqrt());
+            // Points of the raster are at most this far from any point of the triangle.
+            let pitch = (0..3).map(|k| minus(t[k], t[(k + 1) % 3])).map(|e| dot(e, e).sqrt()).fold(0.0, f64::max) / 40.0;
+            prop_assert!(found <= bound + 1e-9 && found >= bound - pitch - 1e-9, "{found} {bound} {pitch}");
+        }
+
+        #[test]
+        fn the_largest_distance_is_that_of_brute_force(
+            triangles in prop::collection::vec(prop::array::uniform3(coordinates()), 1..300),
+            points in prop::collection::vec(coordinates(), 1..1200),
+        ) {
+            let surface = Triangles::new(triangles.len(), |i| triangles[i]);
+            let found = surface.farthest(points.len().div_ceil(2), |i, visit| {
+                points[2 * i..points.len().min(2 * i + 2)].iter().for_each(|p| visit(*p));
+            });
+            let nearest = |p: &[f64; 3]| triangles.iter().map(|t| squared_distance(*p, *t)).fold(f64::INFINITY, f64::min);
+            let expected = points.iter().map(nearest).fold(0.0, f64::max).sqrt();
+            prop_assert_eq!(found, expected);
+        }
+    }
+}

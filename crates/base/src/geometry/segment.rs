@@ -1,0 +1,65 @@
+//! Segments in the plane, with exact answers.
+
+use super::predicates::orient2d;
+
+/// Whether the closed segments `a`–`b` and `c`–`d` have a point in common. Segments of length zero count
+/// as points.
+#[must_use]
+#[inline]
+pub fn segments_meet(a: [f64; 2], b: [f64; 2], c: [f64; 2], d: [f64; 2]) -> bool {
+    let (c_side, d_side) = (orient2d(a, b, c), orient2d(a, b, d));
+    if (c_side > 0.0 && d_side > 0.0) || (c_side < 0.0 && d_side < 0.0) {
+        return false;
+    }
+    let (a_side, b_side) = (orient2d(c, d, a), orient2d(c, d, b));
+    if (a_side > 0.0 && b_side > 0.0) || (a_side < 0.0 && b_side < 0.0) {
+        return false;
+    }
+    // Either they cross, or they are collinear, in which case their boxes decide.
+    (c_side != 0.0 || d_side != 0.0 || a_side != 0.0 || b_side != 0.0)
+        || (overlap(a[0], b[0], c[0], d[0]) && overlap(a[1], b[1], c[1], d[1]))
+}
+
+/// Whether `p` lies on the closed segment `a`–`b`.
+#[must_use]
+#[inline]
+pub fn on_segment(a: [f64; 2], b: [f64; 2], p: [f64; 2]) -> bool {
+    orient2d(a, b, p) == 0.0 && overlap(a[0], b[0], p[0], p[0]) && overlap(a[1], b[1], p[1], p[1])
+}
+
+/// Whether the intervals spanned by `a`, `b` and by `c`, `d` have a number in common.
+fn overlap(a: f64, b: f64, c: f64, d: f64) -> bool {
+    a.min(b) <= c.max(d) && c.min(d) <= a.max(b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn crossing_touching_and_apart() {
+        let (a, b) = ([0.0, 0.0], [4.0, 0.0]);
+        assert!(segments_meet(a, b, [1.0, -1.0], [2.0, 1.0]));
+        assert!(segments_meet(a, b, [1.0, 0.0], [2.0, 1.0]));
+        assert!(segments_meet(a, b, b, [5.0, 1.0]));
+        assert!(!segments_meet(a, b, [4.5, -1.0], [4.5, 1.0]));
+        assert!(!segments_meet(a, b, [1.0, 1e-300], [2.0, 1.0]));
+    }
+
+    #[test]
+    fn on_one_line() {
+        let (a, b) = ([0.0, 0.0], [4.0, 4.0]);
+        assert!(segments_meet(a, b, [3.0, 3.0], [6.0, 6.0]));
+        assert!(segments_meet(a, b, [1.0, 1.0], [2.0, 2.0]));
+        assert!(!segments_meet(a, b, [5.0, 5.0], [6.0, 6.0]));
+        assert!(segments_meet(a, b, [2.0, 2.0], [2.0, 2.0]));
+        assert!(!segments_meet(a, b, [2.0, 2.5], [2.0, 2.5]));
+    }
+
+    #[test]
+    fn points_on_a_segment() {
+        assert!(on_segment([0.0, 0.0], [2.0, 4.0], [1.0, 2.0]));
+        assert!(!on_segment([0.0, 0.0], [2.0, 4.0], [3.0, 6.0]));
+        assert!(!on_segment([0.0, 0.0], [2.0, 4.0], [1.0, 2.0000000001]));
+    }
+}

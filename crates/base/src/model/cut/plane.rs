@@ -1,0 +1,157 @@
+//! Planes with coordinates in them.
+
+use crate::geometry::course::{Course, Frame};
+use serde::Serialize;
+
+/// A plane with coordinates u and v in it; lengths in micrometres. Seen from the side to which the normal points, v is counter-clockwise
+/// from u.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[cfg_attr(feature = "schema", schema(as = PlaneAnswer))]
+pub struct Plane {
+    /// Where u and v are zero.
+    pub origin_um: [f64; 3],
+    /// Unit normal.
+    pub normal: [f64; 3],
+    /// Unit vector of u.
+    pub u: [f64; 3],
+    /// Unit vector of v.
+    pub v: [f64; 3],
+    /// Radius around the origin beyond which nothing is cut: across a bent tube, other parts of it are left out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(feature = "schema", schema(required = false))]
+    pub reach_um: Option<f64>,
+}
+
+/// Least distance of a plane across a bent tube from its ends, µm: an end is plane up to rounding.
+const FROM_ENDS: f64 = 0.05;
+
+impl Plane {
+    /// The plane across a straight tube: u is x, v is y.
+    #[must_use]
+    pub fn across(z_um: f64) -> Self {
+        Self {
+            origin_um: [0.0, 0.0, z_um],
+            normal: [0.0, 0.0, 1.0],
+            u: [1.0, 0.0, 0.0],
+            v: [0.0, 1.0, 0.0],
+            reach_um: None,
+        }
+    }
+
+    /// The plane across a tube that follows a course, µm, and whose wall is within `reach_um` of it: u and v are x and y of the section.
+    /// `ends` are the places of both ends of the model; `None` if the place is beyond them.
+    #[must_use]
+    pub fn across_course(course: &Course, place_um: f64, ends: [f64; 2], reach_um: f64) -> Option<Self> {
+        let [first, last] = ends;
+        let place = place_um.clamp(first + FROM_ENDS, last - FROM_ENDS);
+        let Frame { origin, u, v, tangent } = course.at(place);
+        (first..=last).contains(&place_um).then(|| Self {
+            origin_um: origin.into(),
+            normal: tangent.into(),
+            u: u.into(),
+            v: v.into(),
+            reach_um: Some(reach_um),
+        })
+    }
+
+    /// Whether a point of the plane is cut.
+    #[must_use]
+    pub fn reaches(&self, p_um: [f64; 3]) -> bool {
+        let square = |reach: f64| {
+            let [u, v] = self.coordinates(p_um);
+            u * u + v * v <= reach * reach
+        };
+        self.reach_um.is_none_or(square)
+    }
+
+    /// The plane through a point. u lies along x if the plane is steeper than 45° against the z axis, else along z, as far as
+    /// the plane allows. `None` if the normal has no direction or a number is not finite.
+    #[must_use]
+    pub fn through(origin_um: [f64; 3], normal: [f64; 3]) -> Option<Self> {
+        // Scaled first, so that squares neither overflow nor vanish.
+        let largest = normal.iter().fold(0.0f64, |largest, x| largest.max(x.abs()));
+        if !(origin_um.iter().chain(&normal).all(|x| x.is_finite()) && largest > 0.0) {
+            return None;
+        }
+        let normal = unit(normal.map(|x| x / largest));
+        let along = if normal[2].abs() >= std::f64::consts::FRAC_1_SQRT_2 { [1.0, 0.0, 0.0] } else { [0.0, 0.0, 1.0] };
+        let part = dot(along, normal);
+        let u = unit([0, 1, 2].map(|axis| along[axis] - part * normal[axis]));
+        let v = [
+            normal[1] * u[2] - normal[2] * u[1],
+            normal[2] * u[0] - normal[0] * u[2],
+            normal[0] * u[1] - normal[1] * u[0],
+        ];
+        Some(Self { origin_um, normal, u, v, reach_um: None })
+    }
+
+    /// Height of the plane along its normal.
+    #[must_use]
+    pub fn height_um(&self) -> f64 {
+        self.height_of(self.origin_um)
+    }
+
+    /// Height of a point along the normal.
+    #[inline]
+    #[must_use]
+    pub fn height_of(&self, p_um: [f64; 3]) -> f64 {
+        dot(p_um, self.normal)
+    }
+
+    /// A number for the plane: the same for the same plane, most likely another for another one.
+    #[must_use]
+    pub fn digest(&self) -> u64 {
+        let numbers = self.origin_um.iter().chain(&self.normal).chain(&self.reach_um);
+        // Fowler–Noll–Vo over the bits; adding zero turns −0 into 0.
+        numbers.fold(0xcbf2_9ce4_8422_2325, |hash, x| {
+            (x + 0.0)
+                .to_bits()
+                .to_le_bytes()
+                .iter()
+                .fold(hash, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01b3))
+        })
+    }
+
+    /// u and v of a point.
+    #[must_use]
+    pub fn coordinates(&self, p_um: [f64; 3]) -> [f64; 2] {
+        let from_origin = [0, 1, 2].map(|axis| p_um[axis] - self.origin_um[axis]);
+        [dot(from_origin, self.u), dot(from_origin, self.v)]
+    }
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn unit(a: [f64; 3]) -> [f64; 3] {
+    let length = dot(a, a).sqrt();
+    a.map(|x| x / length)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn planes_have_right_handed_coordinates() {
+        for normal in [[0.0, 0.0, 2.0], [0.0, 0.0, -1e-200], [1e200, 0.0, 0.0], [1.0, -2.0, 0.5], [0.1, 0.2, -1.0]] {
+            let plane = Plane::through([1.0, 2.0, 3.0], normal).unwrap();
+            let Plane { normal, u, v, .. } = plane;
+            for (a, b, expected) in [(u, u, 1.0), (v, v, 1.0), (normal, normal, 1.0), (u, v, 0.0), (u, normal, 0.0)] {
+                assert!((dot(a, b) - expected).abs() < 1e-12);
+            }
+            let cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            assert!(dot(cross, normal) > 0.999_999);
+            let p = [0, 1, 2].map(|axis| plane.origin_um[axis] + 2.0 * u[axis] - 3.0 * v[axis]);
+            let [a, b] = plane.coordinates(p);
+            assert!((a - 2.0).abs() < 1e-9 && (b + 3.0).abs() < 1e-9);
+            assert!((dot(p, normal) - plane.height_um()).abs() < 1e-9);
+        }
+        assert_eq!(Plane::through([0.0, 0.0, 7.0], [0.0, 0.0, 3.0]), Some(Plane::across(7.0)));
+        assert_eq!(Plane::through([0.0; 3], [0.0; 3]), None);
+        assert_eq!(Plane::through([0.0; 3], [f64::NAN, 0.0, 1.0]), None);
+        assert_eq!(Plane::through([f64::INFINITY, 0.0, 0.0], [0.0, 0.0, 1.0]), None);
+    }
+}

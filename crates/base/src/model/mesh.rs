@@ -1,0 +1,211 @@
+//! The exported surface: indexed triangles in metres, grouped in named patches.
+
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+use std::ops::Range;
+
+/// The closed body, or bodies, that a mesh bounds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "schema", schema(as = Body))]
+pub enum BodyKind {
+    /// Between the walls: a solid torus, Euler number 0.
+    Tissue,
+    /// Inside the inner wall, capped: Euler number 2.
+    Lumen,
+    /// Both bodies, with the wall between them once: three triangles meet at the edges of its rims. Euler number 2.
+    Regions,
+}
+
+impl BodyKind {
+    /// All bodies.
+    pub const ALL: [Self; 3] = [Self::Tissue, Self::Lumen, Self::Regions];
+
+    /// The name used in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tissue => "tissue",
+            Self::Lumen => "lumen",
+            Self::Regions => "regions",
+        }
+    }
+
+    /// The body of a name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|body| body.name() == name)
+    }
+
+    /// The patches of its surface, in the order of its files.
+    #[must_use]
+    pub fn patches(self) -> &'static [PatchKind] {
+        use PatchKind::{CapAmpulla, CapIsthmus, Inlet, InnerWall, OuterWall, Outlet, Wall};
+        match self {
+            Self::Tissue => &[InnerWall, OuterWall, CapIsthmus, CapAmpulla],
+            Self::Lumen => &[Wall, Inlet, Outlet],
+            Self::Regions => &[InnerWall, OuterWall, CapIsthmus, CapAmpulla, Inlet, Outlet],
+        }
+    }
+
+    /// Euler number of a sound surface of this body.
+    #[must_use]
+    pub fn euler(self) -> i64 {
+        match self {
+            Self::Tissue => 0,
+            Self::Lumen | Self::Regions => 2,
+        }
+    }
+}
+
+/// A unit of length of files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub enum LengthUnit {
+    /// Metres.
+    #[serde(rename = "m")]
+    Metre,
+    /// Millimetres.
+    #[serde(rename = "mm")]
+    Millimetre,
+    /// Micrometres.
+    #[serde(rename = "um")]
+    Micrometre,
+}
+
+impl LengthUnit {
+    /// All units.
+    pub const ALL: [Self; 3] = [Self::Metre, Self::Millimetre, Self::Micrometre];
+
+    /// The name used in files and requests.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Metre => "m",
+            Self::Millimetre => "mm",
+            Self::Micrometre => "um",
+        }
+    }
+
+    /// The unit of a name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|unit| unit.name() == name)
+    }
+
+    /// How many there are in a metre.
+    #[must_use]
+    pub fn per_metre(self) -> f64 {
+        match self {
+            Self::Metre => 1.0,
+            Self::Millimetre => 1e3,
+            Self::Micrometre => 1e6,
+        }
+    }
+
+    /// Its length in metres.
+    #[must_use]
+    pub fn metres(self) -> f64 {
+        match self {
+            Self::Metre => 1.0,
+            Self::Millimetre => 1e-3,
+            Self::Micrometre => 1e-6,
+        }
+    }
+
+    /// Positions in metres in this unit, each coordinate rounded once.
+    #[must_use]
+    pub fn of_metres(self, positions: &[[f32; 3]]) -> Cow<'_, [[f32; 3]]> {
+        match self {
+            Self::Metre => Cow::Borrowed(positions),
+            _ => positions.iter().map(|p| p.map(|x| (f64::from(x) * self.per_metre()) as f32)).collect(),
+        }
+    }
+}
+
+/// A named part of a body's surface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PatchKind {
+    /// Mucosa, the boundary of the lumen.
+    InnerWall,
+    /// Outer boundary of the tissue.
+    OuterWall,
+    /// Annulus that closes the tissue at the isthmus end (z = 0).
+    CapIsthmus,
+    /// Annulus that closes the tissue at the ampulla end (z = length).
+    CapAmpulla,
+    /// Side of the lumen body.
+    Wall,
+    /// End of the lumen body at the isthmus.
+    Inlet,
+    /// End of the lumen body at the ampulla.
+    Outlet,
+}
+
+impl PatchKind {
+    const ALL: [Self; 7] =
+        [Self::InnerWall, Self::OuterWall, Self::CapIsthmus, Self::CapAmpulla, Self::Wall, Self::Inlet, Self::Outlet];
+
+    /// The patch of a name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+
+    /// Whether it is the side of a body; the others close its ends.
+    #[must_use]
+    pub fn is_wall(self) -> bool {
+        matches!(self, Self::InnerWall | Self::OuterWall | Self::Wall)
+    }
+
+    /// The name used in files: nodes and materials of glTF, groups of OBJ.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::InnerWall => "inner_wall",
+            Self::OuterWall => "outer_wall",
+            Self::CapIsthmus => "cap_isthmus",
+            Self::CapAmpulla => "cap_ampulla",
+            Self::Wall => "wall",
+            Self::Inlet => "inlet",
+            Self::Outlet => "outlet",
+        }
+    }
+}
+
+/// A run of triangles that form one named patch.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Patch {
+    /// Kind of the patch.
+    pub kind: PatchKind,
+    /// Its triangles, as a range of [`Mesh::triangles`]; patches cover all triangles without overlap.
+    pub triangles: Range<usize>,
+}
+
+/// A closed triangle surface with shared vertices (patches share the vertices of their borders).
+///
+/// Axes: x and y as in the sections (y up), z along the tube; right-handed, so glTF needs no rotation.
+/// Triangles are counter-clockwise seen from outside the body.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mesh {
+    /// Which body it bounds.
+    pub body: BodyKind,
+    /// Distinct vertex positions in metres, exactly as exported.
+    pub positions: Vec<[f32; 3]>,
+    /// Vertex indices of each triangle.
+    pub triangles: Vec<[u32; 3]>,
+    /// The named patches, in order.
+    pub patches: Vec<Patch>,
+}
+
+impl Mesh {
+    /// The triangles of a patch; none if there is no such patch.
+    #[must_use]
+    pub fn patch(&self, kind: PatchKind) -> &[[u32; 3]] {
+        self.patches
+            .iter()
+            .find(|patch| patch.kind == kind)
+            .map_or(&[], |patch| &self.triangles[patch.triangles.clone()])
+    }
+}

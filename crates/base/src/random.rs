@@ -1,0 +1,154 @@
+//! Counter-based random numbers: a value is a pure function of (seed, stream, index).
+//!
+//! It uses 32-bit integers only, so that WGSL can compute the same numbers, and
+//! results depend neither on the number of threads nor on the order of evaluation. The mixer is PCG4D (Jarzynski and
+//! Olano, *Hash Functions for GPU Rendering*, JCGT 9(3), 2020).
+
+/// Purpose of a stream of random numbers; numbers of different streams are independent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum Stream {
+    /// Phase of the fluctuation of a scheduled parameter; index: ordinal of the parameter.
+    SchedulePhase = 1,
+    /// Whether and which way a particle is contorted; index: id of the particle.
+    Contortion = 2,
+    /// Candidates of the growth tournaments; index: growth event and candidate.
+    Growth = 3,
+    /// Directions and phases of the thickness field; index: component.
+    Thickness = 4,
+    /// Lobes of the outer wall; index: lobe.
+    Lobes = 5,
+    /// Starting displacement of a particle; index: id of the particle.
+    Start = 6,
+    /// Times and calls of `oviduct load`; index: ordinal of the call.
+    Load = 8,
+    /// Latin hypercubes; index: sample and dimension.
+    Study = 7,
+    /// Directions, wavelengths, phases and periods of the sway; index: component, and which of them.
+    Sway = 10,
+    /// Directions, wavelengths and phases of the lean; index: component.
+    Lean = 11,
+    /// Phases of the variety around the wall; index: number of maxima.
+    Variety = 12,
+    /// Wavelengths and phases of a random course; index: component.
+    Course = 13,
+    /// Where transverse folds stand; index: component, or row.
+    Folds = 14,
+    /// Cells and fibres of stained sections; index: section, and cell or point of a lattice.
+    Histology = 9,
+}
+
+fn pcg4d(mut v: [u32; 4]) -> [u32; 4] {
+    for x in &mut v {
+        *x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+    }
+    let round = |v: &mut [u32; 4]| {
+        v[0] = v[0].wrapping_add(v[1].wrapping_mul(v[3]));
+        v[1] = v[1].wrapping_add(v[2].wrapping_mul(v[0]));
+        v[2] = v[2].wrapping_add(v[0].wrapping_mul(v[1]));
+        v[3] = v[3].wrapping_add(v[1].wrapping_mul(v[2]));
+    };
+    round(&mut v);
+    for x in &mut v {
+        *x ^= *x >> 16;
+    }
+    round(&mut v);
+    v
+}
+
+/// Four random words for `(seed, stream, a, b)`; `b` gives a second counter.
+#[must_use]
+#[inline]
+pub fn words(seed: u64, stream: Stream, a: u32, b: u32) -> [u32; 4] {
+    // The upper seed bits (at most 21 are used) are spread before they are combined with the stream number.
+    let high = ((seed >> 32) as u32).wrapping_mul(0x9E37_79B9) ^ (stream as u32).wrapping_mul(0x85EB_CA6B);
+    pcg4d([seed as u32, high, a, b])
+}
+
+/// One random word.
+#[must_use]
+#[inline]
+pub fn word(seed: u64, stream: Stream, a: u32, b: u32) -> u32 {
+    words(seed, stream, a, b)[0]
+}
+
+/// Maps a word to `[0, 1)` with 24 bits, exactly representable in f32.
+#[must_use]
+#[inline]
+pub fn unit(word: u32) -> f32 {
+    (word >> 8) as f32 * (1.0 / 16_777_216.0)
+}
+
+/// Maps two words to `[0, 1)` with 53 bits.
+#[must_use]
+#[inline]
+pub fn unit_f64(high: u32, low: u32) -> f64 {
+    let bits = (u64::from(high) << 32 | u64::from(low)) >> 11;
+    #[expect(clippy::cast_precision_loss, reason = "53 bits are exact")]
+    let exact = bits as f64;
+    exact / 9_007_199_254_740_992.0
+}
+
+/// Maps a word to `0..n` without division by the multiply-high method; `n` at most 65,536.
+#[must_use]
+#[inline]
+pub fn below(word: u32, n: u32) -> u32 {
+    debug_assert!(n <= 65_536);
+    ((word >> 16) * n) >> 16
+}
+
+/// A random seed, 0 to 2^53 − 1, for requests that name none: the only number here that is not a function of its arguments.
+#[must_use]
+pub fn draw_seed() -> u64 {
+    use std::hash::{BuildHasher, RandomState};
+    RandomState::new().hash_one(0u8) >> 11
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_a_pure_function_of_their_counters() {
+        assert_eq!(words(7, Stream::Growth, 3, 4), words(7, Stream::Growth, 3, 4));
+        assert_ne!(word(7, Stream::Growth, 3, 4), word(8, Stream::Growth, 3, 4));
+        assert_ne!(word(7, Stream::Growth, 3, 4), word(7, Stream::Lobes, 3, 4));
+        assert_ne!(word(7, Stream::Growth, 3, 4), word(7 + (1 << 40), Stream::Growth, 3, 4));
+    }
+
+    #[test]
+    fn units_are_uniform() {
+        let n = 40_000u32;
+        let mut bins = [0u32; 20];
+        for i in 0..n {
+            let u = unit(word(42, Stream::Growth, i, 0));
+            assert!((0.0..1.0).contains(&u));
+            bins[(u * 20.0) as usize] += 1;
+        }
+        let expected = f64::from(n) / 20.0;
+        let chi2: f64 = bins.iter().map(|&b| (f64::from(b) - expected).powi(2) / expected).sum();
+        assert!(chi2 < 43.8, "chi-square {chi2} is beyond the 0.999 quantile of 19 degrees of freedom");
+    }
+
+    #[test]
+    fn two_words_give_all_bits_of_a_double() {
+        assert_eq!(unit_f64(0, 0), 0.0);
+        assert_eq!(unit_f64(1 << 31, 0), 0.5);
+        assert_eq!(unit_f64(u32::MAX, u32::MAX), 1.0 - f64::EPSILON / 2.0);
+    }
+
+    #[test]
+    fn drawn_seeds_differ_and_are_exact_in_json() {
+        let seeds: std::collections::BTreeSet<u64> = (0..100).map(|_| draw_seed()).collect();
+        assert_eq!(seeds.len(), 100);
+        assert!(seeds.iter().all(|&seed| seed < 1 << 53));
+    }
+
+    #[test]
+    fn below_stays_below() {
+        for i in 0..1000 {
+            assert!(below(word(1, Stream::Growth, i, 0), 7) < 7);
+        }
+        assert_eq!(below(u32::MAX, 65_536), 65_535);
+    }
+}

@@ -1,0 +1,379 @@
+//! The search: CMA-ES over the places between the bounds of the variables, and between its generations steps of a linear model of
+//! the deviations, which need far fewer candidates where one holds. It goes on reduced models; then more steps of the linear model,
+//! from the best candidate, are measured with the physics of the spec.
+//!
+//! Its state is the list of candidates so far. The optimiser draws from a generator with a fixed seed, so that a search that
+//! continues from a checkpoint asks for the same candidates again and finds them in the list.
+
+use super::error::FitError;
+use super::evaluate::{Candidate, Evaluator, Physics, Unmeasured, misfit};
+use super::linear::Linear;
+use super::request::FitSpec;
+use super::watch::Watch;
+use cmaes::{CMAESOptions, DVector};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// First standard deviation of the candidates, as a part of the distance of the bounds.
+const SPREAD: f64 = 0.12;
+/// The search ends when every deviation is below this: a fifth of the accepted range.
+const CLOSE: f64 = 0.2;
+/// How far a step of the linear model goes in a variable, as a part of the distance of the bounds.
+const REACHES: [f64; 2] = [0.3, 0.08];
+/// Steps of the linear model are repeated if the misfit falls below this part of the last one.
+const PAYS: f64 = 0.9;
+/// The search ends when so many generations have not lowered the misfit like that.
+const PATIENCE: usize = 4;
+/// The candidates no longer differ when their standard deviation is below this part of the distance of the bounds.
+const LEAST_SPREAD: f64 = 1e-3;
+/// Misfit of a candidate without measures.
+const NO_MODEL: f64 = 1e6;
+
+/// Why a search ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum Ended {
+    /// Every target is met closely.
+    Reached,
+    /// All evaluations are used.
+    Evaluations,
+    /// The misfit no longer falls.
+    Converged,
+}
+
+/// A fall of the misfit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Fall {
+    /// Number of candidates.
+    #[cfg_attr(feature = "schema", schema(minimum = 0))]
+    pub evaluations: usize,
+    /// The least misfit of these.
+    pub misfit: f64,
+    /// Whether it is that of reduced models.
+    #[serde(default)]
+    pub reduced: bool,
+}
+
+/// A finished search.
+#[derive(Debug)]
+pub(super) struct Found {
+    /// The best candidate with the physics of the spec.
+    pub(super) best: Candidate,
+    /// Misfit of the spec that the search started from; none if it could not be measured.
+    pub(super) start: Option<f64>,
+    /// Where the least misfit fell: on reduced models, and then with the physics of the spec.
+    pub(super) history: Vec<Fall>,
+    /// Candidates that could be measured.
+    pub(super) evaluations: usize,
+    /// Candidates that could not be measured.
+    pub(super) failed: usize,
+    pub(super) ended: Ended,
+}
+
+/// A candidate with its measures or why it has none, as in checkpoints.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+struct Entry {
+    physics: Physics,
+    places: Vec<f64>,
+    #[serde(default)]
+    measures: Vec<Option<f64>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    failed: Option<String>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Checkpoint {
+    /// Digest of the request and the engine.
+    digest: String,
+    entries: Vec<Entry>,
+}
+
+type Key = (Physics, Vec<u64>);
+
+fn key(physics: Physics, places: &[f64]) -> Key {
+    (physics, places.iter().map(|place| place.to_bits()).collect())
+}
+
+/// Candidates by place: those of a checkpoint are found instead of measured.
+pub(super) struct Archive<'a> {
+    fit: &'a FitSpec,
+    evaluator: Evaluator<'a>,
+    watch: &'a Watch<'a>,
+    known: Mutex<BTreeMap<Key, Entry>>,
+    /// Keys in the order in which they were asked for; the measured candidates of the search.
+    order: Mutex<Vec<Key>>,
+}
+
+impl<'a> Archive<'a> {
+    pub(super) fn new(fit: &'a FitSpec, checkpoint: Option<&[u8]>, watch: &'a Watch<'a>) -> Self {
+        let read = checkpoint.and_then(|bytes| serde_json::from_slice::<Checkpoint>(bytes).ok());
+        let entries = read.filter(|checkpoint| checkpoint.digest == fit.digest()).map(|checkpoint| checkpoint.entries);
+        let fits = |entry: &Entry| {
+            entry.places.len() == fit.variables.len()
+                && (entry.failed.is_some() || entry.measures.len() == fit.targets.len())
+        };
+        let known = entries
+            .into_iter()
+            .flatten()
+            .filter(fits)
+            .map(|entry| (key(entry.physics, &entry.places), entry))
+            .collect();
+        let evaluator = Evaluator::new(fit, watch.cancel());
+        Self { fit, evaluator, watch, known: Mutex::new(known), order: Mutex::default() }
+    }
+
+    pub(super) fn checkpoint(&self) -> Vec<u8> {
+        let checkpoint =
+            Checkpoint { digest: self.fit.digest(), entries: lock(&self.known).values().cloned().collect() };
+        serde_json::to_vec(&checkpoint).unwrap_or_default()
+    }
+
+    /// The misfit of a candidate that the optimiser asks for.
+    fn ask(&self, places: &[f64], physics: Physics, asked: &Mutex<Vec<Key>>) -> f64 {
+        let entry = self.entry(places, physics);
+        lock(asked).push(key(physics, places));
+        entry.ok().and_then(|entry| self.misfit(&entry)).unwrap_or(NO_MODEL)
+    }
+
+    /// Lists the candidates of a generation, in an order that does not depend on the threads.
+    fn list(&self, mut asked: Vec<Key>) {
+        let known = lock(&self.known);
+        let misfit = |key: &Key| known.get(key).and_then(|entry| self.misfit(entry)).unwrap_or(NO_MODEL);
+        asked.sort_by(|a, b| misfit(a).total_cmp(&misfit(b)).then_with(|| a.cmp(b)));
+        lock(&self.order).extend(asked);
+    }
+
+    /// The candidates that could be measured, in order. Those on reduced models are shifted by as much as the measures of the best one
+    /// of them change with the physics of the spec, so that all are comparable.
+    pub(super) fn candidates(&self) -> Vec<Candidate> {
+        let (known, order) = (lock(&self.known), lock(&self.order));
+        let measured = |key: &Key| known.get(key).cloned().and_then(candidate);
+        let shift = order.iter().filter(|key| key.0 == Physics::Whole).find_map(|key| {
+            let both = [measured(&(Physics::Reduced, key.1.clone()))?, measured(key)?];
+            Some(both.map(|candidate| candidate.measures))
+        });
+        let shifted = |mut candidate: Candidate| {
+            if let Some([reduced, whole]) = &shift {
+                for ((measure, reduced), whole) in candidate.measures.iter_mut().zip(reduced).zip(whole) {
+                    let change = whole.zip(*reduced).map_or(0.0, |(whole, reduced)| whole - reduced);
+                    *measure = measure.map(|x| x + change);
+                }
+            }
+            candidate
+        };
+        let one = |key: &Key| match key.0 {
+            Physics::Reduced => measured(key).map(shifted),
+            Physics::Whole => measured(key),
+        };
+        order.iter().filter_map(one).collect()
+    }
+
+    /// None if the candidate could not be measured.
+    fn misfit(&self, entry: &Entry) -> Option<f64> {
+        entry.failed.is_none().then(|| misfit(&self.fit.targets, &entry.measures))
+    }
+
+    /// The misfit where the search started, on a reduced model if there was one.
+    fn start_misfit(&self, start: &[f64]) -> Option<f64> {
+        let known = lock(&self.known);
+        let of = |physics: Physics| self.misfit(known.get(&key(physics, start))?);
+        of(Physics::Reduced).or_else(|| of(Physics::Whole))
+    }
+
+    /// Where the least misfit fell, of each physics for itself.
+    fn history(&self) -> Vec<Fall> {
+        let (known, order) = (lock(&self.known), lock(&self.order));
+        let measured = order.iter().filter_map(|key| Some((key.0, self.misfit(known.get(key)?)?)));
+        let mut least = None;
+        let fall = |(i, (physics, misfit)): (usize, (Physics, f64))| {
+            let fell = least.is_none_or(|(before, least)| before != physics || misfit < least);
+            if fell {
+                least = Some((physics, misfit));
+            }
+            fell.then_some(Fall { evaluations: i + 1, misfit, reduced: physics == Physics::Reduced })
+        };
+        measured.enumerate().filter_map(fall).collect()
+    }
+
+    /// The candidate of least misfit with some physics.
+    fn best(&self, physics: Physics) -> Option<Candidate> {
+        let (known, order) = (lock(&self.known), lock(&self.order));
+        let of = order.iter().filter(|key| key.0 == physics).filter_map(|key| known.get(key));
+        let measured = of.filter_map(|entry| Some((self.misfit(entry)?, entry)));
+        measured.min_by(|a, b| a.0.total_cmp(&b.0)).and_then(|(_, entry)| candidate(entry.clone()))
+    }
+
+    /// Measures candidates in parallel, and lists them in this order.
+    pub(super) fn measure(&self, all: &[Vec<f64>], physics: Physics) -> Result<(), Unmeasured> {
+        all.par_iter().try_for_each(|places| self.entry(places, physics).map(|_| ()))?;
+        lock(&self.order).extend(all.iter().map(|places| key(physics, places)));
+        Ok(())
+    }
+
+    fn entry(&self, places: &[f64], physics: Physics) -> Result<Entry, Unmeasured> {
+        let key = key(physics, places);
+        // Its lock is released before that of the watch is taken: a checkpoint takes them the other way round.
+        let known = lock(&self.known).get(&key).cloned();
+        if let Some(known) = known {
+            self.watch.remembered(physics, self.misfit(&known));
+            return Ok(known);
+        }
+        let (measures, failed) = match self.evaluator.measure(places, physics) {
+            Ok(measures) => (measures, None),
+            Err(Unmeasured::Failed(detail)) => (Vec::new(), Some(detail)),
+            Err(Unmeasured::Cancelled) => return Err(Unmeasured::Cancelled),
+        };
+        let entry = Entry { physics, places: places.to_vec(), measures, failed };
+        lock(&self.known).insert(key, entry.clone());
+        self.watch.measured(physics, self.misfit(&entry), || self.checkpoint());
+        Ok(entry)
+    }
+
+    /// Number of seeds with which a target is measured.
+    pub(super) fn seeds(&self, target: usize) -> usize {
+        self.evaluator.seeds(target)
+    }
+
+    /// Candidates asked for so far.
+    pub(super) fn len(&self) -> usize {
+        lock(&self.order).len()
+    }
+
+    /// How many candidates could not be measured, and why the last of them.
+    fn failures(&self) -> (usize, Option<String>) {
+        let (known, order) = (lock(&self.known), lock(&self.order));
+        let failed: Vec<&String> = order.iter().filter_map(|key| known.get(key)?.failed.as_ref()).collect();
+        (failed.len(), failed.last().copied().cloned())
+    }
+}
+
+fn candidate(entry: Entry) -> Option<Candidate> {
+    entry.failed.is_none().then_some(Candidate { places: entry.places, measures: entry.measures })
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A coordinate of the optimiser as a place from 0 to 1: reflected at the bounds, so that it needs no bounds of its own.
+fn reflected(x: f64) -> f64 {
+    let turn = x.rem_euclid(2.0);
+    if turn > 1.0 { 2.0 - turn } else { turn }
+}
+
+/// Candidates of a generation: those that CMA-ES recommends, and an even number, so that two cores have equal work.
+pub(super) fn population(variables: usize) -> usize {
+    let usual = 4 + (3.0 * (variables as f64).ln()).floor() as usize;
+    usual.next_multiple_of(2)
+}
+
+/// Measures where a linear model of the deviations near the best candidate leads: as far as it wants, and a little.
+fn steps(fit: &FitSpec, archive: &Archive<'_>, physics: Physics) -> Result<(), FitError> {
+    let Some(best) = archive.best(physics) else { return Ok(()) };
+    let model = Linear::around(&best, &archive.candidates(), &fit.targets);
+    archive.measure(&REACHES.map(|reach| model.step(reach)), physics)?;
+    Ok(())
+}
+
+/// Searches on reduced models, and then near the best of them with the physics of the spec.
+pub(super) fn search(fit: &FitSpec, archive: &Archive<'_>) -> Result<Found, FitError> {
+    let start: Vec<f64> = fit.variables.iter().map(super::variable::Variable::start).collect();
+    let physics = if fit.refined() > 0 { Physics::Reduced } else { Physics::Whole };
+    let explored = explore(fit, archive, &start, physics)?;
+    let ended = if physics == Physics::Reduced { refine(fit, archive, &start, explored)? } else { explored };
+    let start_misfit = archive.start_misfit(&start);
+    let (failed, failure) = archive.failures();
+    let Some(best) = archive.best(Physics::Whole) else {
+        let detail = failure.unwrap_or_default();
+        return Err(FitError::Search { detail: format!("no candidate could be measured: {detail}") });
+    };
+    let (history, evaluations) = (archive.history(), archive.len() - failed);
+    Ok(Found { best, start: start_misfit, history, evaluations, failed, ended })
+}
+
+/// Searches until the targets are met closely, the evaluations are used, or the candidates no longer differ.
+fn explore(fit: &FitSpec, archive: &Archive<'_>, start: &[f64], physics: Physics) -> Result<Ended, FitError> {
+    let targets = &fit.targets;
+    let population = population(start.len());
+    let budget = fit.explored() as usize;
+    if budget > 0 {
+        archive.measure(&[start.to_vec()], physics)?;
+    }
+    let asked = Mutex::default();
+    let objective =
+        |x: &DVector<f64>| archive.ask(&x.iter().map(|&x| reflected(x)).collect::<Vec<_>>(), physics, &asked);
+    let options =
+        CMAESOptions::new(start.to_vec(), SPREAD).seed(fit.seed).population_size(population).tol_x(LEAST_SPREAD);
+    let mut optimiser =
+        options.build(objective).map_err(|error| FitError::Search { detail: format!("the optimiser: {error:?}") })?;
+    let mut steps_pay = false;
+    let (mut best_known, mut since) = (f64::INFINITY, 0);
+    loop {
+        if archive.watch.cancel().is_cancelled() {
+            return Err(FitError::Cancelled);
+        }
+        let best = archive.best(physics);
+        if best.as_ref().is_some_and(|best| best.worst(targets) <= CLOSE) {
+            return Ok(Ended::Reached);
+        }
+        if archive.len() + population > budget {
+            return Ok(Ended::Evaluations);
+        }
+        let before = best.map_or(f64::INFINITY, |best| best.misfit(targets));
+        // Steps of the linear model as long as they pay, else a generation of the optimiser.
+        if steps_pay {
+            steps(fit, archive, physics)?;
+        } else {
+            let stopped = optimiser.next_parallel();
+            archive.list(std::mem::take(&mut *lock(&asked)));
+            if stopped.is_some() {
+                return Ok(Ended::Converged);
+            }
+        }
+        let after = archive.best(physics).map_or(f64::INFINITY, |best| best.misfit(targets));
+        steps_pay = !steps_pay || after < PAYS * before;
+        // Candidates since the misfit last fell clearly.
+        if after < PAYS * best_known {
+            (best_known, since) = (after, archive.len());
+        } else if archive.len() - since > PATIENCE * population {
+            return Ok(Ended::Converged);
+        }
+    }
+}
+
+/// Measures the best candidate with the physics of the spec, and follows the linear model from there.
+fn refine(fit: &FitSpec, archive: &Archive<'_>, start: &[f64], explored: Ended) -> Result<Ended, FitError> {
+    let from = archive.best(Physics::Reduced).map_or_else(|| start.to_vec(), |best| best.places);
+    let most = archive.len() + fit.refined() as usize;
+    archive.measure(&[from], Physics::Whole)?;
+    loop {
+        if archive.best(Physics::Whole).is_none_or(|best| best.worst(&fit.targets) <= CLOSE) {
+            return Ok(Ended::Reached);
+        }
+        if archive.len() + REACHES.len() > most {
+            return Ok(if explored == Ended::Converged { Ended::Converged } else { Ended::Evaluations });
+        }
+        steps(fit, archive, Physics::Whole)?;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coordinates_are_reflected_at_the_bounds() {
+        for (x, place) in [(0.3, 0.3), (1.0, 1.0), (1.2, 0.8), (-0.2, 0.2), (2.3, 0.3), (-1.1, 0.9)] {
+            assert!((reflected(x) - place).abs() < 1e-12, "{x}");
+        }
+    }
+
+    #[test]
+    fn generations_are_even() {
+        assert_eq!([1, 2, 3, 6, 10, 20].map(population), [4, 6, 8, 10, 10, 12]);
+    }
+}

@@ -1,0 +1,268 @@
+//! Which files a model has: formats, and for those that hold a surface, of which bodies and in which unit.
+
+use crate::export::{centreline, glb, labels, lod, obj, ply, stl, vtp};
+use crate::model::{BodyKind, LengthUnit};
+use serde::{Deserialize, Serialize};
+
+/// A format of the model: one file, or several.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum Output {
+    /// Binary glTF.
+    Glb,
+    /// glTF as text, with its data in a second file.
+    Gltf,
+    /// Wavefront OBJ.
+    Obj,
+    /// Binary STL.
+    Stl,
+    /// STL as text, one solid for each patch.
+    StlAscii,
+    /// Binary PLY.
+    Ply,
+    /// VTK XML `PolyData`, for VTK, `ParaView` and `PyVista`.
+    Vtp,
+    /// The centre line with arc length and radii, as VTK XML and as CSV.
+    Centreline,
+    /// Levels of detail for viewers: three binary glTF files of the tissue with all, about 300,000 and about 60,000 triangles,
+    /// quantized and compressed.
+    Lod,
+    /// The tissue of every voxel of a piece of the tube (`/labels` of the spec) as OME-TIFF and NIfTI-1.
+    Labels,
+}
+
+impl Output {
+    /// All formats.
+    pub const ALL: [Self; 10] = [
+        Self::Glb,
+        Self::Gltf,
+        Self::Obj,
+        Self::Stl,
+        Self::StlAscii,
+        Self::Ply,
+        Self::Vtp,
+        Self::Centreline,
+        Self::Lod,
+        Self::Labels,
+    ];
+    /// What is written if a request does not say.
+    pub const DEFAULT: [Self; 2] = [Self::Glb, Self::Lod];
+
+    /// Its name in requests.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Glb => "glb",
+            Self::Gltf => "gltf",
+            Self::Obj => "obj",
+            Self::Stl => "stl",
+            Self::StlAscii => "stl-ascii",
+            Self::Ply => "ply",
+            Self::Vtp => "vtp",
+            Self::Centreline => "centreline",
+            Self::Lod => "lod",
+            Self::Labels => "labels",
+        }
+    }
+
+    /// The endings of its files if it holds a surface, with their media types: one set of files for each body.
+    #[must_use]
+    pub fn endings(self) -> &'static [(&'static str, &'static str)] {
+        match self {
+            Self::Glb => &[("glb", glb::MEDIA_TYPE)],
+            Self::Gltf => &[("gltf", glb::TEXT_MEDIA_TYPE), ("bin", glb::BUFFER_MEDIA_TYPE)],
+            Self::Obj => &[("obj", obj::MEDIA_TYPE)],
+            Self::Stl => &[("stl", stl::MEDIA_TYPE)],
+            Self::StlAscii => &[("ascii.stl", stl::MEDIA_TYPE)],
+            Self::Ply => &[("ply", ply::MEDIA_TYPE)],
+            Self::Vtp => &[("vtp", vtp::MEDIA_TYPE)],
+            Self::Centreline | Self::Lod | Self::Labels => &[],
+        }
+    }
+
+    /// The names of its files if there is one set of them for the whole model.
+    #[must_use]
+    pub fn files(self) -> &'static [&'static str] {
+        match self {
+            Self::Centreline => &centreline::FILES,
+            Self::Lod => &lod::FILES,
+            Self::Labels => &labels::FILES,
+            _ => &[],
+        }
+    }
+
+    /// The unit of its lengths; none if it has no unit of its own, or always the same.
+    #[must_use]
+    pub fn unit(self, asked: Option<LengthUnit>) -> Option<LengthUnit> {
+        match self {
+            Self::Glb | Self::Gltf | Self::Lod => Some(LengthUnit::Metre),
+            Self::Obj => Some(asked.unwrap_or(LengthUnit::Metre)),
+            Self::Stl | Self::StlAscii | Self::Ply | Self::Vtp | Self::Centreline => {
+                Some(asked.unwrap_or(LengthUnit::Millimetre))
+            }
+            Self::Labels => None,
+        }
+    }
+}
+
+/// The beginning of the names of a body's files.
+pub(super) fn stem(body: BodyKind) -> &'static str {
+    match body {
+        BodyKind::Tissue => "model",
+        BodyKind::Lumen | BodyKind::Regions => body.name(),
+    }
+}
+
+/// What a file of a model is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Kind {
+    /// Format.
+    pub(super) output: Output,
+    /// Body; none if there is one file for the whole model.
+    pub(super) body: Option<BodyKind>,
+}
+
+/// The kind of a file; `None` for files that are always written.
+pub(super) fn kind_of(name: &str) -> Option<Kind> {
+    Output::ALL.into_iter().find_map(|output| {
+        if output.files().contains(&name) {
+            return Some(Kind { output, body: None });
+        }
+        let of = |body: &BodyKind| {
+            let ending = name.strip_prefix(stem(*body)).and_then(|rest| rest.strip_prefix('.'));
+            ending.is_some_and(|ending| output.endings().iter().any(|(known, _)| *known == ending))
+        };
+        BodyKind::ALL.into_iter().find(of).map(|body| Kind { output, body: Some(body) })
+    })
+}
+
+/// Which files a model has besides those that are always written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Outputs {
+    /// Formats.
+    pub formats: Vec<Output>,
+    /// The bodies whose surfaces are written in each of the formats that hold one.
+    pub bodies: Vec<BodyKind>,
+    /// The unit of formats that have a choice; none: the habit of each.
+    pub units: Option<LengthUnit>,
+}
+
+impl From<Vec<Output>> for Outputs {
+    /// These formats of the tissue.
+    fn from(formats: Vec<Output>) -> Self {
+        Self { formats, bodies: vec![BodyKind::Tissue], units: None }
+    }
+}
+
+impl Default for Outputs {
+    fn default() -> Self {
+        Output::DEFAULT.to_vec().into()
+    }
+}
+
+impl Outputs {
+    /// Whether a format was asked for.
+    #[must_use]
+    pub fn has(&self, output: Output) -> bool {
+        self.formats.contains(&output)
+    }
+
+    /// Whether all files of `others` are among these.
+    #[must_use]
+    pub fn include(&self, others: &Self) -> bool {
+        others.formats.iter().all(|format| {
+            self.has(*format)
+                && (format.endings().is_empty() || others.bodies.iter().all(|body| self.bodies.contains(body)))
+                && format.unit(self.units) == format.unit(others.units)
+        })
+    }
+
+    /// Whether a file is among them, or always written.
+    #[must_use]
+    pub fn want(&self, name: &str) -> bool {
+        kind_of(name)
+            .is_none_or(|Kind { output, body }| self.has(output) && body.is_none_or(|body| self.bodies.contains(&body)))
+    }
+
+    /// The names of their files.
+    #[must_use]
+    pub fn files(&self) -> Vec<String> {
+        let of = |output: &Output| {
+            let surfaces = self
+                .bodies
+                .iter()
+                .flat_map(|&body| output.endings().iter().map(move |(ending, _)| format!("{}.{ending}", stem(body))));
+            surfaces.chain(output.files().iter().map(|name| (*name).to_owned())).collect::<Vec<_>>()
+        };
+        self.formats.iter().flat_map(of).collect()
+    }
+
+    /// The names of formats and bodies, for [`crate::spec::ModelSpec::cost`].
+    #[must_use]
+    pub fn names(&self) -> Vec<&'static str> {
+        self.formats.iter().map(|format| format.name()).chain(self.bodies.iter().map(|body| body.name())).collect()
+    }
+
+    /// The bodies that are written in a unit.
+    #[must_use]
+    pub fn bodies_in(&self, unit: LengthUnit) -> Vec<BodyKind> {
+        let is_written = |format: &Output| !format.endings().is_empty() && format.unit(self.units) == Some(unit);
+        if self.formats.iter().any(is_written) { self.bodies.clone() } else { Vec::new() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn outputs(formats: &[Output], bodies: &[BodyKind], units: Option<LengthUnit>) -> Outputs {
+        Outputs { formats: formats.to_vec(), bodies: bodies.to_vec(), units }
+    }
+
+    #[test]
+    fn names_in_requests_are_those_of_the_formats() {
+        for output in Output::ALL {
+            assert_eq!(serde_json::to_value(output).unwrap(), output.name());
+            assert_ne!(output.endings().is_empty(), output.files().is_empty(), "{output:?}");
+        }
+        for body in BodyKind::ALL {
+            assert_eq!(serde_json::to_value(body).unwrap(), body.name());
+        }
+        for unit in LengthUnit::ALL {
+            assert_eq!(serde_json::to_value(unit).unwrap(), unit.name());
+        }
+    }
+
+    #[test]
+    fn every_file_has_one_kind() {
+        let all = outputs(&Output::ALL, &BodyKind::ALL, None);
+        let names = all.files();
+        let distinct: std::collections::BTreeSet<&String> = names.iter().collect();
+        assert_eq!((names.len(), distinct.len()), (3 * 8 + 2 + 3 + 2, names.len()));
+        for name in &names {
+            let kind = kind_of(name).unwrap();
+            let one = outputs(&[kind.output], &[kind.body.unwrap_or(BodyKind::Tissue)], None);
+            assert!(one.want(name) && one.files().contains(name), "{name}");
+            assert!(!outputs(&[], &BodyKind::ALL, None).want(name));
+        }
+        assert_eq!(kind_of("model.ascii.stl").map(|kind| kind.output), Some(Output::StlAscii));
+        for other in ["report.json", "sections.bin", "model", "lumen.", "other.glb", "model.glb.glb"] {
+            assert_eq!(kind_of(other), None, "{other}");
+            assert!(outputs(&[], &[], None).want(other));
+        }
+    }
+
+    #[test]
+    fn files_are_included_if_format_body_and_unit_are() {
+        use BodyKind::{Lumen, Tissue};
+        let both = outputs(&[Output::Glb, Output::Stl], &[Tissue, Lumen], None);
+        assert!(both.include(&both) && both.include(&outputs(&[Output::Stl], &[Lumen], None)));
+        assert!(both.include(&outputs(&[Output::Stl], &[Lumen], Some(LengthUnit::Millimetre))), "the habit of STL");
+        assert!(!both.include(&outputs(&[Output::Stl], &[Lumen], Some(LengthUnit::Metre))));
+        assert!(both.include(&outputs(&[Output::Glb], &[Lumen], Some(LengthUnit::Micrometre))), "always metres");
+        assert!(!both.include(&outputs(&[Output::Ply], &[Lumen], None)));
+        assert!(!outputs(&[Output::Glb], &[Tissue], None).include(&outputs(&[Output::Glb], &[Lumen], None)));
+        assert!(outputs(&[Output::Lod], &[Tissue], None).include(&outputs(&[Output::Lod], &[Lumen], None)));
+    }
+}

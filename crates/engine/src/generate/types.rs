@@ -1,0 +1,391 @@
+//! Inputs and results of a generation.
+
+use super::outputs::Outputs;
+use crate::ENGINE_VERSION;
+use crate::export::Metadata;
+use crate::export::sections_bin::SectionsError;
+use crate::measure::Certificate;
+use crate::measure::comparison::Comparison;
+use crate::measure::morphometry::{Cuts, Morphometry};
+use crate::mesh::bend::Refined;
+use crate::mesh::contract::Contracted;
+use crate::mesh::lean::Leaned;
+use crate::model::Section;
+use crate::sim::gpu::GpuError;
+use crate::spec::{Bent, ModelSpec};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use tempfile::TempPath;
+
+/// Requested or used backend.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum Backend {
+    /// A GPU if one is available, otherwise the CPU.
+    #[default]
+    Auto,
+    /// A GPU only.
+    Gpu,
+    /// All threads of the CPU worker.
+    Cpu,
+    /// One thread.
+    CpuSingle,
+}
+
+impl Backend {
+    /// Its name in JSON.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Gpu => "gpu",
+            Self::Cpu => "cpu",
+            Self::CpuSingle => "cpu-single",
+        }
+    }
+}
+
+/// Stage of a generation.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum Stage {
+    /// Growing sections.
+    Simulate,
+    /// Finishing the surface: caps, patches.
+    Mesh,
+    /// Computing the certificate.
+    Certify,
+    /// Measuring the sections and comparing them with anatomy.
+    Measure,
+    /// Writing files.
+    Export,
+    /// Moving files to the artifact store.
+    Store,
+}
+
+/// Progress of a generation: always the complete current state.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Progress {
+    /// Stage.
+    pub stage: Stage,
+    /// Fraction of the whole, 0 to 1, never decreasing.
+    pub fraction: f64,
+    /// Time step reached.
+    pub step: u32,
+    /// Total time steps.
+    pub steps: u32,
+    /// Particles of both loops.
+    pub particles: u32,
+    /// Sections recorded.
+    pub sections: u32,
+    /// Estimated seconds to the end; unknown until there is enough data.
+    pub eta_seconds: Option<f64>,
+}
+
+/// Receives progress. Called between steps on the simulating thread, so it must not block.
+pub trait Sink: Sync {
+    /// Called often, up to once per step.
+    fn progress(&self, progress: &Progress);
+    /// Called for each recorded section.
+    fn section(&self, section: &Section);
+    /// Whether a checkpoint is wanted, from which the generation can be continued elsewhere; called between steps.
+    fn wants_checkpoint(&self) -> bool {
+        false
+    }
+    /// Takes the requested checkpoint, a file in [`Request::dir`] for [`crate::generate::Checkpoint::open`].
+    fn checkpoint(&self, _: TempPath) {}
+}
+
+/// A sink that ignores everything.
+impl Sink for () {
+    fn progress(&self, _: &Progress) {}
+    fn section(&self, _: &Section) {}
+}
+
+/// Requests a running generation to stop; checked between steps.
+#[derive(Clone, Debug, Default)]
+pub struct CancelToken(Arc<AtomicBool>);
+
+impl CancelToken {
+    /// Requests the stop.
+    pub fn cancel(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether the stop was requested.
+    #[must_use]
+    pub fn is_cancelled(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// What to generate, and where to put the files.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// Name of the preset that the spec was resolved on, for the record.
+    pub preset: String,
+    /// The model.
+    pub spec: ModelSpec,
+    /// Seed, 0 to 2^53 − 1.
+    pub seed: u64,
+    /// The backend.
+    pub backend: Backend,
+    /// What to write besides `sections.bin` and `report.json`, which are always written.
+    pub outputs: Outputs,
+    /// Existing folder for the files.
+    pub dir: PathBuf,
+    /// Limit of the predicted memory; above it generation fails with [`GenerateError::Memory`].
+    pub memory_limit_bytes: Option<u64>,
+}
+
+impl Request {
+    /// The origin of the model, which has so many sections.
+    pub(super) fn metadata(&self, sections: usize) -> Metadata {
+        Metadata {
+            preset: self.preset.clone(),
+            seed: self.seed,
+            digest: self.spec.digest(self.seed),
+            engine: ENGINE_VERSION.into(),
+            length_mm: self.spec.length_mm,
+            sections,
+        }
+    }
+}
+
+/// A written file.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct FileOutput {
+    /// Name, such as `model.glb`.
+    pub name: String,
+    /// Media type.
+    pub media_type: String,
+    /// Size.
+    pub bytes: u64,
+    /// SHA-256, lower-case hex.
+    pub sha256: String,
+}
+
+/// Wall-clock seconds by stage. If the surface is streamed, `certify`, `measure` and a part of `export` run at the same time, so that
+/// all may be more than the total.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Seconds {
+    /// Simulation, with slab tests.
+    pub simulate: f64,
+    /// Loft, caps.
+    pub mesh: f64,
+    /// Certificate.
+    pub certify: f64,
+    /// Morphometry.
+    #[serde(default)]
+    pub measure: f64,
+    /// Writing files.
+    pub export: f64,
+    /// Total.
+    pub total: f64,
+}
+
+/// A finished model.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// The backend that computed it.
+    pub used: Backend,
+    /// Description of the device, such as a GPU's name or `cpu, 2 threads`.
+    pub device: String,
+    /// Files in [`Request::dir`].
+    pub files: Vec<FileOutput>,
+    /// What was found out about it.
+    pub findings: Findings,
+    /// Timing.
+    pub seconds: Seconds,
+}
+
+/// How a tube was bent along its course.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Bending {
+    /// Distance of the ends of the centre line, mm.
+    pub end_distance_mm: f64,
+    /// Length of the centre line over that distance.
+    pub tortuosity: f64,
+    /// Whether the course was changed because it was too tight or came too near to itself.
+    pub relaxed: bool,
+    /// Where the tube is bent most for its radius, mm from the isthmus end.
+    pub tightest_at_mm: f64,
+    /// Radius of curvature there, mm; none if the course is straight.
+    pub curve_radius_mm: Option<f64>,
+    /// Greatest radius of the wall there, mm.
+    pub wall_radius_mm: f64,
+    /// At least this far apart are the walls of far parts, µm; none if the course does not turn far enough for that.
+    pub far_parts_um: Option<f64>,
+    /// What was done so that bent triangles do not meet.
+    #[serde(flatten)]
+    pub refined: Refined,
+}
+
+impl Bending {
+    pub(super) fn of(bent: &Bent, refined: Refined) -> Self {
+        let Bent { course, room, relaxed } = bent;
+        Self {
+            end_distance_mm: course.end_distance() / 1000.0,
+            tortuosity: course.tortuosity(),
+            relaxed: *relaxed,
+            tightest_at_mm: room.bend.at / 1000.0,
+            curve_radius_mm: Some(room.bend.curve / 1000.0).filter(|radius| radius.is_finite()),
+            wall_radius_mm: room.bend.tube / 1000.0,
+            far_parts_um: room.near.map(|near| near.distance),
+            refined,
+        }
+    }
+}
+
+/// A wave of contraction: what its frames measure.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct ContractionReport {
+    /// Period, seconds.
+    pub period_s: f64,
+    /// Volume of the lumen at rest, mm³; that of the tissue is in the certificate of the model.
+    pub lumen_volume_mm3: f64,
+    /// Greatest difference of the volume of the tissue of a frame from that at rest, as a share of it.
+    pub tissue_deviation: f64,
+    /// What was done so that walls do not meet.
+    #[serde(flatten)]
+    pub contracted: Contracted,
+    /// The frames of one period, in order.
+    pub frames: Vec<FrameReport>,
+}
+
+/// A frame of a contraction.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct FrameReport {
+    /// Time, seconds.
+    pub time_s: f64,
+    /// Length of the tube along its centre line, mm.
+    pub length_mm: f64,
+    /// Volume of the tissue, mm³.
+    pub tissue_volume_mm3: f64,
+    /// Volume of the lumen, mm³.
+    pub lumen_volume_mm3: f64,
+    /// Greatest share of the lumen that is closed in a section.
+    pub closed: f64,
+    /// Greatest share by which the outer wall of a section is narrower than at rest.
+    pub narrowed: f64,
+    /// What is proved of its surface.
+    pub certificate: Certificate,
+}
+
+/// What is found out about a finished model; all of it is in `report.json`.
+#[derive(Clone, Debug, Default)]
+pub struct Findings {
+    /// Counts and measures: `sections`, `sections_added`, `particles`, `vertices`, `triangles`, …, and `warnings` about poor
+    /// growth: a list, empty if there are none, of objects with `code` (see `warnings.rs`) and
+    /// `detail`.
+    pub summary: serde_json::Value,
+    /// The certificate as JSON.
+    pub certificate: serde_json::Value,
+    /// The certificates of the other surfaces that are written: bodies and units besides the tissue in metres. Objects with
+    /// `body`, `unit` and `certificate`.
+    pub surfaces: Vec<serde_json::Value>,
+    /// What its sections measure.
+    pub morphometry: Morphometry,
+    /// What planar cuts across its ampulla show, if the surface leans; without a lean they are its sections.
+    pub cuts: Option<Cuts>,
+    /// How the surface was displaced, if it leans.
+    pub lean: Option<Leaned>,
+    /// How the surface was bent, if its tube is not straight.
+    pub course: Option<Bending>,
+    /// What the frames of its contraction measure, if it contracts.
+    pub contraction: Option<ContractionReport>,
+    /// The measures beside published ones; none if the model is of no known preset.
+    pub comparison: Option<Comparison>,
+}
+
+impl From<SectionsError> for GenerateError {
+    fn from(error: SectionsError) -> Self {
+        Self::Io { name: "checkpoint".into(), source: std::io::Error::other(error) }
+    }
+}
+
+impl Findings {
+    /// What the record of a job keeps: the summary; as its member `certificate` the figures of the certificate, without
+    /// the lists of bodies and failures; and as `morphometry` the means by region.
+    #[must_use]
+    pub fn figures(&self) -> serde_json::Value {
+        let mut figures = self.summary.clone();
+        let mut certificate = self.certificate.clone();
+        if let Some(members) = certificate.as_object_mut() {
+            members.retain(|name, _| !["bodies", "failures"].contains(&name.as_str()));
+        }
+        figures["certificate"] = certificate;
+        figures["morphometry"] = self.morphometry.means();
+        figures
+    }
+}
+
+/// Why a generation ended without a model.
+#[derive(Debug, thiserror::Error)]
+pub enum GenerateError {
+    /// It was cancelled.
+    #[error("the generation was cancelled")]
+    Cancelled,
+    /// The surface is not sound.
+    #[error("the model failed its certificate: {detail}")]
+    Certificate {
+        /// What failed and where.
+        detail: String,
+    },
+    /// Its predicted memory is above the limit.
+    #[error("the model needs about {needed} bytes of memory; the limit is {limit}")]
+    Memory {
+        /// Predicted need.
+        needed: u64,
+        /// The limit.
+        limit: u64,
+    },
+    /// The requested backend is not available.
+    #[error("the backend is not available: {detail}")]
+    Backend {
+        /// Why.
+        detail: String,
+    },
+    /// The GPU failed for a reason unrelated to the model: the same request can run on the CPU.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// A defect of this program. Only a batch reports it, because its other members continue.
+    #[error("the generation panicked: {detail}")]
+    Panic {
+        /// The message of the panic.
+        detail: String,
+    },
+    /// A file cannot hold the model: its format has a limit.
+    #[error("{name} cannot hold the model: {detail}")]
+    Format {
+        /// File name.
+        name: String,
+        /// Why.
+        detail: String,
+    },
+    /// A file could not be written.
+    #[error("writing {name} failed")]
+    Io {
+        /// File name.
+        name: String,
+        /// Cause.
+        #[source]
+        source: std::io::Error,
+    },
+    /// The state of the simulation became invalid, for example a position that is not finite.
+    #[error("the simulation failed: {detail}")]
+    Simulation {
+        /// What and where.
+        detail: String,
+    },
+}

@@ -1,0 +1,528 @@
+//! Predicts the cost of growing a specification, before anything is computed.
+//!
+//! Counts follow from the schedules. A section has one vertex per particle; each particle added between
+//! two sections is also inserted into the earlier one, on the edge that it split; and a closed surface of
+//! Euler number 0 has twice as many triangles as vertices. Sections added to mend a slab are not predicted. The vertices of an even
+//! surface follow from the area of the walls.
+//! Sizes and seconds come from the constants below, each with its basis.
+
+use super::parameters::{Integrator, Search};
+use super::{ModelSpec, Parameters};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::f64::consts::PI;
+
+// Seconds are those of one thread of an AMD EPYC (family 25, model 1; AVX2) with version 0.3.0.
+/// Seconds for one pair of particle and segment with neighbour lists, and seconds per particle and stage besides the pairs. They
+/// give the times of `paper`, `pig`, `human`, `cow` and small sections within a half.
+const LIST_PAIR_SECONDS: f64 = 1.2e-9;
+const PARTICLE_SECONDS: f64 = 70e-9;
+/// Factor by which the grid, rebuilt in each stage, is slower than lists: measured with 2,000 particles.
+const GRID_FACTOR: f64 = 1.6;
+/// Seconds for one pair with all pairs: 1.5 measured with 2,000 particles, 2 with 8,300.
+const ALL_PAIRS_SECONDS: f64 = 1.8e-9;
+/// Distance by which neighbour lists reach beyond the range of the force, µm: the CPU chooses 5 to 30, mostly this.
+const SKIN_UM: f64 = 10.0;
+/// Time on two threads over time on one.
+const TWO_CORES: f64 = 0.6;
+/// Seconds per triangle for slab tests, loft, certificate and files: measured on `paper` with `glb`.
+const TRIANGLE_SECONDS: f64 = 0.65e-6;
+/// Seconds per triangle for levels of detail, one core; measured on the default model.
+const LEVELS_SECONDS: f64 = 1.3e-6;
+/// Seconds per triangle for morphometry: measured on `paper`.
+const MEASURE_SECONDS: f64 = 0.45e-6;
+/// Memory that does not depend on the model; assumed.
+const BASE_BYTES: u64 = 32 << 20;
+/// Memory per vertex: position, normal, section, identity; assumed.
+const VERTEX_BYTES: u64 = 48;
+/// Memory per triangle: indices, tree and tables of the certificate; assumed.
+const TRIANGLE_BYTES: u64 = 100;
+/// Memory per triangle to make levels of detail: the surface and its numbers, cells and normals; 38 measured on `paper`, and some to
+/// spare.
+const LEVELS_BYTES: u64 = 48;
+/// A streamed surface: points of sections that are processed together (`generate::stream::BATCH_POINTS`), and memory per point of
+/// these and of the sections that are kept until later ones have come. Measured with 8,300 to 100,000 particles.
+const BATCH_POINTS: u64 = 1 << 15;
+const SECTIONS_AT_A_TIME: u64 = 4;
+const STREAM_BYTES: u64 = 700;
+/// Memory per section of a streamed surface: its measures and its places in files.
+const STREAM_SECTION_BYTES: u64 = 4096;
+/// Memory per particle and step since the last recorded section, which are kept to mend the slab: the section and, on a
+/// GPU, the state of a checkpoint.
+const HISTORY_BYTES: u64 = 64;
+/// Even surfaces: triangles of the inner and of the outer wall on the square of an edge length; the edge length that the
+/// tolerance allows at folds, over the root of tolerance times distance of particles; memory and seconds of one core per triangle,
+/// besides the sections; memory of a point of a section; seconds per point to smooth a section. Measured on pieces of the presets
+/// `pig` and `human` with edges of 20 to 80 µm.
+const EVEN_TRIANGLES: [f64; 2] = [5.8, 3.7];
+const FOLD_EDGE: f64 = 6.0;
+const REMESH_BYTES: f64 = 100.0;
+const REMESH_SECONDS: f64 = 18e-6;
+const POINT_BYTES: f64 = 12.0;
+const SMOOTH_SECONDS: f64 = 0.15e-6;
+/// By how much remeshing takes longer if contours are smooth: 4 times for `pig`, 8 times for `cow`.
+const SMOOTH_FACTOR: f64 = 6.0;
+/// Places at which the work is sampled.
+const PLACES: u32 = 256;
+
+/// Triangles of the simplified levels of detail, the finer first; a level has fewer if the model has.
+pub const LEVEL_TRIANGLES: [usize; 2] = [300_000, 60_000];
+
+/// Bytes of a file: fixed, per vertex, per triangle, per triangle if walls are strips.
+struct Size {
+    name: &'static str,
+    fixed: f64,
+    vertex: f64,
+    triangle: f64,
+    strip: f64,
+}
+
+impl Size {
+    const fn new(name: &'static str, fixed: f64, vertex: f64, triangle: f64, strip: f64) -> Self {
+        Self { name, fixed, vertex, triangle, strip }
+    }
+}
+
+/// Sizes by output. Binary formats follow from their layout (positions and normals of 4-byte floats, 4-byte
+/// indices; a strip has about one index per triangle); those of texts and compressed files are assumed.
+const SIZES: [Size; 10] = [
+    Size::new("glb", 4096.0, 24.0, 12.0, 4.1),
+    Size::new("gltf", 8192.0, 24.0, 12.0, 4.1),
+    Size::new("obj", 1024.0, 33.0, 24.0, 24.0),
+    Size::new("stl", 84.0, 0.0, 50.0, 50.0),
+    Size::new("stl-ascii", 512.0, 0.0, 195.0, 195.0),
+    Size::new("ply", 1024.0, 12.0, 13.0, 13.0),
+    Size::new("vtp", 4096.0, 24.0, 20.0, 20.0),
+    Size::new("centreline", 2600.0, 0.0, 0.0, 0.0),
+    Size::new("sections", 4096.0, 9.0, 0.0, 0.0),
+    Size::new("report", 65_536.0, 0.0, 0.0, 0.0),
+];
+
+/// Formats of which there is one set of files for each body.
+const OF_BODIES: [&str; 7] = ["glb", "gltf", "obj", "stl", "stl-ascii", "ply", "vtp"];
+
+/// Bytes of a section in both files of the centre line.
+const CENTRELINE_SECTION_BYTES: u64 = 270;
+/// Memory per vertex and triangle of the lumen and of both bodies together: positions and indices of each.
+const BODIES_BYTES: u64 = 40;
+/// Seconds per triangle for the certificates of the lumen and of both bodies together, one core; measured on the default model.
+const BODIES_SECONDS: f64 = 0.9e-6;
+
+/// Seconds per triangle of a surface that leans to displace it, to find triangles that meet, and to measure cuts, one core; measured
+/// on the default model.
+const LEAN_SECONDS: f64 = 1.7e-6;
+
+/// Seconds per triangle of a bent surface to place it, and to find triangles that meet, one core; measured on the default model.
+const BEND_SECONDS: f64 = 1.7e-6;
+/// Bytes per vertex and triangle of a bent surface: the straight one is kept beside it.
+const BEND_BYTES: u64 = 12;
+
+/// Contraction: seconds per triangle of a frame, which is made twice, searched, damped and certified, one core; measured on the default model
+/// with 20 frames in the dev profile, so optimized builds take less. Bytes per vertex, counted: the tables of sections and their lean, two
+/// frames, and the hierarchy of the search. Bytes of a frame in the description, and of its certificate in the report.
+const FRAME_SECONDS: f64 = 5e-6;
+const FRAME_VERTEX_BYTES: u64 = 260;
+const FRAME_FIXED: f64 = 1024.0;
+const FRAME_REPORT_BYTES: u64 = 2600;
+
+/// Bytes of the measures of a section in the report; measured on the default model.
+const REPORT_SECTION_BYTES: u64 = 850;
+/// Bytes of a triangle of the finest level of detail and of a simplified one, with its share of the vertices; measured on
+/// the default model.
+const LEVEL_TRIANGLE_BYTES: [f64; 2] = [3.5, 4.7];
+/// Bytes of the document of a level.
+const LEVEL_FIXED: f64 = 4096.0;
+
+/// Label volumes: bytes of both files per voxel of 1 µm, which grow with the root of its side; seconds of one core per voxel
+/// and per slice; slices in memory at a time (`export::labels::SLICES_AT_A_TIME`). Measured on the default model with
+/// voxels of 2 to 20 µm.
+const LABEL_VOXEL_BYTES: f64 = 0.036;
+const LABEL_VOXEL_SECONDS: f64 = 65e-9;
+const LABEL_SLICE_SECONDS: f64 = 8e-3;
+const LABEL_SLICES: f64 = 16.0;
+/// Bytes of the header of both files, and of the directories of a slice.
+const LABEL_FIXED: f64 = 4096.0;
+const LABEL_SLICE_BYTES: f64 = 300.0;
+
+/// Predicted cost of growing a specification.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Cost {
+    /// Particles of both loops at the end.
+    pub particles_end: u32,
+    /// Recorded sections, without those added by mending.
+    pub sections: u32,
+    /// Vertices of the surface.
+    pub vertices: u64,
+    /// Triangles of the surface.
+    pub triangles: u64,
+    /// Size by output, including `sections` and `report`, which are always written.
+    pub bytes: BTreeMap<String, u64>,
+    /// Greatest memory in use.
+    pub memory_bytes: u64,
+    /// Seconds from start to end, by backend.
+    pub seconds: BTreeMap<String, Estimate>,
+}
+
+/// A number of seconds and its basis.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Estimate {
+    /// Seconds.
+    pub seconds: f64,
+    /// Basis of the number.
+    pub basis: String,
+}
+
+impl ModelSpec {
+    /// Predicts the cost of growing this with the given outputs: names of formats (such as `glb`) and of bodies (`tissue`, if
+    /// none is named); unknown ones are ignored.
+    #[must_use]
+    pub fn cost(&self, outputs: &[&str]) -> Cost {
+        let Counts { particles_end, sections, section_points, vertices } = self.counts();
+        let triangles = 2.0 * vertices;
+        let has = |name: &str| outputs.contains(&name);
+        let needs_lumen = has("lumen") || has("regions");
+        // The lumen has the vertices of the inner loop only.
+        let inner = 1.0 - self.particles.outer.at(1.0) / self.particles.total.at(1.0);
+        let tissues = f64::from(u8::from(has("tissue") || !needs_lumen));
+        let bodies = tissues + f64::from(u8::from(has("regions"))) + inner * f64::from(u8::from(has("lumen")));
+        let size = |size: &Size| {
+            let triangle = if self.mesh.strips { size.strip } else { size.triangle };
+            let of = if OF_BODIES.contains(&size.name) { bodies } else { 1.0 };
+            let vertices = if size.name == "sections" { section_points } else { vertices };
+            (size.name.to_owned(), count(of * (size.fixed + size.vertex * vertices + triangle * triangles)))
+        };
+        let kept = |s: &&Size| outputs.contains(&s.name) || ["sections", "report"].contains(&s.name);
+        let mut bytes: BTreeMap<String, u64> = SIZES.iter().filter(kept).map(size).collect();
+        bytes.entry("report".to_owned()).and_modify(|bytes| *bytes += u64::from(sections) * REPORT_SECTION_BYTES);
+        bytes
+            .entry("centreline".to_owned())
+            .and_modify(|bytes| *bytes += u64::from(sections) * CENTRELINE_SECTION_BYTES);
+        if outputs.contains(&"lod") {
+            bytes.insert("lod".to_owned(), count(levels_bytes(triangles)));
+        }
+        if self.contracts() {
+            bytes.insert("contraction".to_owned(), count(self.frames_bytes(vertices, triangles)));
+            let reports = u64::from(self.contraction.frames) * FRAME_REPORT_BYTES;
+            bytes.entry("report".to_owned()).and_modify(|bytes| *bytes += reports);
+        }
+        let labels = outputs.contains(&"labels").then(|| self.label_cost(triangles));
+        if let Some(labels) = &labels {
+            bytes.insert("labels".to_owned(), count(labels.bytes));
+        }
+        let remeshed = if self.mesh.resolution_um > 0.0 { triangles } else { 0.0 };
+        let (vertices, triangles) = (count(vertices), count(triangles));
+        let levels = if outputs.contains(&"lod") { triangles * LEVELS_BYTES } else { 0 };
+        let history = if remeshed > 0.0 {
+            count(section_points * f64::from(self.solver.record_every) * POINT_BYTES + remeshed * REMESH_BYTES)
+        } else {
+            u64::from(particles_end) * u64::from(self.solver.record_every.min(self.steps)) * HISTORY_BYTES
+        };
+        let whole = vertices * VERTEX_BYTES + triangles * TRIANGLE_BYTES;
+        let surface = if self.is_streamed(outputs) {
+            let points = BATCH_POINTS + u64::from(particles_end) * SECTIONS_AT_A_TIME;
+            whole.min(points * STREAM_BYTES + u64::from(sections) * STREAM_SECTION_BYTES)
+        } else {
+            whole
+        };
+        Cost {
+            particles_end,
+            sections,
+            vertices,
+            triangles,
+            bytes,
+            memory_bytes: BASE_BYTES
+                + surface
+                + history
+                + levels
+                + if self.bends() { (vertices + triangles) * BEND_BYTES } else { 0 }
+                + if self.contracts() { self.frames_memory(vertices, triangles) } else { 0 }
+                + if needs_lumen { (vertices + triangles) * BODIES_BYTES } else { 0 }
+                + labels.as_ref().map_or(0, |labels| count(labels.memory)),
+            seconds: {
+                #[expect(clippy::cast_precision_loss, reason = "an estimate")]
+                let lumen = if needs_lumen { triangles as f64 * BODIES_SECONDS } else { 0.0 };
+                let lean = if self.leans() { triangles as f64 * LEAN_SECONDS } else { 0.0 };
+                let bend = if self.bends() { triangles as f64 * BEND_SECONDS } else { 0.0 };
+                let frames = f64::from(self.contraction.frames) * triangles as f64 * FRAME_SECONDS;
+                let more = lumen
+                    + lean
+                    + bend
+                    + frames
+                    + remeshed * self.remesh_seconds()
+                    + section_points * self.smooth_seconds();
+                self.seconds(triangles, has("lod"), more + labels.map_or(0.0, |labels| labels.seconds))
+            },
+        }
+    }
+
+    /// Whether the surface is streamed for these outputs, named as for [`Self::cost`]: it is lofted, neither leans, bends nor contracts, and
+    /// none needs the whole of it.
+    #[must_use]
+    pub fn is_streamed(&self, outputs: &[&str]) -> bool {
+        let needs_whole = |name: &&str| ["lumen", "regions", "labels"].contains(name);
+        let is_lofted = self.mesh.resolution_um == 0.0 && !self.mesh.strips && !self.leans() && !self.bends();
+        let is_lofted = is_lofted && !self.contracts();
+        is_lofted && !outputs.iter().any(needs_whole)
+    }
+
+    /// Bytes of the files of a contraction.
+    fn frames_bytes(&self, vertices: f64, triangles: f64) -> f64 {
+        let frames = f64::from(self.contraction.frames);
+        let level = triangles.min(LEVEL_TRIANGLES[1] as f64);
+        13.0 * triangles + 24.0 * level + frames * (12.0 * vertices + 16.0 * level + FRAME_FIXED)
+    }
+
+    /// Memory of a contraction: frames one at a time, and the animation.
+    fn frames_memory(&self, vertices: u64, triangles: u64) -> u64 {
+        let level = triangles.min(LEVEL_TRIANGLES[1] as u64);
+        vertices * FRAME_VERTEX_BYTES + u64::from(self.contraction.frames) * level * 18 + triangles * LEVELS_BYTES
+    }
+
+    fn counts(&self) -> Counts {
+        let particles = |step: u32| self.particles.total.at(f64::from(step) / f64::from(self.steps)).round();
+        let piece = self.recorded();
+        // A smooth contour has two points for each particle.
+        let points = if self.mesh.smooth_um > 0.0 { 2.0 } else { 1.0 };
+        let (mut sections, mut section_points) = (0_u32, 0.0);
+        for step in self.stations() {
+            sections += 1;
+            section_points += points * particles(step);
+        }
+        let vertices = if self.mesh.resolution_um > 0.0 {
+            0.5 * self.even_triangles()
+        } else {
+            section_points + points * (particles(*piece.end()) - particles(*piece.start()))
+        };
+        let particles_end = u32::try_from(count(particles(*piece.end()))).unwrap_or(u32::MAX);
+        Counts { particles_end, sections, section_points, vertices }
+    }
+
+    /// Triangles of an even surface: the areas of both walls over those of their triangles.
+    fn even_triangles(&self) -> f64 {
+        let [begin, end] = self.piece_um();
+        let (edge, tolerance) = (self.mesh.resolution_um, self.mesh.tolerance_um);
+        // Places beside the piece count, too, as there may be none in it.
+        let beside = self.length_mm * 1000.0 / f64::from(PLACES);
+        let (mut sum, mut places) = (0.0, 0.0);
+        for u in (0..=PLACES).map(|k| f64::from(k) / f64::from(PLACES)) {
+            let place = self.z.at(u) * self.length_mm * 1000.0;
+            if place < begin - beside || place > end + beside {
+                continue;
+            }
+            let particle = self.scale * self.particles.edge_um.at(u);
+            let inner = (self.particles.total.at(u) - self.particles.outer.at(u)) * particle;
+            let squash = self.containment.squash.at(u);
+            let radius = self.inner_radius_um(u);
+            let outer = self.scale * PI * (radius * (1.0 + squash) + 2.0 * self.containment.wall_um.at(u));
+            let at_folds = edge.min(FOLD_EDGE * (tolerance * particle).sqrt());
+            sum += EVEN_TRIANGLES[0] * inner / (at_folds * at_folds) + EVEN_TRIANGLES[1] * outer / (4.0 * edge * edge);
+            places += 1.0;
+        }
+        (end - begin) * sum / f64::max(places, 1.0)
+    }
+
+    /// Seconds per triangle to remesh.
+    fn remesh_seconds(&self) -> f64 {
+        if self.mesh.smooth_um > 0.0 { SMOOTH_FACTOR * REMESH_SECONDS } else { REMESH_SECONDS }
+    }
+
+    /// Seconds to smooth the sections, per point of a recorded one.
+    fn smooth_seconds(&self) -> f64 {
+        let sections = if self.mesh.resolution_um > 0.0 { f64::from(self.solver.record_every) } else { 1.0 };
+        if self.mesh.smooth_um > 0.0 { sections * SMOOTH_SECONDS } else { 0.0 }
+    }
+
+    /// Bytes, memory and seconds of a label volume.
+    fn label_cost(&self, triangles: f64) -> LabelCost {
+        let (slices, (_, voxels)) = (self.slices().max(1.0), self.label_voxels());
+        let all = slices * voxels;
+        LabelCost {
+            bytes: LABEL_FIXED + slices * LABEL_SLICE_BYTES + all * LABEL_VOXEL_BYTES * self.labels.voxel_um.sqrt(),
+            // The triangles of both walls are sorted.
+            memory: slices.min(LABEL_SLICES) * voxels * 1.25 + triangles * 16.0,
+            seconds: slices * LABEL_SLICE_SECONDS + all * LABEL_VOXEL_SECONDS,
+        }
+    }
+
+    /// Seconds by backend; `more` are those of what only some requests ask for.
+    fn seconds(&self, triangles: u64, levels: bool, more: f64) -> BTreeMap<String, Estimate> {
+        #[expect(clippy::cast_precision_loss, reason = "an estimate")]
+        let surface =
+            more + triangles as f64 * (TRIANGLE_SECONDS + MEASURE_SECONDS + if levels { LEVELS_SECONDS } else { 0.0 });
+        let one = self.simulation_seconds() + surface;
+        let work = match self.solver.search {
+            Search::Lists => "pairs within reach of neighbour lists",
+            Search::Grid => "pairs within reach of a grid",
+            Search::AllPairs => "all pairs",
+        };
+        let basis =
+            |threads: &str| format!("{work} and triangles, at the speed of {threads} of an AMD EPYC (family 25, AVX2)");
+        BTreeMap::from([
+            ("cpu-single".to_owned(), Estimate { seconds: one, basis: basis("one thread") }),
+            ("cpu".to_owned(), Estimate { seconds: one * TWO_CORES, basis: basis("two threads") }),
+        ])
+    }
+
+    /// Seconds of the simulation on one core: the work of a step, sampled along the tube and through the burn-in.
+    fn simulation_seconds(&self) -> f64 {
+        let middle = |i: u32| (f64::from(i) + 0.5) / f64::from(PLACES);
+        let last = *self.recorded().end();
+        let end = f64::from(last) / f64::from(self.steps);
+        let mean = (0..PLACES).map(|i| self.step_seconds(end * middle(i))).sum::<f64>() / f64::from(PLACES);
+        mean * f64::from(last) + self.step_seconds(0.0) * f64::from(self.burn_in)
+    }
+
+    /// Seconds of a step at `u` on one core. One segment takes up an area of edge length times spacing,
+    /// which gives the number of segments within reach.
+    fn step_seconds(&self, u: f64) -> f64 {
+        let p: &Parameters = self;
+        let inner = p.particles.total.at(u) - p.particles.outer.at(u);
+        let stages = match p.solver.integrator {
+            Integrator::Rk4 => 4.0,
+            Integrator::Euler => 1.0,
+        };
+        let spread = p.variation.amplitude.at(u).hypot(p.variety.thickness.at(u));
+        let range = p.collision.tissue_um.at(u).max(p.collision.gap_um.at(u)) * spread.exp();
+        let reach = range + SKIN_UM;
+        let near = (PI * reach * reach / (p.particles.edge_um.at(u) * p.containment.spacing_um.at(u))).min(inner);
+        let pairs = match p.solver.search {
+            Search::Lists => near * LIST_PAIR_SECONDS,
+            Search::Grid => near * LIST_PAIR_SECONDS * GRID_FACTOR,
+            Search::AllPairs => inner * ALL_PAIRS_SECONDS,
+        };
+        stages * inner * (pairs + PARTICLE_SECONDS)
+    }
+}
+
+/// Numbers from which the cost follows.
+struct Counts {
+    particles_end: u32,
+    sections: u32,
+    /// Points of all recorded sections.
+    section_points: f64,
+    vertices: f64,
+}
+
+/// What a label volume costs.
+struct LabelCost {
+    bytes: f64,
+    memory: f64,
+    seconds: f64,
+}
+
+/// Size of the files of all levels of detail of a model with a number of triangles.
+fn levels_bytes(triangles: f64) -> f64 {
+    let simplified: f64 = LEVEL_TRIANGLES.iter().map(|&most| triangles.min(most as f64)).sum();
+    3.0 * LEVEL_FIXED + triangles * LEVEL_TRIANGLE_BYTES[0] + simplified * LEVEL_TRIANGLE_BYTES[1]
+}
+
+/// A count from a sum of counts.
+fn count(value: f64) -> u64 {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturating, and never negative")]
+    let count = value.round() as u64;
+    count
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spec::{Limits, preset};
+    use serde_json::{Value, json};
+
+    fn spec(patch: &Value) -> ModelSpec {
+        ModelSpec::resolve(preset("paper").unwrap(), patch).unwrap()
+    }
+
+    #[test]
+    fn the_papers_model_has_the_papers_size() {
+        let cost = spec(&json!({})).cost(&["glb", "lod", "obj"]);
+        assert_eq!((cost.particles_end, cost.sections), (8300, 201));
+        assert!(cost.vertices.abs_diff(790_211) < 790_211 / 50, "{}", cost.vertices);
+        assert_eq!(cost.triangles, 2 * cost.vertices);
+        assert_eq!(cost.bytes.keys().collect::<Vec<_>>(), ["glb", "lod", "obj", "report", "sections"]);
+        assert!(cost.seconds["cpu"].seconds < cost.seconds["cpu-single"].seconds);
+        let without = spec(&json!({})).cost(&["glb", "obj"]);
+        assert!(without.seconds["cpu"].seconds + 0.5 < cost.seconds["cpu"].seconds);
+        assert!(without.memory_bytes + (50 << 20) < cost.memory_bytes);
+    }
+
+    #[test]
+    fn the_papers_simulation_takes_what_was_measured() {
+        let seconds = spec(&json!({})).simulation_seconds();
+        assert!((3.5..5.5).contains(&seconds), "lists: {seconds} s");
+        let seconds = spec(&json!({ "solver": { "search": "all_pairs" } })).simulation_seconds();
+        assert!((240.0..340.0).contains(&seconds), "all pairs: {seconds} s");
+    }
+
+    #[test]
+    fn a_last_step_beside_the_raster_is_recorded_too() {
+        let s = spec(&json!({ "steps": 25, "particles": { "total": 900 } }));
+        assert_eq!(s.stations().collect::<Vec<_>>(), [0, 10, 20, 25]);
+        assert_eq!(s.cost(&[]).sections, 4);
+        let s = spec(&json!({ "steps": 20, "particles": { "total": 900 } }));
+        assert_eq!(s.stations().collect::<Vec<_>>(), [0, 10, 20]);
+        let s = spec(&json!({ "steps": 1, "particles": { "total": 900, "outer": 100 } }));
+        assert_eq!(s.stations().collect::<Vec<_>>(), [0, 1]);
+    }
+
+    #[test]
+    fn the_steps_between_two_sections_take_memory() {
+        let memory = |every: u32| spec(&json!({ "solver": { "record_every": every } })).cost(&[]).memory_bytes;
+        assert!(memory(1000) > 500 << 20, "{}", memory(1000));
+        assert!(memory(10) < 400 << 20, "{}", memory(10));
+        let sparse = json!({
+            "solver": { "record_every": 1000 }, "particles": { "total": 200_000, "outer": 1000 }, "wall": { "lobing": 0 },
+        });
+        let over = Limits::default().check(&spec(&sparse).cost(&[])).unwrap_err();
+        assert!(over.iter().any(|o| o.quantity == "memory"), "{over:?}");
+    }
+
+    #[test]
+    fn a_streamed_surface_takes_memory_for_a_window() {
+        let grown = spec(&json!({
+            "burn_in": 2000, "wall": { "lobing": 0.01 }, "solver": { "record_every": 1 }, "particles": {
+                "total": { "keys": [[0, 8555], [0.2125, 14_159], [1, 100_000]] },
+                "outer": { "keys": [[0, 1326], [1, 3615]] } },
+        }));
+        assert!(grown.is_streamed(&["ply", "centreline", "lod"]) && !grown.is_streamed(&["ply", "lumen"]));
+        let cost = |outputs: &[&str]| grown.cost(outputs);
+        let (streamed, levels, whole) = (cost(&["ply"]), cost(&["ply", "lod"]), cost(&["ply", "lumen"]));
+        assert!(streamed.triangles > 150_000_000, "100 times the paper's: {}", streamed.triangles);
+        assert!(streamed.memory_bytes < 2 << 30 && whole.memory_bytes > 16 << 30, "{streamed:?} {whole:?}");
+        // Levels are made from the whole.
+        assert!((7 << 30..10 << 30).contains(&levels.memory_bytes), "{levels:?}");
+        // A surface smaller than the window takes no more than in memory.
+        let small = spec(&json!({}));
+        assert!(small.cost(&["glb"]).memory_bytes <= small.cost(&["glb", "lumen"]).memory_bytes);
+        for whole in [json!({ "mesh": { "strips": true } }), json!({ "mesh": { "resolution_um": 40 } })] {
+            assert!(!spec(&whole).is_streamed(&["glb"]), "{whole}");
+        }
+    }
+
+    #[test]
+    fn a_finer_label_volume_costs_more_up_to_the_limits() {
+        let cost = |patch: &Value| spec(patch).cost(&["labels"]);
+        let (coarse, fine) = (cost(&json!({})), cost(&json!({ "labels": { "voxel_um": 5, "slice_um": 25 } })));
+        assert!(fine.bytes["labels"] > 5 * coarse.bytes["labels"], "{coarse:?} {fine:?}");
+        assert!(fine.memory_bytes > coarse.memory_bytes && fine.seconds["cpu"].seconds > coarse.seconds["cpu"].seconds);
+        assert!(!spec(&json!({})).cost(&["glb"]).bytes.contains_key("labels"));
+        let piece = cost(&json!({ "labels": { "from": 0.9 } }));
+        assert!(piece.bytes["labels"] < coarse.bytes["labels"] / 4, "{piece:?}");
+        let over =
+            Limits::default().check(&cost(&json!({ "labels": { "voxel_um": 0.5, "slice_um": 3 } }))).unwrap_err();
+        let quantities: Vec<&str> = over.iter().map(|o| o.quantity.as_str()).collect();
+        assert!(quantities.contains(&"seconds") && quantities.contains(&"output"), "{over:?}");
+        assert!(over.iter().all(|o| o.to_string().contains("/labels")), "{over:?}");
+    }
+
+    #[test]
+    fn strips_make_smaller_files_and_euler_less_work() {
+        let full = spec(&json!({}));
+        let strips = spec(&json!({ "mesh": { "strips": true } }));
+        assert!(strips.cost(&["glb"]).bytes["glb"] < full.cost(&["glb"]).bytes["glb"]);
+        let euler = spec(&json!({ "solver": { "integrator": "euler" } }));
+        assert!(euler.simulation_seconds() < full.simulation_seconds() / 3.0);
+    }
+}

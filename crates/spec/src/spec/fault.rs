@@ -1,0 +1,153 @@
+//! Faults of a specification: where they are and how to mend them.
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+/// One fault and its place.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Fault {
+    /// JSON pointer (RFC 6901) relative to the specification, such as `/collision/gap_um`; empty for the whole.
+    pub pointer: String,
+    /// What is wrong, with the bound and its unit if there is one.
+    pub detail: String,
+}
+
+impl Fault {
+    /// A fault at a place.
+    pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
+        Self { pointer: pointer.into(), detail: detail.into() }
+    }
+}
+
+impl std::fmt::Display for Fault {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let place = if self.pointer.is_empty() { "/" } else { &self.pointer };
+        write!(f, "{place}: {}", self.detail)
+    }
+}
+
+/// The pointer of member `name` of the value at `at`.
+pub(super) fn child(at: &str, name: &str) -> String {
+    format!("{at}/{}", name.replace('~', "~0").replace('/', "~1"))
+}
+
+/// Most unknown members of one object that are named one by one, so that a small request cannot cause a huge response.
+const MAX_UNKNOWN: usize = 64;
+
+/// Records the unknown members of the object at `at`: the first ones each with a hint, the others as a count.
+pub(super) fn unknown<'a>(
+    at: &str,
+    mut names: impl Iterator<Item = &'a String>,
+    hint: impl Fn(&str) -> String,
+    faults: &mut Vec<Fault>,
+) {
+    let named = names.by_ref().take(MAX_UNKNOWN);
+    faults.extend(named.map(|n| Fault::new(child(at, n), format!("unknown field `{}`{}", shorten(n), hint(n)))));
+    let more = names.count();
+    if more > 0 {
+        faults.push(Fault::new(at, format!("has {more} more unknown fields")));
+    }
+}
+
+/// The members of the value at `at`, which must be an object of no others than the `known` ones.
+pub fn members<'a>(
+    at: &str,
+    value: &'a Value,
+    known: &[&str],
+    faults: &mut Vec<Fault>,
+) -> Option<&'a Map<String, Value>> {
+    let Some(members) = value.as_object() else {
+        faults.push(Fault::new(at, format!("must be an object, not {}", describe(value))));
+        return None;
+    };
+    let hint = |name: &str| match nearest(name, known.iter().copied()) {
+        Some(near) => format!("; did you mean `{near}`?"),
+        None => format!("; the fields are {}", known.join(", ")),
+    };
+    unknown(at, members.keys().filter(|name| !known.contains(&name.as_str())), hint, faults);
+    Some(members)
+}
+
+/// A short description of a value for a message.
+pub(super) fn describe(value: &Value) -> String {
+    match value {
+        Value::Null => "null".to_owned(),
+        Value::Bool(b) => b.to_string(),
+        Value::Number(n) => format!("the number {n}"),
+        Value::String(s) => format!("the string \"{}\"", shorten(s)),
+        Value::Array(_) => "an array".to_owned(),
+        Value::Object(_) => "an object".to_owned(),
+    }
+}
+
+/// The first characters of a text from a request.
+pub(super) fn shorten(text: &str) -> String {
+    const KEPT: usize = 40;
+    match text.char_indices().nth(KEPT) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
+/// The name most like `wrong`, if one is so similar that it was probably meant.
+pub(super) fn nearest<'a>(wrong: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    const LONGEST: usize = 64;
+    if wrong.len() > LONGEST {
+        return None;
+    }
+    // At least half of a short name must be right: any other name of one or two characters is near otherwise.
+    let length = wrong.chars().count();
+    let limit = (length / 3).max(2).min(length / 2);
+    names.map(|name| (distance(wrong, name), name)).filter(|(d, _)| *d <= limit).min().map(|(_, name)| name)
+}
+
+/// Levenshtein distance.
+fn distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, y) in b.iter().enumerate() {
+            let change = diagonal + usize::from(x != *y);
+            diagonal = row[j + 1];
+            row[j + 1] = change.min(diagonal + 1).min(row[j] + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distances_are_levenshtein() {
+        for (a, b, d) in [("", "", 0), ("a", "", 1), ("kitten", "sitting", 3), ("gap_um", "gap_mm", 1), ("ab", "ba", 2)]
+        {
+            assert_eq!(distance(a, b), d, "{a} {b}");
+            assert_eq!(distance(b, a), d, "{b} {a}");
+        }
+    }
+
+    #[test]
+    fn only_near_names_are_suggested() {
+        let names = || ["strength", "tissue_um", "gap_um"].into_iter();
+        assert_eq!(nearest("gap", names()), None);
+        assert_eq!(nearest("gap_mm", names()), Some("gap_um"));
+        assert_eq!(nearest("strenght", names()), Some("strength"));
+        assert_eq!(nearest(&"x".repeat(10_000), names()), None);
+        let short = || ["z", "steps"].into_iter();
+        assert_eq!(nearest("k0", short()), None);
+        assert_eq!(nearest("k", short()), None);
+        assert_eq!(nearest("zz", short()), Some("z"));
+        assert_eq!(nearest("setps", short()), Some("steps"));
+    }
+
+    #[test]
+    fn pointers_are_escaped_and_texts_shortened() {
+        assert_eq!(child("/a", "b/c~d"), "/a/b~1c~0d");
+        assert_eq!(shorten(&"ä".repeat(50)).chars().count(), 41);
+    }
+}

@@ -1,0 +1,211 @@
+//! Parameters that take numbers, to be changed by a search.
+
+use super::parameters::leaves;
+use super::study::number_at;
+use super::{Fault, ModelSpec, Preset};
+use serde_json::{Map, Value, json};
+
+/// A parameter that takes numbers: a number, or a schedule whose keys are multiplied.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lever {
+    /// JSON pointer in the specification.
+    pub pointer: String,
+    /// Name for people.
+    pub title: &'static str,
+    /// Unit; empty if there is none.
+    pub unit: &'static str,
+    /// Least and greatest value that it may take.
+    pub bounds: [f64; 2],
+    /// Whether it takes integers only.
+    pub integer: bool,
+    /// Whether it may change along the tube.
+    pub schedule: bool,
+}
+
+/// Ends of a tube, where a schedule can be changed alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[serde(rename_all = "lowercase")]
+pub enum End {
+    /// The isthmus, up to the junction.
+    Isthmus,
+    /// The ampulla, from the junction on.
+    Ampulla,
+}
+
+impl Lever {
+    /// The parameter at a JSON pointer.
+    ///
+    /// # Errors
+    /// A sentence on what is wrong.
+    pub fn at(pointer: &str) -> Result<Self, String> {
+        let (bounds, integer) = number_at(pointer)?;
+        let Some((_, field)) = leaves().into_iter().find(|(at, _)| at == pointer) else {
+            return Err("is a part of a parameter; name the parameter".to_owned());
+        };
+        let schedule = matches!(field.kind, super::table::Kind::Schedule(_));
+        let (title, unit) = (field.title, field.unit);
+        Ok(Self { pointer: pointer.to_owned(), title, unit, bounds, integer, schedule })
+    }
+
+    /// Its value in a specification; of a schedule, the value at one end of the tube, or at the ampulla end.
+    #[must_use]
+    pub fn value(&self, spec: &ModelSpec, end: Option<End>) -> f64 {
+        match spec.to_json().pointer(&self.pointer) {
+            Some(Value::Object(schedule)) => {
+                let keys = keys(schedule);
+                let key = if end == Some(End::Isthmus) { keys.first() } else { keys.last() };
+                key.map_or(0.0, |key| key[1])
+            }
+            value => value.and_then(Value::as_f64).unwrap_or(0.0),
+        }
+    }
+}
+
+/// A lever, where it acts, and the value that it is given.
+pub type Setting<'a> = (&'a Lever, Option<End>, f64);
+
+impl ModelSpec {
+    /// The specification with levers set. A schedule keeps its form: its keys are multiplied, so that it has the value given at
+    /// that end; between the ends of the junction, the two factors are interpolated.
+    ///
+    /// # Errors
+    /// All faults of the result.
+    pub fn with(&self, preset: &Preset, settings: &[Setting<'_>]) -> Result<Self, Vec<Fault>> {
+        let mut whole = self.to_json();
+        // By lever: the factors of its two ends.
+        let mut scaled: Vec<(&Lever, [f64; 2])> = Vec::new();
+        for &(lever, end, value) in settings {
+            let Some(place) = whole.pointer_mut(&lever.pointer) else { continue };
+            if !lever.schedule || end.is_none() && place.is_number() {
+                *place = number(lever, value);
+                continue;
+            }
+            let before = lever.value(self, end);
+            let factor = if before == 0.0 { 1.0 } else { value / before };
+            let at = scaled.iter().position(|(other, _)| other.pointer == lever.pointer);
+            let at = at.unwrap_or_else(|| {
+                scaled.push((lever, [1.0; 2]));
+                scaled.len() - 1
+            });
+            match end {
+                Some(End::Isthmus) => scaled[at].1[0] = factor,
+                Some(End::Ampulla) => scaled[at].1[1] = factor,
+                None => scaled[at].1 = [factor; 2],
+            }
+        }
+        for (lever, factors) in scaled {
+            if let Some(place) = whole.pointer_mut(&lever.pointer) {
+                self.scale(place, factors);
+            }
+        }
+        Self::resolve(preset, &whole)
+    }
+
+    fn scale(&self, schedule: &mut Value, [isthmus, ampulla]: [f64; 2]) {
+        let [from, to] = [self.regions.junction_from, self.regions.junction_to];
+        if let Some(value) = schedule.as_f64() {
+            // A key at each end of the junction, so that it alone has the change between the two.
+            let mut steps: Vec<f64> = [0.0, self.step_fraction(from), self.step_fraction(to), 1.0].to_vec();
+            steps.dedup_by(|b, a| *b - *a < 1e-6);
+            let keys: Vec<[f64; 2]> = steps.into_iter().map(|u| [u, value]).collect();
+            *schedule = json!({ "keys": keys });
+        }
+        let Some(members) = schedule.as_object_mut() else { return };
+        let keys: Vec<[f64; 2]> = keys(members)
+            .into_iter()
+            .map(|[u, value]| {
+                let z = self.z.at(u);
+                let part =
+                    if to > from { ((z - from) / (to - from)).clamp(0.0, 1.0) } else { f64::from(u8::from(z > to)) };
+                [u, value * (isthmus + (ampulla - isthmus) * part)]
+            })
+            .collect();
+        members.insert("keys".into(), json!(keys));
+    }
+
+    /// The fraction of the steps at which the tube has reached a fraction of its length.
+    fn step_fraction(&self, z: f64) -> f64 {
+        let [mut low, mut high] = [0.0, 1.0];
+        // The place along the tube increases strictly.
+        for _ in 0..50 {
+            let middle = 0.5 * (low + high);
+            if self.z.at(middle) < z { low = middle } else { high = middle }
+        }
+        0.5 * (low + high)
+    }
+}
+
+fn keys(schedule: &Map<String, Value>) -> Vec<[f64; 2]> {
+    schedule.get("keys").and_then(|keys| serde_json::from_value(keys.clone()).ok()).unwrap_or_default()
+}
+
+fn number(lever: &Lever, value: f64) -> Value {
+    if lever.integer { json!(value.round()) } else { json!(value) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spec::preset;
+
+    fn pig() -> ModelSpec {
+        ModelSpec::resolve(preset("pig").unwrap(), &json!({})).unwrap()
+    }
+
+    fn with(spec: &ModelSpec, settings: &[Setting<'_>]) -> ModelSpec {
+        spec.with(preset("pig").unwrap(), settings).unwrap()
+    }
+
+    #[test]
+    fn levers_are_parameters_that_take_numbers() {
+        let gap = Lever::at("/collision/gap_um").unwrap();
+        assert!(gap.schedule && !gap.integer && gap.unit == "µm" && gap.bounds == [5.0, 1000.0], "{gap:?}");
+        let steps = Lever::at("/steps").unwrap();
+        assert!(steps.integer && !steps.schedule);
+        for (pointer, hint) in [
+            ("gap_um", "JSON pointer"),
+            ("/collision", "vary its members"),
+            ("/collision/gap_mm", "did you mean"),
+            ("/solver/search", "takes no numbers"),
+            ("/friction/keys", "takes no numbers"),
+            ("/friction/fluctuation/amplitude", "part of a parameter"),
+        ] {
+            let detail = Lever::at(pointer).unwrap_err();
+            assert!(detail.contains(hint), "{pointer}: {detail}");
+        }
+    }
+
+    #[test]
+    fn the_ends_of_a_schedule_change_alone() {
+        let (pig, gap) = (pig(), Lever::at("/collision/gap_um").unwrap());
+        assert_eq!([Some(End::Isthmus), Some(End::Ampulla), None].map(|end| gap.value(&pig, end)), [60.0, 42.0, 42.0]);
+        let wide = with(&pig, &[(&gap, Some(End::Isthmus), 90.0)]);
+        assert_eq!([0.0, 0.125, 0.45, 1.0].map(|u| wide.collision.gap_um.at(u)), [90.0, 90.0, 42.0, 42.0]);
+        let both = with(&pig, &[(&gap, Some(End::Isthmus), 30.0), (&gap, Some(End::Ampulla), 21.0)]);
+        assert_eq!(both, with(&pig, &[(&gap, None, 21.0)]));
+        assert_eq!(with(&pig, &[(&gap, Some(End::Ampulla), 42.0)]), pig);
+    }
+
+    #[test]
+    fn a_constant_changes_at_the_junction() {
+        let (pig, squash) = (pig(), Lever::at("/containment/squash").unwrap());
+        let bent = with(&pig, &[(&squash, Some(End::Ampulla), 0.44)]);
+        let at = |z: f64| bent.containment.squash.at(bent.step_fraction(z));
+        for (z, value) in [(0.0, 0.88), (0.29, 0.88), (0.41, 0.44), (1.0, 0.44)] {
+            assert!((at(z) - value).abs() < 2e-3, "{z}: {}", at(z));
+        }
+        assert!((0.5..0.8).contains(&at(0.35)), "{}", at(0.35));
+        assert_eq!(with(&pig, &[(&squash, None, 0.7)]).containment.squash, crate::spec::Schedule::constant(0.7));
+    }
+
+    #[test]
+    fn numbers_are_set_and_faults_are_told() {
+        let pig = pig();
+        let [length, lobes] = ["/length_mm", "/wall/lobes"].map(|at| Lever::at(at).unwrap());
+        let other = with(&pig, &[(&length, None, 12.5), (&lobes, None, 2.6)]);
+        assert_eq!((other.length_mm, other.wall.lobes), (12.5, 3));
+        let faults = pig.with(preset("pig").unwrap(), &[(&length, None, 1e9)]).unwrap_err();
+        assert_eq!(faults[0].pointer, "/length_mm");
+    }
+}

@@ -1,0 +1,173 @@
+//! Limits of one model, checked against its predicted cost before it is queued.
+
+use super::cost::Cost;
+use serde::{Deserialize, Serialize};
+
+/// Most bytes of a GLB file, whose length is a 32-bit number.
+const MOST_GLB_BYTES: u64 = u32::MAX as u64;
+
+/// Limits of one model.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Limits {
+    /// Seconds, on the slowest backend with a prediction.
+    pub max_cost_seconds: f64,
+    /// Bytes of memory.
+    pub max_memory_bytes: u64,
+    /// Vertices of the surface.
+    pub max_vertices: u64,
+    /// Bytes of all files together.
+    pub max_output_bytes: u64,
+}
+
+impl Default for Limits {
+    /// Ten minutes, 4 GiB of memory, 10 million vertices, 4 GiB of files.
+    fn default() -> Self {
+        Self { max_cost_seconds: 600.0, max_memory_bytes: 4 << 30, max_vertices: 10_000_000, max_output_bytes: 4 << 30 }
+    }
+}
+
+/// A limit that a model would exceed.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[error("the model would take about {predicted:.0} {unit} ({quantity}); the limit is {limit:.0}; {}", levers(.quantity))]
+pub struct OverLimit {
+    /// What is limited: `seconds`, `memory`, `vertices`, `output`, or `glb`, a file of at most 4 GiB.
+    pub quantity: String,
+    /// The prediction.
+    pub predicted: f64,
+    /// The limit.
+    pub limit: f64,
+    /// Unit of both.
+    pub unit: String,
+}
+
+/// What to change to stay within a limit. A greater recording interval makes a smaller surface but keeps more steps in memory.
+fn levers(quantity: &str) -> &'static str {
+    match quantity {
+        "memory" => {
+            "reduce /steps or /particles/total, change /solver/record_every, make a shorter /piece, or, for an even surface, raise \
+             /mesh/resolution_um and /mesh/tolerance_um, or, for output labels, raise /labels/voxel_um; or ask for no output that \
+             needs the whole surface (lod, labels, lumen, regions, strips, an even surface), without a lean (/lean/strength_um 0)"
+        }
+        "glb" => {
+            "ask for gltf (which has its data in a file of its own), vtp, ply, stl or obj instead of glb, reduce /steps or \
+             /particles/total, raise /solver/record_every, or make a shorter /piece"
+        }
+        "vertices" => {
+            "reduce /steps or /particles/total, raise /solver/record_every, make a shorter /piece, or, for an even surface, raise \
+             /mesh/resolution_um and /mesh/tolerance_um"
+        }
+        _ => {
+            "reduce /steps or /particles/total, raise /solver/record_every, make a shorter /piece, or, for an even surface, raise \
+             /mesh/resolution_um and /mesh/tolerance_um, or, for output labels, raise /labels/voxel_um or /labels/slice_um"
+        }
+    }
+}
+
+impl Cost {
+    /// Checks that the files of one body do not exceed what their formats hold.
+    ///
+    /// # Errors
+    /// The limit that is exceeded.
+    pub fn check_formats(&self) -> Result<(), OverLimit> {
+        // Of several bodies none is larger than the tissue.
+        let tissue = 24 * self.vertices + 12 * self.triangles;
+        let predicted = self.bytes.get("glb").map_or(0, |bytes| tissue.min(*bytes));
+        if predicted <= MOST_GLB_BYTES {
+            return Ok(());
+        }
+        #[expect(clippy::cast_precision_loss, reason = "shown, not counted with")]
+        let [predicted, limit] = [predicted, MOST_GLB_BYTES].map(|bytes| bytes as f64);
+        Err(OverLimit { quantity: "glb".to_owned(), predicted, limit, unit: "bytes".to_owned() })
+    }
+}
+
+impl Limits {
+    /// Checks a predicted cost.
+    ///
+    /// # Errors
+    /// Every limit that it would exceed.
+    pub fn check(&self, cost: &Cost) -> Result<(), Vec<OverLimit>> {
+        #[expect(clippy::cast_precision_loss, reason = "compared and shown, not counted with")]
+        let real = |count: u64| count as f64;
+        let slowest = cost.seconds.values().map(|estimate| estimate.seconds).fold(0.0, f64::max);
+        let bytes = cost.bytes.values().fold(0_u64, |sum, bytes| sum.saturating_add(*bytes));
+        let over: Vec<OverLimit> = [
+            ("seconds", slowest, self.max_cost_seconds, "seconds"),
+            ("memory", real(cost.memory_bytes), real(self.max_memory_bytes), "bytes"),
+            ("vertices", real(cost.vertices), real(self.max_vertices), "vertices"),
+            ("output", real(bytes), real(self.max_output_bytes), "bytes"),
+        ]
+        .into_iter()
+        .filter(|(_, predicted, limit, _)| predicted > limit)
+        .map(|(quantity, predicted, limit, unit)| OverLimit {
+            quantity: quantity.to_owned(),
+            predicted,
+            limit,
+            unit: unit.to_owned(),
+        })
+        .chain(cost.check_formats().err())
+        .collect();
+        if over.is_empty() { Ok(()) } else { Err(over) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spec::{ModelSpec, preset};
+    use serde_json::json;
+
+    #[test]
+    fn presets_are_within_the_default_limits() {
+        for name in ["pig", "paper"] {
+            let cost = ModelSpec::resolve(preset(name).unwrap(), &json!({})).unwrap().cost(&["glb", "obj", "stl"]);
+            assert_eq!(Limits::default().check(&cost), Ok(()), "{name}");
+        }
+    }
+
+    #[test]
+    fn every_limit_that_is_exceeded_is_named_with_its_prediction() {
+        let cost = ModelSpec::resolve(preset("pig").unwrap(), &json!({})).unwrap().cost(&["glb"]);
+        let tight =
+            Limits { max_cost_seconds: 0.1, max_memory_bytes: 1, max_vertices: cost.vertices, max_output_bytes: 9 };
+        let over = tight.check(&cost).unwrap_err();
+        let quantities: Vec<&str> = over.iter().map(|o| o.quantity.as_str()).collect();
+        assert_eq!(quantities, ["seconds", "memory", "output"]);
+        assert_eq!(over[1].predicted, cost.memory_bytes as f64);
+        assert!(over[1].to_string().contains("bytes (memory); the limit is 1; "), "{}", over[1]);
+        assert!(over.iter().all(|o| o.to_string().contains("/solver/record_every")), "{over:?}");
+    }
+
+    #[test]
+    fn a_glb_beyond_4_gib_is_refused_and_other_formats_are_not() {
+        let patch = json!({ "steps": 20_000, "solver": { "record_every": 1 }, "particles": { "total": { "keys": [[0, 710], [1, 20_000]] } } });
+        let spec = ModelSpec::resolve(preset("paper").unwrap(), &patch).unwrap();
+        let boundless = Limits {
+            max_cost_seconds: f64::INFINITY,
+            max_memory_bytes: u64::MAX,
+            max_vertices: u64::MAX,
+            max_output_bytes: u64::MAX,
+        };
+        let over = boundless.check(&spec.cost(&["glb", "vtp"])).unwrap_err();
+        assert_eq!((over.len(), &*over[0].quantity, over[0].limit), (1, "glb", 4_294_967_295.0));
+        assert!(over[0].to_string().contains("ask for gltf"), "{}", over[0]);
+        assert_eq!(boundless.check(&spec.cost(&["gltf", "vtp", "ply", "stl", "obj", "lod"])), Ok(()));
+        let strips = json!({ "mesh": { "strips": true }, "steps": 12_000 });
+        let mut merged = patch;
+        json_patch::merge(&mut merged, &strips);
+        let spec = ModelSpec::resolve(preset("paper").unwrap(), &merged).unwrap();
+        assert_eq!(boundless.check(&spec.cost(&["glb"])), Ok(()), "strips take less");
+    }
+
+    #[test]
+    fn a_giant_within_the_bounds_of_the_table_is_over_the_limits() {
+        let patch = json!({
+            "steps": 100_000, "solver": { "record_every": 1 }, "length_mm": 1000,
+            "particles": { "total": 200_000, "outer": 1000 }, "wall": { "lobing": 0 },
+        });
+        let cost = ModelSpec::resolve(preset("pig").unwrap(), &patch).unwrap().cost(&["obj", "lod"]);
+        assert_eq!(Limits::default().check(&cost).unwrap_err().len(), 4);
+    }
+}

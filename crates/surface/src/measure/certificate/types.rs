@@ -1,0 +1,328 @@
+//! The contents of a certificate.
+
+use crate::geometry::bvh::WIDTH as LANES;
+use serde::Serialize;
+
+/// Micrometres in a metre.
+pub(super) const METRE_UM: f64 = 1e6;
+
+/// Places listed per kind of failure.
+pub(super) const PLACES: usize = 16;
+
+/// Components listed one by one.
+pub(super) const BODIES: usize = 256;
+
+/// The findings on one surface and, for a generated model, the sections it was made from.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Certificate {
+    /// Whether there are no failures.
+    pub passed: bool,
+    /// No open edges: each belongs to at least two triangles.
+    pub closed: bool,
+    /// Each edge belongs to exactly two triangles, and the triangles at each vertex form one closed fan.
+    pub manifold: bool,
+    /// Triangles at an edge run along it in opposite directions, everywhere.
+    pub oriented: bool,
+    /// Vertices − edges + triangles, over all components.
+    pub euler: i64,
+    /// Number of parts connected by vertices.
+    pub components: u64,
+    /// The components in the order of their first vertices; the first 256.
+    pub bodies: Vec<Component>,
+    /// Vertices that belong to triangles.
+    pub vertices: u64,
+    /// Triangles.
+    pub triangles: u64,
+    /// Edges of one triangle only.
+    pub open_edges: u64,
+    /// Edges of more than two triangles.
+    pub non_manifold_edges: u64,
+    /// Vertices whose triangles form more than one fan.
+    pub non_manifold_vertices: u64,
+    /// Edges whose two triangles run along it in the same direction.
+    pub disoriented_edges: u64,
+    /// Triangles whose area is exactly zero.
+    pub degenerate_triangles: u64,
+    /// Pairs of triangles with the same three vertices.
+    pub duplicate_triangles: u64,
+    /// Pairs of edges of one section that meet other than as neighbours, and inner rings not inside the outer one.
+    pub section_crossings: u64,
+    /// Pairs of triangles that have a point in common other than vertices and edges they share. The search stops after
+    /// 100,000 that are found one by one; the number is then a lower bound, and the failure states it.
+    pub triangle_intersections: u64,
+    /// Least distance between a vertex and an edge of the same section that does not end there, over both rings;
+    /// null without sections.
+    pub min_gap_um: Option<f64>,
+    /// This distance in each section.
+    #[serde(skip)]
+    pub section_gaps_um: Vec<Option<f64>>,
+    /// Shortest edge of the surface.
+    pub min_edge_um: f64,
+    /// Smallest angle of a triangle.
+    pub min_angle_deg: f64,
+    /// Histograms of the shape of triangles.
+    pub quality: TriangleQuality,
+    /// Enclosed volume; components that are inside out, such as cavities, count as negative.
+    pub volume_mm3: f64,
+    /// Area of the surface.
+    pub area_mm2: f64,
+    /// Least and greatest coordinates.
+    pub bounds_um: [[f64; 3]; 2],
+    /// The failures, at most one entry per kind.
+    pub failures: Vec<Failure>,
+}
+
+impl Certificate {
+    /// The first failure in one line, with its place.
+    #[must_use]
+    pub fn first_failure(&self) -> Option<String> {
+        self.failures.first().map(ToString::to_string)
+    }
+
+    pub(super) fn conclude(mut self, failures: Failures) -> Self {
+        self.failures = failures.0;
+        self.passed = self.failures.is_empty();
+        self
+    }
+
+    /// The certificate of data that form no surface.
+    pub(super) fn without_surface(failures: Failures) -> Self {
+        Self {
+            passed: false,
+            closed: false,
+            manifold: false,
+            oriented: false,
+            euler: 0,
+            components: 0,
+            bodies: Vec::new(),
+            vertices: 0,
+            triangles: 0,
+            open_edges: 0,
+            non_manifold_edges: 0,
+            non_manifold_vertices: 0,
+            disoriented_edges: 0,
+            degenerate_triangles: 0,
+            duplicate_triangles: 0,
+            section_crossings: 0,
+            triangle_intersections: 0,
+            min_gap_um: None,
+            section_gaps_um: Vec::new(),
+            min_edge_um: 0.0,
+            min_angle_deg: 0.0,
+            quality: TriangleQuality::default(),
+            volume_mm3: 0.0,
+            area_mm2: 0.0,
+            bounds_um: [[0.0; 3]; 2],
+            failures: failures.0,
+        }
+    }
+}
+
+/// The shape of triangles, as it matters to solvers.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct TriangleQuality {
+    /// Number of triangles by their least angle: 0 to 5 degrees, 5 to 10, and so on to 55 to 60.
+    pub least_angles: [u64; 12],
+    /// Number of triangles by the ratio of their longest to their shortest edge: 1 to 1.5, 1.5 to 2, and so on to 5.5 to 6, then
+    /// 6 and above.
+    pub edge_ratios: [u64; 11],
+    /// Share of the triangles whose least angle is at least 20 degrees.
+    pub least_angles_from_20: f64,
+    /// Share of the triangles whose edges have a ratio of at most 4.
+    pub edge_ratios_to_4: f64,
+}
+
+impl TriangleQuality {
+    /// Counts the triangles of the first `count` lanes: the squares of the tangents of their least angles, and of the ratios of
+    /// their edges.
+    #[inline(always)]
+    pub(super) fn count(&mut self, tan_squared: &[f64; LANES], ratio_squared: &[f64; LANES], count: usize) {
+        let (angles, ratios) = (passed(&TAN_SQUARED, tan_squared), passed(&RATIO_SQUARED, ratio_squared));
+        for lane in 0..count {
+            self.least_angles[angles[lane] as usize] += 1;
+            self.edge_ratios[ratios[lane] as usize] += 1;
+        }
+    }
+
+    /// Adds the counts of other triangles.
+    pub(super) fn add(&mut self, other: &Self) {
+        self.least_angles.iter_mut().zip(other.least_angles).for_each(|(sum, count)| *sum += count);
+        self.edge_ratios.iter_mut().zip(other.edge_ratios).for_each(|(sum, count)| *sum += count);
+    }
+
+    /// Sets the shares from the counts.
+    #[expect(clippy::cast_precision_loss, reason = "a share")]
+    pub(super) fn shared(mut self) -> Self {
+        let all = self.least_angles.iter().sum::<u64>().max(1) as f64;
+        self.least_angles_from_20 = self.least_angles[4..].iter().sum::<u64>() as f64 / all;
+        self.edge_ratios_to_4 = self.edge_ratios[..6].iter().sum::<u64>() as f64 / all;
+        self
+    }
+}
+
+/// Squares of the tangents of 5, 10, up to 55 degrees.
+const TAN_SQUARED: [f64; 11] = [
+    0.007_654_266_246,
+    0.031_091_204_126,
+    0.071_796_769_724,
+    0.132_474_331_432,
+    0.217_442_832_054,
+    0.333_333_333_333,
+    0.490_290_596_566,
+    0.704_088_191_042,
+    1.0,
+    1.420_276_625_461,
+    2.039_606_729_161,
+];
+/// Squares of 1.5, 2, up to 6.
+const RATIO_SQUARED: [f64; 10] = [2.25, 4.0, 6.25, 9.0, 12.25, 16.0, 20.25, 25.0, 30.25, 36.0];
+
+/// How many of the limits each value has reached.
+#[inline(always)]
+fn passed(limits: &[f64], values: &[f64; LANES]) -> [u64; LANES] {
+    let mut passed = [0; LANES];
+    for limit in limits {
+        for lane in 0..LANES {
+            passed[lane] += u64::from(*limit <= values[lane]);
+        }
+    }
+    passed
+}
+
+/// A connected part of a surface.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Component {
+    /// Vertices.
+    pub vertices: u64,
+    /// Triangles.
+    pub triangles: u64,
+    /// Vertices − edges + triangles: 2 for a ball, 0 for a ring.
+    pub euler: i64,
+    /// Enclosed volume, negative if the component is inside out.
+    pub volume_mm3: f64,
+}
+
+/// Kinds of failure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum FailureKind {
+    /// No triangles.
+    Empty,
+    /// A triangle names a vertex that does not exist.
+    Indices,
+    /// Parts of a surface that do not come as promised.
+    Order,
+    /// A coordinate is not finite or outside the range of the exact tests.
+    Coordinates,
+    /// A ring of a section has fewer than three points.
+    SectionRing,
+    /// A ring of a section crosses or touches itself or the other ring.
+    SectionCrossing,
+    /// The inner ring of a section is not inside the outer one.
+    SectionNesting,
+    /// Edges of one triangle only.
+    OpenEdges,
+    /// Edges of more than two triangles.
+    NonManifoldEdges,
+    /// Vertices at which several fans of triangles touch.
+    NonManifoldVertices,
+    /// Neighbouring triangles of opposite orientation.
+    Orientation,
+    /// A body that is inside out.
+    Volume,
+    /// A body within the material of another.
+    Overlap,
+    /// Triangles without area.
+    DegenerateTriangles,
+    /// Triangles with the same vertices.
+    DuplicateTriangles,
+    /// Triangles that meet.
+    TriangleIntersections,
+    /// More components than the body may have.
+    Components,
+    /// An Euler number other than the required one.
+    Euler,
+    /// Tissue and lumen that do not have their wall in common, vertex for vertex, or do not fill the outside together.
+    Conformity,
+}
+
+/// A failure.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Failure {
+    /// Kind.
+    pub kind: FailureKind,
+    /// Number of occurrences.
+    pub count: u64,
+    /// Description.
+    pub detail: String,
+    /// The first 16 places.
+    pub places: Vec<Place>,
+}
+
+impl std::fmt::Display for Failure {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.detail)?;
+        let Some(place) = self.places.first() else { return Ok(()) };
+        let [x, y, z] = place.position_um;
+        write!(f, ", first at ({x:.3}, {y:.3}, {z:.3}) µm")?;
+        if let Some(section) = place.section {
+            write!(f, " in section {section}")?;
+        }
+        match place.triangles.as_slice() {
+            [] => Ok(()),
+            [one] => write!(f, ", triangle {one}"),
+            [one, two, ..] => write!(f, ", triangles {one} and {two}"),
+        }
+    }
+}
+
+/// The place of a failure.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Place {
+    /// Position; `z` is the place along the tube.
+    pub position_um: [f64; 3],
+    /// Triangles concerned, by index.
+    pub triangles: Vec<u32>,
+    /// Section concerned, by index.
+    pub section: Option<u32>,
+}
+
+impl Place {
+    pub(super) fn at(position_um: [f64; 3]) -> Self {
+        Self { position_um, ..Self::default() }
+    }
+}
+
+/// Additional requirements of `oviduct check`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CheckOptions {
+    /// The Euler number that each component must have.
+    pub euler: Option<i64>,
+    /// Metres per unit of the positions; used for measures only, not for decisions.
+    pub unit_metres: f64,
+}
+
+impl Default for CheckOptions {
+    fn default() -> Self {
+        Self { euler: None, unit_metres: 1.0 }
+    }
+}
+
+/// Failures found so far.
+#[derive(Default)]
+pub(super) struct Failures(pub(super) Vec<Failure>);
+
+impl Failures {
+    /// Adds a failure unless `count` is zero.
+    pub(super) fn add(&mut self, kind: FailureKind, count: u64, detail: String, places: Vec<Place>) {
+        if count > 0 {
+            self.0.push(Failure { kind, count, detail, places });
+        }
+    }
+}

@@ -1,0 +1,246 @@
+//! A model's measures beside published ones: inside the published range, outside, or nothing to compare with.
+//!
+//! The published ones are `references/morphometry.csv`, compiled in: one row a value, with its source and the confidence in it.
+//! Its column `measure` names the quantity of a model that it can be compared with, and `model_region` the region.
+
+use super::morphometry::{Morphometry, QUANTITIES, Quantity};
+use serde::{Deserialize, Serialize};
+use std::sync::LazyLock;
+
+/// A published value.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct Reference {
+    /// Organ.
+    pub organ: String,
+    /// Species.
+    pub species: String,
+    /// Region, as the source names it.
+    pub region: String,
+    /// What was measured, as the source names it.
+    pub quantity: String,
+    /// Mean, or the only value given.
+    pub value: Option<f64>,
+    /// Lower end of the range: mean less standard deviation where the source has these.
+    pub low: Option<f64>,
+    /// Upper end of the range.
+    pub high: Option<f64>,
+    /// Standard deviation.
+    pub sd: Option<f64>,
+    /// Number of individuals.
+    pub n: Option<u32>,
+    /// Unit of these numbers.
+    pub unit: String,
+    /// Where it is published.
+    pub source: String,
+    /// How it was learnt.
+    pub confidence: String,
+    /// Name of the quantity of a model; empty if no model has it.
+    pub measure: String,
+    /// Region of the model.
+    pub model_region: String,
+    /// Factor from the published unit to that of the model.
+    pub factor: Option<f64>,
+}
+
+const FILE: &str = include_str!("../../../../references/morphometry.csv");
+
+/// All published values.
+#[must_use]
+pub fn references() -> &'static [Reference] {
+    static REFERENCES: LazyLock<Vec<Reference>> = LazyLock::new(|| {
+        let rows = csv::Reader::from_reader(FILE.as_bytes()).into_deserialize();
+        rows.collect::<Result<_, _>>().expect("the file is tested to be valid")
+    });
+    &REFERENCES
+}
+
+/// A model beside what is published about its organ and species.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Comparison {
+    /// Organ.
+    pub organ: String,
+    /// Species.
+    pub species: String,
+    /// Number of measures inside the published range.
+    #[cfg_attr(feature = "schema", schema(minimum = 0))]
+    pub inside: usize,
+    /// Number of measures outside.
+    #[cfg_attr(feature = "schema", schema(minimum = 0))]
+    pub outside: usize,
+    /// The measures that something is published about.
+    pub compared: Vec<Compared>,
+    /// Quantities that have no published value in any region.
+    pub no_reference: Vec<String>,
+}
+
+/// Outcome of a comparison.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Within the published range.
+    Inside,
+    /// Beyond it.
+    Outside,
+    /// A value is published, but no range.
+    NoRange,
+    /// The model has no such measure, for example because it has no section in the region.
+    NotMeasured,
+}
+
+/// A measure beside a published value, in the unit of the measure.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Compared {
+    /// Name of the quantity.
+    pub quantity: String,
+    /// Region of the model.
+    pub region: String,
+    /// The model's mean over the region.
+    pub measured: Option<f64>,
+    /// Published mean or value.
+    pub value: Option<f64>,
+    /// Lower end of the published range.
+    pub low: Option<f64>,
+    /// Upper end of the published range.
+    pub high: Option<f64>,
+    /// Published standard deviation.
+    pub sd: Option<f64>,
+    /// Number of individuals in the publication.
+    #[cfg_attr(feature = "schema", schema(minimum = 0))]
+    pub n: Option<u32>,
+    /// Result.
+    pub verdict: Verdict,
+    /// Distance from the published mean in standard deviations, if it has one.
+    pub deviation_sd: Option<f64>,
+    /// What was measured, as the source names it.
+    pub published: String,
+    /// Where it is published.
+    pub source: String,
+    /// How it was learnt.
+    pub confidence: String,
+}
+
+/// Compares a model with all published values of an organ and species.
+#[must_use]
+pub fn compare(morphometry: &Morphometry, organ: &str, species: &str) -> Comparison {
+    let own = references().iter().filter(|r| r.organ == organ && r.species == species && !r.measure.is_empty());
+    let compared: Vec<Compared> = own.map(|reference| beside(morphometry, reference)).collect();
+    let count = |verdict| compared.iter().filter(|c| c.verdict == verdict).count();
+    let without = |quantity: &&Quantity| compared.iter().all(|c| c.quantity != quantity.name);
+    Comparison {
+        organ: organ.into(),
+        species: species.into(),
+        inside: count(Verdict::Inside),
+        outside: count(Verdict::Outside),
+        no_reference: QUANTITIES.iter().filter(without).map(|quantity| quantity.name.into()).collect(),
+        compared,
+    }
+}
+
+fn beside(morphometry: &Morphometry, reference: &Reference) -> Compared {
+    let factor = reference.factor.unwrap_or(1.0);
+    let [value, low, high, sd] =
+        [reference.value, reference.low, reference.high, reference.sd].map(|x| x.map(|x| x * factor));
+    let measured = morphometry.mean(&reference.measure, &reference.model_region);
+    let verdict = match (measured, low, high) {
+        (None, ..) => Verdict::NotMeasured,
+        (Some(_), None, None) => Verdict::NoRange,
+        (Some(x), low, high) => {
+            let inside = low.is_none_or(|low| x >= low) && high.is_none_or(|high| x <= high);
+            if inside { Verdict::Inside } else { Verdict::Outside }
+        }
+    };
+    let deviation_sd = match (measured, value, sd) {
+        (Some(x), Some(value), Some(sd)) if sd > 0.0 => Some((x - value) / sd),
+        _ => None,
+    };
+    Compared {
+        quantity: reference.measure.clone(),
+        region: reference.model_region.clone(),
+        measured,
+        value,
+        low,
+        high,
+        sd,
+        n: reference.n,
+        verdict,
+        deviation_sd,
+        published: format!("{}: {}", reference.region, reference.quantity),
+        source: reference.source.clone(),
+        confidence: reference.confidence.clone(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measure::morphometry::{Along, Region, Tube};
+
+    #[test]
+    fn every_row_is_consistent() {
+        let tube = serde_json::json!(Tube::default());
+        for r in references() {
+            let numbers = [r.low, r.value, r.high];
+            let known: Vec<f64> = numbers.into_iter().flatten().collect();
+            assert!(!known.is_empty() && known.is_sorted(), "{r:?}");
+            assert!(!r.source.is_empty() && !r.confidence.is_empty() && !r.unit.is_empty(), "{r:?}");
+            if let (Some(sd), Some(value), Some(high)) = (r.sd, r.value, r.high) {
+                assert!((value + sd - high).abs() < 0.011, "{r:?}");
+            }
+            let named = Quantity::named(&r.measure).is_some();
+            match r.model_region.as_str() {
+                "" => assert!(r.measure.is_empty() && r.factor.is_none(), "{r:?}"),
+                "tube" => assert!(tube.get(&r.measure).is_some() && r.factor.is_some(), "{r:?}"),
+                "isthmus" | "junction" | "ampulla" | "whole" => assert!(named && r.factor.is_some(), "{r:?}"),
+                other => panic!("{other}"),
+            }
+        }
+    }
+
+    #[test]
+    fn every_preset_has_something_to_be_compared_with() {
+        for preset in oviduct_spec::spec::presets() {
+            let found = compare(&Morphometry::default(), &preset.organ, &preset.species);
+            assert!(!found.compared.is_empty(), "{}", preset.name);
+            assert!(found.compared.iter().all(|c| c.measured.is_none() || c.region == "tube"));
+        }
+    }
+
+    fn human(folds: f64) -> Comparison {
+        let along = Along { mean: folds, median: folds, sd: 0.0, min: folds, max: folds };
+        let quantities = [("folds_on_ring".to_owned(), along)].into();
+        let isthmus = Region { from_mm: 0.0, to_mm: 30.0, sections: 5, quantities };
+        let morphometry = Morphometry {
+            regions: [("isthmus".to_owned(), isthmus)].into(),
+            tube: Tube { length_mm: 100.0, ..Tube::default() },
+            ..Morphometry::default()
+        };
+        compare(&morphometry, "oviduct", "human")
+    }
+
+    #[test]
+    fn inside_outside_and_how_far() {
+        let folds = |n: f64| {
+            let found = human(n).compared.into_iter().find(|c| c.n == Some(100) && c.region == "isthmus").unwrap();
+            (found.verdict, found.deviation_sd.unwrap())
+        };
+        let (verdict, sd) = folds(8.31);
+        assert!(verdict == Verdict::Inside && sd.abs() < 1e-9);
+        let (verdict, sd) = folds(11.01);
+        assert!(verdict == Verdict::Outside && (sd - 3.0).abs() < 1e-9);
+        assert_eq!(folds(7.41).0, Verdict::Inside);
+        let found = human(8.0);
+        // Centimetres become millimetres.
+        let length = found.compared.iter().find(|c| c.quantity == "length_mm").unwrap();
+        assert_eq!((length.low, length.high, length.verdict), (Some(70.0), Some(140.0), Verdict::Inside));
+        let of = |quantity: &str| found.compared.iter().find(|c| c.quantity == quantity).unwrap().verdict;
+        assert_eq!(of("outer_diameter_mm"), Verdict::NotMeasured);
+        assert_eq!(of("fold_ratio"), Verdict::NotMeasured);
+        assert!(found.no_reference.iter().any(|name| name == "lacunarity"));
+        assert!(!found.no_reference.iter().any(|name| name == "folds_on_ring"));
+        let count = |verdict| found.compared.iter().filter(|c| c.verdict == verdict).count();
+        assert_eq!((found.inside, found.outside), (count(Verdict::Inside), count(Verdict::Outside)));
+    }
+}

@@ -1,0 +1,199 @@
+//! Folds by the shape tree of the tissue: its chordal axis (Prasad 1997).
+//!
+//! The tissue is triangulated with the points of its contours. Triangles that share an edge are neighbours; around the lumen they form
+//! a cycle, the wall, from which trees of triangles branch off, the folds. The edge by which a tree joins the wall is
+//! the *base* of its fold, from the bottom of the valley on one side to that on the other. The axis runs through the middles of
+//! the edges between neighbours.
+
+use super::shape::{Shape, distance};
+use super::spread::Spread;
+use crate::geometry::polygon::signed_area;
+use crate::geometry::predicates::widen2;
+use crate::geometry::triangulate::{Linked, NO_NEIGHBOUR, perforated};
+use serde::Serialize;
+
+type P2 = [f64; 2];
+
+/// A branch counts if it is at least this high, µm …
+pub(super) const LEAST_HEIGHT_UM: f64 = 40.0;
+/// … and at least this part of the width of its base: a half circle has 0.5.
+pub(super) const LEAST_SLENDERNESS: f64 = 1.0;
+/// Tips are this high at most, in widths of their base. They have no axis of their own, since the triangles of a round tip may lie in
+/// any direction; their height is the distance to their farthest point.
+const TIP: f64 = 0.75;
+/// Generations that are counted apart; the last has all further ones.
+pub(super) const GENERATIONS: usize = 4;
+
+/// Folds of a section by the shape tree.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Folds {
+    /// Branches by generation: primary folds, secondary folds on them, tertiary ones, and all further ones.
+    pub branches: [u32; GENERATIONS],
+    /// Primary folds by branching order, the number of generations that a fold has: 1, 2, 3, and 4 or more.
+    pub orders: [u32; GENERATIONS],
+    /// Height of the primary folds, along their axis from the base to the farthest tip, µm.
+    pub height_um: Option<Spread>,
+}
+
+impl Folds {
+    /// Median branching order of the primary folds, the lower one of two.
+    pub(super) fn median_order(&self) -> Option<f64> {
+        let folds: u32 = self.orders.iter().sum();
+        let mut passed = 0;
+        let median = self.orders.iter().position(|count| {
+            passed += count;
+            2 * passed >= folds
+        });
+        (folds > 0).then(|| median.map_or(0.0, |place| place as f64 + 1.0))
+    }
+
+    /// Mean branching order of the primary folds.
+    pub(super) fn mean_order(&self) -> Option<f64> {
+        let folds: u32 = self.orders.iter().sum();
+        let sum: u32 = self.orders.iter().zip(1..).map(|(count, order)| count * order).sum();
+        (folds > 0).then(|| f64::from(sum) / f64::from(folds))
+    }
+}
+
+/// A tree of triangles as seen from the edge by which it is joined.
+#[derive(Clone, Copy, Default)]
+struct Branch {
+    height: f64,
+    /// Branches by generation, this one included.
+    branches: [u32; GENERATIONS],
+    /// Whether it is no more than a tip: all of it lies within [`TIP`] widths of its base from the middle of that.
+    tip: bool,
+}
+
+impl Branch {
+    fn order(&self) -> usize {
+        self.branches.iter().take_while(|&&count| count > 0).count().max(1)
+    }
+}
+
+/// The folds of a section; none if its tissue cannot be triangulated. Islands have none.
+pub(super) fn folds(shape: &Shape<'_>) -> Option<Folds> {
+    let holes: Vec<&[[f32; 2]]> = shape.lumen.iter().copied().filter(|ring| signed_area(ring) > 0.0).collect();
+    let tissue = perforated(&holes, shape.outer).ok()?;
+    let points: Vec<P2> = holes.iter().copied().chain([shape.outer]).flatten().map(|&p| widen2(p)).collect();
+    let lengths = holes.iter().map(|ring| ring.len()).chain([shape.outer.len()]);
+    let rings: Vec<u32> = std::iter::once(0)
+        .chain(lengths.scan(0, |end, length| {
+            *end += length as u32;
+            Some(*end)
+        }))
+        .collect();
+    let mucosa = rings[holes.len()];
+    let mut trees =
+        Trees { tissue: &tissue, points: &points, rings: &rings, branch: vec![None; tissue.triangles.len()] };
+    trees.peel();
+    let mut folds = Folds { branches: [0; GENERATIONS], orders: [0; GENERATIONS], height_um: None };
+    let mut heights = Vec::new();
+    for (t, neighbours) in tissue.neighbours.iter().enumerate().filter(|&(t, _)| trees.branch[t].is_none()) {
+        for (side, &neighbour) in neighbours.iter().enumerate() {
+            let branch = trees.branch.get(neighbour as usize).copied().flatten();
+            let Some(branch) = branch.filter(|branch| trees.counts(t, side, branch)) else { continue };
+            if trees.side(t, side).iter().all(|&point| point < mucosa) {
+                heights.push(branch.height as f32);
+                folds.orders[branch.order() - 1] += 1;
+                folds.branches.iter_mut().zip(branch.branches).for_each(|(sum, count)| *sum += count);
+            }
+        }
+    }
+    folds.height_um = Spread::of(heights);
+    Some(folds)
+}
+
+struct Trees<'a> {
+    tissue: &'a Linked,
+    points: &'a [P2],
+    /// First point of each contour, and the end.
+    rings: &'a [u32],
+    /// The tree that hangs on each triangle, seen from its edge toward the wall; none for those of the wall.
+    branch: Vec<Option<Branch>>,
+}
+
+impl Trees<'_> {
+    /// Removes triangles with one neighbour left until none has: what remains are the cycles around the lumen.
+    fn peel(&mut self) {
+        let mut left: Vec<u8> =
+            self.tissue.neighbours.iter().map(|n| n.iter().filter(|&&n| n != NO_NEIGHBOUR).count() as u8).collect();
+        let mut ends: Vec<u32> = (0..left.len() as u32).filter(|&t| left[t as usize] == 1).collect();
+        while let Some(t) = ends.pop() {
+            let neighbours = self.tissue.neighbours[t as usize];
+            let is_left = |&n: &u32| n != NO_NEIGHBOUR && self.branch[n as usize].is_none();
+            let Some(toward) = neighbours.iter().position(is_left) else { continue };
+            self.branch[t as usize] = Some(self.join(t as usize, toward));
+            let next = neighbours[toward];
+            left[next as usize] -= 1;
+            if left[next as usize] == 1 {
+                ends.push(next);
+            }
+        }
+    }
+
+    /// The tree of a triangle whose other neighbours are removed.
+    fn join(&self, t: usize, toward: usize) -> Branch {
+        let base = self.middle(t, toward);
+        let mut above: Vec<(usize, Branch)> = Vec::with_capacity(2);
+        for side in [(toward + 1) % 3, (toward + 2) % 3] {
+            let neighbour = self.tissue.neighbours[t][side];
+            above.extend(self.branch.get(neighbour as usize).copied().flatten().map(|branch| (side, branch)));
+        }
+        let reach = |(side, branch): (usize, Branch)| branch.height + distance(base, self.middle(t, side));
+        let mut branch = match above[..] {
+            [only] => Branch { height: reach(only), ..only.1 },
+            [first, second] => {
+                let (main, other) = if reach(first) >= reach(second) { (first, second) } else { (second, first) };
+                let mut branches = main.1.branches;
+                if self.counts(t, other.0, &other.1) {
+                    for (generation, count) in other.1.branches.into_iter().enumerate() {
+                        branches[(generation + 1).min(GENERATIONS - 1)] += count;
+                    }
+                }
+                Branch { height: reach(main), branches, tip: main.1.tip && other.1.tip }
+            }
+            _ => {
+                let mut branches = [0; GENERATIONS];
+                branches[0] = 1;
+                let apex = self.points[self.tissue.triangles[t][(toward + 2) % 3] as usize];
+                Branch { height: distance(base, apex), branches, tip: true }
+            }
+        };
+        if branch.tip {
+            let [a, b] = self.side(t, toward);
+            let farthest = self.arc(a, b).map(|p| distance(base, self.points[p as usize])).fold(0.0, f64::max);
+            let width = distance(self.points[a as usize], self.points[b as usize]);
+            branch.tip = farthest <= TIP * width;
+            if branch.tip {
+                branch.height = farthest;
+            }
+        }
+        branch
+    }
+
+    /// The points of a contour from one to another, in its order; those of a tree, if the two are the ends of its base.
+    fn arc(&self, from: u32, to: u32) -> impl Iterator<Item = u32> + use<'_> {
+        let ring = self.rings.partition_point(|&start| start <= from);
+        let (start, end) = (self.rings[ring - 1], self.rings[ring]);
+        let count = if to >= from { to - from } else { end - from + to - start };
+        (0..=count).map(move |k| if from + k < end { from + k } else { from + k - end + start })
+    }
+
+    /// Whether a tree on a side of a triangle is high enough to count.
+    fn counts(&self, t: usize, side: usize, branch: &Branch) -> bool {
+        let [a, b] = self.side(t, side).map(|p| self.points[p as usize]);
+        branch.height >= LEAST_HEIGHT_UM.max(LEAST_SLENDERNESS * distance(a, b))
+    }
+
+    fn side(&self, t: usize, side: usize) -> [u32; 2] {
+        let corners = self.tissue.triangles[t];
+        [corners[side], corners[(side + 1) % 3]]
+    }
+
+    fn middle(&self, t: usize, side: usize) -> P2 {
+        let [a, b] = self.side(t, side).map(|p| self.points[p as usize]);
+        [(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0]
+    }
+}

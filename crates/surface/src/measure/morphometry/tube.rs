@@ -1,0 +1,337 @@
+//! Measures along the tube: of every section, by region, and of the whole.
+
+use super::quantity::QUANTITIES;
+use super::ring::{Marked, Step};
+use super::section::{Measures, PIXEL_UM, measure_with};
+use super::shape::Shape;
+use super::{fractal, ring, tree};
+use crate::model::Section;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Sections whose shape tree is made, at most, evenly spread.
+const TREES: usize = 31;
+
+/// The measures of a model. `docs/morphometry.md` defines them.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Morphometry {
+    /// Of the whole tube.
+    pub tube: Tube,
+    /// By region: `isthmus`, `junction`, `ampulla`, and `whole`; a region without a section is missing.
+    pub regions: BTreeMap<String, Region>,
+    /// One value a section, by quantity; null where the section has none. Sections that were added to mend a slab are left out.
+    pub along: BTreeMap<String, Vec<Option<f64>>>,
+    /// How it was measured.
+    pub settings: Settings,
+}
+
+/// Measures of the whole tube.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Tube {
+    /// Length.
+    pub length_mm: f64,
+    /// Length of the isthmus.
+    pub isthmus_length_mm: f64,
+    /// Length of the ampulla.
+    pub ampulla_length_mm: f64,
+    /// Folds on the ring in the ampulla over those of the isthmus, means by region.
+    pub fold_ratio: Option<f64>,
+    /// Volume of the lumen: areas of the sections, by the trapezoidal rule.
+    pub lumen_volume_mm3: f64,
+    /// Volume of the tissue, likewise; the certificate has that of the surface.
+    pub tissue_volume_mm3: f64,
+    /// Surface of the mucosa: perimeters of the sections, by the trapezoidal rule.
+    pub lumen_surface_mm2: f64,
+    /// Surface of the mucosa over the volume of the lumen.
+    pub surface_over_volume_per_mm: f64,
+    /// Four times the volume of the lumen over the surface of the mucosa.
+    pub hydraulic_diameter_um: f64,
+    /// Mean part of the folds on the ring that continue as one fold each in the next section.
+    pub fold_continuity: Option<f64>,
+    /// Angle by which the mucosa turns around the axis from end to end, seen from the ampulla, counter-clockwise positive.
+    pub twist_deg: f64,
+}
+
+/// Measures of a region.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Region {
+    /// Where it begins, from the isthmus end.
+    pub from_mm: f64,
+    /// Where it ends.
+    pub to_mm: f64,
+    /// Sections in it.
+    #[cfg_attr(feature = "schema", schema(minimum = 0))]
+    pub sections: usize,
+    /// Along the region, by quantity; a quantity that no section has is missing.
+    pub quantities: BTreeMap<String, Along>,
+}
+
+/// A quantity along a region; each section counts by the length of tube next to it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Along {
+    /// Mean.
+    pub mean: f64,
+    /// Median.
+    pub median: f64,
+    /// Standard deviation between sections.
+    pub sd: f64,
+    /// Least value.
+    pub min: f64,
+    /// Greatest value.
+    pub max: f64,
+}
+
+/// How a model was measured.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Settings {
+    /// Side of the pixels of masks; larger if the lumen is wider than 8192 of them.
+    pub pixel_um: f64,
+    /// Least and greatest side of the boxes that are counted, in pixels.
+    pub boxes_px: [u32; 2],
+    /// The ring as a part of the base ellipse.
+    pub ring_share: f64,
+    /// Least height of a fold or branch.
+    pub least_height_um: f64,
+    /// Least ratio of the height of a fold or branch to the width of its base.
+    pub least_slenderness: f64,
+    /// Every how many sections the shape tree is made.
+    pub tree_every: u32,
+}
+
+impl Morphometry {
+    /// Mean of a quantity over a region, or the measure of the tube of this name if the region is `tube`.
+    #[must_use]
+    pub fn mean(&self, quantity: &str, region: &str) -> Option<f64> {
+        if region == "tube" {
+            return serde_json::json!(self.tube).get(quantity)?.as_f64();
+        }
+        Some(self.regions.get(region)?.quantities.get(quantity)?.mean)
+    }
+
+    /// The means by region and quantity, and the measures of the tube as the member `tube`, as JSON.
+    #[must_use]
+    pub fn means(&self) -> serde_json::Value {
+        let means = |region: &Region| -> serde_json::Map<_, _> {
+            region.quantities.iter().map(|(name, along)| (name.clone(), along.mean.into())).collect()
+        };
+        let mut all: serde_json::Map<_, _> =
+            self.regions.iter().map(|(name, region)| (name.clone(), means(region).into())).collect();
+        all.insert("tube".into(), serde_json::json!(self.tube));
+        all.into()
+    }
+}
+
+/// Where the regions of a tube lie.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Regions {
+    /// Length of the tube.
+    pub length_mm: f64,
+    /// Where the junction of isthmus and ampulla begins and ends, as parts of the length.
+    pub junction: [f64; 2],
+    /// Where the measured piece of the tube begins and ends, as parts of the length.
+    pub piece: [f64; 2],
+}
+
+impl Regions {
+    /// The part of the ampulla that is measured; none if there is none.
+    pub(super) fn ampulla_mm(&self) -> Option<[f64; 2]> {
+        let [from, to] = [self.junction[1].max(self.piece[0]), self.piece[1]].map(|part| part * self.length_mm);
+        (from < to).then_some([from, to])
+    }
+
+    fn ranges(&self) -> [(&'static str, [f64; 2]); 4] {
+        let [from, to] = self.junction.map(|part| part * self.length_mm);
+        let end = self.length_mm;
+        [("isthmus", [0.0, from]), ("junction", [from, to]), ("ampulla", [to, end]), ("whole", [0.0, end])]
+    }
+}
+
+/// Measures a model. `gaps_um` has the least distance of walls in each section, as the certificate found it.
+#[must_use]
+pub fn morphometry(sections: &[Section], gaps_um: &[Option<f64>], regions: &Regions) -> Morphometry {
+    let mut survey = Survey::new(sections.iter().filter(|section| !section.added).count());
+    survey.add(sections);
+    survey.finish(gaps_um, regions)
+}
+
+/// Measures a model section by section.
+pub struct Survey {
+    /// Recorded sections that will come.
+    total: usize,
+    /// Sections so far, with added ones.
+    sections: usize,
+    /// Of the recorded ones: place among all sections, time step, place along the tube.
+    recorded: Vec<(usize, f64, f64)>,
+    measured: Vec<Measures>,
+    /// From each recorded section to the next.
+    steps: Vec<Step>,
+    last: Option<Marked>,
+}
+
+impl Survey {
+    /// Begins a model of which `total` sections are recorded ones.
+    #[must_use]
+    pub fn new(total: usize) -> Self {
+        let (recorded, measured, steps) = (Vec::new(), Vec::new(), Vec::new());
+        Self { total, sections: 0, recorded, measured, steps, last: None }
+    }
+
+    /// Every how many recorded sections the shape tree is made.
+    fn every(&self) -> usize {
+        self.total.saturating_sub(1).div_ceil(TREES - 1).max(1)
+    }
+
+    /// Measures the next sections.
+    #[inline(never)] // counted by scripts/counts
+    pub fn add(&mut self, sections: &[Section]) {
+        let recorded: Vec<&Section> = sections.iter().filter(|section| !section.added).collect();
+        let (first, every) = (self.measured.len(), self.every());
+        let measured: Vec<(Measures, Marked)> = recorded
+            .par_iter()
+            .enumerate()
+            .map(|(k, section)| {
+                let shape = Shape::from(*section);
+                let trees = (first + k).is_multiple_of(every) || first + k + 1 == self.total;
+                let base = shape.base_ellipse();
+                (measure_with(&shape, &base, trees), Marked::new(section, &base))
+            })
+            .collect();
+        for (measures, marked) in measured {
+            self.steps.extend(self.last.as_ref().map(|last| last.step(&marked)));
+            self.last = Some(marked);
+            self.measured.push(measures);
+        }
+        let places = sections.iter().zip(self.sections..).filter(|(section, _)| !section.added);
+        self.recorded.extend(places.map(|(section, place)| (place, section.step, section.z_um / 1e3)));
+        self.sections += sections.len();
+    }
+
+    /// The measures of the model, when all sections have come. `gaps_um` is as for [`morphometry`].
+    #[must_use]
+    pub fn finish(self, gaps_um: &[Option<f64>], regions: &Regions) -> Morphometry {
+        let every = self.every();
+        let Self { recorded, measured, steps, .. } = self;
+        let z_mm: Vec<f64> = recorded.iter().map(|&(_, _, z)| z).collect();
+        let mut along: BTreeMap<String, Vec<Option<f64>>> = QUANTITIES
+            .iter()
+            .map(|quantity| (quantity.name.to_owned(), measured.iter().map(|m| quantity.of(m)).collect()))
+            .collect();
+        let gaps = recorded.iter().map(|&(place, ..)| gaps_um.get(place).copied().flatten());
+        along.insert("least_gap_um".into(), gaps.collect());
+        let forth = |of: fn(&Step, f64) -> Option<f64>| -> Vec<Option<f64>> {
+            let lengths = z_mm.windows(2).map(|z| z[1] - z[0]);
+            steps.iter().zip(lengths).map(|(step, length)| of(step, length)).chain([None]).collect()
+        };
+        along.insert("fold_continuity".into(), forth(|step, _| step.continued));
+        along.insert("twist_deg_per_mm".into(), forth(|step, length| Some(step.turn.to_degrees() / length)));
+        let regions_found = regions.ranges().into_iter().filter_map(|(name, range)| {
+            Some((name.to_owned(), region(range, name == "whole" || name == "ampulla", &z_mm, &along)?))
+        });
+        let regions_found: BTreeMap<String, Region> = regions_found.collect();
+        let folds = |name: &str| Some(regions_found.get(name)?.quantities.get("folds_on_ring")?.mean);
+        let tube = tube(regions, &z_mm, &measured, &steps);
+        // After the regions, which have no summary of places and steps.
+        along.insert("z_mm".into(), z_mm.into_iter().map(Some).collect());
+        along.insert("step".into(), recorded.iter().map(|&(_, step, _)| Some(step)).collect());
+        Morphometry {
+            tube: Tube {
+                fold_ratio: folds("isthmus").filter(|&n| n > 0.0).and_then(|n| Some(folds("ampulla")? / n)),
+                ..tube
+            },
+            regions: regions_found,
+            along,
+            settings: Settings {
+                pixel_um: PIXEL_UM,
+                boxes_px: [2, 1 << fractal::LEVELS],
+                ring_share: ring::SHARE,
+                least_height_um: tree::LEAST_HEIGHT_UM,
+                least_slenderness: tree::LEAST_SLENDERNESS,
+                tree_every: every as u32,
+            },
+        }
+    }
+}
+
+/// The measures of the sections from one place to before another, or to the end of the tube.
+fn region(
+    [from_mm, to_mm]: [f64; 2],
+    last: bool,
+    z_mm: &[f64],
+    along: &BTreeMap<String, Vec<Option<f64>>>,
+) -> Option<Region> {
+    let within = |z: f64| z >= from_mm && (z < to_mm || last);
+    let sections: Vec<usize> = (0..z_mm.len()).filter(|&i| within(z_mm[i])).collect();
+    if sections.is_empty() {
+        return None;
+    }
+    let quantities = along.iter().filter_map(|(name, values)| {
+        // The sections that have a value share the length of the region.
+        let known: Vec<(f64, f64)> = sections.iter().filter_map(|&i| Some((z_mm[i], values[i]?))).collect();
+        Some((name.clone(), summary(&known)?))
+    });
+    Some(Region { from_mm, to_mm, sections: sections.len(), quantities: quantities.collect() })
+}
+
+/// A summary of values at places in ascending order; each counts by half of the distance between its neighbours.
+fn summary(known: &[(f64, f64)]) -> Option<Along> {
+    let (first, last) = (known.first()?, known.last()?);
+    let weight = |i: usize| match known.len() {
+        1 => 1.0,
+        n => (known[(i + 1).min(n - 1)].0 - known[i.saturating_sub(1)].0) / 2.0,
+    };
+    let total = if known.len() == 1 { 1.0 } else { last.0 - first.0 };
+    let mean = |of: &dyn Fn(f64) -> f64| {
+        known.iter().enumerate().map(|(i, &(_, value))| weight(i) * of(value)).sum::<f64>() / total
+    };
+    let average = mean(&|value| value);
+    Some(Along {
+        mean: average,
+        median: median(known, weight, total),
+        sd: mean(&|value| (value - average).powi(2)).max(0.0).sqrt(),
+        min: known.iter().map(|k| k.1).fold(f64::INFINITY, f64::min),
+        max: known.iter().map(|k| k.1).fold(f64::NEG_INFINITY, f64::max),
+    })
+}
+
+/// The least value up to which lies half of the length.
+fn median(known: &[(f64, f64)], weight: impl Fn(usize) -> f64, total: f64) -> f64 {
+    let mut values: Vec<(f64, f64)> = known.iter().enumerate().map(|(i, &(_, value))| (value, weight(i))).collect();
+    values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let mut passed = 0.0;
+    let middle = values.iter().find(|(_, weight)| {
+        passed += weight;
+        // Half, but for the rounding of the sum.
+        passed >= total * (0.5 - 1e-12)
+    });
+    middle.map_or(f64::NAN, |(value, _)| *value)
+}
+
+fn tube(regions: &Regions, z_mm: &[f64], measured: &[Measures], steps: &[Step]) -> Tube {
+    let integral = |of: fn(&Measures) -> f64| -> f64 {
+        let pairs = measured.windows(2).zip(z_mm.windows(2));
+        pairs.map(|(pair, z)| (z[1] - z[0]) * (of(&pair[0]) + of(&pair[1])) / 2.0).sum()
+    };
+    let volume = integral(|m| m.lumen_area_mm2);
+    let surface = integral(|m| m.lumen_perimeter_mm);
+    let continued: Vec<f64> = steps.iter().filter_map(|step| step.continued).collect();
+    let ([begin, end], [from, to]) = (regions.piece, regions.junction);
+    Tube {
+        length_mm: (end - begin) * regions.length_mm,
+        isthmus_length_mm: (from.min(end) - begin).max(0.0) * regions.length_mm,
+        ampulla_length_mm: (end - to.max(begin)).max(0.0) * regions.length_mm,
+        fold_ratio: None,
+        lumen_volume_mm3: volume,
+        tissue_volume_mm3: integral(|m| m.tissue_area_mm2),
+        lumen_surface_mm2: surface,
+        surface_over_volume_per_mm: surface / volume,
+        hydraulic_diameter_um: 4e3 * volume / surface,
+        fold_continuity: (!continued.is_empty()).then(|| continued.iter().sum::<f64>() / continued.len() as f64),
+        twist_deg: steps.iter().map(|step| step.turn).sum::<f64>().to_degrees(),
+    }
+}

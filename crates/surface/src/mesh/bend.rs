@@ -1,0 +1,301 @@
+//! Bends a finished surface along a course.
+//!
+//! The map of space is one to one within the tube, so a surface that it moved exactly could not come to meet itself. Triangles stay
+//! flat, and can: where they do, edges of them and of their neighbours are split at their middles, so that the surface before the map
+//! stays the same and the bent triangles follow the map more closely, until none meet (`meeting`, exact). Where the leaning surface
+//! comes so near to itself that finer triangles do not help, its lean is damped.
+
+use super::lean::{Centre, Lean};
+use super::meeting::Meeting;
+use crate::geometry::course::Course;
+use crate::model::{Mesh, Patch};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::collections::{HashMap, HashSet};
+
+/// Rounds of mending.
+const ROUNDS: u32 = 60;
+/// Rounds after which all lean is halved, and after which it is taken away: without it parts of a surface are far enough apart.
+const HALVED: u32 = 20;
+const DROPPED: u32 = 40;
+/// Edges that are split: those of a triangle that are farther from their image than this part of the farthest one.
+const PART: f64 = 0.3;
+/// Distance of edges from their image above which they are split before triangles that meet are searched, µm. Edges of ordinary
+/// models are nearer; triangles as long as the course is wide would meet almost all others.
+const COARSE_UM: f64 = 50.0;
+/// Distance of edges from their image at which finer triangles do not help, µm: some units in the last place of positions.
+const FINE_UM: f64 = 0.02;
+/// Share of the lean that a place loses in a round.
+const DAMPING: f64 = 0.3;
+
+/// What was done so that bent triangles do not meet.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(utoipa::ToSchema))]
+pub struct Refined {
+    /// Pairs of triangles that would have met.
+    pub met: usize,
+    /// Edges that were split.
+    pub split: usize,
+    /// Places at which the lean was damped.
+    pub damped: usize,
+    /// Rounds of both.
+    pub rounds: u32,
+}
+
+/// The lean of a surface, as far as it is needed to damp it.
+pub struct Leaning<'a> {
+    /// How it leans.
+    pub lean: &'a Lean,
+    /// z of the vertices before, m.
+    pub z: Vec<f32>,
+}
+
+/// A surface, bent as it is.
+#[must_use]
+pub fn bend(mesh: &Mesh, course: &Course) -> Mesh {
+    Mesh { positions: bent(&mesh.positions, course), ..mesh.clone() }
+}
+
+/// A straight surface, bent, whose triangles then do not meet: edges of the straight one are split as needed, and its lean is damped
+/// as a last resort. Vertices are added after the others, none on edges in a plane across the tube; the edges whose middles they are come
+/// last, in order. `stop` is asked between rounds; if it says so, the surface is left as it is then.
+pub fn bend_apart(
+    straight: &mut Mesh,
+    mut leaning: Option<Leaning<'_>>,
+    course: &Course,
+    stop: &dyn Fn() -> bool,
+) -> (Mesh, Refined, Vec<(u32, u32)>) {
+    let (mut done, mut split) = (Refined::default(), Vec::new());
+    let mut found = bend(straight, course);
+    loop {
+        let edges = with_longest(straight, far_from_image(straight, &found, course));
+        if edges.is_empty() || stop() {
+            break;
+        }
+        done.split += edges.len();
+        halve(straight, &edges);
+        split.extend_from_slice(&edges);
+        leaning.iter_mut().for_each(|leaning| leaning.halve(&edges));
+        found = bend(straight, course);
+    }
+    let mut pairs = Meeting::new(&found).pairs(&found);
+    done.met = pairs.len();
+    while !pairs.is_empty() && done.rounds < ROUNDS && !stop() {
+        let (mut edges, mut centres) = (Vec::new(), Vec::new());
+        for pair in &pairs {
+            let before = edges.len();
+            pair.iter().for_each(|&t| edges.extend(coarse(straight, course, straight.triangles[t as usize])));
+            if let Some(leaning) = leaning.as_ref().filter(|_| edges.len() == before) {
+                Centre::add(&mut centres, leaning.middle(straight, *pair), leaning.lean);
+            }
+        }
+        edges.extend(coarse_around(straight, course, &edges));
+        let edges = with_longest(straight, edges);
+        done.rounds += 1;
+        done.split += edges.len();
+        done.damped += centres.len();
+        let mut is_met = vec![false; straight.triangles.len()];
+        pairs.as_flattened().iter().for_each(|&t| is_met[t as usize] = true);
+        let parts = halve(straight, &edges);
+        split.extend_from_slice(&edges);
+        let mut is_moved = vec![false; straight.positions.len()];
+        if let Some(leaning) = &mut leaning {
+            leaning.halve(&edges);
+            let all = match done.rounds {
+                HALVED => 0.5,
+                DROPPED => 0.0,
+                _ => 1.0,
+            };
+            is_moved = leaning.damp(straight, &centres, all);
+        }
+        if edges.is_empty() && !is_moved.contains(&true) {
+            break;
+        }
+        found = bend(straight, course);
+        let is_changed: Vec<bool> = (0..parts.len())
+            .map(|t| {
+                let is_part = |other: Option<&u32>| other == Some(&parts[t]);
+                is_met[parts[t] as usize]
+                    || is_part(parts.get(t + 1))
+                    || (t > 0 && is_part(parts.get(t - 1)))
+                    || straight.triangles[t].iter().any(|&v| is_moved[v as usize])
+            })
+            .collect();
+        let changed: Vec<u32> = (0u32..).zip(&is_changed).filter(|(_, is)| **is).map(|(t, _)| t).collect();
+        pairs = Meeting::new(&found).pairs_of(&found, &changed, &is_changed);
+    }
+    (found, done, split)
+}
+
+impl Leaning<'_> {
+    /// The middle of two triangles before they leaned, µm.
+    fn middle(&self, mesh: &Mesh, pair: [u32; 2]) -> [f64; 3] {
+        let corners = pair.map(|t| mesh.triangles[t as usize]);
+        let mut sum = [0.0; 3];
+        for &v in corners.as_flattened() {
+            let place = self.place(mesh, v as usize);
+            (0..3).for_each(|axis| sum[axis] += place[axis] / 6.0);
+        }
+        sum
+    }
+
+    fn place(&self, mesh: &Mesh, v: usize) -> [f64; 3] {
+        let [x, y, _] = mesh.positions[v];
+        [x, y, self.z[v]].map(|x| f64::from(x) * 1e6)
+    }
+
+    /// Adds the middles of edges, as [`halve`] does.
+    fn halve(&mut self, edges: &[(u32, u32)]) {
+        for &(v, w) in edges {
+            let [a, b] = [v, w].map(|v| f64::from(self.z[v as usize]));
+            self.z.push((0.5 * (a + b)) as f32);
+        }
+    }
+
+    /// Leaves a part of all lean, less around places; returns which vertices moved.
+    fn damp(&self, mesh: &mut Mesh, centres: &[Centre], all: f64) -> Vec<bool> {
+        let mut is_moved = vec![false; self.z.len()];
+        for (v, is_moved) in is_moved.iter_mut().enumerate() {
+            let place = self.place(mesh, v);
+            let left = all * centres.iter().filter_map(|centre| centre.left(place, DAMPING)).product::<f64>();
+            let (before, now) = (f64::from(self.z[v]), f64::from(mesh.positions[v][2]));
+            *is_moved = left < 1.0 && now != before;
+            if *is_moved {
+                mesh.positions[v][2] = (before + left * (now - before)) as f32;
+            }
+        }
+        is_moved
+    }
+}
+
+/// Where points go, metres.
+fn bent(positions: &[[f32; 3]], course: &Course) -> Vec<[f32; 3]> {
+    positions.par_iter().map(|p| place(course, p.map(f64::from)).map(|x| x as f32)).collect()
+}
+
+/// Where a point goes, metres.
+fn place(course: &Course, p: [f64; 3]) -> [f64; 3] {
+    (course.place(p.map(|x| x * 1e6)) * 1e-6).into()
+}
+
+/// The edges that are so far from their image that they are split in any case. Each is that of two triangles, in which it has
+/// opposite directions.
+fn far_from_image(mesh: &Mesh, bent: &Mesh, course: &Course) -> Vec<(u32, u32)> {
+    let edges = mesh.triangles.par_iter().flat_map_iter(|&[a, b, c]| [(a, b), (b, c), (c, a)]);
+    let image = |v: u32| Vec3::from(bent.positions[v as usize]).as_dvec3();
+    edges.filter(|&(v, w)| v < w && off(mesh, course, (v, w), image) > COARSE_UM).collect()
+}
+
+/// Distance of the middle of an edge from its image, µm, by the images of its ends. It is 0 across the tube, where the map is rigid.
+fn off(mesh: &Mesh, course: &Course, (v, w): (u32, u32), image: impl Fn(u32) -> DVec3) -> f64 {
+    let [p, q] = [v, w].map(|v| mesh.positions[v as usize].map(f64::from));
+    if p[2] == q[2] {
+        return 0.0;
+    }
+    1e6 * DVec3::from(place(course, middle(p, q))).distance((image(v) + image(w)) / 2.0)
+}
+
+/// The edges of a triangle that are far from their image. None lies across the tube.
+fn coarse(mesh: &Mesh, course: &Course, triangle: [u32; 3]) -> impl Iterator<Item = (u32, u32)> {
+    let edges = edges_of(triangle);
+    let image = |v: u32| DVec3::from(place(course, mesh.positions[v as usize].map(f64::from)));
+    let off = edges.map(|edge| off(mesh, course, edge, image));
+    let least = (PART * off.into_iter().fold(0.0, f64::max)).max(FINE_UM);
+    edges.into_iter().zip(off).filter(move |(_, off)| *off > least).map(|(edge, _)| edge)
+}
+
+/// The edges that are far from their image, of the triangles that share a vertex with given edges.
+fn coarse_around(mesh: &Mesh, course: &Course, edges: &[(u32, u32)]) -> Vec<(u32, u32)> {
+    let mut is_near = vec![false; mesh.positions.len()];
+    edges.iter().for_each(|&(v, w)| [v, w].iter().for_each(|&v| is_near[v as usize] = true));
+    let around = mesh.triangles.par_iter().filter(|triangle| triangle.iter().any(|&v| is_near[v as usize]));
+    around.flat_map_iter(|&triangle| coarse(mesh, course, triangle)).collect()
+}
+
+/// Adds the longest edge of each triangle that loses an edge, so that its parts do not become ever flatter (Rivara, 1984); in order.
+fn with_longest(mesh: &Mesh, edges: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
+    let mut is_near = vec![false; mesh.positions.len()];
+    let mut found: HashSet<(u32, u32)> = HashSet::with_capacity(2 * edges.len());
+    let mut added = edges;
+    while !added.is_empty() {
+        added.iter().for_each(|&(v, w)| [v, w].iter().for_each(|&v| is_near[v as usize] = true));
+        found.extend(added);
+        let losing = mesh.triangles.par_iter().map(|&triangle| edges_of(triangle)).filter(|edges| {
+            edges.iter().any(|&(v, w)| is_near[v as usize] && is_near[w as usize] && found.contains(&(v, w)))
+        });
+        added = losing.filter_map(|edges| longest(mesh, edges)).filter(|edge| !found.contains(edge)).collect();
+    }
+    let mut all: Vec<_> = found.into_iter().collect();
+    all.sort_unstable();
+    all
+}
+
+/// The longest of three edges, unless it lies across the tube.
+fn longest(mesh: &Mesh, edges: [(u32, u32); 3]) -> Option<(u32, u32)> {
+    let ends = |(v, w): (u32, u32)| [v, w].map(|v| Vec3::from(mesh.positions[v as usize]));
+    let length = |edge: &(u32, u32)| {
+        let [p, q] = ends(*edge);
+        p.distance_squared(q)
+    };
+    let longest = edges.into_iter().max_by(|a, b| length(a).total_cmp(&length(b)).then(a.cmp(b)))?;
+    let [p, q] = ends(longest);
+    (p.z != q.z).then_some(longest)
+}
+
+/// The edges of a triangle, the lower index first.
+fn edges_of([a, b, c]: [u32; 3]) -> [(u32, u32); 3] {
+    [(a, b), (b, c), (c, a)].map(|(v, w)| (v.min(w), v.max(w)))
+}
+
+fn middle(p: [f64; 3], q: [f64; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|axis| 0.5 * (p[axis] + q[axis]))
+}
+
+/// Splits edges, given in order, at their middles, and the triangles beside them; returns of which triangle each one is a part.
+fn halve(mesh: &mut Mesh, edges: &[(u32, u32)]) -> Vec<u32> {
+    let mut middles: HashMap<(u32, u32), u32> = HashMap::with_capacity(edges.len());
+    for &(v, w) in edges {
+        middles.insert((v, w), mesh.positions.len() as u32);
+        let [p, q] = [v, w].map(|v| mesh.positions[v as usize].map(f64::from));
+        mesh.positions.push(middle(p, q).map(|x| x as f32));
+    }
+    let middle_of = |v: u32, w: u32| middles.get(&(v.min(w), v.max(w))).copied();
+    let mut triangles = Vec::with_capacity(mesh.triangles.len() + 2 * edges.len());
+    let mut parts = Vec::with_capacity(mesh.triangles.len() + 2 * edges.len());
+    let patches = mesh.patches.iter().map(|patch| {
+        let from = triangles.len();
+        for t in patch.triangles.clone() {
+            let [a, b, c] = mesh.triangles[t];
+            match [middle_of(a, b), middle_of(b, c), middle_of(c, a)] {
+                [None, None, None] => triangles.push([a, b, c]),
+                [Some(m), None, None] => triangles.extend(one([a, b, c], m)),
+                [None, Some(m), None] => triangles.extend(one([b, c, a], m)),
+                [None, None, Some(m)] => triangles.extend(one([c, a, b], m)),
+                [Some(m), Some(n), None] => triangles.extend(two(&mesh.positions, [a, b, c], m, n)),
+                [None, Some(m), Some(n)] => triangles.extend(two(&mesh.positions, [b, c, a], m, n)),
+                [Some(n), None, Some(m)] => triangles.extend(two(&mesh.positions, [c, a, b], m, n)),
+                [Some(l), Some(m), Some(n)] => triangles.extend([[a, l, n], [l, b, m], [m, c, n], [l, m, n]]),
+            }
+            parts.resize(triangles.len(), t as u32);
+        }
+        Patch { kind: patch.kind, triangles: from..triangles.len() }
+    });
+    mesh.patches = patches.collect();
+    mesh.triangles = triangles;
+    parts
+}
+
+/// Parts of a triangle whose first edge is split.
+fn one([a, b, c]: [u32; 3], m: u32) -> [[u32; 3]; 2] {
+    [[a, m, c], [m, b, c]]
+}
+
+/// Parts of a triangle whose first two edges are split: the longer one first, then its parts.
+fn two(positions: &[[f32; 3]], [a, b, c]: [u32; 3], m: u32, n: u32) -> [[u32; 3]; 3] {
+    let square = |v: u32, w: u32| Vec3::from(positions[v as usize]).distance_squared(Vec3::from(positions[w as usize]));
+    if square(a, b) >= square(b, c) { [[m, b, n], [m, n, c], [a, m, c]] } else { [[m, b, n], [a, m, n], [a, n, c]] }
+}
+
+#[cfg(test)]
+mod tests;
