@@ -63,11 +63,12 @@ def course(preset, morphometry):
 def main(folder):
     parser = argparse.ArgumentParser()
     parser.add_argument("binary")
+    parser.add_argument("--presets", default=",".join(PRESETS))
     parser.add_argument("--seeds", default="1..3")
     options = parser.parse_args()
     oviduct = Oviduct(options.binary)
     faults = []
-    for compared in json.loads(oviduct.run("compare", "--preset", ",".join(PRESETS), "--seeds", options.seeds, "--json")):
+    for compared in json.loads(oviduct.run("compare", "--preset", options.presets, "--seeds", options.seeds, "--json")):
         preset, models = compared["preset"], compared["models"]
         faults += ranges(preset, models)
         out = os.path.join(folder, preset)

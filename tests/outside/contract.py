@@ -1,6 +1,8 @@
 """Tests the live service against openapi.yaml with schemathesis, without keys and, with fewer cases, with one.
 
-Usage: contract.py OVIDUCT_BINARY
+Usage: contract.py OVIDUCT_BINARY [--max-examples N]
+
+With --max-examples, the run without keys generates N requests per operation instead of schemathesis' default.
 """
 
 import json
@@ -19,7 +21,7 @@ ROOT = os.path.join(HERE, "..", "..")
 def main(folder, keyed):
     # One model in each final state; then a service that only queues, so that valid requests cost nothing.
     service = Service(BINARY, folder, "--queue-limit", "100000")
-    options = []
+    options = list(OPTIONS)
     if keyed:
         service.add_key("judge", "admin")
         # The header is added to every request, so none lacks it. tests/api/access.rs sends requests without a key.
@@ -67,7 +69,10 @@ def main(folder, keyed):
 
 
 if __name__ == "__main__":
-    BINARY = os.path.abspath(sys.argv[1])
+    BINARY, *OPTIONS = sys.argv[1:]
+    BINARY = os.path.abspath(BINARY)
+    if OPTIONS and (len(OPTIONS) != 2 or OPTIONS[0] != "--max-examples"):
+        sys.exit(__doc__)
     # Both at a time, since schemathesis uses one core.
     with tempfile.TemporaryDirectory() as first, tempfile.TemporaryDirectory() as second, ThreadPoolExecutor() as pool:
         list(pool.map(main, (first, second), (False, True)))

@@ -1,6 +1,8 @@
 """Grows models with the release binary and checks them with other programs; also checks bytes, refusals and exit codes.
 
-Usage: models.py OVIDUCT_BINARY
+Usage: models.py OVIDUCT_BINARY [--night]
+
+With --night, other programs also judge the surfaces of paper size and of the demo, and formats in a second unit.
 """
 
 import os
@@ -38,11 +40,12 @@ def formats(oviduct, out):
     oviduct.run("check", out("bodies/regions.stl"), expect=1)
     glbs = [file for file in files if file.endswith((".glb", ".gltf"))]
     subprocess.run(["node", os.path.join(HERE, "gltf.mjs"), os.path.join(JUDGES, "node"), *glbs], check=True)
-    oviduct.generate(out("bodies-um"), *everything, "--units", "um")
-    subprocess.run([*judge, out("bodies-um")], check=True)
+    if NIGHT:
+        oviduct.generate(out("bodies-um"), *everything, "--units", "um")
+        subprocess.run([*judge, out("bodies-um")], check=True)
 
     # From VTP and from text to all the others.
-    for number, source in enumerate(["vtp", "obj"]):
+    for number, source in enumerate(["vtp", "obj"] if NIGHT else ["vtp"]):
         for stem in STEMS:
             for ending in SURFACES.values():
                 oviduct.run("convert", out(f"bodies/{stem}.{source}"), out(f"converted-{number}/{stem}.{ending}"))
@@ -92,10 +95,10 @@ def main(folder):
     subprocess.run([sys.executable, os.path.join(HERE, "frames.py"), out("contracting")], check=True)
 
     models = [out(f"{name}/model.{kind}") for name, kind in
-              [("small", "glb"), ("small", "obj"), ("strips", "glb"), ("paper", "obj"), ("pig", "glb")]]
+              [("small", "glb"), ("small", "obj"), ("strips", "glb"), ("pig", "glb"), *([("paper", "obj")] if NIGHT else [])]]
     glbs = [*(model for model in models if model.endswith(".glb")), out("paper/model.glb"), out("contracting/animation.glb")]
     node = os.path.join(JUDGES, "node")
-    with_levels = ["strips", "pig", "detailed"]
+    with_levels = ["strips", "pig", *(["detailed"] if NIGHT else [])]
     levels = [out(f"{name}/model.lod{level}.glb") for name in with_levels for level in range(3)]
     subprocess.run(["node", os.path.join(HERE, "gltf.mjs"), node, *glbs, *levels], check=True)
     subprocess.run([sys.executable, os.path.join(HERE, "mesh.py"), *models], check=True)
@@ -134,11 +137,16 @@ def main(folder):
     assert done.returncode == 0, done.stdout + done.stderr
     found = set(os.listdir(out("demo")))
     assert {"model.glb", "model.lod2.glb", "report.json", "sections.bin"} <= found, found
-    subprocess.run([sys.executable, os.path.join(HERE, "mesh.py"), out("demo/model.glb")], check=True)
+    oviduct.run("check", "--euler", "0", out("demo/model.glb"))
+    if NIGHT:
+        subprocess.run([sys.executable, os.path.join(HERE, "mesh.py"), out("demo/model.glb")], check=True)
     print("models: all checks passed")
 
 
 if __name__ == "__main__":
     BINARY = os.path.abspath(sys.argv[1])
+    NIGHT = sys.argv[2:] == ["--night"]
+    if sys.argv[2:] not in ([], ["--night"]):
+        sys.exit(__doc__)
     with tempfile.TemporaryDirectory() as folder:
         main(folder)
