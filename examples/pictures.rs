@@ -1,6 +1,7 @@
-//! Draws the pictures of the README: `cargo run --release --example pictures -- SEED OUT_DIR`.
+//! Draws the pictures of the README: `cargo run --release --example pictures -- SEED OUT_DIR [PATCH]`.
 //!
-//! Grows the `pig` model of a seed, and writes `sections.png` (steps 0, 200, 425, 800, 1200, 1600, 2000) and `model.png`.
+//! Grows the `pig` model of a seed, changed by the JSON patch if there is one. Writes `sections.png`,
+//! the sections at [`STEPS`], and `model.png`.
 
 use oviduct::mesh::Lofter;
 use oviduct::model::Section;
@@ -11,6 +12,7 @@ use oviduct::spec::{ModelSpec, preset};
 use std::error::Error;
 use std::path::Path;
 
+/// Steps of the sections in the sheet.
 const STEPS: [f64; 7] = [0.0, 200.0, 425.0, 800.0, 1200.0, 1600.0, 2000.0];
 
 fn main() -> Result<(), Box<dyn Error>> {

@@ -1,10 +1,12 @@
-"""Imports a model into Blender: tissue, cut open, and lumen, with a material for each patch; draws it and saves a scene.
+"""Imports a model into Blender, renders it and saves the scene.
 
 Usage: blender --background --python blender_import.py -- DIR [OUT]
    or, after `pip install bpy`: python blender_import.py DIR [OUT]
 
-Reads model.glb and lumen.glb (metres), writes OUT/blender.blend and OUT/blender.png. A millimetre becomes a unit of Blender,
-since its views clip what is much smaller. The importer turns the axes: the tube, along z in the file, is along -y in Blender.
+Reads model.glb and lumen.glb (metres), writes OUT/blender.blend and OUT/blender.png. The tissue is
+cut open, and each patch has its own material. One millimetre becomes one Blender unit, because
+Blender's views clip much smaller objects. The glTF importer turns the axes: the tube lies along z
+in the file and along -y in Blender.
 """
 
 import math
@@ -14,14 +16,14 @@ import sys
 import bpy
 from mathutils import Matrix, Vector
 
-# Colour (red, green, blue), roughness.
+# Colour (red, green, blue) and roughness of each patch.
 LOOKS = {"inner_wall": ((0.75, 0.25, 0.25), 0.4), "outer_wall": ((0.80, 0.50, 0.45), 0.6),
          "cap_isthmus": ((0.80, 0.42, 0.38), 0.6), "cap_ampulla": ((0.80, 0.42, 0.38), 0.6),
          "wall": ((0.90, 0.75, 0.40), 0.3), "inlet": ((0.15, 0.35, 0.80), 0.3), "outlet": ((0.80, 0.15, 0.10), 0.3)}
 
 
 def material(name):
-    """The material of a patch."""
+    """Creates the material of a patch."""
     colour, rough = LOOKS[name]
     made = bpy.data.materials.new(f"oviduct {name}")
     if not made.use_nodes:
@@ -34,7 +36,7 @@ def material(name):
 
 
 def load(path):
-    """Imports a body as one object with a material for each patch, 1 unit a millimetre."""
+    """Imports a body as one object with a material per patch and one unit per millimetre."""
     bpy.ops.object.select_all(action="DESELECT")
     bpy.ops.import_scene.gltf(filepath=path)
     imported = list(bpy.context.selected_objects)
@@ -57,7 +59,7 @@ def load(path):
     bpy.ops.object.join()
     body = bpy.context.view_layer.objects.active
     body.name = os.path.basename(path).split(".")[0]
-    # The patches meet in vertices at equal places.
+    # Joins the patches: each has its own copies of the vertices along its border.
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.mesh.select_all(action="SELECT")
     bpy.ops.mesh.remove_doubles(threshold=0)
@@ -66,7 +68,7 @@ def load(path):
 
 
 def halve(body):
-    """Removes the half of a body at positive x, and closes the cut."""
+    """Removes the half of a body at positive x and closes the cut."""
     bpy.ops.object.select_all(action="DESELECT")
     body.select_set(True)
     bpy.context.view_layer.objects.active = body

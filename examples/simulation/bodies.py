@@ -1,6 +1,7 @@
-"""Reads the bodies of a model (.vtp) and writes meshes (.vtu); used by the scripts beside it.
+"""Reads the bodies of a model (.vtp) and writes meshes (.vtu); shared by the other scripts.
 
-Lengths are millimetres. A patch is a named part of a surface: `wall`, `inlet` and `outlet` of a lumen.
+Lengths are in millimetres. A patch is a named part of a surface, such as the `wall`, `inlet` and
+`outlet` of a lumen.
 """
 
 import argparse
@@ -15,7 +16,7 @@ from vtk.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
 @dataclass
 class Surface:
-    """Triangles, each with the patch that it belongs to."""
+    """Triangles of a closed surface, each with the index of its patch in `names`."""
 
     points: np.ndarray
     triangles: np.ndarray
@@ -23,19 +24,19 @@ class Surface:
     names: list
 
     def of(self, *names):
-        """The triangles of some patches."""
+        """Returns the triangles of the named patches."""
         return self.triangles[np.isin(self.patch, [self.names.index(name) for name in names])]
 
     @property
     def volume(self):
         """Enclosed volume, mm³."""
-        # Relative to a point of the body: sums of large products of opposite sign would lose digits.
+        # Relative to the centroid: sums of large products of opposite sign would lose digits.
         a, b, c = (self.points[self.triangles[:, k]] - self.points.mean(axis=0) for k in range(3))
         return np.einsum("ij,ij->", a, np.cross(b, c)) / 6
 
 
 def read_polydata(path):
-    """A .vtp file as VTK's object, and the strings of its field data."""
+    """Reads a .vtp file; returns the VTK object and the strings of its field data."""
     if not os.path.exists(path):
         sys.exit(f"{path} is missing: grow the model with --bodies tissue,lumen,regions --outputs vtp,centreline")
     reader = vtk.vtkXMLPolyDataReader()
@@ -50,7 +51,7 @@ def read_polydata(path):
 
 
 def read(folder, name):
-    """The surface of a body: `model` (tissue), `lumen` or `regions` (both)."""
+    """Reads the surface of a body: `model` (tissue), `lumen` or `regions` (both)."""
     data, strings = read_polydata(os.path.join(folder, f"{name}.vtp"))
     if strings.get("units") != ["mm"]:
         sys.exit(f"{name}.vtp is in {strings.get('units')}, not in mm")
@@ -60,15 +61,16 @@ def read(folder, name):
 
 
 def volumes(points, tetrahedra):
-    """Volume of each tetrahedron, mm³."""
+    """Returns the volume of each tetrahedron, mm³."""
     a, b, c, d = (points[tetrahedra[:, k]] for k in range(4))
     return np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6
 
 
 def write_vtu(path, points, tetrahedra, triangles=None, points_data=None, cells_data=None, numbers=None):
-    """Writes tetrahedra (of 4 or of 10 nodes), then triangles, with arrays by name; `cells_data` has a row for each of both.
+    """Writes tetrahedra of 4 or 10 nodes, then triangles, with arrays by name.
 
-    `numbers` go into the field data, by name.
+    Arrays of `cells_data` have one row per tetrahedron, then one per triangle. `numbers` go into
+    the field data, by name.
     """
     triangles = np.empty((0, 3), int) if triangles is None else triangles
     grid = vtk.vtkUnstructuredGrid()
@@ -88,7 +90,7 @@ def write_vtu(path, points, tetrahedra, triangles=None, points_data=None, cells_
             array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
             array.SetName(name)
             target.AddArray(array)
-    # Names as numbers: some readers refuse strings in a .vtu file.
+    # One number per name, because some readers refuse strings in a .vtu file.
     for name, number in (numbers or {}).items():
         array = numpy_to_vtk(np.array([number], dtype=np.int32), deep=True)
         array.SetName(name)
@@ -100,7 +102,7 @@ def write_vtu(path, points, tetrahedra, triangles=None, points_data=None, cells_
 
 
 def arguments(doc, *options):
-    """Parses `DIR [--out DIR]` and further options, each a (name, settings of argparse)."""
+    """Parses `DIR [--out DIR]` and further options, each a pair (name, settings of argparse)."""
     parser = argparse.ArgumentParser(description=doc.splitlines()[0])
     parser.add_argument("folder", metavar="DIR", nargs="?", default=".", help="folder of the model's files")
     parser.add_argument("--out", metavar="DIR", help="folder for the results (default: that of the model)")
@@ -113,6 +115,6 @@ def arguments(doc, *options):
 
 
 def expect(condition, reason):
-    """Ends the program with status 1 if a check fails."""
+    """Ends the program with status 1 and the reason if a check fails."""
     if not condition:
         sys.exit(f"failed: {reason}")

@@ -1,10 +1,12 @@
-"""Stokes flow through the lumen of a model, driven by a pressure difference between its ends (scikit-fem).
+"""Computes the Stokes flow through the lumen of a model for a pressure difference (scikit-fem).
 
 Usage: flow.py DIR [--out DIR] [--pressure PA] [--viscosity PA_S] [--size MM3] [--self-test]
 
-Solves -μ Δu + ∇p = 0, ∇·u = 0 with Taylor–Hood elements (P2, P1): no slip at `wall`, pressure PA at `inlet` (isthmus) and
-0 at `outlet` (ampulla). With mm, s and Pa, speeds are mm/s and fluxes mm³/s, which is µl/s; a resistance is Pa·s/µl.
-Writes flow.vtu and flow.png. `--self-test` solves a straight cylinder instead and compares it with Hagen and Poiseuille.
+Solves -μ Δu + ∇p = 0, ∇·u = 0 with Taylor–Hood elements (P2, P1). Boundary conditions: no slip at
+`wall`, pressure PA at `inlet` (isthmus), pressure 0 at `outlet` (ampulla). With mm, s and Pa,
+speeds are in mm/s, fluxes in mm³/s, which is µl/s, and resistances in Pa·s/µl. Writes flow.vtu and
+flow.png. `--self-test` solves a straight cylinder instead and compares it with the law of Hagen
+and Poiseuille.
 """
 
 import os
@@ -26,10 +28,10 @@ import matplotlib.pyplot as plt  # noqa: E402
 
 
 class Flow:
-    """The flow through a lumen for a unit of pressure and of viscosity; flows for others are multiples of it."""
+    """The flow at unit pressure and unit viscosity; other flows are multiples of it."""
 
     def __init__(self, lumen, size=None):
-        # Points inside the lumen: without them, velocities in its corners would have no degree of freedom.
+        # Adds points inside: without them, velocities in corners would have no degree of freedom.
         nodes, cells, _, triangles, patch = fill(lumen, ratio=1.8, size=size)
         self.mesh = MeshTet(nodes.T.copy(), cells.T.astype(np.int64).copy())
         self.facets = {name: self.facets_of(triangles[patch == k]) for k, name in enumerate(lumen.names)}
@@ -39,7 +41,7 @@ class Flow:
         self.solve()
 
     def facets_of(self, triangles):
-        """Numbers of the facets of the mesh that are these triangles."""
+        """Returns the indices of the mesh facets that are equal to these triangles."""
         def code(rows):
             a, b, c = np.sort(rows, axis=1).astype(np.int64).T
             return (a * self.mesh.nvertices + b) * self.mesh.nvertices + c
@@ -50,14 +52,15 @@ class Flow:
         return found
 
     def normals(self, end):
-        """Integral of each test function over an end, times the outward normal (a column a component)."""
+        """Integrates test functions times the outward normal over an end; a column per component."""
         return np.column_stack([LinearForm(lambda v, w, i=i: w.n[i] * v).assemble(self.ends[end]) for i in range(3)])
 
     def solve(self):
-        """Velocity (a column a component) and pressure.
+        """Computes the velocity (one column per component) and the pressure.
 
-        The three components have the same matrix, which is factorised once. What remains is an equation for the pressure with a
-        symmetric positive matrix, solved by conjugate gradients; a mass matrix is a good preconditioner.
+        The three components share one matrix, which is factorised once. This leaves an equation for
+        the pressure with a symmetric positive matrix. Conjugate gradients solve it, with the mass
+        matrix as preconditioner.
         """
         fixed = self.velocity_basis.get_dofs(self.facets["wall"]).all()
         free = np.setdiff1d(np.arange(self.velocity_basis.N), fixed)
@@ -66,7 +69,7 @@ class Flow:
                              options={"SymmetricMode": True})
         bases = self.velocity_basis, self.pressure_basis
         divergence = [BilinearForm(lambda u, q, _, i=i: -u.grad[i] * q).assemble(*bases)[:, free] for i in range(3)]
-        # A pressure of 1 at the inlet pushes against its outward normal.
+        # The unit pressure at the inlet acts against the outward normal.
         push = -self.normals("inlet")[free]
 
         def diverge(velocity):
@@ -92,15 +95,15 @@ class Flow:
         self.velocity[free] = driven - move(self.pressure)
 
     def flux(self, end):
-        """Volume that leaves through an end in a unit of time."""
+        """Returns the volume that leaves through an end per unit of time."""
         return np.sum(self.normals(end) * self.velocity)
 
     def cut(self, axis, at):
-        """Triangles in a plane: barycentric coordinates (n, 3, 4) in tetrahedra, and the tetrahedra."""
+        """Cuts the mesh with a plane; returns barycentric coordinates (n, 3, 4) and cells."""
         height = self.mesh.p[axis][self.mesh.t.T] - at
         order = np.argsort(height, axis=1)
         below = (height < 0).sum(axis=1)
-        # Cut edges, as pairs of corners in the order of their height.
+        # Cut edges as pairs of corners, which are ordered by height; by number of corners below.
         edges = {1: [[(0, 1), (0, 2), (0, 3)]], 3: [[(0, 3), (1, 3), (2, 3)]],
                  2: [[(0, 2), (0, 3), (1, 3)], [(0, 2), (1, 3), (1, 2)]]}
         shares, cells = [], []
@@ -118,7 +121,7 @@ class Flow:
         return np.concatenate(shares), np.concatenate(cells)
 
     def values(self, shares, cells):
-        """Positions, velocities and pressures at barycentric coordinates (n, m, 4) in tetrahedra."""
+        """Returns positions, velocities and pressures at barycentric coordinates (n, m, 4)."""
         nodes = self.mesh.t.T[cells]
         places = np.einsum("nmk,nkd->nmd", shares, self.mesh.p.T[nodes])
         pressure = np.einsum("nmk,nk->nm", shares, self.pressure[nodes])
@@ -129,9 +132,9 @@ class Flow:
         return places, velocity, pressure
 
     def flux_through(self, at):
-        """Area of the cut at a height z, and the volume that passes it upwards in a unit of time."""
+        """Returns the area of the cut at height z, and the volume that passes it per unit of time."""
         shares, cells = self.cut(2, at)
-        # Midpoints of edges: exact for a quadratic velocity.
+        # The rule of edge midpoints is exact for a quadratic velocity.
         places, velocity, _ = self.values((shares + np.roll(shares, 1, axis=1)) / 2, cells)
         a, b, c = np.moveaxis(places, 1, 0)
         # The triangle of midpoints has a quarter of the area.
@@ -152,21 +155,21 @@ class Flow:
 
 
 def refined(shares):
-    """Triangles in barycentric coordinates, each divided into four."""
+    """Divides triangles in barycentric coordinates into four each."""
     a, b, c = np.moveaxis(shares, 1, 0)
     ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
     return np.concatenate([np.stack(corners, axis=1) for corners in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
 
 
 def draw(flow, path, pressure, viscosity):
-    """Draws the speed half way along, and speed and pressure in a lengthwise cut."""
+    """Draws the speed half way along the tube, and speed and pressure in a lengthwise cut."""
     low, high = flow.mesh.p[2].min(), flow.mesh.p[2].max()
     middle = flow.mesh.p[0].mean()
     figure, axes = plt.subplot_mosaic([["across", "speed"], ["across", "pressure"]], figsize=(13, 5), layout="constrained",
                                       width_ratios=[1, 1.5])
     views = {"across": (2, (low + high) / 2, (0, 1)), "speed": (0, middle, (2, 1)), "pressure": (0, middle, (2, 1))}
     for name, (axis, at, across) in views.items():
-        # The velocity is quadratic in a tetrahedron, but colours are linear in a triangle.
+        # Refined, because velocity is quadratic in a cell, but colour is linear in a triangle.
         shares, cells = flow.cut(axis, at)
         places, velocity, pressures = flow.values(refined(refined(shares)), np.tile(cells, 16))
         shown = pressures * pressure if name == "pressure" else np.linalg.norm(velocity, axis=2) * pressure / viscosity
@@ -181,7 +184,7 @@ def draw(flow, path, pressure, viscosity):
 
 
 def cylinder(radius, length, around):
-    """A closed cylinder with the patches of a lumen."""
+    """Builds a closed cylinder with the patches of a lumen."""
     step = 2 * np.pi / around
 
     def circle(size, count):
@@ -211,7 +214,7 @@ def cylinder(radius, length, around):
 
 
 def self_test():
-    """Compares a cylinder with the law of Hagen and Poiseuille."""
+    """Compares the flow through a cylinder with the law of Hagen and Poiseuille."""
     radius, length = 0.3, 2.0
     flow = Flow(cylinder(radius, length, 40))
     resistance, law = 1 / flow.flux("outlet"), 8 * length / (np.pi * radius**4)
@@ -249,7 +252,7 @@ def main():
         through *= scale
         print(f"z = {at:.3g} mm: lumen {area:.4g} mm², flux {through:.5g} µl/s, mean speed {through / area:.3g} mm/s")
         expect(abs(through / fluxes["outlet"] - 1) < 0.03, "the flux changes along the lumen")
-    # Water: 1000 kg/m³; length and speed in mm.
+    # Density of water, 1000 kg/m³; lengths and speeds are in mm.
     reynolds = 1e-3 * fluxes["outlet"] / area * 2 * np.sqrt(area / np.pi) / options.viscosity
     print(f"Reynolds number {reynolds:.2g}" + ("" if reynolds < 1 else ": inertia matters, the Stokes equations do not hold"))
     print(f"resistance: {options.pressure / fluxes['outlet']:.5g} Pa·s/µl for {np.ptp(z):.4g} mm")

@@ -1,9 +1,10 @@
-"""Meshes lumen and tissue of a model together with Gmsh, with a physical group for each patch and region.
+"""Meshes lumen and tissue of a model together (Gmsh), with a group per patch and region.
 
 Usage: gmsh_mesh.py DIR [--out DIR] [--size MM] [--formats]
 
-Reads regions.ascii.stl: Gmsh makes one surface of each of its solids and joins their vertices, so that both volumes share the
-inner wall. Writes regions.msh. `--formats` only tries to read every surface file of DIR, and says what arrives.
+Reads regions.ascii.stl. Gmsh makes one surface of each solid in it and joins their vertices, so
+both volumes share the inner wall. Writes regions.msh. `--formats` only tries to read each surface
+file of DIR and prints what Gmsh finds in it.
 """
 
 import glob
@@ -15,14 +16,14 @@ import numpy as np
 
 from bodies import arguments, expect, read, volumes
 
-# The patches around each region.
+# Patches that bound each region.
 REGIONS = {"lumen": ["inner_wall", "inlet", "outlet"],
            "tissue": ["inner_wall", "outer_wall", "cap_isthmus", "cap_ampulla"]}
 TETRAHEDRON = 4
 
 
 def load(path):
-    """Reads a file; returns the number of its vertices, and the tag of each surface by its name."""
+    """Reads a file; returns its number of vertices, and the tag of each surface by name."""
     gmsh.clear()
     gmsh.merge(path)
     surfaces = {gmsh.model.getEntityName(2, tag) or f"surface {tag}": tag for _, tag in gmsh.model.getEntities(2)}
@@ -30,12 +31,12 @@ def load(path):
 
 
 def triangles(tag):
-    """Number of triangles of a surface."""
+    """Returns the number of triangles of a surface."""
     return sum(len(tags) for tags in gmsh.model.mesh.getElements(2, tag)[1])
 
 
 def try_formats(folder):
-    """Prints which surface files Gmsh reads."""
+    """Prints which surface files Gmsh can read."""
     for kind in ("ascii.stl", "stl", "ply", "obj"):
         for path in sorted(glob.glob(os.path.join(folder, f"*.{kind}"))):
             if kind == "stl" and path.endswith(".ascii.stl"):
@@ -49,7 +50,7 @@ def try_formats(folder):
 
 
 def tetrahedra(volume):
-    """Nodes and tetrahedra of a region: positions, and rows of four indices."""
+    """Returns nodes and tetrahedra of a region: positions, and rows of four indices."""
     tags, places, _ = gmsh.model.mesh.getNodes()
     index = np.zeros(int(tags.max()) + 1, int)
     index[tags] = np.arange(len(tags))

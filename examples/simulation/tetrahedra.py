@@ -1,11 +1,12 @@
-"""Fills the lumen and the tissue of a model with tetrahedra (TetGen), separately and as one mesh of two regions.
+"""Fills the lumen and the tissue of a model with tetrahedra, separately and as one mesh (TetGen).
 
 Usage: tetrahedra.py DIR [--out DIR] [--ratio R]
 
-Reads model.vtp, lumen.vtp and regions.vtp as they are: nothing is repaired, moved or remeshed. Writes lumen.vtu, tissue.vtu
-and regions.vtu: tetrahedra with the cell array `region`, and after them the boundary triangles with the cell array `patch`;
-the number of each name is in the field data.
-`--ratio 1.8` adds points inside the regions until the circumradius of most tetrahedra is at most 1.8 of their shortest edge.
+Reads model.vtp, lumen.vtp and regions.vtp, and does not repair, move or remesh them. Writes
+lumen.vtu, tissue.vtu and regions.vtu: tetrahedra with the cell array `region`, then the boundary
+triangles with the cell array `patch`. The field data has the number of each name. `--ratio 1.8`
+adds points inside the regions until the circumradius of most tetrahedra is at most 1.8 times their
+shortest edge.
 """
 
 import os
@@ -20,11 +21,12 @@ REGIONS = {"lumen": 1, "tissue": 2}
 
 
 def fill(surface, ratio=None, size=None, regions=False):
-    """Tetrahedra inside a surface: nodes, tetrahedra, regions (numbers by TetGen), triangles and their patches.
+    """Fills a surface; returns nodes, tetrahedra, their regions, boundary triangles, their patches.
 
-    The triangles of the surface are kept, and its points are the first nodes. `size` limits the volume of a tetrahedron, mm³.
+    TetGen keeps the triangles of the surface, and its points become the first nodes. Regions have
+    TetGen's numbers. `size` limits the volume of a tetrahedron, mm³.
     """
-    # Marker 0 stands for facets without one.
+    # TetGen reserves marker 0 for facets without a marker.
     mesh = tetgen.TetGen(surface.points, surface.triangles, surface.patch + 1)
     quality = {"quality": False} if ratio is None else {"minratio": ratio, "steinerleft": -1}
     limit = {} if size is None else {"fixedvolume": True, "maxvolume": size}
@@ -33,13 +35,13 @@ def fill(surface, ratio=None, size=None, regions=False):
 
 
 def keys(triangles, patch=0):
-    """Triangles as sorted rows of three nodes and a patch, in order."""
+    """Returns triangles in a canonical order, as rows of three sorted nodes and a patch."""
     rows = np.column_stack([np.sort(triangles, axis=1), np.broadcast_to(patch, len(triangles))])
     return rows[np.lexsort(rows.T[::-1])]
 
 
 def smallest_angles(nodes, cells):
-    """The smallest dihedral angle of each tetrahedron, degrees."""
+    """Returns the smallest dihedral angle of each tetrahedron, degrees."""
     normals = []
     for face in ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)):
         a, b, c = (nodes[cells[:, k]] for k in face)
@@ -50,7 +52,7 @@ def smallest_angles(nodes, cells):
 
 
 def check(name, surface, nodes, cells, triangles, patch):
-    """Checks that a mesh keeps the surface, and prints its numbers."""
+    """Checks that a mesh keeps the surface, prints its sizes, returns the volumes of its cells."""
     size = volumes(nodes, cells)
     angles = smallest_angles(nodes, cells)
     expect(np.array_equal(nodes[:len(surface.points)], surface.points), f"{name}: vertices of the surface were moved")
@@ -64,13 +66,13 @@ def check(name, surface, nodes, cells, triangles, patch):
 
 
 def conserve(name, filled, enclosed):
-    """Compares a volume with that of the surface."""
+    """Checks that a meshed volume equals the volume of the surface."""
     print(f"{name}: volume {filled:.12g} mm³, surface {enclosed:.12g} mm³, relative difference {abs(filled / enclosed - 1):.1e}")
     expect(abs(filled / enclosed - 1) < 1e-9, f"{name}: the volumes differ")
 
 
 def write(path, surface, nodes, cells, region, triangles, patch):
-    """Writes a mesh with its labels: tetrahedra have patch -1, boundary triangles region 0."""
+    """Writes a mesh with both arrays: tetrahedra have patch -1, boundary triangles region 0."""
     labels = {"region": np.concatenate([region, np.zeros(len(triangles), int)]).astype(np.int32),
               "patch": np.concatenate([np.full(len(cells), -1), patch]).astype(np.int32)}
     write_vtu(path, nodes, cells, triangles, cells_data=labels,
@@ -78,7 +80,7 @@ def write(path, surface, nodes, cells, region, triangles, patch):
 
 
 def sides(nodes, cells, region, triangles):
-    """The regions on both sides of each triangle, in ascending order; 0 where there is none."""
+    """Returns the regions on both sides of each triangle, ascending; 0 where there is none."""
     faces = np.sort(np.vstack([cells[:, k] for k in ((1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1))]), axis=1).astype(np.int64)
     code = (faces[:, 0] * len(nodes) + faces[:, 1]) * len(nodes) + faces[:, 2]
     order = np.argsort(code, kind="stable")
@@ -115,7 +117,7 @@ def main():
         write(out(f"{name}.vtu"), surface, nodes, cells, np.full(len(cells), REGIONS[name]), triangles, patch)
         print(f"{name}: {took:.1f} s")
 
-    # Both regions in one mesh: TetGen numbers them, and the patches that they touch name them.
+    # Both regions in one mesh. TetGen numbers them; the patches next to them tell which is which.
     start = time.perf_counter()
     surface = read(options.folder, "regions")
     nodes, cells, found, triangles, patch = fill(surface, options.ratio, regions=True)

@@ -1,10 +1,10 @@
-"""Draws the bodies of a model with VTK, without a screen: the lumen as a cast in the tissue, which is cut open.
+"""Draws the lumen as a cast in the opened tissue of a model, without a screen (VTK).
 
 Usage: view.py DIR [--out DIR] [--stretch F]
 
-Reads model.vtp and lumen.vtp, writes view.png. In ParaView: open both files, colour by `patch`, apply the filter Clip to
-model.vtp with the normal x, and scale z in the properties of both (Transforming, Scale). `--stretch 0.1` draws a long tube
-ten times shorter.
+Reads model.vtp and lumen.vtp, writes view.png. `--stretch 0.1` draws a long tube at a tenth of its
+length. For the same picture in ParaView, open both files, colour by `patch`, apply the filter Clip
+to model.vtp with the normal x, and scale z in the properties of both (Transforming, Scale).
 """
 
 import os
@@ -17,7 +17,7 @@ TISSUE, LUMEN, INLET, OUTLET = (0.87, 0.58, 0.55), (0.95, 0.83, 0.55), (0.25, 0.
 
 
 def table(colours):
-    """A colour for each patch."""
+    """Returns a lookup table with one colour per patch."""
     found = vtk.vtkLookupTable()
     found.SetNumberOfTableValues(len(colours))
     found.SetTableRange(0, len(colours) - 1)
@@ -27,7 +27,7 @@ def table(colours):
 
 
 def actor(source, colours, stretch):
-    """A surface with a colour for each patch."""
+    """Returns an actor that shows a surface with one colour per patch."""
     normals = vtk.vtkPolyDataNormals()
     normals.SetInputConnection(source)
     normals.SetFeatureAngle(60)

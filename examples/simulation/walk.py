@@ -1,10 +1,12 @@
-"""Lets sperm-like walkers swim in the lumen of a model: persistent random walks that slide along its wall (VTK).
+"""Simulates sperm-like walkers in the lumen of a model: persistent random walks along walls (VTK).
 
-Usage: walk.py DIR [--out DIR] [--seed N] [--walkers N] [--steps N] [--speed MM_S] [--persistence S] [--drift MM_S]
+Usage: walk.py DIR [--out DIR] [--seed N] [--walkers N] [--steps N] [--speed MM_S]
+               [--persistence S] [--drift MM_S]
 
-Walkers start near the isthmus and swim at a constant speed in directions that change at random; the ends of the lumen are
-closed. A positive drift carries them towards the ampulla along centreline.vtp. At every step the signed distance of every
-walker from the surface is computed: the program fails if one has left the lumen. Writes walk.csv and walk.png.
+Walkers start near the isthmus and swim at a constant speed in randomly changing directions. They
+slide along the wall; the ends of the lumen are closed. A positive drift carries them towards the
+ampulla along centreline.vtp. The signed distance of every walker from the surface is computed at
+every step, and the program fails if a walker has left the lumen. Writes walk.csv and walk.png.
 """
 
 import os
@@ -21,12 +23,13 @@ from bodies import arguments, expect, read, read_polydata
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 
-# Time of a step, s; a walker's centre stays this far from the wall, mm; share of the length in which walkers start.
+# Time step, s; minimum distance of a walker's centre from the wall, mm; fraction of the length
+# in which walkers start.
 STEP, CLEARANCE, START = 0.04, 0.001, 0.1
 
 
 def polydata(points, triangles):
-    """Triangles as VTK's object."""
+    """Converts triangles to a VTK object."""
     data, places, cells = vtk.vtkPolyData(), vtk.vtkPoints(), vtk.vtkCellArray()
     places.SetData(numpy_to_vtk(points, deep=True))
     cells.SetData(3, numpy_to_vtkIdTypeArray(triangles.astype(np.int64).ravel(), deep=True))
@@ -36,7 +39,7 @@ def polydata(points, triangles):
 
 
 class Wall:
-    """Questions to a closed surface."""
+    """Answers geometric queries about a closed surface."""
 
     def __init__(self, points, triangles):
         self.data = polydata(points, triangles)
@@ -47,24 +50,24 @@ class Wall:
         self.lines.BuildLocator()
 
     def depth(self, points):
-        """How deep points lie inside, mm; negative outside."""
+        """Returns the depth of points inside the surface, mm; negative outside."""
         values = vtk.vtkDoubleArray()
         self.distance.FunctionValue(numpy_to_vtk(np.ascontiguousarray(points), deep=True), values)
         return -vtk_to_numpy(values).copy()
 
     def nearest(self, point):
-        """The nearest point of the surface."""
+        """Returns the nearest point of the surface."""
         found = [0.0, 0.0, 0.0]
         self.distance.EvaluateFunctionAndGetClosestPoint(point, found)
         return np.array(found)
 
     def between(self, one, other):
-        """Whether the surface lies between two points."""
+        """Returns whether the line between two points intersects the surface."""
         at, place, local, part = vtk.reference(0.0), [0.0] * 3, [0.0] * 3, vtk.reference(0)
         return self.lines.IntersectWithLine(one, other, 0.0, at, place, local, part) != 0
 
     def sample(self, random, count, low, high):
-        """Points inside, uniformly distributed in the part between two heights."""
+        """Draws points inside the surface, uniformly distributed between two heights."""
         x0, x1, y0, y1, _, _ = self.data.GetBounds()
         found = np.empty((0, 3))
         while len(found) < count:
@@ -74,7 +77,7 @@ class Wall:
 
 
 class Centreline:
-    """The centreline of a model."""
+    """The centre line of a model."""
 
     def __init__(self, folder):
         data, _ = read_polydata(os.path.join(folder, "centreline.vtp"))
@@ -86,28 +89,28 @@ class Centreline:
         self.tree = cKDTree(points)
 
     def at(self, places):
-        """Tangent of the centreline near places, and the length along it, mm."""
+        """Returns tangents of the centre line near points, and their lengths along it, mm."""
         near = self.tree.query(places)[1]
         tangents = self.tangents[near]
         return tangents, self.length[near] + np.einsum("ij,ij->i", places - self.points[near], tangents)
 
 
 def directions(random, count):
-    """Random unit vectors."""
+    """Draws random unit vectors."""
     drawn = random.normal(size=(count, 3))
     return drawn / np.linalg.norm(drawn, axis=1, keepdims=True)
 
 
 def step(wall, random, places, depths, heading, options, drift):
-    """Moves all walkers; returns their places and depths, and changes their headings."""
-    # Directions forget themselves as exp(-t / persistence).
+    """Moves all walkers and changes their headings; returns places, depths and refused moves."""
+    # The correlation of directions decays as exp(-t / persistence).
     heading += np.sqrt(STEP / options.persistence) * random.normal(size=heading.shape)
     heading /= np.linalg.norm(heading, axis=1, keepdims=True)
     moved = places + STEP * (options.speed * heading + drift)
     reached = wall.depth(moved)
     touched = np.flatnonzero(reached < CLEARANCE)
     for i in touched:
-        # Back to the clearance along the normal; what remains of the heading is along the wall.
+        # Moves back to the clearance along the normal, and keeps the heading along the wall.
         foot = wall.nearest(moved[i])
         normal = (moved[i] - foot) * np.sign(reached[i])
         normal /= max(np.linalg.norm(normal), 1e-12)
@@ -116,7 +119,8 @@ def step(wall, random, places, depths, heading, options, drift):
     if len(touched):
         heading[touched] /= np.maximum(np.linalg.norm(heading[touched], axis=1, keepdims=True), 1e-12)
         reached[touched] = wall.depth(moved[touched])
-    # A move shorter than the distance to the wall cannot cross it; others are tested. Walkers that cannot move turn round.
+    # A move shorter than the distance to the wall cannot cross it; other moves are tested. A walker
+    # whose move is refused stays and takes a new direction.
     far = np.linalg.norm(moved - places, axis=1) >= depths
     stuck = [i for i in np.flatnonzero(far | (reached < 0.1 * CLEARANCE))
              if reached[i] < 0.1 * CLEARANCE or wall.between(places[i], moved[i])]
@@ -125,7 +129,7 @@ def step(wall, random, places, depths, heading, options, drift):
 
 
 def outline(wall, height):
-    """The lines in which a plane z = height cuts the surface: (n, 2, 2)."""
+    """Returns the lines in which the plane z = height cuts the surface: (n, 2, 2)."""
     plane = vtk.vtkPlane()
     plane.SetOrigin(0, 0, height)
     plane.SetNormal(0, 0, 1)
@@ -139,7 +143,7 @@ def outline(wall, height):
 
 
 def draw(path, wall, tracks, distances, uniform):
-    """Draws the walkers in a slice with tracks near it, tracks along the tube, and distances from the wall."""
+    """Draws walkers in a slice, tracks along the tube, and distances from the wall."""
     figure, axes = plt.subplots(1, 3, figsize=(15, 5), layout="constrained", width_ratios=[1, 1.3, 1])
     low, high = wall.data.GetBounds()[4:]
     height = np.median(tracks[-1, :, 2])
