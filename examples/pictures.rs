@@ -1,7 +1,7 @@
-//! Draws the pictures of the README: `cargo run --release --example pictures -- SEED OUT_DIR [PATCH]`.
+//! Draws the pictures of the README: `cargo run --release --example pictures -- SEED OUT [PATCH]`.
 //!
-//! Grows the `pig` model of a seed, changed by the JSON patch if there is one. Writes `sections.png`,
-//! the sections at [`STEPS`], and `model.png`.
+//! Grows the `pig` model of a seed, changed by a JSON patch if there is one. Writes `sections.png`,
+//! the sections at `STEPS`, and `model.png` to the folder OUT.
 
 use oviduct::mesh::Lofter;
 use oviduct::model::Section;

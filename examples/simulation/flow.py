@@ -52,7 +52,7 @@ class Flow:
         return found
 
     def normals(self, end):
-        """Integrates test functions times the outward normal over an end; a column per component."""
+        """Integrates test functions times the outward normal over an end; one column per axis."""
         return np.column_stack([LinearForm(lambda v, w, i=i: w.n[i] * v).assemble(self.ends[end]) for i in range(3)])
 
     def solve(self):
@@ -132,7 +132,7 @@ class Flow:
         return places, velocity, pressure
 
     def flux_through(self, at):
-        """Returns the area of the cut at height z, and the volume that passes it per unit of time."""
+        """Returns the area of the cut at height z, and the volume that passes per unit of time."""
         shares, cells = self.cut(2, at)
         # The rule of edge midpoints is exact for a quadratic velocity.
         places, velocity, _ = self.values((shares + np.roll(shares, 1, axis=1)) / 2, cells)
