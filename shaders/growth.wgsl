@@ -1,17 +1,19 @@
-// Growth: edges are split at their midpoint, both halves with half the rest length; counterpart of src/sim/cpu/growth.rs.
+// Growth: splits edges at their midpoint and gives both halves half of the rest length. Counterpart
+// of crates/sim/src/sim/cpu/growth.rs.
 //
-// `growth` holds the tournaments (one winner per run of edges), counts the winners before each run, and grows the outer
-// loop; all threads take part in each. `split` copies every particle to its new index in the other copy, followed by the
-// new one, and evaluates the thickness field. The indices follow from counts, without atomics, so that they do not depend
-// on the order of threads.
+// `growth` runs the tournaments, one per run of edges, counts the winners before each run, and
+// grows the outer loop. `split` then copies every particle to its new index in the other copy,
+// followed by the new particle if its edge is split, and evaluates the thickness field. New indices
+// follow from the counts, without atomics, so they do not depend on the order of threads.
 
-// A split is postponed if the clearance is below this many times the guard's least clearance.
+// A split is deferred if the clearance is below this multiple of the guard's clearance.
 const ROOM: f32 = 40.0;
-// Particles over which the curvature of a fold tip is measured.
+// Particles on either side over which the curvature of a fold tip is measured.
 const SPAN: u32 = 3u;
 
+// Prefix sums over the threads, see count_up.
 var<workgroup> winners: array<u32, LOOP_THREADS>;
-// The longest edge of the outer loop that each thread has found in its run.
+// Length and index of the longest edge that each thread has found in its run of the outer loop.
 var<workgroup> longest: array<f32, LOOP_THREADS>;
 var<workgroup> longest_edge: array<u32, LOOP_THREADS>;
 
@@ -26,7 +28,8 @@ fn has_room(member: u32, n: u32, edge: u32) -> bool {
     return free && length(point(member, n, next) - point(member, n, edge)) >= least;
 }
 
-// Length in units of the rest length, plus the weighted sharpness of the fold tip at the edge.
+// Score of an edge in a tournament: its length over `edge`, plus the weighted sharpness of
+// the fold tip. The loop turns right around the tip of a fold.
 fn score(member: u32, n: u32, row: u32, edge: u32) -> f32 {
     let a = point(member, n, edge);
     let b = point(member, n, edge + 1u);
@@ -39,7 +42,7 @@ fn score(member: u32, n: u32, row: u32, edge: u32) -> f32 {
     return length(b - a) / rows[row].edge + rows[row].tip_weight * tip;
 }
 
-// The edge of run `run` that is to be split, or NONE.
+// Returns the edge of a run that wins its tournament, or NONE if no candidate has room.
 fn tournament(member: u32, n: u32, row: u32, total: u32, runs: u32, run: u32) -> u32 {
     let first = first_of(member, n, row, share(total, runs, run));
     let end = select(n, first_of(member, n, row, share(total, runs, run + 1u)), run + 1u < runs);
@@ -61,12 +64,12 @@ fn tournament(member: u32, n: u32, row: u32, total: u32, runs: u32, run: u32) ->
     return best;
 }
 
-// run * total / runs, rounded down, where the product may be too large.
+// run * total / runs, rounded down; the product itself may overflow.
 fn share(total: u32, runs: u32, run: u32) -> u32 {
     return run * (total / runs) + run * (total % runs) / runs;
 }
 
-// Weight of the edges before edge i.
+// Sum of the weights of the edges before edge i.
 fn lighter(member: u32, row: u32, i: u32) -> u32 {
     if varies(row) {
         return scalars[slot(member, LIGHTER, i)];
@@ -74,7 +77,7 @@ fn lighter(member: u32, row: u32, i: u32) -> u32 {
     return i;
 }
 
-// The first edge before which there is this much weight, or n.
+// Returns the first edge whose preceding edges have at least this weight together, or n.
 fn first_of(member: u32, n: u32, row: u32, weight: u32) -> u32 {
     if !varies(row) {
         return weight;
@@ -92,7 +95,7 @@ fn first_of(member: u32, n: u32, row: u32, weight: u32) -> u32 {
     return low;
 }
 
-// Stores the weight before each edge; returns that of all.
+// Stores the weight before each edge; returns the total weight.
 fn weigh(member: u32, n: u32, row: u32, thread: u32) -> u32 {
     let stretch = (n + LOOP_THREADS - 1u) / LOOP_THREADS;
     let first = min(thread * stretch, n);
@@ -123,7 +126,7 @@ fn growth(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
 
     let total = weigh(member, n, row, thread);
     workgroupBarrier();
-    // Each thread takes consecutive runs, so that winners can be counted in order.
+    // Each thread has consecutive runs, so that winners can be counted in order.
     let stretch = (runs + LOOP_THREADS - 1u) / LOOP_THREADS;
     let first = min(thread * stretch, runs);
     let end = min(first + stretch, runs);
@@ -180,7 +183,7 @@ fn old_wall(member: u32, field: u32, i: u32) -> f32 {
     return bitcast<f32>(wall[wall_slot(member, WALL_OLD + field, i)]);
 }
 
-// Length of edge i of the outer loop before it grows.
+// Length of edge i of the outer loop before growth.
 fn wall_edge(member: u32, n: u32, i: u32) -> f32 {
     let j = (i + 1u) % n;
     let x = bitcast<f32>(wall[wall_slot(member, WALL_X, j)]) - bitcast<f32>(wall[wall_slot(member, WALL_X, i)]);
@@ -188,7 +191,7 @@ fn wall_edge(member: u32, n: u32, i: u32) -> f32 {
     return sqrt(x * x + y * y);
 }
 
-// Sum of `won` over the threads up to this one.
+// Inclusive prefix sum of `won` over the threads.
 fn count_up(thread: u32, won: u32) -> u32 {
     var sum = won;
     winners[thread] = sum;
@@ -203,7 +206,7 @@ fn count_up(thread: u32, won: u32) -> u32 {
     return sum;
 }
 
-// The last of `runs` runs that begins at or before `i` of `total`, with the bounds that divide the loop.
+// Returns the run, of `runs`, that contains `i` of `total`. The bounds are those of `share`.
 fn run_of(total: u32, runs: u32, i: u32) -> u32 {
     var low = 0u;
     var high = runs - 1u;
@@ -218,10 +221,11 @@ fn run_of(total: u32, runs: u32, i: u32) -> u32 {
     return low;
 }
 
-// Finds the longest edge of each run of the outer loop, the first of equals. Stores it in the field of the wall's pulls,
-// which are recomputed in each step.
+// Finds the longest edge of each run of the outer loop, the first one of equals. Stores it in the
+// field of the wall's pulls, which every step overwrites before it reads them.
 fn find_longest(member: u32, n: u32, runs: u32, thread: u32) {
-    // The threads are divided among the runs; with more runs than threads, each thread has several runs.
+    // Several threads search one run; if there are more runs than threads, one thread searches
+    // several.
     let share = max(LOOP_THREADS / max(runs, 1u), 1u);
     let lane = thread % share;
     var edge = NONE;
@@ -260,7 +264,8 @@ fn find_longest(member: u32, n: u32, runs: u32, thread: u32) {
     }
 }
 
-// Copies particle i of the outer loop to its new index, followed by the new one if its edge is split.
+// Copies particle i of the outer loop to its new index, followed by the new particle if its edge is
+// split.
 fn split_wall(member: u32, n: u32, runs: u32, i: u32) {
     let run = run_of(n, runs, i);
     let edge = wall[wall_slot(member, WALL_PULL_X, run)];
@@ -269,7 +274,7 @@ fn split_wall(member: u32, n: u32, runs: u32, i: u32) {
         wall[wall_slot(member, field, to)] = wall[wall_slot(member, WALL_OLD + field, i)];
     }
     if i == edge {
-        // The last run comes first, as on the CPU.
+        // New ids count down from the last run, as on the CPU.
         wall[wall_slot(member, WALL_ID, to + 1u)] = n + runs - 1u - run;
         for (var field = 1u; field < 5u; field++) {
             let middle = 0.5 * (old_wall(member, field, i) + old_wall(member, field, (i + 1u) % n));
@@ -332,7 +337,7 @@ fn split(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     atomicMax(&states[member].widest, bitcast<u32>(widest));
 }
 
-// Direction in which the particle with this id is contorted: -1, 1, or 0 for most.
+// Contortion sign of the particle with this id: -1, 1, or 0 for most particles.
 fn contortion_sign(member: u32, id: u32) -> f32 {
     let seed = vec2<u32>(members[member].seed_low, members[member].seed_high);
     let w = random_words(seed, STREAM_CONTORTION, id, 0u);

@@ -1,39 +1,46 @@
-// Time integration (paper, section 3) and the guard that prevents walls from crossing: counterpart of
-// src/sim/cpu/integrate.rs.
+// Time integration (paper, section 3), and the guard that keeps walls from crossing. Counterpart of
+// crates/sim/src/sim/cpu/integrate.rs.
 //
-// A dispatch is one evaluation of all forces; the first of a step rebuilds neighbour lists that are no longer valid.
-// A workgroup computes a block of 16 particles with 8 threads per particle, which sum the forces of segments (gather.wgsl). Then threads of
-// different subgroups compute the local forces and the sway, and one thread per particle adds everything and moves the particle to the
-// next stage, in a buffer that this dispatch does not read.
+// A dispatch is one evaluation of all forces. The first evaluation of a step rebuilds stale
+// neighbour lists. A workgroup computes a block of 16 particles: 8 threads per particle sum the
+// forces of segments (gather.wgsl), threads of other subgroups then compute the local forces and
+// the sway, and one thread per particle adds everything up. It moves the particle to the next
+// stage, in a buffer that this dispatch does not read.
 //
-// How many workgroups a multiprocessor holds depends on their shared memory, so arrays serve more than one purpose. An evaluation of few
-// workgroups takes as long as its longest chain of reads that wait for each other: the state of the member; the list, the rows and the
-// chain; the listed segments; velocities and fields. WebGPU bounds every loop by a counter of 64 bits, so short loops are written out.
+// Two costs decide the layout. Shared memory limits the number of workgroups of a multiprocessor,
+// so arrays serve more than one purpose. With few workgroups, an evaluation takes as long as its
+// longest chain of dependent reads: state of the member; list, rows and chain; listed segments;
+// velocities and fields. WebGPU bounds every loop by a 64-bit counter, so short loops are unrolled
+// by hand.
 //
-// The step of the outer loop runs in the dispatch of the first evaluation of the next step, in a workgroup of its own: no
-// stage of the inner loop reads the wall, and the first evaluation changes nothing that the wall reads (`reach`, rows,
-// tables, whether the member runs). Before a growth event or a record it runs alone, by the same pipeline, so that its
-// bits do not depend on how a driver compiles it twice.
+// A step of the outer loop runs in a separate workgroup, in the first dispatch of the next step.
+// This is safe because no stage of the inner loop reads the wall, and the first evaluation changes
+// nothing that the wall reads (`reach`, rows, tables, whether the member runs). Before a growth
+// event or a record the step runs alone, in the same pipeline, because a second compilation may
+// round differently.
 
-// Index of the evaluation within the step: 0 to 3; Euler has the first only.
+// Index of the evaluation within the step: 0 to 3. Euler has only evaluation 0.
 override EVALUATION: u32 = 0u;
 override EULER: bool = false;
 
-// Fraction of the free distance by which one side may move.
+// Fraction of the distance between two walls that one side may use in a step.
 const SHARE: f32 = 0.45;
-// Least and greatest limit of a move, µm.
+// Minimum and maximum of the limit of a move, µm.
 const LEAST_MOVE: f32 = 1e-5;
 const GREATEST_MOVE: f32 = 5.0;
-// Parts of an evaluation that threads of different subgroups compute are this many slices apart.
+// Distance, in slices, between the threads that compute different parts of an evaluation. It puts
+// the parts into different subgroups.
 const APART: u32 = SLICES / 4u;
 
-// Bits of the greatest squared displacement of a particle since the lists were built, and since the step began.
+// Bits of the maximum squared displacement of a particle, since the lists were built and since the
+// step began.
 var<workgroup> far: atomic<u32>;
 var<workgroup> strayed: atomic<u32>;
-// Bits of the greatest squared elliptic radius, or gauge if the region is not the ellipse; how many moves were shortened.
+// Bits of the maximum squared elliptic radius, or of the maximum gauge in other outlines; number of
+// moves that the guard shortened.
 var<workgroup> wide: atomic<u32>;
 var<workgroup> shortened: atomic<u32>;
-// Where each particle is at the end of the step; sums of the outer loop.
+// Positions at the end of the step; partial sums of the outer loop.
 var<workgroup> spots: array<vec2<f32>, LANES>;
 
 // Positions of this evaluation.
@@ -66,7 +73,8 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     let part = thread % LANES;
     let i = block * LANES + part;
     gather(member, n, row, block, thread);
-    // What does not depend on these sums, by a part of one subgroup each; then one thread per particle.
+    // Parts that do not depend on these sums, each in its own subgroup; then one thread per
+    // particle.
     var own: Own;
     if i < n {
         if thread < LANES {
@@ -76,7 +84,8 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
             quads[part].inverses.x = force.x;
             quads[part].inverses.y = force.y;
         } else if team == 2u * APART {
-            // A condition of its own, or the subgroup with the local forces reads the row first.
+            // A nested condition: otherwise the subgroup of the local forces would read the row
+            // first.
             if rows[row].sway != 0.0 {
                 if EVALUATION == 0u {
                     set_vector(member, SWAY, i, sway(member, now.row, position(member, i)));
@@ -86,7 +95,8 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
                 quads[part].inverses.w = force.y;
             }
         } else if EVALUATION == 0u && team == 3u * APART {
-            // Clears the entry of segment i for the next step; that of the previous step is not read any more.
+            // Clears the entry of segment i for the next step, which reuses that of the previous
+            // step.
             atomicStore(&near[near_slot(member, now.row + 1u, i)], 0u);
         }
     }
@@ -96,7 +106,7 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
             advance(member, own, i, thread);
         }
     } else if EVALUATION == 0u && team == APART && i < n {
-        // The clearance of the vertex; those of its segments need all workgroups.
+        // The clearance of the vertex only: that of its segments needs all workgroups.
         store(member, CLEARANCE, i, nearest(part));
     }
     workgroupBarrier();
@@ -105,7 +115,7 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
         workgroupBarrier();
     }
     if thread == 0u && block == 0u && n > 0u {
-        // The slot of the previous evaluation is not read any more.
+        // Clears the slot of the previous evaluation, which nothing reads after this dispatch.
         if !EULER {
             atomicStore(&states[member].moved[(EVALUATION + 3u) % 4u], 0u);
         } else {
@@ -121,7 +131,7 @@ fn integrate(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_
     }
 }
 
-// Second half of an Euler step: its guard needs the clearances from all workgroups of `integrate`.
+// Second half of an Euler step. Its guard needs the clearances from all workgroups of `integrate`.
 @compute @workgroup_size(BLOCK_THREADS)
 fn guard(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) thread: u32) {
     let member = group.y;
@@ -151,7 +161,7 @@ fn guard(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_inde
     }
 }
 
-// Forces on particle i from its neighbours in the chain and from the region.
+// Forces on particle i from its neighbours in the loop and from the region.
 fn local_forces(member: u32, n: u32, row: u32, i: u32, part: u32) -> vec2<f32> {
     let before = select(i - 1u, n - 1u, i == 0u);
     let after = select(i + 1u, 0u, i + 1u == n);
@@ -169,9 +179,9 @@ fn local_forces(member: u32, n: u32, row: u32, i: u32, part: u32) -> vec2<f32> {
     return local_force(member, row, modifier, p0, p1, p2, v1, normal_of(p0, p2), pull, direction, sign);
 }
 
-// What the last part of an evaluation needs of a particle, read while others still gather.
+// Inputs of the last part of an evaluation for one particle, read while other threads still gather.
 struct Own {
-    // At the start of the step, and the velocity of this evaluation.
+    // Position and velocity at the start of the step; `here` is the velocity of this evaluation.
     position: vec2<f32>,
     velocity: vec2<f32>,
     here: vec2<f32>,
@@ -179,10 +189,10 @@ struct Own {
     first: vec2<f32>,
     middle: vec2<f32>,
     built: vec2<f32>,
-    // The rest length after this step.
+    // Rest length after this step.
     rest: f32,
     clearance: f32,
-    // Clearance that the model is to keep, and the squash of the step that begins.
+    // The guard's clearance, and the squash of the next step.
     kept: f32,
     squash: f32,
     is_shaped: bool,
@@ -224,13 +234,13 @@ fn own_of(member: u32, n: u32, i: u32) -> Own {
     return own;
 }
 
-// A displacement, shortened to `limit` if it is longer.
+// Shortens a displacement to `limit` if it is longer.
 fn within(displacement: vec2<f32>, limit: f32) -> vec2<f32> {
     let distance = sqrt(displacement.x * displacement.x + displacement.y * displacement.y);
     return select(1.0, limit / distance, distance > limit) * displacement;
 }
 
-// Moves particle i to the next stage, at most as far as it can move in a step.
+// Moves particle i to the next stage, by at most the maximum move of a step.
 fn advance(member: u32, own: Own, i: u32, thread: u32) {
     var a = reduced(thread) + quads[thread].inverses.xy;
     if own.sways {
@@ -268,7 +278,7 @@ fn advance(member: u32, own: Own, i: u32, thread: u32) {
     atomicMax(&far, bitcast<u32>(d.x * d.x + d.y * d.y));
 }
 
-// Combines the clearances of vertex and segments at the first evaluation into that of particle i.
+// Combines the clearances of the vertex and of its two segments at the first evaluation.
 fn clearance(member: u32, n: u32, i: u32) -> f32 {
     let before = select(i - 1u, n - 1u, i == 0u);
     let one = atomicLoad(&near[near_slot(member, now.row, before)]);
@@ -277,7 +287,7 @@ fn clearance(member: u32, n: u32, i: u32) -> f32 {
     return 1.0 / max(greatest, 1.0 / CLEARANCE_CAP);
 }
 
-// Moves particle i by `sum`, shortened as its clearance requires.
+// Ends the step of particle i: moves it by `sum`, shortened as its clearance requires.
 fn conclude(member: u32, own: Own, free: f32, i: u32, thread: u32, sum: vec2<f32>, velocity: vec2<f32>) {
     let room = SHARE * (free - own.kept);
     let limit = clamp(room, LEAST_MOVE, GREATEST_MOVE);
@@ -294,7 +304,7 @@ fn conclude(member: u32, own: Own, free: f32, i: u32, thread: u32, sum: vec2<f32
     let d = p - own.built;
     atomicMax(&far, bitcast<u32>(d.x * d.x + d.y * d.y));
     if !own.is_shaped {
-        // The wall uses the squash of the step that begins.
+        // The wall uses the squash of the next step.
         let flat_y = p.y / own.squash;
         atomicMax(&wide, bitcast<u32>(p.x * p.x + flat_y * flat_y));
     }
@@ -304,8 +314,9 @@ fn conclude(member: u32, own: Own, free: f32, i: u32, thread: u32, sum: vec2<f32
     spots[thread] = p;
 }
 
-// How far edges of the block reach at the end of a step, if the region is not the ellipse: they may leave one that is not convex, so
-// that particles alone do not tell. `step_outer` measures the edges from block to block.
+// Measures the maximum gauge of the block's edges at the end of a step, for outlines other than the
+// ellipse: an edge may leave a region that is not convex although its ends lie inside. `step_outer`
+// measures the edges between blocks.
 fn measure_edges(member: u32, n: u32, block: u32, thread: u32) {
     let part = thread % LANES;
     if thread / LANES != 3u * APART || part + 1u == LANES || block * LANES + part + 1u >= n || !is_shaped(member) {
@@ -324,7 +335,7 @@ fn clear_summary() {
     atomicStore(&shortened, 0u);
 }
 
-// Writes the maxima and the extent of a block with threads of different subgroups.
+// Writes the maxima and the bounds of a block, with threads of different subgroups.
 fn summarize(member: u32, n: u32, block: u32, thread: u32) {
     let last = EULER || EVALUATION == 3u;
     if thread == 0u {

@@ -1,7 +1,9 @@
-// Recording: packs the state of each member into a contiguous part of the record, which is copied to a staging buffer.
+// Recording: packs the state of each member into a contiguous part of the record, which the host
+// copies to a staging buffer.
 //
-// For each member: a header, then the fields of its inner particles (id, x, y, velocity, rest length, anchor, sign, scale,
-// clearance), each `extent` words long, then those of its outer particles, each `outer_extent` words long.
+// The part of a member has a header, then the fields of its inner particles (id, x, y, velocity,
+// rest length, anchor, sign, scale, clearance), each `extent` words long, then the fields of its
+// outer particles, each `outer_extent` words long.
 
 fn keep_vector(at: u32, value: vec2<f32>) {
     record_out[at] = bitcast<u32>(value.x);

@@ -1,32 +1,36 @@
-// The sums of the forces of segments on the particles of a block, and the clearances: the loop over pairs of src/sim/cpu/pairs.rs.
+// Sums the forces of segments on the particles of a block, and finds their clearances. Counterpart
+// of the loop over pairs in crates/sim/src/sim/cpu/pairs.rs.
 //
-// A particle has one thread for each slice: segment j is in slice j mod 8. The segments on the block's list are copied to shared memory,
-// 16 of each slice at a time; each thread visits those of its slice, ascending, after those of the block itself. So sums depend
-// neither on the list nor on when it was built. A block whose list is invalid, or was too long, visits all segments, with the same sums.
+// A particle has one thread per slice; segment j is in slice j mod 8. The segments on the list of
+// the block are copied to shared memory, 16 of each slice at a time. Each thread first visits the
+// segments of the block itself, then those of its slice, in ascending order. The sums therefore
+// depend neither on the list nor on the step in which it was built. A block whose list is invalid
+// or was too long visits all segments, with the same sums.
 
-// Coordinate of segments that fill the rest of a slice, µm: beyond all ranges, so that they add zeros.
+// Coordinate of the segments that pad a slice, µm. They lie beyond all ranges, so they add zeros.
 const DISTANT: f32 = 1e15;
 
-// SegmentQuad segments, and the inverses of their squared lengths.
+// Four segments, and the inverses of their squared lengths.
 struct SegmentQuad {
     lines: array<vec4<f32>, 4>,
     inverses: vec4<f32>,
 }
 
-// Positions of the particle before the block, its own, and the one after it.
+// Positions of the particle before the block, of the block, and of the particle after it.
 var<workgroup> chain: array<vec2<f32>, LANES + 2>;
-// Segments of each slice, 16 at a time. Then `lines` hold what each thread has summed, `inverses` the local force and the sway of
-// each particle.
+// Segments of each slice, 16 at a time. Later, `lines` hold the sums of each thread, `inverses` the
+// local force and the sway of each particle.
 var<workgroup> quads: array<SegmentQuad, BLOCK_THREADS / 4>;
-// Whether a particle moved too far for the list of its block.
+// 1 if a particle of the block moved too far for its list.
 var<workgroup> astray: atomic<u32>;
 
-// Index of the greatest 1/d of a segment: rows alternate, so that one is cleared while the other is used.
+// Index of the maximum 1/d of a segment. Even and odd rows have separate entries, so that one is
+// cleared while the other is used.
 fn near_slot(member: u32, row: u32, i: u32) -> u32 {
     return (2u * member + row % 2u) * batch.capacity + i;
 }
 
-// Stores the line of a thread: a segment, or what it has summed.
+// Stores the line of a thread: a segment, or its sums.
 fn put_line(thread: u32, line: vec4<f32>) {
     quads[thread / 4u].lines[thread % 4u] = line;
 }
@@ -35,14 +39,14 @@ fn line_of(thread: u32) -> vec4<f32> {
     return quads[thread / 4u].lines[thread % 4u];
 }
 
-// The sum of the slices of a particle.
+// Force on a particle: the sum over its slices.
 fn reduced(part: u32) -> vec2<f32> {
     let lower = line_of(part).xy + line_of(part + LANES).xy + line_of(part + 2u * LANES).xy + line_of(part + 3u * LANES).xy;
     return lower + line_of(part + 4u * LANES).xy + line_of(part + 5u * LANES).xy + line_of(part + 6u * LANES).xy
         + line_of(part + 7u * LANES).xy;
 }
 
-// The greatest 1/d of a particle.
+// Maximum 1/d of a particle over its slices.
 fn nearest(part: u32) -> f32 {
     var greatest = 0.0;
     for (var s = 0u; s < SLICES; s += 2u) {
@@ -51,13 +55,13 @@ fn nearest(part: u32) -> f32 {
     return greatest;
 }
 
-// Both ends of segment j at this evaluation, of any segment if there is none of this number.
+// Both ends of segment j at this evaluation; of the last segment if there is no segment j.
 fn ends_of(member: u32, n: u32, j: u32) -> vec4<f32> {
     let begin = min(j, n - 1u);
     return vec4<f32>(source(member, begin), source(member, select(begin + 1u, 0u, begin + 1u == n)));
 }
 
-// Sums the forces of a slice on a particle; at the first evaluation also the clearance.
+// Sums the forces of a slice on a particle. The first evaluation also finds the clearance.
 fn gather(member: u32, n: u32, row: u32, block: u32, thread: u32) {
     let first = block * LANES;
     if first >= n {
@@ -66,8 +70,8 @@ fn gather(member: u32, n: u32, row: u32, block: u32, thread: u32) {
     let slice = thread / LANES;
     let part = thread % LANES;
     let i = first + part;
-    // All of these are read before any is used, so that none waits for another: the place of a link of the chain, from the particle
-    // before the block to the one after it; the number of listed segments, and two of them, whether there are so many or not.
+    // All of the following are read before any is used, so that no read waits for another. Two
+    // listed segments are read whether the list has so many or not.
     let along = first + min(thread, LANES + 1u);
     let place = select(along - 1u, n - 1u, along == 0u);
     let link = source(member, select(place, place - n, place >= n));
@@ -75,7 +79,7 @@ fn gather(member: u32, n: u32, row: u32, block: u32, thread: u32) {
     var listed = lists[list + part];
     var upcoming = lists[list + LANES + part];
     var count = scalars[slot(member, COUNT, first + slice)];
-    // Of the slice with the most segments.
+    // Segments of the slice that has the most.
     var most = scalars[slot(member, COUNT, first + SLICES)];
     var terms = pair_terms(row, load(member, current(SCALE), min(i, n - 1u)));
     let motion = motion_of(member);
@@ -113,9 +117,9 @@ fn gather(member: u32, n: u32, row: u32, block: u32, thread: u32) {
     if thread < LANES + 2u {
         chain[thread] = link;
     }
-    // While the first segments are read, those of the block.
+    // The segments of the block are summed while the first listed segments are read.
     workgroupBarrier();
-    // A lane without a particle is beyond all ranges.
+    // A lane without a particle is placed beyond all ranges.
     terms.p = select(vec2<f32>(-DISTANT), chain[part + 1u], i < n);
     terms.side = -terms.half * normal_of(chain[part], chain[part + 2u]);
     var sum = own_segments(member, n, terms, first, slice, part);
@@ -132,7 +136,7 @@ fn gather(member: u32, n: u32, row: u32, block: u32, thread: u32) {
             ends = ends_of(member, n, j);
             upcoming = lists[list + min(begin + 2u * LANES, LIST - LANES) + part];
         }
-        // Those behind the last one add zeros.
+        // Entries beyond the last segment add zeros.
         if begin < count {
             sum = with_quad(member, terms, sum, reader, begin, 0u);
         }
@@ -153,7 +157,7 @@ fn gather(member: u32, n: u32, row: u32, block: u32, thread: u32) {
     }
 }
 
-// Which segments of a slice a block visits: all, or those on its list.
+// The segments of a slice that a block visits: all, or those on its list.
 struct Reader {
     all: bool,
     slice: u32,
@@ -167,7 +171,7 @@ fn segment_number(reader: Reader, k: u32) -> u32 {
     return lists[reader.list + k];
 }
 
-// Force of the segments so far, and the greatest 1/d.
+// Sum of the forces so far, and the maximum 1/d.
 struct PairSum {
     force: vec2<f32>,
     greatest: f32,
@@ -180,20 +184,20 @@ fn added(sum: PairSum, force: vec3<f32>) -> PairSum {
     return PairSum(sum.force + force.xy, max(sum.greatest, force.z));
 }
 
-// Whether the clearance of the ends of a segment depends on a particle this near.
+// Tells whether a particle at distance 1/inverse can decide the clearance of a segment.
 fn is_close(inverse: f32) -> bool {
     return EVALUATION == 0u && inverse > 1.0 / CLEARANCE_CAP;
 }
 
-// Notes 1/d of segment j.
+// Records 1/d of segment j for the clearance of its ends.
 fn note_near(member: u32, j: u32, inverse: f32) {
     if is_close(inverse) {
         atomicMax(&near[near_slot(member, now.row, j)], bitcast<u32>(inverse));
     }
 }
 
-// The sum with the forces of entries k to k + 3 of a slice, number `at` and following in shared memory. The arithmetic of one hides the
-// latency of another.
+// Adds the forces of the segments k to k + 3 of a slice, which are `at` and following in shared
+// memory. Four at a time, the arithmetic of one segment hides the latency of another.
 fn with_quad(member: u32, terms: PairTerms, sum: PairSum, reader: Reader, k: u32, at: u32) -> PairSum {
     let place = (reader.slice * LANES + at) / 4u;
     let inverses = quads[place].inverses;
@@ -201,7 +205,7 @@ fn with_quad(member: u32, terms: PairTerms, sum: PairSum, reader: Reader, k: u32
     let b = pair_force(terms, Segment(quads[place].lines[1], inverses.y));
     let c = pair_force(terms, Segment(quads[place].lines[2], inverses.z));
     let d = pair_force(terms, Segment(quads[place].lines[3], inverses.w));
-    // Seldom is any of them.
+    // Rarely true, so one test covers four segments.
     if is_close(max(max(a.z, b.z), max(c.z, d.z))) {
         note_near(member, segment_number(reader, k), a.z);
         note_near(member, segment_number(reader, k + 1u), b.z);
@@ -211,7 +215,7 @@ fn with_quad(member: u32, terms: PairTerms, sum: PairSum, reader: Reader, k: u32
     return added(added(added(added(sum, a), b), c), d);
 }
 
-// The sum of the segments of the block and of the one before it, other than those that end at the particle.
+// Sums the segments of the block and the one before it, except those that end at the particle.
 fn own_segments(member: u32, n: u32, terms: PairTerms, first: u32, slice: u32, part: u32) -> PairSum {
     var sum = with_own(member, n, terms, PairSum(vec2<f32>(0.0), 0.0), first, slice, part);
     sum = with_own(member, n, terms, sum, first, slice + SLICES, part);
@@ -221,7 +225,8 @@ fn own_segments(member: u32, n: u32, terms: PairTerms, first: u32, slice: u32, p
     return sum;
 }
 
-// Segment k of these ends at particle k of the block. In a loop of one block the first and the last are the same one.
+// Adds segment k of these, which ends at particle k of the block. In a loop of one block the first
+// and the last segment are the same.
 fn with_own(member: u32, n: u32, terms: PairTerms, sum: PairSum, first: u32, k: u32, part: u32) -> PairSum {
     let is_one = n <= LANES;
     if first + k > n || k == part || k == part + 1u || (is_one && (k == 0u || (k == n && part == 0u))) {

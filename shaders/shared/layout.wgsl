@@ -1,26 +1,28 @@
-// Shared by all stages: constants, structures, bindings, and the layout of the fields of a particle. The counterpart of
-// src/sim/gpu/layout.rs and src/sim/layout.rs; tests/shaders.rs compares them.
+// Constants, structures, bindings and the layout of a particle's fields, shared by all stages.
+// Counterpart of crates/sim/src/sim/gpu/layout.rs and crates/sim/src/sim/layout.rs;
+// tests/shaders.rs compares them.
 
 // Particles of a block.
 const LANES: u32 = 16u;
-// Partial sums of a force: segment j is summed in slice j mod SLICES.
+// Partial sums of a force. Segment j is summed in slice j mod SLICES.
 const SLICES: u32 = 8u;
 // Threads of a workgroup that computes a block: one per particle and slice.
 const BLOCK_THREADS: u32 = 128u;
-// Threads of a workgroup that compute one particle each.
+// Threads of a workgroup in which each thread computes one particle.
 const THREADS: u32 = 64u;
 // Threads of a workgroup that grows a whole loop.
 const LOOP_THREADS: u32 = 256u;
-// Segments of a slice that the list of a block can hold; a block that needs more visits all segments.
+// Capacity of a slice of a block's list, in segments. A block that needs more visits all segments.
 const LIST: u32 = 64u;
-// No row, no edge.
+// Stands for no row or no edge.
 const NONE: u32 = 0xFFFFFFFFu;
-// Words of a record before its fields, and how many fields of the inner and the outer loop follow.
+// Words of the header of a record, and numbers of fields of the inner and of the outer loop after
+// it.
 const HEADER: u32 = 8u;
 const RECORDED_INNER: u32 = 11u;
 const RECORDED_OUTER: u32 = 5u;
 
-// Parameters of a step: sim::layout::StepRow.
+// Parameters of a step, documented at sim::layout::StepRow.
 struct StepRow {
     stiffness: f32,
     damping: f32,
@@ -61,29 +63,29 @@ struct StepRow {
     outer_target: u32,
 }
 
-// The same for all members of a batch.
+// Constants of a GPU batch: capacities, and places in the tables.
 struct Batch {
-    // Particles of the inner and of the outer loop for which a member has room.
+    // Capacity of a member for particles of the inner and of the outer loop.
     capacity: u32,
     outer_capacity: u32,
     // Rows per member.
     rows: u32,
-    // Growth events, cosines of the thickness field, and lobes for which the tables of a member have room.
+    // Capacity of a member's tables for growth events, cosines of the thickness field, and lobes.
     events: u32,
     waves: u32,
     lobes: u32,
-    // Words of a member's tables.
+    // Size of a member's tables, words.
     tables: u32,
     // Cosines of the sway.
     flows: u32,
-    // Modes of the variety around the wall, and where they begin in the tables of a member.
+    // Modes of the variety around the wall, and their place in the tables of a member.
     modes: u32,
     around: u32,
-    // Where the directions of outlines begin in them.
+    // Place of the directions of outlines in the tables of a member.
     outline: u32,
 }
 
-// Constants of a member.
+// Constants of a member, one model of the GPU batch.
 struct Member {
     seed_low: u32,
     seed_high: u32,
@@ -96,9 +98,9 @@ struct Member {
     directions: u32,
 }
 
-// State of a member besides its particles.
+// State of a member, except for its particles.
 struct Status {
-    // Particles of both loops.
+    // Number of particles of each loop.
     inner: u32,
     outer: u32,
     next_id: u32,
@@ -108,26 +110,30 @@ struct Status {
     shortened: atomic<u32>,
     // First row after which a position was not finite, or NONE.
     broken: atomic<u32>,
-    // Whether the host stopped the member.
+    // 1 if the host stopped the member.
     halted: u32,
-    // Bits of the greatest squared displacement since the lists were built, at each evaluation of a step.
+    // Bits of the maximum squared displacement since the lists were built, at each evaluation of a
+    // step.
     moved: array<atomic<u32>, 4>,
-    // Bits of the greatest squared distance of a stage from the start of its step, in even and in odd rows.
+    // Bits of the maximum squared distance of a stage from the start of its step, in even and in
+    // odd rows.
     strayed: array<atomic<u32>, 2>,
-    // Bits of the greatest squared elliptic radius of the inner loop, or the greatest gauge if the region is not the ellipse.
+    // Bits of the maximum squared elliptic radius of the inner loop, or of its maximum gauge in
+    // other outlines.
     reach: atomic<u32>,
-    // Bits of the greatest range scale, at least 1.
+    // Bits of the maximum range scale, at least 1.
     widest: atomic<u32>,
-    // Row in which the lists were built: at the start of a step, and after its first evaluation.
+    // Row in which the lists were built, as of the start of a step and as of its first evaluation.
     built: u32,
     built_next: u32,
-    // The last growth event: particles before it, runs into which it divided the loop, and the weight of all edges.
+    // Last growth event: particles before it, runs into which it divided the loop, weight of all
+    // edges.
     grown_from: u32,
     runs: u32,
     weight: u32,
-    // Id of the first particle that it added.
+    // Id of the first particle that the last growth event added.
     first_id: u32,
-    // Blocks that visited all segments, counted at each evaluation.
+    // Number of blocks that visited all segments, over all evaluations.
     full_searches: atomic<u32>,
 }
 
@@ -135,16 +141,17 @@ struct Status {
 struct Now {
     // Row of the step.
     row: u32,
-    // Which of the two copies of the particles is current: 0 or 1.
+    // Current copy of the particles: 0 or 1.
     copy: u32,
-    // Which of the two copies of the rest lengths is current: they change in every step, while neighbours read them.
+    // Current copy of the rest lengths: 0 or 1. They change in every step, while neighbours read
+    // them.
     rest: u32,
-    // Ordinal of the growth event.
+    // Index of the growth event.
     event: u32,
-    // Particles of the inner and of the outer loop for which a record has room.
+    // Capacity of a record for particles of the inner and of the outer loop.
     extent: u32,
     outer_extent: u32,
-    // 1 if the first workgroup of each member computes the last step of its outer loop.
+    // 1 if the first workgroup of each member computes the last step of the outer loop.
     outer: u32,
 }
 
@@ -155,44 +162,45 @@ struct Now {
 @group(0) @binding(4) var<storage, read_write> states: array<Status>;
 @group(0) @binding(5) var<storage, read_write> scalars: array<u32>;
 @group(0) @binding(6) var<storage, read_write> vectors: array<vec2<f32>>;
-// Of each block, the least and the greatest x and y of its particles, written at the end of each step.
+// Bounds of the particles of each block (minimum x, y, maximum x, y), written at the end of each
+// step.
 @group(0) @binding(7) var<storage, read_write> extents: array<vec4<f32>>;
-// Bits of the greatest 1/d of each segment of a member: first those of even rows, then those of odd rows.
+// Bits of the maximum 1/d of each segment of a member: first of even rows, then of odd rows.
 @group(0) @binding(8) var<storage, read_write> near: array<atomic<u32>>;
 @group(0) @binding(9) var<storage, read_write> lists: array<u32>;
 @group(0) @binding(10) var<storage, read_write> wall: array<u32>;
 @group(0) @binding(11) var<storage, read_write> record_out: array<u32>;
 var<immediate> now: Now;
 
-// Scalars of an inner particle that growth copies; there are two copies of each.
+// Scalars of an inner particle that growth copies. Each has two copies.
 const ID: u32 = 0u;
 const REST: u32 = 1u;
 const SIGN: u32 = 2u;
 const SCALE: u32 = 3u;
 const COPIED_SCALARS: u32 = 4u;
-// Scalars with one copy, after both copies of the others. Clearance at the start of the last step, segments on the list of a
-// block (in each slice, and the most of a slice) …
+// Scalars with one copy, after both copies of the others: clearance at the start of the last step;
+// segments on the list of a block (per slice, then their maximum) …
 const CLEARANCE: u32 = 8u;
 const COUNT: u32 = 9u;
-// … of each run of a growth event: the edge to split or NONE, and splits in the runs before …
+// … per run of a growth event, the edge to split or NONE, and the splits in earlier runs …
 const WINNER: u32 = 10u;
 const BEFORE: u32 = 11u;
-// … and the weight of all edges before this one at a growth event.
+// … and the weight of all earlier edges at a growth event.
 const LIGHTER: u32 = 12u;
 const SCALARS: u32 = 13u;
 
-// Vectors of an inner particle, in the same way.
+// Vectors of an inner particle: first those that growth copies, with two copies each.
 const POSITION: u32 = 0u;
 const VELOCITY: u32 = 1u;
 const ANCHOR: u32 = 2u;
 const COPIED_VECTORS: u32 = 3u;
-// Two stages of positions and velocities …
+// Positions and velocities of two stages …
 const STAGE: u32 = 6u;
-// … the weighted sum of stage velocities, accelerations of stage 1, and of stages 2 and 3 …
+// … weighted sum of stage velocities, acceleration of stage 1, sum of those of stages 2 and 3 …
 const SUM: u32 = 10u;
 const FIRST: u32 = 11u;
 const MIDDLE: u32 = 12u;
-// … where lists were built, and the force of the sway in this step.
+// … position when the lists were built, and force of the sway in this step.
 const BUILT: u32 = 13u;
 const SWAY: u32 = 14u;
 const VECTORS: u32 = 15u;
@@ -205,7 +213,7 @@ const WALL_VX: u32 = 3u;
 const WALL_VY: u32 = 4u;
 const WALL_PULL_X: u32 = 5u;
 const WALL_PULL_Y: u32 = 6u;
-// Copies of the first five while the loop grows; during a step of the wall, its new positions.
+// Copies of the first five fields while the loop grows; new positions during a step of the wall.
 const WALL_OLD: u32 = 7u;
 const WALL_FIELDS: u32 = 12u;
 
@@ -233,7 +241,7 @@ fn set_vector(member: u32, field: u32, i: u32, value: vec2<f32>) {
     vectors[vector_slot(member, field, i)] = value;
 }
 
-// A copied scalar or vector in the current copy.
+// Fields of a scalar and of a vector in the current copy.
 fn current(field: u32) -> u32 {
     return now.copy * COPIED_SCALARS + field;
 }
@@ -246,7 +254,7 @@ fn position(member: u32, i: u32) -> vec2<f32> {
     return vector(member, current_vector(POSITION), i);
 }
 
-// The current rest lengths, and where the next ones go.
+// Fields of the current and of the next rest lengths.
 fn rest_field() -> u32 {
     return now.rest * COPIED_SCALARS + REST;
 }
@@ -255,20 +263,20 @@ fn next_rest_field() -> u32 {
     return (1u - now.rest) * COPIED_SCALARS + REST;
 }
 
-// Row `row` of a member, or its last one.
+// Index of row `row` of a member, or of its last row.
 fn row_index(member: u32, row: u32) -> u32 {
     return member * batch.rows + min(row, batch.rows - 1u);
 }
 
-// Whether a member is computed: not stopped by the host, and all its positions finite.
+// Tells whether a member is computed: the host did not stop it, and all its positions are finite.
 fn runs_on(member: u32) -> bool {
-    // Neither read waits for the other.
+    // Two reads before one test, so that neither waits for the other.
     let halted = states[member].halted;
     let broken = atomicLoad(&states[member].broken);
     return (halted == 0u) & (broken == NONE);
 }
 
-// Range of the self-intersection force without the thickness field.
+// Maximum range of the self-intersection force at scale 1.
 fn range_max(row: u32) -> f32 {
     return rows[row].range_mean + abs(rows[row].range_half);
 }

@@ -1,19 +1,20 @@
-// How long neighbour lists are valid: counterpart of the constants and of `used_up` in src/sim/cpu/neighbours.rs.
+// Validity of neighbour lists. Counterpart of `used_up` in crates/sim/src/sim/cpu/neighbours.rs.
 
-// Distance by which lists reach beyond the range, µm.
+// Distance by which lists reach beyond the range of the forces, µm.
 const SKIN: f32 = 20.0;
-// Part of the skin reserved for moves in the stages of a step that are greater than those of the last step, µm.
+// Part of the skin that is reserved for stages that move farther than those of the last step, µm.
 const SPARE: f32 = 1.0;
-// Larger clearances count as this one, µm.
+// Maximum clearance, µm; larger ones are lowered to it.
 const CLEARANCE_CAP: f32 = 12.0;
 
-// Distance within which every particle must find segments, whatever its range: for clearances and the barrier.
+// Distance within which every particle must find segments whatever its range, for clearances and
+// the barrier.
 fn least_sight(row: u32) -> f32 {
     return max(CLEARANCE_CAP, rows[row].barrier_distance);
 }
 
-// Increase of the distance within which a particle must find segments from row `built`, in which lists were built, to row
-// `row`, µm.
+// Increase of the distance within which a particle must find segments, from row `built`, in which
+// the lists were built, to row `row`, µm.
 fn widened(member: u32, row: u32, built: u32) -> f32 {
     let now_row = row_index(member, row);
     let built_row = row_index(member, built);
@@ -22,7 +23,8 @@ fn widened(member: u32, row: u32, built: u32) -> f32 {
     return max(wider * widest, least_sight(now_row) - least_sight(built_row));
 }
 
-// Slot of the displacement at an evaluation. Euler, with one evaluation per step, alternates.
+// Slot of the displacement at an evaluation. Euler has one evaluation per step and uses two slots
+// alternately.
 fn moved_slot(evaluation: u32) -> u32 {
     if EULER {
         return (now.row + evaluation) % 2u;
@@ -30,14 +32,15 @@ fn moved_slot(evaluation: u32) -> u32 {
     return evaluation % 4u;
 }
 
-// What decides whether lists are valid, µm. All threads read the same: it changes in later dispatches only.
+// Quantities that decide whether lists are valid, µm. All threads read the same values, because
+// only later dispatches change them.
 struct Motion {
-    // The greatest displacement of a particle of the member since its lists were built.
+    // Maximum displacement of a particle of the member since its lists were built.
     moved: f32,
-    // By how much the particles of a block may have moved if its list is valid: both displacements and the growth of the ranges
-    // together are within the skin. Negative if there are no lists.
+    // Displacement up to which the list of a block is valid: it, `moved` and the growth of the
+    // ranges together stay within the skin. Negative if there are no lists.
     allowed: f32,
-    // The greatest distance of a stage of the last step from its start.
+    // Maximum distance of a stage of the last step from the start of that step.
     strayed: f32,
 }
 
@@ -53,13 +56,13 @@ fn motion_of(member: u32) -> Motion {
     return Motion(select(moved, 0.0, built == NONE), select(allowed, -1.0, built == NONE), strayed);
 }
 
-// Whether lists are to be built before this step. Its stages move particles, the block's own and others, about as far as those of the
-// last one.
+// Tells whether lists must be rebuilt before this step. Its stages are assumed to move particles,
+// those of the block and others, about as far as those of the last step did.
 fn is_stale(motion: Motion) -> bool {
     return !(motion.allowed - motion.moved >= 2.0 * motion.strayed + SPARE);
 }
 
-// Whether particle i moved too far for the list of its block.
+// Tells whether particle i moved too far for the list of its block.
 fn is_astray(member: u32, allowed: f32, i: u32) -> bool {
     let d = source(member, i) - vector(member, BUILT, i);
     return sqrt(d.x * d.x + d.y * d.y) > allowed;

@@ -1,13 +1,13 @@
-// The forces on a particle from its neighbours in the chain and from the containment region: counterpart of
-// src/sim/cpu/local.rs, and of the normals and tensions in src/sim/cpu/chain.rs.
+// Forces on a particle from its neighbours in the loop and from the containment region. Counterpart
+// of crates/sim/src/sim/cpu/local.rs, and of the normals in crates/sim/src/sim/cpu/chain.rs.
 
-// Normal toward the lumen of the particle between `before` and `after`.
+// Normal, toward the lumen, of the particle between `before` and `after`.
 fn normal_of(before: vec2<f32>, after: vec2<f32>) -> vec2<f32> {
     let t = after - before;
     return vec2<f32>(-t.y, t.x) * inverseSqrt(t.x * t.x + t.y * t.y + 1e-12);
 }
 
-// Pull of the edge from a to b on a.
+// Spring force of the edge from a to b on a.
 fn tension(row: u32, a: vec2<f32>, b: vec2<f32>, va: vec2<f32>, vb: vec2<f32>, rest: f32) -> vec2<f32> {
     let d = b - a;
     let length = sqrt(d.x * d.x + d.y * d.y + 1e-12);
@@ -17,7 +17,8 @@ fn tension(row: u32, a: vec2<f32>, b: vec2<f32>, va: vec2<f32>, vb: vec2<f32>, r
     return (rows[row].stiffness * (length - rest) + rows[row].damping * closing) * u;
 }
 
-// All local forces on a particle. `before`, `p`, `after`: positions in the chain; `pull`: tensions of its two edges.
+// Sum of the local forces on the particle at p between `before` and `after`. `pull` is the spring
+// force of its two edges.
 fn local_force(
     member: u32,
     row: u32,
@@ -31,7 +32,7 @@ fn local_force(
     direction: vec2<f32>,
     sign: f32,
 ) -> vec2<f32> {
-    // Read before the region is asked for its shape.
+    // Read early, so that these reads do not wait for that of the region's shape.
     let squash = rows[row].squash;
     let r_in = rows[row].r_in;
     let containment = rows[row].containment;

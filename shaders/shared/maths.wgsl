@@ -1,11 +1,12 @@
-// Small functions, counterparts of src/sim/maths.rs; min and max are the built-in ones.
+// Small functions, counterparts of crates/sim/src/sim/maths.rs. min and max are built in.
 
-// Nearest integer. Not by adding 1.5·2²³ as on the CPU: a shader compiler may optimise that away.
+// Nearest integer. The CPU adds and subtracts 1.5·2²³, which a shader compiler may optimise away.
 fn nearest_integer(x: f32) -> f32 {
     return floor(x + 0.5);
 }
 
-// cos(2π·x) with an absolute error under 2e-6 for |x| < 1e4; the built-in cosine may be off by 5e-4.
+// cos(2π·x) with an absolute error below 2e-6 for |x| < 1e4. The error of the built-in cosine may
+// reach 5e-4.
 fn cos_turns(x: f32) -> f32 {
     let k = nearest_integer(2.0 * x);
     let r = x - 0.5 * k;
@@ -25,8 +26,8 @@ fn signum(v: f32) -> f32 {
     return select(1.0, -1.0, v < 0.0);
 }
 
-// Direction cosines of the point of an ellipse nearest to p: the point is (r·cos, squash·r·sin). Computed in units of r,
-// as there is no f64 here.
+// Direction cosines of the point of an ellipse nearest to p; the point is (r·cos, squash·r·sin).
+// Computed in units of r, because WGSL has no f64.
 fn nearest_on_ellipse(p: vec2<f32>, r: f32, squash: f32) -> vec2<f32> {
     let axes = vec2<f32>(1.0, squash);
     let q = abs(p) / r;

@@ -1,33 +1,36 @@
-// Neighbour search: for each block of particles the segments within the range of one of them plus a skin, ascending in each
-// slice; counterpart of src/sim/cpu/neighbours.rs. The segments of the block itself and the one before it are not listed: every
-// evaluation visits them.
+// Neighbour search: lists, for each block of particles, the segments within the range of one of its
+// particles plus a skin, ascending in each slice. Counterpart of
+// crates/sim/src/sim/cpu/neighbours.rs. The segments of the block itself and the one before it are
+// not listed, because every evaluation visits them.
 //
-// It is the first part of the first evaluation of a step: the workgroup of a block rebuilds its list if those of the member are not
-// valid with a margin, so that the host need not decide. If a list becomes invalid within the step nevertheless, `integrate`
-// detects it, and the block visits all segments.
+// The search is part of the first evaluation of a step. The workgroup of a block rebuilds its list
+// if the lists of the member are not valid with a margin, so the host takes no part in the
+// decision. If a list becomes invalid within the step, `integrate` detects it, and the block visits
+// all segments.
 
-// Words that hold one bit for each thread.
+// Words that hold one bit per thread.
 const WORDS: u32 = BLOCK_THREADS / 32u;
-// One bit for each lane of slice 0.
+// One bit per lane of slice 0.
 const SLICE_MASK: u32 = 0xFFFFu / ((1u << SLICES) - 1u);
 
-// Of the blocks that the threads test: one bit for each that is near …
+// One bit for each of the tested blocks that is near …
 var<workgroup> near_blocks: array<atomic<u32>, WORDS>;
-// … and those, ascending: which of them in the upper half, one bit for each segment that is near in the lower half.
+// … and these blocks, ascending: their number in the upper half, one bit per near segment in the
+// lower half.
 var<workgroup> candidates: array<atomic<u32>, BLOCK_THREADS>;
-// The most segments of a slice.
+// Maximum number of segments of a slice.
 var<workgroup> most_listed: atomic<u32>;
 
 fn extent_slot(member: u32, block: u32) -> u32 {
     return member * (batch.capacity / LANES) + block;
 }
 
-// Bounds of the segments of a block. `known`: whether the extents of its particles are those of the last step; they are not
-// at the start and after growth.
+// Bounds of the segments of a block. `known` tells whether `extents` are those of the last step; at
+// the start and after growth they are not.
 fn segment_bounds(member: u32, n: u32, block: u32, known: bool) -> vec4<f32> {
     let first = block * LANES;
     let count = min(LANES, n - first);
-    // Segments end at the next particle: one more point.
+    // The last segment ends at the first particle of the next block.
     let end = position(member, select(first + count, 0u, first + count == n));
     var bounds = vec4<f32>(end, end);
     if known {
@@ -41,23 +44,24 @@ fn segment_bounds(member: u32, n: u32, block: u32, known: bool) -> vec4<f32> {
     return bounds;
 }
 
-// The first segment on the list of a slice of a block.
+// Index of the first segment on the list of a slice of a block.
 fn list_slot(member: u32, block: u32, slice: u32) -> u32 {
     return ((member * (batch.capacity / LANES) + block) * SLICES + slice) * LIST;
 }
 
-// Whether a segment belongs to the block that begins with particle `first`, or ends there.
+// Tells whether segment j begins or ends at a particle of the block that begins with particle
+// `first`.
 fn is_own(n: u32, first: u32, j: u32) -> bool {
     return (j >= first && j < first + LANES) || j == select(first - 1u, n - 1u, first == 0u);
 }
 
-// Position of particle k of the block, and the square of its range with the skin, negative if there is no such particle: in the shared
-// memory of gather.wgsl.
+// Position of particle k of the block, and the square of its range with the skin, from the shared
+// memory of gather.wgsl. The square is negative if there is no such particle.
 fn seeker(k: u32) -> vec3<f32> {
     return quads[k].inverses.xyz;
 }
 
-// Whether particle k of the block is near a segment that begins at a.
+// Tells whether particle k of the block is near the segment that begins at a.
 fn is_seeker_near(k: u32, a: vec2<f32>, d: vec2<f32>, inverse: f32) -> bool {
     let own = seeker(k);
     let r = own.xy - a;
@@ -65,7 +69,7 @@ fn is_seeker_near(k: u32, a: vec2<f32>, d: vec2<f32>, inverse: f32) -> bool {
     return q.x * q.x + q.y * q.y <= own.z;
 }
 
-// Whether one of the block's particles is near segment j.
+// Tells whether one of the block's particles is near segment j.
 fn is_sought(member: u32, n: u32, j: u32) -> bool {
     let a = position(member, j);
     let segment = segment_between(a, position(member, select(j + 1u, 0u, j + 1u == n)));
@@ -78,8 +82,8 @@ fn is_sought(member: u32, n: u32, j: u32) -> bool {
     return sought;
 }
 
-// Builds the list of a block. Reads positions, which no workgroup changes in this dispatch, and writes the list of this block
-// only.
+// Builds the list of a block. Reads positions, which no workgroup changes in this dispatch, and
+// writes only the list of this block.
 fn build_lists(member: u32, n: u32, block: u32, thread: u32) {
     let known = states[member].built != NONE;
     let lane = thread % LANES;
@@ -149,7 +153,7 @@ fn build_lists(member: u32, n: u32, block: u32, thread: u32) {
             }
         }
         workgroupBarrier();
-        // Segments of a slice are stored after those of the candidates before.
+        // The segments of a candidate are stored after those of the candidates before it.
         var next = 0u;
         for (var c = team; c < all; c += SLICES) {
             for (; next < c; next++) {
@@ -172,9 +176,9 @@ fn build_lists(member: u32, n: u32, block: u32, thread: u32) {
     }
     workgroupBarrier();
     if thread == 0u {
-        // One above the capacity marks a list that is not used.
+        // A number above the capacity marks a list that is not used.
         scalars[slot(member, COUNT, first + SLICES)] = atomicLoad(&most_listed);
     }
-    // Threads of this workgroup read what other threads of it wrote.
+    // Makes the list visible to the other threads of this workgroup.
     storageBarrier();
 }

@@ -1,21 +1,24 @@
-// The outer loop: spring, containment to its own lobed ellipse, friction; twin of src/sim/cpu/outer.rs.
+// The outer loop: springs, a pull toward its lobed ellipse, friction. Counterpart of
+// crates/sim/src/sim/cpu/outer.rs.
 //
-// One workgroup per member, which keeps its sums in the shared memory of gather.wgsl. The inner loop never reads the
-// outer one, so a step of the wall may run beside the first evaluation of the next step.
+// One workgroup per member, which keeps its sums in the shared memory of gather.wgsl. The inner
+// loop never reads the outer loop, so a step of the wall may run in parallel with the first
+// evaluation of the next step.
 
-// Greatest move in a step along each axis, µm, unless the inner loop forces a greater one.
+// Maximum move in a step along each axis, µm, unless the inner loop forces a larger one.
 const MOVE: f32 = 5.0;
-// Rest length of the edges over their mean length.
+// Rest length of the edges over their mean length; below 1, so that the wall is under tension.
 const TAUT: f32 = 0.8;
 // Pull toward the target per µm of distance.
 const PULL: f32 = 0.1;
-// Share of the angle between two neighbours that each of them may close in a step: below a half.
+// Fraction of the angle between two neighbours that each of them may close in a step; below a half.
 const CLOSING: f32 = 0.45;
-// Share of what remains up to WIDEST by which each of two neighbours may widen the angle between them in a step.
+// Fraction of the remainder up to WIDEST by which each of two neighbours may widen their angle in a
+// step.
 const WIDENING: f32 = 0.25;
-// Greatest chord between the directions (unit vectors) of two neighbours.
+// Maximum chord between the directions (unit vectors) of two neighbours: an angle of 106°.
 const WIDEST: f32 = 1.6;
-// Least chord between the directions of two neighbours over the mean one.
+// Minimum chord between the directions of two neighbours, over the mean chord.
 const NARROWEST: f32 = 0.1;
 
 var<workgroup> wall_burden: f32;
@@ -34,10 +37,11 @@ fn put2(member: u32, field: u32, i: u32, value: vec2<f32>) {
     wall[wall_slot(member, field + 1u, i)] = bitcast<u32>(value.y);
 }
 
-// Elliptic radius of the lobed target in a direction, at row `at` of the member.
+// Elliptic radius of the lobed target in a direction, in row `at` of the member.
 fn wall_target(member: u32, at: u32, direction: vec2<f32>) -> f32 {
     let row = row_index(member, at);
-    // Tables, behind the thickness field's: order and weight of each lobe, then (cosine, sine) of each row and lobe.
+    // Table, after that of the thickness field: order and weight of each lobe, then (cosine, sine)
+    // per row and lobe.
     let lobes = member * batch.tables + batch.waves * (2u + batch.events);
     let phases = lobes + 2u * batch.lobes + 2u * batch.lobes * min(at, batch.rows - 1u);
     var power = direction;
@@ -62,7 +66,7 @@ fn wall_target(member: u32, at: u32, direction: vec2<f32>) -> f32 {
     return radius * (1.0 + rows[row].lobing * sum);
 }
 
-// What a wall that just clears the inner loop has as its elliptic radius in a direction: `lowest` is a gauge.
+// Elliptic radius, in a direction, of a wall that just clears the inner loop. `lowest` is a gauge.
 fn wall_floor(member: u32, row: u32, lowest: f32, direction: vec2<f32>) -> f32 {
     if !is_shaped(member) {
         return lowest;
@@ -74,7 +78,7 @@ fn wall_unit(a: vec2<f32>) -> vec2<f32> {
     return a / max(sqrt(a.x * a.x + a.y * a.y), 1e-6);
 }
 
-// Direction of particle i in the flattened plane, from the position at `field`.
+// Direction of particle i in the flattened plane, from the position in `field`.
 fn wall_direction(member: u32, field: u32, i: u32, squash: f32) -> vec2<f32> {
     let p = wall2(member, field, i);
     return wall_unit(vec2<f32>(p.x, p.y / squash));
@@ -91,15 +95,15 @@ fn wall_cross(a: vec2<f32>, b: vec2<f32>) -> f32 {
     return a.x * b.y - a.y * b.x;
 }
 
-// The last direction, from `own` toward that of a neighbour, that a particle may take in a step. `closing` and
-// `widening` are the chords to this neighbour and to the other one.
+// Limit of the direction of a particle in a step, from `own` toward a neighbour. `closing` is the
+// chord to this neighbour, `widening` that to the other one.
 fn wall_limit(own: vec2<f32>, toward: vec2<f32>, closing: f32, widening: f32, narrowest: f32) -> vec2<f32> {
     let close = CLOSING * max(1.0 - narrowest / closing, 0.0);
     let widen = WIDENING * max(WIDEST - widening, 0.0) / closing;
     return own + min(close, widen) * (toward - own);
 }
 
-// Advances the loop by the step of row `at`, with the `BLOCK_THREADS` threads of a workgroup.
+// Advances the outer loop by the step of row `at`, with the BLOCK_THREADS threads of a workgroup.
 fn step_outer(member: u32, at: u32, thread: u32) {
     let n = select(0u, states[member].outer, runs_on(member));
     let row = row_index(member, at);
@@ -108,7 +112,7 @@ fn step_outer(member: u32, at: u32, thread: u32) {
     for (var i = thread; i < n; i += BLOCK_THREADS) {
         partial += length(wall2(member, WALL_X, (i + 1u) % n) - wall2(member, WALL_X, i));
     }
-    // If the region is not the ellipse, the edges from block to block; the others have been measured.
+    // In other outlines, the edges between blocks; `measure_edges` measured the others.
     var reach = 0.0;
     if is_shaped(member) && n > 0u {
         let inner = states[member].inner;
@@ -126,7 +130,7 @@ fn step_outer(member: u32, at: u32, thread: u32) {
         wall_burden = select(sqrt(measured), measured, is_shaped(member));
     }
     workgroupBarrier();
-    // First by eights, then all of these.
+    // Reduces groups of eight threads, then all groups.
     if thread < LANES {
         let one = quads[2u * thread].lines;
         let two = quads[2u * thread + 1u].lines;
@@ -152,8 +156,8 @@ fn step_outer(member: u32, at: u32, thread: u32) {
         put2(member, WALL_PULL_X, i, pull * u);
     }
     storageBarrier();
-    // An edge between two particles at elliptic radius r and equal spacing comes as near as r·cos(π/n); 2π/n allows for
-    // spacing twice as wide. The last pass handles wider angles.
+    // With equal spacing, an edge between two particles at elliptic radius r comes as close as
+    // r·cos(π/n). 2π/n allows for twice the spacing; the last pass handles wider angles.
     let lowest = burden / max(cos_turns(1.0 / f32(n)), 0.5);
     let squash = rows[next_row].squash;
     let narrowest = NARROWEST * 6.2831853 / f32(n);
@@ -170,7 +174,7 @@ fn step_outer(member: u32, at: u32, thread: u32) {
         let force = wall2(member, WALL_PULL_X, i) - before + pull * p / elliptic - rows[row].wall_friction * v0;
         var v = clamp(v0 + force, vec2<f32>(-MOVE), vec2<f32>(MOVE));
         var q = p + v;
-        // Hold the particle between its neighbours.
+        // Holds the particle between its neighbours.
         let own = wall_unit(flattened);
         let behind = wall_direction(member, WALL_X, (i + n - 1u) % n, squash);
         let ahead = wall_direction(member, WALL_X, (i + 1u) % n, squash);
@@ -190,12 +194,12 @@ fn step_outer(member: u32, at: u32, thread: u32) {
         if elliptic_q < least {
             q *= least / max(elliptic_q, 1e-6);
         }
-        // Neighbours still read the old position.
+        // A copy, because neighbours still read the old position.
         put2(member, WALL_OLD, i, q);
         put2(member, WALL_VX, i, v);
     }
     storageBarrier();
-    // Push particles out whose edges would come nearer to the origin than the inner loop reaches.
+    // Pushes out particles whose edges would come closer to the axis than the inner loop reaches.
     for (var i = thread; i < n; i += BLOCK_THREADS) {
         let own = wall_direction(member, WALL_OLD, i, squash);
         let behind = wall_direction(member, WALL_OLD, (i + n - 1u) % n, squash);

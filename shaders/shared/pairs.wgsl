@@ -1,9 +1,10 @@
-// The self-intersection force with side-dependent range, the barrier, and the clearance: counterpart of src/sim/cpu/pairs.rs.
+// The self-intersection force with its two ranges, the barrier, and the clearance. Counterpart of
+// crates/sim/src/sim/cpu/pairs.rs.
 
-// Smaller squared distances count as zero.
+// Minimum squared distance; smaller ones are raised to it.
 const TINY: f32 = 1e-12;
 
-// A segment: its first point and the way to the second, and the inverse of its squared length.
+// A segment: its start and the vector to its end in `line`, and the inverse of its squared length.
 struct Segment {
     line: vec4<f32>,
     inverse: f32,
@@ -14,8 +15,8 @@ fn segment_between(a: vec2<f32>, b: vec2<f32>) -> Segment {
     return Segment(vec4<f32>(a, d), 1.0 / (d.x * d.x + d.y * d.y + TINY));
 }
 
-// Inputs of the force on one particle besides the segments. The range is the mean with half of the difference across the lumen, without
-// it through tissue.
+// Inputs of the force on one particle, except for the segments. The range is mean + half across the
+// lumen and mean - half across tissue.
 struct PairTerms {
     p: vec2<f32>,
     mean: f32,
@@ -26,7 +27,7 @@ struct PairTerms {
     barrier_reach: f32,
 }
 
-// Those that are known before the positions.
+// Fills the fields that do not depend on positions.
 fn pair_terms(row: u32, scale: f32) -> PairTerms {
     return PairTerms(
         vec2<f32>(0.0),
@@ -39,7 +40,7 @@ fn pair_terms(row: u32, scale: f32) -> PairTerms {
     );
 }
 
-// Force of a segment, and 1/d.
+// Returns the force of a segment, and 1/d.
 fn pair_force(t: PairTerms, segment: Segment) -> vec3<f32> {
     let d = segment.line.zw;
     let r = t.p - segment.line.xy;

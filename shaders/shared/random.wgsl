@@ -1,4 +1,5 @@
-// Counter-based random numbers with the operations of src/random.rs: integers only, so that both give the same bits.
+// Counter-based random numbers, with the integer operations of crates/base/src/random.rs, so that
+// both give the same bits.
 
 const STREAM_CONTORTION: u32 = 2u;
 const STREAM_GROWTH: u32 = 3u;
@@ -18,18 +19,18 @@ fn pcg4d(v: vec4<u32>) -> vec4<u32> {
     return pcg4d_round(w);
 }
 
-// SegmentQuad random words for (seed, stream, a, b).
+// Four random words for (seed, stream, a, b).
 fn random_words(seed: vec2<u32>, stream: u32, a: u32, b: u32) -> vec4<u32> {
     let high = (seed.y * 0x9E3779B9u) ^ (stream * 0x85EBCA6Bu);
     return pcg4d(vec4<u32>(seed.x, high, a, b));
 }
 
-// A word mapped to [0, 1) with 24 bits.
+// Maps a word to [0, 1), with 24 bits.
 fn random_unit(word: u32) -> f32 {
     return f32(word >> 8u) * (1.0 / 16777216.0);
 }
 
-// A word mapped to 0..n, n at most 65,536.
+// Maps a word to 0..n; n is at most 65,536.
 fn random_below(word: u32, n: u32) -> u32 {
     return ((word >> 16u) * n) >> 16u;
 }

@@ -1,6 +1,7 @@
-// The region that contains the folds, where it is not the ellipse: counterpart of src/sim/region.rs.
+// The region that contains the folds, for outlines other than the ellipse. Counterpart of
+// crates/sim/src/sim/region.rs.
 
-// Directions of a gauge, and those of a quadrant.
+// Directions in the table of a gauge, and in a quadrant of it.
 const DIRECTIONS: u32 = 256u;
 const QUADRANT: u32 = 64u;
 
@@ -8,9 +9,10 @@ fn is_shaped(member: u32) -> bool {
     return members[member].directions != 0u;
 }
 
-// Gauge in direction i, with folds of this depth.
+// Gauge in direction i, with transverse folds of this depth.
 fn spoke_gauge(member: u32, row: u32, depth: f32, i: u32) -> f32 {
-    // Tables: gauge of the ellipse, outline, height of a fold and its place for each direction.
+    // Table, per direction: gauge of the ellipse, difference to the outline, height and phase of a
+    // fold.
     let at = member * batch.tables + batch.outline + 4u * (i % DIRECTIONS);
     let wave = 0.5 + 0.5 * cos_turns(tables[at + 3u] + rows[row].fold_phase);
     let pulse = wave * wave * (wave * wave);
@@ -18,7 +20,7 @@ fn spoke_gauge(member: u32, row: u32, depth: f32, i: u32) -> f32 {
     return (tables[at] + rows[row].outline * tables[at + 1u]) * (1.0 + raised * tables[at + 2u] * pulse);
 }
 
-// The point of the diamond in direction i.
+// Point of the diamond |x| + |y| = 1 in direction i.
 fn spoke_direction(i: u32) -> vec2<f32> {
     let along = f32(i % QUADRANT) / f32(QUADRANT);
     switch (i / QUADRANT) % 4u {
@@ -29,7 +31,8 @@ fn spoke_direction(i: u32) -> vec2<f32> {
     }
 }
 
-// Place on the diamond: the directions at or before that of p, and a part of the next one.
+// Place of p on the diamond: index of the direction at or before it, plus the fraction of the way
+// to the next direction.
 fn spoke_place(p: vec2<f32>) -> f32 {
     let part = abs(p.y) / max(abs(p.x) + abs(p.y), 1e-12);
     let upper = select(part, 2.0 - part, p.x < 0.0);
@@ -37,7 +40,7 @@ fn spoke_place(p: vec2<f32>) -> f32 {
     return f32(QUADRANT) * select(upper, lower, p.y < 0.0);
 }
 
-// The gauge of a point of the flattened plane.
+// Gauge of a point of the flattened plane.
 fn region_gauge(member: u32, row: u32, depth: f32, p: vec2<f32>) -> f32 {
     let place = spoke_place(p);
     let i = min(u32(place), DIRECTIONS - 1u);
@@ -56,12 +59,13 @@ fn spoke_cross(a: vec2<f32>, b: vec2<f32>) -> f32 {
     return a.x * b.y - a.y * b.x;
 }
 
-// Depth of the folds that the wall follows.
+// Depth of the transverse folds that the wall follows.
 fn wall_depth(row: u32) -> f32 {
     return rows[row].fold * rows[row].fold_of_wall;
 }
 
-// The least and the greatest gauge on the segment from p to q: at its ends, or where it crosses a tabulated direction.
+// Minimum and maximum gauge on the segment from p to q. They lie at its ends or where it crosses a
+// tabulated direction.
 fn region_extent(member: u32, row: u32, depth: f32, p: vec2<f32>, q: vec2<f32>) -> vec2<f32> {
     let ends = vec2<f32>(region_gauge(member, row, depth, p), region_gauge(member, row, depth, q));
     var least = min(ends.x, ends.y);
@@ -85,13 +89,13 @@ fn region_extent(member: u32, row: u32, depth: f32, p: vec2<f32>, q: vec2<f32>) 
     return vec2<f32>(least, most);
 }
 
-// Corner i of the boundary.
+// Corner i of the boundary, a polygon.
 fn region_corner(member: u32, row: u32, i: u32) -> vec2<f32> {
     let scale = rows[row].r_in / spoke_gauge(member, row, rows[row].fold, i);
     return scale * vec2<f32>(1.0, rows[row].squash) * spoke_direction(i % DIRECTIONS);
 }
 
-// Direction, in the flattened plane, of the point of the boundary nearest to p.
+// Direction, in the flattened plane, of the boundary point nearest to p.
 fn region_nearest(member: u32, row: u32, p: vec2<f32>) -> vec2<f32> {
     var best = 3e38;
     var at = vec2<f32>(rows[row].r_in, 0.0);

@@ -1,13 +1,16 @@
-// The sway: a flow that carries the fronds sideways; counterpart of src/sim/cpu/sway.rs.
+// The sway: a slow flow that carries fronds sideways. Counterpart of
+// crates/sim/src/sim/cpu/sway.rs.
 
-// Gauge of the region, in units of R_in, up to which the flow has its full strength, and from which on there is none.
+// Gauges in units of R_in: the flow has its full strength up to the first, and is 0 from the
+// second.
 const SWAYS: f32 = 0.55;
 const STILL: f32 = 0.95;
 
-// The force of the step `at` of the member on a particle that is at p at its start.
+// Force of the sway, in the step of row `at`, on a particle that starts the step at p.
 fn sway(member: u32, at: u32, p: vec2<f32>) -> vec2<f32> {
     let row = row_index(member, at);
-    // Tables, behind the lobes': wave vector and direction of each flow, then a phase for each row and flow.
+    // Table, after that of the lobes: wave vector and direction of each flow, then a phase per row
+    // and flow.
     let flows = member * batch.tables + batch.waves * (2u + batch.events) + 2u * batch.lobes * (1u + batch.rows);
     let phases = flows + 4u * batch.flows + batch.flows * min(at, batch.rows - 1u);
     var sum = vec2<f32>(0.0);

@@ -1,7 +1,7 @@
-// Scale of the force ranges: the thickness field at a point, and the variety around the wall; counterpart of
-// src/sim/cpu/thickness.rs.
+// Scale of the force ranges: the thickness field at a point, times the variety around the wall.
+// Counterpart of crates/sim/src/sim/cpu/thickness.rs.
 
-// The field is cut off at this many standard deviations.
+// Random fields are clamped to this many standard deviations.
 const CUT: f32 = 2.0;
 
 fn scale_of(member: u32, row: u32, p: vec2<f32>, anchor: vec2<f32>) -> f32 {
@@ -17,7 +17,7 @@ fn thickness(member: u32, row: u32, p: vec2<f32>) -> f32 {
     if amplitude == 0.0 {
         return 1.0;
     }
-    // Tables: wave vectors, then a phase for each event and wave.
+    // Table: wave vectors, then a phase per event and wave.
     let base = member * batch.tables;
     let phases = base + 2u * batch.waves + now.event * batch.waves;
     var z = 0.0;

@@ -1,12 +1,13 @@
-// The variety around the wall: growth and force ranges by the angle of an anchor; counterpart of src/sim/cpu/variety.rs.
+// Variety around the wall: growth rate and force ranges by the angle of an anchor. Counterpart of
+// crates/sim/src/sim/cpu/variety.rs.
 
-// Weight of an edge in growth without variety, and the greatest weight.
+// Growth weight of an edge without variety, and the maximum weight.
 const WEIGHT: f32 = 16.0;
 const HEAVIEST: f32 = 255.0;
 
-// Fields at an angle: side, height, thickness, shift.
+// Random functions at an angle: side, height, thickness, shift.
 fn around(member: u32, anchor: vec2<f32>) -> vec4<f32> {
-    // Tables: for each event and mode, cosine and sine coefficients of height, thickness and shift.
+    // Table, per event and mode: cosine and sine coefficients of height, thickness and shift.
     let first = member * batch.tables + batch.around + now.event * batch.modes * 6u;
     let count = members[member].modes;
     var turn = vec2<f32>(1.0, 0.0);
@@ -33,14 +34,14 @@ fn varies(row: u32) -> bool {
         || rows[row].shift[0] != 0.0 || rows[row].shift[1] != 0.0;
 }
 
-// Weight in growth of an edge whose first particle has this anchor.
+// Growth weight of an edge whose first particle has this anchor.
 fn growth_weight(member: u32, row: u32, anchor: vec2<f32>) -> u32 {
     let at = around(member, anchor);
     let rate = exp(rows[row].asymmetry * at.x + rows[row].height * at.y + rows[row].shift[0] * at.w);
     return u32(clamp(WEIGHT * rate + 0.5, 1.0, HEAVIEST));
 }
 
-// Factor of the force ranges of a particle with this anchor.
+// Factor on the force ranges of a particle with this anchor.
 fn ranges(member: u32, row: u32, anchor: vec2<f32>) -> f32 {
     let at = around(member, anchor);
     return exp(rows[row].thickness * at.z + rows[row].shift[1] * at.w);
