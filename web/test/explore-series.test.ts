@@ -84,7 +84,7 @@ test("ranges and deviations in words", () => {
 });
 
 test("quantities are named as the service names them", () => {
-  const rows = readFileSync("../src/measure/morphometry/quantity.rs", "utf8").matchAll(/^ {4}"(\w+)", "([^"]+)", "([^"]*)", \|m\|/gm);
+  const rows = readFileSync("../crates/surface/src/measure/morphometry/quantity.rs", "utf8").matchAll(/^ {4}"(\w+)", "([^"]+)", "([^"]*)", \|m\|/gm);
   const listed = Array.from(rows, ([, name, title, unit]) => ({ name: name!, title: title!, unit: unit! }));
   assert(listed.length > 30);
   for (const { name, title, unit } of listed) assert.deepEqual(quantity(name), { title, unit });

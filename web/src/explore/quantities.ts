@@ -1,4 +1,5 @@
-// Names and units of what the service measures of a model, as it names them itself (src/measure/morphometry/quantity.rs).
+// Titles and units of the quantities of a model. A test compares them with
+// crates/surface/src/measure/morphometry/quantity.rs.
 
 export interface Quantity {
   title: string;

@@ -1,4 +1,5 @@
-// Values of parameters, and those that change along the tube. The interpolation is that of src/spec/schedule.rs.
+// Values of parameters, constant or changing along the tube. The interpolation equals that of
+// crates/spec/src/spec/schedule.rs.
 
 import { writePoints } from "./text.ts";
 
