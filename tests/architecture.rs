@@ -1,7 +1,7 @@
-//! The rules of ARCHITECTURE.md that neither Cargo nor the compiler checks: directions of imports within
-//! a crate, what only some files may name, and no circles between files.
+//! Enforces the import rules of ARCHITECTURE.md that neither Cargo nor the compiler enforces: the
+//! order of modules, names that only some files may contain, and no circles between files.
 //!
-//! The source is scanned as text, without comments, strings and test modules.
+//! The tests read the sources as text, without comments, strings and test modules.
 
 #[path = "architecture/circles.rs"]
 mod circles;
@@ -13,8 +13,8 @@ use source::{Source, sources, strip, words};
 use std::collections::BTreeSet;
 use std::path::Path;
 
-/// Modules of each crate, lowest first: a module imports only from modules before its own group, and
-/// modules of one group do not import each other. `tests/architecture` reads all crates as one.
+/// Groups of modules, lowest first. A module imports only from earlier groups, not from its own.
+/// The crates are read as one, because a path such as `crate::model` is the same in each of them.
 const ORDER: &[&[&str]] = &[
     // oviduct-base
     &["clock", "random", "vectorize"],
@@ -32,13 +32,13 @@ const ORDER: &[&[&str]] = &[
     &["cli", "fuzzing"],
 ];
 
-/// Imports within a group that are intended.
+/// Permitted imports within a group.
 const ALLOWED: &[(&str, &str)] = &[("model", "geometry"), ("geometry", "model")];
 
-/// Imports that are forbidden although the target comes earlier.
+/// Imports that are forbidden although the target is in an earlier group.
 const FORBIDDEN: &[(&str, &str)] = &[("jobs", "sim"), ("jobs", "mesh"), ("jobs", "measure"), ("jobs", "export")];
 
-/// External crates that only some places may name.
+/// External crates, and the only places that may name them.
 const NAMES: &[(&str, &[&str])] = &[
     ("spade", &["geometry/triangulate"]),
     ("wgpu", &["sim/gpu"]),
@@ -48,10 +48,10 @@ const NAMES: &[(&str, &[&str])] = &[
     ("anyhow", &["cli", "main"]),
 ];
 
-/// Keywords that begin a statement of SQL; only the stores may contain them.
+/// Beginnings of SQL statements. Only the job store may contain them.
 const SQL: [&str; 6] = ["SELECT ", "INSERT INTO ", "DELETE FROM ", "UPDATE jobs", "CREATE TABLE ", "PRAGMA "];
 
-/// First parts of the paths that follow `::`: one name, or those of a group in braces.
+/// First name of the path after `::`, or first names of all paths of a group in braces.
 fn heads(after: &str) -> Vec<&str> {
     let Some(after) = after.strip_prefix("::") else { return Vec::new() };
     let Some(group) = after.strip_prefix('{') else {
@@ -75,7 +75,7 @@ fn heads(after: &str) -> Vec<&str> {
     parts
 }
 
-/// Top modules that a file imports from, by `crate::` or by enough `super::`.
+/// Top-level modules that a file names by `crate::`, or by as many `super::` as lead to the root.
 fn imports(source: &Source) -> BTreeSet<String> {
     let code = &source.code;
     let mut found = BTreeSet::new();
@@ -100,7 +100,7 @@ fn group(module: &str) -> Option<usize> {
     ORDER.iter().position(|group| group.contains(&module))
 }
 
-/// What is wrong with the imports and names of one file.
+/// Violations of the rules in one file.
 fn faults(source: &Source) -> Vec<String> {
     let mut faults = Vec::new();
     let path = source.module_path();
@@ -121,7 +121,7 @@ fn faults(source: &Source) -> Vec<String> {
             faults.push(format!("{}: only {places:?} may name {name}", source.path));
         }
     }
-    // Arrows between crates are seen only under the names that a `lib.rs` gives them.
+    // Imports between crates are visible only under the names that `lib.rs` gives them.
     if !is_crate_root && from != "clock" && words(&source.code).any(|(_, word)| word.starts_with("oviduct_")) {
         faults.push(format!("{}: only lib.rs may name a crate of the workspace", source.path));
     }
@@ -153,7 +153,7 @@ fn no_files_import_each_other_in_a_circle() {
     assert!(circles.is_empty(), "\n{circles:#?}");
 }
 
-/// Crates that the engine must not depend on, however indirectly: it is a library without a service.
+/// Crates of the service. The engine must not depend on them, not even indirectly.
 const SERVICE: [&str; 8] = ["axum", "hyper", "object_store", "opentelemetry", "reqwest", "sqlx", "tokio", "utoipa"];
 
 #[test]
@@ -169,8 +169,8 @@ fn the_engine_does_not_depend_on_the_service() {
     assert!(found.is_empty(), "the engine depends on {found:?}");
 }
 
-/// Every member inherits its version, which is part of digests, and its lints; and tests/profile.toml
-/// compiles it with assertions.
+/// Every crate inherits its version, which is part of digests, and its lints. `tests/profile.toml`
+/// compiles every crate with assertions.
 #[test]
 fn every_crate_is_part_of_the_workspace_and_of_the_test_profile() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));

@@ -1,20 +1,23 @@
-//! Circles of imports between files: file A names an item that file B defines, and B, directly or through others, one of A's.
+//! Finds circles of imports: file A names an item that file B defines, and B names an item of A,
+//! directly or through other files.
 //!
-//! An arrow leads from the file that names an item to the file that *defines* it, however the path is written: through
-//! `crate::`, `super::`, an imported module, a glob, or a re-export. Hence the usual facade is no circle: a parent that
-//! only declares its children and re-exports their items draws no arrow to them, and a child that imports a sibling's item
-//! by way of the parent points at the sibling. A parent whose own code names an item of its child points at the child,
-//! re-exported or not; if the child then names an item that the parent defines, the two are a circle.
+//! An arrow leads from the file that names an item to the file that *defines* it. The form of the
+//! path does not matter: `crate::`, `super::`, an imported module, a glob, or a re-export.
 //!
-//! The text shows no types, so method calls and the members of a trait draw no arrow. `impl` blocks in children of the
-//! file that defines the type are therefore free, as long as that file does not name the children.
+//! - A facade is not a circle. A parent that only declares its children and re-exports their items
+//!   has no arrow to them. A child that imports an item of its sibling through the parent has an
+//!   arrow to the sibling.
+//! - A parent whose own code names an item of a child has an arrow to the child. If the child names
+//!   an item that the parent defines, the two form a circle.
+//! - Method calls and members of traits give no arrow, because the text shows no types. A child may
+//!   therefore contain `impl` blocks of its parent's type, unless the parent names the child.
 
 use crate::source::{Source, words};
 use std::collections::{BTreeMap, BTreeSet};
 
 type Path = Vec<String>;
 
-/// What `use` binds in a module; a glob has no name.
+/// Name that `use` binds in a module; a glob has none.
 struct Binding {
     name: Option<String>,
     path: Path,
@@ -40,7 +43,7 @@ enum Target {
 /// The modules of a crate by path, one per file.
 struct Modules(BTreeMap<Path, Module>);
 
-/// Which files a file names, and the names.
+/// Pairs of a file and a file that it names, with the names.
 pub(crate) type Arrows = BTreeMap<(String, String), BTreeSet<String>>;
 
 /// The arrows between the files of a crate.
@@ -58,7 +61,7 @@ pub(crate) fn arrows(sources: &[Source]) -> Arrows {
     arrows
 }
 
-/// The circles among the arrows: for each set of files that reach each other, the arrows between them.
+/// Circles among the arrows: for each set of files that reach each other, the arrows between them.
 pub(crate) fn circles(arrows: &Arrows) -> Vec<Arrows> {
     let mut next: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for (from, to) in arrows.keys() {
@@ -110,7 +113,7 @@ impl Module {
         Self { file: source.path.clone(), bindings, defined, body }
     }
 
-    /// Paths in the code, of one name and more; not what follows a dot.
+    /// Paths in the code, of one or more names, except names after a dot.
     fn paths(&self) -> impl Iterator<Item = Path> {
         let code = &self.body;
         let mut all = words(code).peekable();
@@ -165,14 +168,14 @@ impl Modules {
             }
         }
         for path in paths.iter().filter(|path| path.len() > 1) {
-            // `Type::function`: the type is what the other file defines.
+            // `Type::function`: the other file defines the type.
             let item = path.iter().find(|name| name.starts_with(char::is_uppercase)).or(path.last());
             add(self.resolve(at, path, 0), item.map_or("", String::as_str));
         }
         found
     }
 
-    /// What a path in the module `at` means.
+    /// Targets of a path in the module `at`.
     fn resolve(&self, at: &Path, path: &[String], depth: usize) -> Vec<Target> {
         let Some((head, rest)) = path.split_first() else { return Vec::new() };
         let start = match head.as_str() {
@@ -184,7 +187,7 @@ impl Modules {
         self.follow(start, rest, depth)
     }
 
-    /// What the rest of a path means that begins at these targets.
+    /// Targets of the rest of a path that begins at these targets.
     fn follow(&self, start: Vec<Target>, rest: &[String], depth: usize) -> Vec<Target> {
         rest.iter().fold(start, |targets, name| {
             let inside = |target| match target {
@@ -193,14 +196,14 @@ impl Modules {
                     let found = self.exported(&at, name, depth);
                     if found.is_empty() { vec![Target::Item(at)] } else { found }
                 }
-                // What follows an item is its variant or function.
+                // The name after an item is its variant or function.
                 item @ Target::Item(_) => vec![item],
             };
             targets.into_iter().flat_map(inside).collect()
         })
     }
 
-    /// What a name means inside a module; empty if the text of the module does not show it.
+    /// Targets of a name inside a module; empty if the text of the module does not show them.
     fn exported(&self, at: &Path, name: &str, depth: usize) -> Vec<Target> {
         const DEEPEST: usize = 16;
         let Some(module) = self.0.get(at).filter(|_| depth < DEEPEST) else { return Vec::new() };
@@ -209,9 +212,9 @@ impl Modules {
         let mut found: Vec<Target> = child.iter().cloned().collect();
         for binding in module.bindings.iter().filter(|binding| binding.name.as_deref() == Some(name)) {
             found.extend(match (&binding.path[..], &child) {
-                // A macro that is exported by its own name.
+                // `pub(super) use m` exports a macro under its own name.
                 ([own], _) if own == name => Vec::new(),
-                // `use loft::loft` beside `mod loft`.
+                // `use loft::loft` next to `mod loft`.
                 ([head, rest @ ..], Some(child)) if head == name => self.follow(vec![child.clone()], rest, depth + 1),
                 (path, _) => self.resolve(at, path, depth + 1),
             });
@@ -236,7 +239,7 @@ fn above(at: &Path) -> Path {
     at.split_last().map(|(_, above)| above.to_vec()).unwrap_or_default()
 }
 
-/// Removes the scope of `pub(…)`, which is a path but no import.
+/// Removes the scope of `pub(…)`, which is a path but not an import.
 fn without_scopes(code: &str) -> String {
     let mut parts = code.split("pub(");
     let mut out = parts.next().unwrap_or_default().to_owned();
@@ -261,13 +264,13 @@ fn without_declarations(code: &str) -> String {
         .collect()
 }
 
-/// The next `use` statement: where it begins, where its semicolon is, and whether it is `pub`.
+/// The next `use` statement: position of its beginning and of its semicolon; true if it is `pub`.
 fn next_use(code: &str) -> Option<(usize, usize, bool)> {
     words(code).find_map(|(at, word)| {
         let before = code[..at].trim_end();
         let public = before.ends_with("pub");
         let begins = public || before.is_empty() || before.ends_with([';', '{', '}', ']']);
-        // `use<'a>` in a type is no statement.
+        // `use<'a>` in a type is not a statement.
         let is_statement = word == "use" && begins && code[at + word.len()..].starts_with(char::is_whitespace);
         let end = at + code[at..].find(';')?;
         is_statement.then_some((at, end, public))

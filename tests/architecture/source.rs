@@ -1,9 +1,9 @@
-//! Source files as text: comments, strings and code that only tests compile are removed.
+//! Source files as text, without comments, strings and code that only tests compile.
 
 use std::path::Path;
 
 pub(crate) struct Source {
-    /// Path below `src`, with `/`.
+    /// Path relative to the `src` of its crate, with `/`.
     pub(crate) path: String,
     /// The file, unchanged.
     pub(crate) text: String,
@@ -18,7 +18,7 @@ impl Source {
         Self { path: path.to_owned(), text: text.to_owned(), code }
     }
 
-    /// The names of the modules from the root of the crate to this file; empty for `lib.rs`.
+    /// Names of the modules from the root of the crate to this file; empty for `lib.rs`.
     pub(crate) fn module_path(&self) -> Vec<&str> {
         let stem = self.path.trim_end_matches(".rs").trim_end_matches("/mod");
         if stem == "lib" { Vec::new() } else { stem.split('/').collect() }
@@ -30,8 +30,8 @@ impl Source {
     }
 }
 
-/// All files below `src` and `crates/*/src`, sorted by path; of the `lib.rs`, which only declare and
-/// re-export modules, that of the root package.
+/// All files below `src` and `crates/*/src`, sorted by path. The only `lib.rs` is that of the root
+/// package, because those of the other crates only declare modules.
 pub(crate) fn sources() -> Vec<Source> {
     fn walk(root: &Path, dir: &Path, found: &mut Vec<Source>) {
         for entry in std::fs::read_dir(dir).expect("a folder of sources can be read") {
@@ -57,7 +57,8 @@ pub(crate) fn sources() -> Vec<Source> {
     found
 }
 
-/// Removes comments and the contents of strings and character literals; with `keep_strings`, keeps the strings alone.
+/// Removes comments and the contents of strings and character literals. With `keep_strings`, keeps
+/// only the strings.
 pub(crate) fn strip(text: &str, keep_strings: bool) -> String {
     let (mut out, mut rest) = (String::new(), text);
     while let Some(c) = rest.chars().next() {
@@ -99,7 +100,8 @@ pub(crate) fn strip(text: &str, keep_strings: bool) -> String {
     out
 }
 
-/// Length of the character literal that the text begins with, if it begins with one and not with a lifetime.
+/// Length of the character literal at the beginning of the text. `None` for a lifetime and for
+/// anything else.
 fn char_literal(text: &str) -> Option<usize> {
     let inner = text.strip_prefix('\'')?;
     let first = inner.chars().next()?;
@@ -111,7 +113,8 @@ fn char_literal(text: &str) -> Option<usize> {
     inner[escape..].starts_with('\'').then_some(escape + 2)
 }
 
-/// Removes each item under `#[cfg(test)]`: up to its closing brace, or its semicolon if it has no body.
+/// Removes each item under `#[cfg(test)]`, up to its closing brace, or its semicolon if it has no
+/// body.
 fn without_tests(code: &str) -> String {
     const MARK: &str = "#[cfg(test)]";
     let (mut out, mut rest) = (String::new(), code);
@@ -132,7 +135,7 @@ fn without_tests(code: &str) -> String {
     out + rest
 }
 
-/// Identifiers and keywords of a text, with where they begin.
+/// Identifiers and keywords of a text, with their positions.
 pub(crate) fn words(code: &str) -> impl Iterator<Item = (usize, &str)> {
     let is_word = |c: char| c.is_alphanumeric() || c == '_';
     let mut at = 0;
