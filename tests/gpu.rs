@@ -22,6 +22,8 @@ mod memory;
 mod models;
 #[path = "gpu/morphometry.rs"]
 mod morphometry;
+#[path = "gpu/reference.rs"]
+mod reference;
 #[path = "gpu/stages.rs"]
 mod stages;
 #[cfg(target_os = "linux")]

@@ -12,10 +12,10 @@ use oviduct::spec::{Integrator, Search};
 use serde_json::{Value, json};
 
 /// Step at which stages are compared: it begins with a growth event, and the loop is buckled.
-const AT: i64 = 80;
+pub(crate) const AT: i64 = 80;
 
 /// A plan, and the state that the CPU reaches with it.
-fn buckled(patch: &Value, seed: u64) -> (Plan, Checkpoint) {
+pub(crate) fn buckled(patch: &Value, seed: u64) -> (Plan, Checkpoint) {
     let plan = plan(patch, seed);
     let mut simulation = CpuSimulation::new(plan.clone(), 1);
     while simulation.time() < AT {
@@ -34,7 +34,7 @@ fn both(plan: &Plan, start: &Checkpoint) -> (Checkpoint, Checkpoint) {
 }
 
 /// Switches off growth and every force except those that `keep` restores; makes the step an Euler step without guard.
-fn only(plan: &mut Plan, start: &mut Checkpoint, keep: impl Fn(&StepRow, &mut StepRow)) {
+pub(crate) fn only(plan: &mut Plan, start: &mut Checkpoint, keep: impl Fn(&StepRow, &mut StepRow)) {
     let (inner, outer) = (start.inner.len() as u32, start.outer.len() as u32);
     for row in &mut plan.rows {
         let mut bare = StepRow {

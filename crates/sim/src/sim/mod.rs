@@ -9,6 +9,7 @@ pub mod gpu;
 mod layout;
 mod maths;
 mod plan;
+pub mod reference;
 mod region;
 mod state;
 
