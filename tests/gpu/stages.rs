@@ -12,7 +12,7 @@ use oviduct::spec::{Integrator, Search};
 use serde_json::{Value, json};
 
 /// Step at which stages are compared: it begins with a growth event, and the loop is buckled.
-pub(crate) const AT: i64 = 80;
+const AT: i64 = 80;
 
 /// A plan, and the state that the CPU reaches with it.
 pub(crate) fn buckled(patch: &Value, seed: u64) -> (Plan, Checkpoint) {

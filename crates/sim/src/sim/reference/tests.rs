@@ -287,16 +287,26 @@ fn any_loop() -> impl Strategy<Value = InnerLoop> {
         let mut s = InnerLoop { id: (0..particles.len() as u32).collect(), ..InnerLoop::default() };
         s.next_id = s.id.len() as u32;
         for (x, y, vx, vy, rest, angle, sign, scale) in particles {
-            (s.x.push(x), s.y.push(y), s.vx.push(vx), s.vy.push(vy));
-            (s.rest.push(rest), s.sign.push(f32::from(sign)), s.scale.push(scale));
-            (s.anchor_x.push(angle.cos()), s.anchor_y.push(angle.sin()));
+            for (numbers, number) in [
+                (&mut s.x, x),
+                (&mut s.y, y),
+                (&mut s.vx, vx),
+                (&mut s.vy, vy),
+                (&mut s.rest, rest),
+                (&mut s.anchor_x, libm::cosf(angle)),
+                (&mut s.anchor_y, libm::sinf(angle)),
+                (&mut s.sign, f32::from(sign)),
+                (&mut s.scale, scale),
+            ] {
+                numbers.push(number);
+            }
         }
         s
     })
 }
 
-/// Number of roundings that a backend's result is allowed for: about the operations from a position
-/// to a direction.
+/// Number of roundings that a tolerance allows for: about the operations from a position to a
+/// direction.
 const ROUNDINGS: f64 = 8.0;
 
 /// The loop with all its numbers off by [`ROUNDINGS`] of the largest number of their kind, up or
@@ -453,7 +463,7 @@ fn a_run_of_the_cpu_is_that_of_the_reference() {
         let mut simulation = CpuSimulation::new(plan.clone(), 1);
         let mut reference = Loop::from(simulation.inner());
         let mut second = reference.clone();
-        let mut allowed = 0f64;
+        let (mut allowed, mut worst) = (0f64, 0f64);
         while simulation.time() < i64::from(plan.steps) {
             let with = Coefficients::from(plan.at(simulation.time()));
             let first_new = simulation.inner().next_id;
@@ -468,6 +478,7 @@ fn a_run_of_the_cpu_is_that_of_the_reference() {
             second = blurred(&second, simulation.time() as u32);
             allowed = allowed.max(greatest_distance(&reference, &second));
             let off = greatest_distance(&Loop::from(found), &reference);
+            worst = worst.max(off / allowed);
             assert!(off <= allowed, "{integrator:?}: {off} µm at step {}, {allowed} allowed", simulation.time());
         }
         assert_eq!(simulation.statistics().moves_shortened, 0, "the limit of moves acts");
@@ -477,8 +488,9 @@ fn a_run_of_the_cpu_is_that_of_the_reference() {
             assert!(found.anchor.distance(expected.anchor) < 1e-3, "{integrator:?}");
             assert!((found.r - expected.r).abs() <= 100.0 * ROUNDING * expected.r, "{integrator:?}");
         }
-        // An eighth of an edge.
-        assert!(allowed < 1.0, "{integrator:?}: {allowed} µm allow too much");
+        println!("{integrator:?}: at most {worst:.2} of the tolerance, which ends at {allowed:.2} µm");
+        // A quarter of an edge.
+        assert!(allowed < 2.0, "{integrator:?}: {allowed} µm allow too much");
         // Nothing is tested if the loop has neither grown nor folded.
         let ellipse = Coefficients::from(plan.at(simulation.time())).ellipse;
         let radii = reference.particles.iter().map(|own| ellipse.elliptic_radius(own.p) / ellipse.radius);
