@@ -1,51 +1,52 @@
-//! Whether a store works, as far as this process knows: by its latest use, or by a check that probes may ask for often.
+//! Availability of a store, as this process knows it: by its latest use, or by a check that probes
+//! may request often.
 
 use crate::clock::Stopwatch;
+use crate::lock::Mutex;
 use std::future::Future;
-use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 use tokio::time::timeout;
 
-/// How long the result of a check is reused.
+/// Time for which the result of a check is reused.
 const FRESH: Duration = Duration::from_secs(1);
-/// Longest time of a check.
+/// Maximum time of a check.
 const LIMIT: Duration = Duration::from_secs(5);
 
 /// The latest use and the latest check of a store.
 #[derive(Debug)]
 pub struct Availability {
-    /// The error of the latest use, if it failed.
+    /// Error of the latest use, if it failed.
     outage: Mutex<Option<String>>,
-    /// The latest check. Locked while one runs, so that concurrent callers share it.
+    /// The latest check. Locked while a check runs, so that concurrent callers share it.
     checked: tokio::sync::Mutex<Option<(Stopwatch, Result<(), String>)>>,
-    /// [`LIMIT`], except in tests.
+    /// Maximum time of a check: [`LIMIT`], except in tests.
     limit: Duration,
 }
 
 impl Default for Availability {
-    /// A store that works.
+    /// The availability of a store that works.
     fn default() -> Self {
         Self { outage: Mutex::default(), checked: tokio::sync::Mutex::default(), limit: LIMIT }
     }
 }
 
 impl Availability {
-    /// Remembers whether the store worked when it was used.
+    /// Remembers whether a use of the store succeeded.
     pub fn note(&self, result: Result<(), String>) {
-        *self.outage.lock().unwrap_or_else(PoisonError::into_inner) = result.err();
+        *self.outage.lock() = result.err();
     }
 
-    /// The error of the latest use or check; `None` if it succeeded, or if there was none yet.
+    /// Error of the latest use or check; `None` if it succeeded, or if there was none yet.
     #[must_use]
     pub fn outage(&self) -> Option<String> {
-        self.outage.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.outage.lock().clone()
     }
 
-    /// The result of `probe`, a small use of the store, or that of one less than a second ago. Concurrent calls share one
-    /// probe.
+    /// The result of `probe`, a small use of the store, or of a probe less than a second ago.
+    /// Concurrent calls share one probe.
     ///
     /// # Errors
-    /// The error of the probe, or that it did not complete within 5 s.
+    /// The error of the probe, or a message that it did not complete within 5 s.
     pub async fn check(&self, probe: impl Future<Output = Result<(), String>>) -> Result<(), String> {
         let mut checked = self.checked.lock().await;
         if let Some((since, result)) = &*checked

@@ -4,8 +4,8 @@
 //! them, serves their results and defines the commands. ARCHITECTURE.md describes both.
 
 pub use oviduct_engine::{
-    ENGINE_VERSION, export, fit, generate, geometry, measure, mesh, model, preview, random, render, report, sim, spec,
-    tissue,
+    ENGINE_VERSION, export, fit, generate, geometry, lock, measure, mesh, model, preview, random, render, report, sim,
+    spec, tissue,
 };
 
 pub mod availability;

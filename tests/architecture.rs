@@ -17,6 +17,7 @@ use std::path::Path;
 /// The crates are read as one, because a path such as `crate::model` is the same in each of them.
 const ORDER: &[&[&str]] = &[
     // oviduct-base
+    &["lock"],
     &["clock", "random", "vectorize"],
     &["model", "geometry"],
     &["tissue"],

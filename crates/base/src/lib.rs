@@ -2,6 +2,7 @@
 
 pub mod clock;
 pub mod geometry;
+pub mod lock;
 pub mod model;
 pub mod random;
 pub mod tissue;

@@ -27,14 +27,14 @@
 //!
 //! | crate | modules |
 //! |---|---|
-//! | `oviduct-base` | [`model`] (sections and meshes as data), [`geometry`], [`tissue`], [`random`], [`clock`] |
+//! | `oviduct-base` | [`model`] (sections and meshes as data), [`geometry`], [`tissue`], [`random`], [`clock`], [`lock`] |
 //! | `oviduct-spec` | [`spec`]: parameters, presets, limits, predicted cost, studies |
 //! | `oviduct-sim` | [`sim`]: the particle simulation on CPU and GPU |
 //! | `oviduct-surface` | [`mesh`]: loft, lean, bend; [`measure`]: certificate, morphometry |
 //! | `oviduct-export` | [`export`]: writers and readers of files; [`render`]: pictures |
 //! | `oviduct-engine` | [`generate`]: specification to files; [`fit`], [`preview`], [`report`] |
 
-pub use oviduct_base::{ENGINE_VERSION, clock, geometry, model, random, tissue};
+pub use oviduct_base::{ENGINE_VERSION, clock, geometry, lock, model, random, tissue};
 pub use oviduct_export::{export, render};
 pub use oviduct_sim::sim;
 pub use oviduct_spec::spec;
